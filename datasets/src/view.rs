@@ -1,0 +1,88 @@
+//! What every reader produces: scenes of posed views whose pixels are loaded on demand.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use image::{ImageBuffer, Luma, RgbImage};
+use sharp::camera::{Intrinsics, RigidTransform};
+
+use crate::DatasetError;
+
+/// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
+/// finite and positive.
+pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
+
+/// The pixels behind a [`View`], read when asked for and not kept.
+pub trait ViewContent: Send + Sync + std::fmt::Debug {
+    /// The photograph: 8-bit sRGB, of the size that the view's intrinsics state.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
+    fn image(&self) -> Result<RgbImage, DatasetError>;
+
+    /// Ground-truth depth at the image's size; `None` where the dataset has none for this view.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read.
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError>;
+
+    /// The file that the photograph comes from; `None` for a procedural one.
+    fn image_file(&self) -> Option<&Path>;
+
+    /// Every file that the view is made of (photograph, depth, camera), for hashing and for lists
+    /// of needed files. Empty for a procedural view.
+    fn files(&self) -> Vec<PathBuf>;
+
+    /// Hash of the photograph: sha256 of the file's bytes, or of the RGB bytes of a procedural
+    /// view, as 64 lower-case hexadecimal digits.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read.
+    fn image_sha256(&self) -> Result<String, DatasetError>;
+}
+
+/// One posed photograph.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Unique within the scene; the file's stem or the dataset's frame name.
+    pub id: String,
+    /// Pinhole intrinsics of [`ViewContent::image`].
+    pub intrinsics: Intrinsics,
+    /// Extrinsics, metres.
+    pub camera_from_world: RigidTransform,
+    /// Pixels on demand.
+    pub content: Arc<dyn ViewContent>,
+}
+
+/// How the views of a scene form pairs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Pairing {
+    /// Exactly one pair: the paper's stereo protocol, left to right.
+    Stereo {
+        /// Index of the source (left) view.
+        source: usize,
+        /// Index of the target (right) view.
+        target: usize,
+    },
+    /// Pairs come from sets of consecutive views and their overlap.
+    MultiView,
+}
+
+/// Views that share one world space.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Name of the dataset instance, as given or the format's own.
+    pub dataset: String,
+    /// Unique within the dataset; `/` separates levels.
+    pub id: String,
+    /// The physical scene. Scenes of one cluster (illuminations, exposures, two rectifications of
+    /// one set-up) are not independent samples and are resampled together in statistics.
+    pub cluster: String,
+    /// In natural order of their ids.
+    pub views: Vec<View>,
+    /// Which pairs the scene stands for.
+    pub pairing: Pairing,
+    /// What a reader had to assume or to leave out: a line each, shown before a run and kept in
+    /// its manifest.
+    pub notes: Vec<String>,
+}

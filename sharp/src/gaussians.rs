@@ -1,0 +1,137 @@
+//! The container of 3D Gaussians that predictor, files and renderer share.
+
+/// Arrays of a Gaussian container that differ in length.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "Gaussian attributes differ in length: {means} means, {quaternions} quaternions, \
+     {scales} scales, {opacities} opacities, {colors} colours"
+)]
+pub struct LengthMismatch {
+    /// Number of means.
+    pub means: usize,
+    /// Number of quaternions.
+    pub quaternions: usize,
+    /// Number of scales.
+    pub scales: usize,
+    /// Number of opacities.
+    pub opacities: usize,
+    /// Number of colours.
+    pub colors: usize,
+}
+
+/// N Gaussians, one array an attribute; index k is the same Gaussian in each.
+///
+/// The space of means and scales is whatever the producer says: SHARP's normalised space right
+/// after the composer, metric camera space after unprojection.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Gaussians {
+    /// Centres `[N, 3]`.
+    pub means: Vec<[f32; 3]>,
+    /// Rotations `[N, 4]` as (w, x, y, z), not necessarily of unit length.
+    pub quaternions: Vec<[f32; 4]>,
+    /// Standard deviations along the rotated axes `[N, 3]`, ≥ 0, in the unit of the means.
+    pub scales: Vec<[f32; 3]>,
+    /// Opacities `[N]` in 0..1.
+    pub opacities: Vec<f32>,
+    /// Linear RGB `[N, 3]`, nominally 0..1.
+    pub colors: Vec<[f32; 3]>,
+}
+
+impl Gaussians {
+    /// Checks that all attributes have one length.
+    ///
+    /// # Errors
+    /// [`LengthMismatch`] with every length.
+    pub fn new(
+        means: Vec<[f32; 3]>,
+        quaternions: Vec<[f32; 4]>,
+        scales: Vec<[f32; 3]>,
+        opacities: Vec<f32>,
+        colors: Vec<[f32; 3]>,
+    ) -> Result<Self, LengthMismatch> {
+        let n = means.len();
+        if quaternions.len() != n || scales.len() != n || opacities.len() != n || colors.len() != n
+        {
+            return Err(LengthMismatch {
+                means: n,
+                quaternions: quaternions.len(),
+                scales: scales.len(),
+                opacities: opacities.len(),
+                colors: colors.len(),
+            });
+        }
+        Ok(Self {
+            means,
+            quaternions,
+            scales,
+            opacities,
+            colors,
+        })
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// True for a scene without Gaussians.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// True when every attribute of Gaussian `k` is finite. The renderer drops the others.
+    ///
+    /// # Panics
+    /// When `k` is not below [`Self::len`].
+    pub fn is_finite(&self, k: usize) -> bool {
+        self.means[k].iter().all(|v| v.is_finite())
+            && self.quaternions[k].iter().all(|v| v.is_finite())
+            && self.scales[k].iter().all(|v| v.is_finite())
+            && self.opacities[k].is_finite()
+            && self.colors[k].iter().all(|v| v.is_finite())
+    }
+
+    /// Keeps the Gaussians for which `keep(k)` holds, in order.
+    pub fn filtered(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.len()).filter(|&k| keep(k)).collect();
+        Self {
+            means: kept.iter().map(|&k| self.means[k]).collect(),
+            quaternions: kept.iter().map(|&k| self.quaternions[k]).collect(),
+            scales: kept.iter().map(|&k| self.scales[k]).collect(),
+            opacities: kept.iter().map(|&k| self.opacities[k]).collect(),
+            colors: kept.iter().map(|&k| self.colors[k]).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn two() -> Gaussians {
+        Gaussians::new(
+            vec![[0.0; 3], [1.0, 2.0, 3.0]],
+            vec![[1.0, 0.0, 0.0, 0.0]; 2],
+            vec![[0.1; 3]; 2],
+            vec![0.5, f32::NAN],
+            vec![[0.2; 3]; 2],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn unequal_lengths_are_an_error() {
+        let found = Gaussians::new(vec![[0.0; 3]], vec![], vec![], vec![], vec![]);
+        assert_eq!(found.unwrap_err().means, 1);
+    }
+
+    #[test]
+    fn filtering_keeps_order_and_finiteness_covers_every_attribute() {
+        let scene = two();
+        assert!(scene.is_finite(0));
+        assert!(!scene.is_finite(1));
+        let kept = scene.filtered(|k| scene.is_finite(k));
+        assert_eq!(kept.len(), 1);
+        assert_eq!(kept.means, vec![[0.0; 3]]);
+    }
+}

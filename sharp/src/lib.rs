@@ -1,0 +1,17 @@
+//! SHARP in Rust: one photograph to 3D Gaussians, and Gaussians to nearby views.
+//!
+//! # Conventions
+//! * Camera axes are OpenCV's: x right, y down, z forward. Lengths are metres.
+//! * Extrinsics are world-to-camera and named by the spaces they join: `camera_from_world`.
+//! * The centre of pixel (i, j) lies at (i + 0.5, j + 0.5); principal points follow (COLMAP's rule).
+//! * Depth is z-depth, not ray length; 0 marks an invalid pixel.
+//! * Gaussian colours are linear RGB, blended in linear light.
+//!
+//! # Contents
+//! * [`camera`]: intrinsics, rigid poses, affine view transforms.
+//! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
+//! * [`gaussians`]: the container every stage hands on.
+
+pub mod camera;
+pub mod color;
+pub mod gaussians;
