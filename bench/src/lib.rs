@@ -1,1 +1,7 @@
-//! sharp-bench
+//! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
+//!
+//! Data flows one way; each module uses only those above it.
+//!
+//! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
+
+pub mod record;
