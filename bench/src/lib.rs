@@ -2,6 +2,8 @@
 //!
 //! Data flows one way; each module uses only those above it.
 //!
+//! * [`durable`]: files that are whole or absent, and their hashes.
 //! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
 
+pub mod durable;
 pub mod record;

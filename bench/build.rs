@@ -1,0 +1,55 @@
+//! Hashes the sources that results depend on, so that a unit's key changes with the code.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+/// Folders below the workspace, with the locked dependencies, that can change a number.
+const SOURCES: [&str; 7] = [
+    "sharp/src",
+    "sharp/kernels/src",
+    "sharp/checkpoint/src",
+    "metrics/src",
+    "datasets/src",
+    "bench/src",
+    "Cargo.lock",
+];
+
+fn main() -> std::io::Result<()> {
+    let bench = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
+    let workspace = bench.parent().unwrap_or(&bench);
+    let mut files = Vec::new();
+    for source in SOURCES {
+        let path = workspace.join(source);
+        println!("cargo::rerun-if-changed={}", path.display());
+        collect(&path, &mut files)?;
+    }
+    files.sort();
+    let mut hasher = Sha256::new();
+    for file in &files {
+        let name = file.strip_prefix(workspace).unwrap_or(file);
+        hasher.update(name.to_string_lossy().replace('\\', "/").as_bytes());
+        hasher.update([0]);
+        hasher.update(fs::read(file)?);
+        hasher.update([0]);
+    }
+    let digest: String = hasher
+        .finalize()
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    println!("cargo::rustc-env=SHARP_BENCH_SOURCE_FINGERPRINT={digest}");
+    Ok(())
+}
+
+fn collect(path: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    if path.is_file() {
+        files.push(path.to_owned());
+    } else if path.is_dir() {
+        for entry in fs::read_dir(path)? {
+            collect(&entry?.path(), files)?;
+        }
+    }
+    Ok(())
+}
