@@ -1,1 +1,29 @@
-//! sharp-metrics
+//! Image metrics of view synthesis: PSNR, SSIM, LPIPS and DISTS.
+//!
+//! A number means nothing without its identity: every variant that public code computes under the
+//! same name has a [`MetricKey`] of its own, and a variant that cannot be computed is
+//! [`Unavailable`] with the reason, never zero and never replaced by another one. Knows no dataset
+//! and no camera.
+//!
+//! # Contents
+//! * [`identity`]: the keys, what they mean, which public code computes the same.
+//! * [`selection`]: lists of keys as typed on a command line.
+//! * [`picture`]: pictures and masks as the metrics take them.
+//! * [`scorer`]: all selected metrics of a pair.
+//! * `psnr`, `ssim`: the metrics themselves.
+//! * [`weights`]: which network weights a metric needs and where they come from.
+
+mod explain;
+pub mod identity;
+pub mod picture;
+mod psnr;
+pub mod scorer;
+pub mod selection;
+mod ssim;
+pub mod weights;
+
+pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
+pub use picture::{Mask, Picture, PictureError};
+pub use scorer::{Maps, ScoreError, ScoreMap, Scorer, Scores, Unavailable};
+pub use selection::{Selected, Selection, SelectionError};
+pub use weights::{Backbone, Weights, WeightsError};

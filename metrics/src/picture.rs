@@ -1,0 +1,261 @@
+//! Pictures and masks as the metrics take them.
+
+use image::{GrayImage, ImageBuffer, Luma, Rgb, Rgb32FImage, RgbImage};
+
+/// A three-channel sRGB-encoded picture with values that stand for 0..1.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Picture {
+    /// 8-bit levels; level v stands for v / 255.
+    Rgb8(RgbImage),
+    /// Floating-point values in 0..1.
+    RgbF32(Rgb32FImage),
+}
+
+/// What is wrong with the pixels of a picture.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PictureError {
+    /// No pixels at all.
+    #[error("the picture is {width}x{height}: it has no pixel")]
+    Empty {
+        /// Width, pixels.
+        width: u32,
+        /// Height, pixels.
+        height: u32,
+    },
+    /// A value is NaN or infinite.
+    #[error("{value} at x {x}, y {y}, channel {channel}: pixels must be finite")]
+    NotFinite {
+        /// The value.
+        value: f32,
+        /// Column of the first such pixel.
+        x: u32,
+        /// Row of the first such pixel.
+        y: u32,
+        /// 0 red, 1 green, 2 blue.
+        channel: usize,
+    },
+    /// A value is outside 0..1.
+    #[error(
+        "{value} at x {x}, y {y}, channel {channel}: pixels must lie in 0..1 (a picture in \
+         -1..1, 0..255 or of linear light must be converted first)"
+    )]
+    OutOfRange {
+        /// The value.
+        value: f32,
+        /// Column of the first such pixel.
+        x: u32,
+        /// Row of the first such pixel.
+        y: u32,
+        /// 0 red, 1 green, 2 blue.
+        channel: usize,
+    },
+}
+
+impl Picture {
+    /// A gray 8-bit picture, replicated to three channels.
+    pub fn from_gray8(gray: &GrayImage) -> Self {
+        Self::Rgb8(ImageBuffer::from_fn(gray.width(), gray.height(), |x, y| {
+            Rgb([gray.get_pixel(x, y).0[0]; 3])
+        }))
+    }
+
+    /// A gray picture with values in 0..1, replicated to three channels.
+    pub fn from_gray_f32(gray: &ImageBuffer<Luma<f32>, Vec<f32>>) -> Self {
+        Self::RgbF32(ImageBuffer::from_fn(gray.width(), gray.height(), |x, y| {
+            Rgb([gray.get_pixel(x, y).0[0]; 3])
+        }))
+    }
+
+    /// Width and height, pixels.
+    pub fn dimensions(&self) -> (u32, u32) {
+        match self {
+            Self::Rgb8(picture) => picture.dimensions(),
+            Self::RgbF32(picture) => picture.dimensions(),
+        }
+    }
+
+    /// The value of a pixel's channel in 0..1; 8-bit levels are divided by 255 in f64.
+    ///
+    /// # Panics
+    /// If the position lies outside the picture.
+    pub fn value(&self, x: u32, y: u32, channel: usize) -> f64 {
+        match self {
+            Self::Rgb8(picture) => f64::from(picture.get_pixel(x, y).0[channel]) / 255.0,
+            Self::RgbF32(picture) => f64::from(picture.get_pixel(x, y).0[channel]),
+        }
+    }
+
+    /// Checks that there are pixels and that all of them are finite and in 0..1.
+    ///
+    /// # Errors
+    /// [`PictureError`] with the position of the first offender.
+    pub fn check(&self) -> Result<(), PictureError> {
+        let (width, height) = self.dimensions();
+        if width == 0 || height == 0 {
+            return Err(PictureError::Empty { width, height });
+        }
+        let Self::RgbF32(picture) = self else {
+            return Ok(());
+        };
+        let offender = picture
+            .as_raw()
+            .iter()
+            .position(|value| !(0.0..=1.0).contains(value));
+        let Some(index) = offender else {
+            return Ok(());
+        };
+        let value = picture.as_raw()[index];
+        let (pixel, channel) = ((index / 3) as u32, index % 3);
+        let (x, y) = (pixel % width, pixel / width);
+        Err(if value.is_finite() {
+            PictureError::OutOfRange {
+                value,
+                x,
+                y,
+                channel,
+            }
+        } else {
+            PictureError::NotFinite {
+                value,
+                x,
+                y,
+                channel,
+            }
+        })
+    }
+
+    /// Writes row `y` as interleaved values in 0..1 into `out` (3 × width).
+    pub(crate) fn row_f64(&self, y: usize, out: &mut [f64]) {
+        let n = out.len();
+        match self {
+            Self::Rgb8(picture) => {
+                let row = &picture.as_raw()[y * n..][..n];
+                for (out, &level) in out.iter_mut().zip(row) {
+                    *out = LEVELS[usize::from(level)];
+                }
+            }
+            Self::RgbF32(picture) => {
+                let row = &picture.as_raw()[y * n..][..n];
+                for (out, &value) in out.iter_mut().zip(row) {
+                    *out = f64::from(value);
+                }
+            }
+        }
+    }
+}
+
+/// v / 255 in f64: a division a pixel would cost more than the rest of a metric.
+const LEVELS: [f64; 256] = {
+    let mut levels = [0.0; 256];
+    let mut v = 0;
+    while v < 256 {
+        levels[v] = v as f64 / 255.0;
+        v += 1;
+    }
+    levels
+};
+
+impl From<RgbImage> for Picture {
+    fn from(picture: RgbImage) -> Self {
+        Self::Rgb8(picture)
+    }
+}
+
+impl From<Rgb32FImage> for Picture {
+    fn from(picture: Rgb32FImage) -> Self {
+        Self::RgbF32(picture)
+    }
+}
+
+/// Which pixels count; row-major, top row first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mask {
+    width: u32,
+    height: u32,
+    inside: Vec<bool>,
+}
+
+impl Mask {
+    /// A mask from its values, row-major; `None` unless there are width × height of them.
+    pub fn new(width: u32, height: u32, inside: Vec<bool>) -> Option<Self> {
+        (inside.len() as u64 == u64::from(width) * u64::from(height)).then_some(Self {
+            width,
+            height,
+            inside,
+        })
+    }
+
+    /// A mask from an 8-bit picture: levels of 128 and more are inside.
+    pub fn from_gray8(gray: &GrayImage) -> Self {
+        Self {
+            width: gray.width(),
+            height: gray.height(),
+            inside: gray.as_raw().iter().map(|&level| level >= 128).collect(),
+        }
+    }
+
+    /// Width and height, pixels.
+    pub fn dimensions(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    /// One value a pixel, row-major, top row first.
+    pub fn values(&self) -> &[bool] {
+        &self.inside
+    }
+
+    /// Number of pixels inside.
+    pub fn count(&self) -> usize {
+        self.inside.iter().filter(|&&inside| inside).count()
+    }
+
+    /// The values of row `y`.
+    pub(crate) fn row(&self, y: usize) -> &[bool] {
+        let width = self.width as usize;
+        &self.inside[y * width..][..width]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_divided_in_f64() {
+        let picture = Picture::Rgb8(RgbImage::from_pixel(1, 1, Rgb([0, 77, 255])));
+        assert_eq!(picture.value(0, 0, 1), 77.0 / 255.0);
+        let mut row = [0.0; 3];
+        picture.row_f64(0, &mut row);
+        assert_eq!(row, [0.0, 77.0 / 255.0, 1.0]);
+    }
+
+    #[test]
+    fn bad_pixels_are_named() {
+        let mut image = Rgb32FImage::from_pixel(4, 3, Rgb([0.5; 3]));
+        assert_eq!(Picture::from(image.clone()).check(), Ok(()));
+        image.get_pixel_mut(3, 2).0[1] = 1.5;
+        let error = Picture::from(image.clone()).check().unwrap_err();
+        assert!(error.to_string().starts_with("1.5 at x 3, y 2, channel 1"));
+        image.get_pixel_mut(1, 2).0[2] = f32::NAN;
+        let error = Picture::from(image).check().unwrap_err();
+        assert!(error.to_string().starts_with("NaN at x 1, y 2, channel 2"));
+        let empty = Picture::from(RgbImage::new(0, 5)).check();
+        assert!(matches!(empty, Err(PictureError::Empty { .. })));
+    }
+
+    #[test]
+    fn gray_is_replicated() {
+        let picture = Picture::from_gray8(&GrayImage::from_pixel(2, 1, Luma([9])));
+        assert_eq!(
+            picture,
+            Picture::Rgb8(RgbImage::from_pixel(2, 1, Rgb([9; 3])))
+        );
+    }
+
+    #[test]
+    fn masks_need_a_value_a_pixel() {
+        assert!(Mask::new(2, 2, vec![true; 3]).is_none());
+        let mask = Mask::from_gray8(&GrayImage::from_raw(2, 1, vec![127, 128]).unwrap());
+        assert_eq!((mask.values(), mask.count()), ([false, true].as_slice(), 1));
+    }
+}

@@ -1,0 +1,218 @@
+//! All selected metrics of a pair of pictures.
+
+use image::{ImageBuffer, Luma};
+
+use crate::identity::{Metric, MetricKey};
+use crate::picture::{Mask, Picture, PictureError};
+use crate::selection::Selection;
+use crate::weights::{Backbone, Weights, WeightsError};
+use crate::{psnr, ssim};
+
+/// Why a metric has no value for a pair.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unavailable {
+    /// The network's weights were not given.
+    #[error(
+        "needs the weights of {backbone}: get them with `sharp-bench weights fetch metrics`, or \
+         give a file of yours with `--weights {backbone}=FILE`"
+    )]
+    NoWeights {
+        /// The network.
+        backbone: Backbone,
+    },
+    /// The picture is smaller than the metric's window or network allows.
+    #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
+    TooSmall {
+        /// Width, pixels.
+        width: u32,
+        /// Height, pixels.
+        height: u32,
+        /// Smallest side that works, pixels.
+        smallest: u32,
+    },
+    /// The key counts pixels inside a mask and none was given.
+    #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
+    NoMask,
+    /// The mask leaves no pixel for which the metric has a value.
+    #[error("the mask leaves no pixel to score")]
+    EmptyMask,
+    /// Both pictures are constant and the range was to be taken from them.
+    #[error("both pictures are constant, so their data range is zero and the value undefined")]
+    NoRange,
+}
+
+/// Why a pair cannot be scored at all.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScoreError {
+    /// The two pictures differ in size; nothing is ever resized silently.
+    #[error(
+        "the prediction is {}x{} but the target is {}x{}", prediction.0, prediction.1, target.0,
+        target.1
+    )]
+    SizeMismatch {
+        /// Width and height of the prediction.
+        prediction: (u32, u32),
+        /// Width and height of the target.
+        target: (u32, u32),
+    },
+    /// The mask is not of the pictures' size.
+    #[error("the mask is {}x{} but the pictures are {}x{}", mask.0, mask.1, target.0, target.1)]
+    MaskSizeMismatch {
+        /// Width and height of the mask.
+        mask: (u32, u32),
+        /// Width and height of the pictures.
+        target: (u32, u32),
+    },
+    /// The prediction has pixels that no metric takes.
+    #[error("prediction: {0}")]
+    Prediction(PictureError),
+    /// The target has pixels that no metric takes.
+    #[error("target: {0}")]
+    Target(PictureError),
+}
+
+/// Computes a selection of metrics, pair by pair. A pair's scores depend on nothing but the pair.
+#[derive(Debug)]
+pub struct Scorer {
+    keys: Vec<MetricKey>,
+}
+
+/// Where in the picture a metric finds the two pictures alike or different.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoreMap {
+    /// The metric's local values, one a pixel.
+    pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
+    /// Column and row of the picture that the first value belongs to; 0 unless the metric has no
+    /// value near the border.
+    pub origin: u32,
+}
+
+/// The scores of a pair in the order of the selection.
+pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
+
+/// Maps in the order of the selection.
+pub type Maps = Vec<(MetricKey, Result<ScoreMap, Unavailable>)>;
+
+impl Scorer {
+    /// Prepares a selection of metrics with the weights there are.
+    ///
+    /// # Errors
+    /// When a weights file that a selected metric needs was given but cannot be used. Weights that
+    /// were not given make their metrics [`Unavailable`].
+    pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
+        let keys: Vec<MetricKey> = selection.keys().collect();
+        for backbone in Backbone::ALL {
+            if keys
+                .iter()
+                .any(|key| Backbone::of(key.metric()) == Some(backbone))
+            {
+                weights.check(backbone)?;
+            }
+        }
+        Ok(Self { keys })
+    }
+
+    /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.
+    /// `mask` (view-frustum) is used by the `@frustum` keys only.
+    ///
+    /// # Errors
+    /// When the pictures cannot be compared at all; a metric that has no value for these pictures
+    /// is an entry with the reason instead.
+    pub fn score(
+        &self,
+        prediction: &Picture,
+        target: &Picture,
+        mask: Option<&Mask>,
+    ) -> Result<Scores, ScoreError> {
+        check(prediction, target, mask)?;
+        let score = |key: MetricKey| {
+            let mask = match (key.is_masked(), mask) {
+                (false, _) => None,
+                (true, Some(mask)) => Some(mask),
+                (true, None) => return Err(Unavailable::NoMask),
+            };
+            match key.metric() {
+                Metric::Psnr => psnr::psnr(prediction, target, mask),
+                Metric::Ssim(variant) => ssim::ssim(variant, prediction, target, mask),
+                Metric::Lpips(..) | Metric::Dists | Metric::DistsResize256 => {
+                    let backbone = Backbone::of(key.metric()).unwrap_or(Backbone::Vgg16);
+                    Err(Unavailable::NoWeights { backbone })
+                }
+            }
+        };
+        Ok(self.keys.iter().map(|&key| (key, score(key))).collect())
+    }
+
+    /// The maps of those selected metrics that have one, over the whole picture.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
+        check(prediction, target, None)?;
+        let map = |key: MetricKey| match key.metric() {
+            Metric::Ssim(variant) => Some((key, ssim::ssim_map(variant, prediction, target))),
+            _ => None,
+        };
+        let whole = self.keys.iter().filter(|key| !key.is_masked());
+        Ok(whole.filter_map(|&key| map(key)).collect())
+    }
+}
+
+fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<(), ScoreError> {
+    prediction.check().map_err(ScoreError::Prediction)?;
+    target.check().map_err(ScoreError::Target)?;
+    let (prediction, target) = (prediction.dimensions(), target.dimensions());
+    if prediction != target {
+        return Err(ScoreError::SizeMismatch { prediction, target });
+    }
+    match mask.map(Mask::dimensions) {
+        Some(mask) if mask != target => Err(ScoreError::MaskSizeMismatch { mask, target }),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, Rgb32FImage, RgbImage};
+
+    use super::*;
+
+    fn scorer(list: &str) -> Scorer {
+        Scorer::new(&Selection::parse(list).unwrap(), &Weights::none()).unwrap()
+    }
+
+    #[test]
+    fn unequal_sizes_and_bad_pixels_are_errors() {
+        let scorer = scorer("psnr");
+        let a = Picture::from(RgbImage::new(4, 3));
+        let b = Picture::from(RgbImage::new(3, 4));
+        let error = scorer.score(&a, &b, None).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the prediction is 4x3 but the target is 3x4"
+        );
+        let nan = Picture::from(Rgb32FImage::from_pixel(4, 3, Rgb([0.0, f32::NAN, 0.0])));
+        let error = scorer.score(&nan, &a, None).unwrap_err().to_string();
+        assert!(error.starts_with("prediction: NaN at x 0, y 0, channel 1"));
+        let error = scorer.score(&a, &nan, None).unwrap_err().to_string();
+        assert!(error.starts_with("target: NaN"));
+        let mask = Mask::new(2, 2, vec![true; 4]).unwrap();
+        assert!(matches!(
+            scorer.score(&a, &a, Some(&mask)),
+            Err(ScoreError::MaskSizeMismatch { .. })
+        ));
+    }
+
+    #[test]
+    fn missing_weights_and_masks_are_reasons_not_numbers() {
+        let a = Picture::from(RgbImage::new(40, 30));
+        let scores = scorer("paper,psnr@frustum").score(&a, &a, None).unwrap();
+        let text = |i: usize| scores[i].1.clone().unwrap_err().to_string();
+        assert_eq!(scores[0].0, MetricKey::DISTS);
+        assert!(text(0).contains("--weights vgg16=FILE"));
+        assert!(text(1).contains("sharp-bench weights fetch metrics"));
+        assert_eq!(scores[2].1, Ok(f64::INFINITY));
+        assert_eq!(scores[3].1, Ok(1.0));
+        assert_eq!(scores[4].1, Err(Unavailable::NoMask));
+    }
+}

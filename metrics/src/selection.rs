@@ -1,0 +1,235 @@
+//! Lists of metrics as typed on a command line.
+
+use crate::identity::{Family, IdentityError, MetricKey};
+
+/// A selected metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Selected {
+    /// The metric.
+    pub key: MetricKey,
+    /// Whether it was asked for by key, alias or family name. Such a metric must be computed or
+    /// the request has failed; one that came with `paper` or `all` may be listed as unavailable.
+    pub explicit: bool,
+}
+
+/// Metrics in the order in which they were asked for, each once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Selection {
+    entries: Vec<Selected>,
+}
+
+/// Why a list of metrics was not understood.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SelectionError {
+    /// The list names nothing.
+    #[error("the list of metrics is empty; try 'paper', 'all', 'psnr' or 'lpips-vgg,dists'")]
+    Empty,
+    /// One of the names is no key, family or group.
+    #[error("{0}; families: psnr ssim lpips dists; groups: paper all")]
+    Name(#[from] IdentityError),
+}
+
+impl Selection {
+    /// The metrics of the paper in their default variants: DISTS, LPIPS with AlexNet, PSNR, SSIM
+    /// with a Gaussian window. The default.
+    pub fn paper() -> Self {
+        Self::group(&PAPER)
+    }
+
+    /// Every variant over the whole picture.
+    pub fn all() -> Self {
+        Self::group(&MetricKey::all())
+    }
+
+    /// Exactly these metrics, each asked for by name.
+    pub fn of(keys: &[MetricKey]) -> Self {
+        let mut selection = Self { entries: vec![] };
+        selection.extend(keys.iter().copied(), true);
+        selection
+    }
+
+    /// Reads a comma-separated list of keys (`ssim[gauss11,valid]`), aliases (`lpips-vgg`), family
+    /// names (`ssim`: all its variants), `paper` and `all`.
+    ///
+    /// A name that is both a key and a family (`dists`) means the key. The suffix `@frustum` on a
+    /// family or group selects the masked form of its members that have one.
+    ///
+    /// # Errors
+    /// [`SelectionError`] when the list is empty or a name in it unknown or refused.
+    pub fn parse(list: &str) -> Result<Self, SelectionError> {
+        let mut selection = Self { entries: vec![] };
+        for name in split_outside_brackets(list) {
+            let (base, masked) = match name.strip_suffix("@frustum") {
+                Some(base) => (base, true),
+                None => (name, false),
+            };
+            let (group, explicit) = match base {
+                "paper" => (PAPER.to_vec(), false),
+                "all" => (MetricKey::all(), false),
+                "ssim" => (family(Family::Ssim), true),
+                "lpips" => (family(Family::Lpips), true),
+                _ => {
+                    selection.extend([name.parse()?], true);
+                    continue;
+                }
+            };
+            let keys = group
+                .into_iter()
+                .filter_map(|key| if masked { key.inside_mask() } else { Some(key) });
+            selection.extend(keys, explicit);
+        }
+        if selection.entries.is_empty() {
+            return Err(SelectionError::Empty);
+        }
+        Ok(selection)
+    }
+
+    /// The metrics in the order in which they were asked for.
+    pub fn entries(&self) -> &[Selected] {
+        &self.entries
+    }
+
+    /// The keys in the order in which they were asked for.
+    pub fn keys(&self) -> impl Iterator<Item = MetricKey> + '_ {
+        self.entries.iter().map(|entry| entry.key)
+    }
+
+    /// Whether the metric was asked for by name.
+    pub fn is_explicit(&self, key: MetricKey) -> bool {
+        self.entries
+            .iter()
+            .any(|entry| entry.key == key && entry.explicit)
+    }
+
+    fn group(keys: &[MetricKey]) -> Self {
+        let mut selection = Self { entries: vec![] };
+        selection.extend(keys.iter().copied(), false);
+        selection
+    }
+
+    fn extend(&mut self, keys: impl IntoIterator<Item = MetricKey>, explicit: bool) {
+        for key in keys {
+            match self.entries.iter_mut().find(|entry| entry.key == key) {
+                Some(entry) => entry.explicit |= explicit,
+                None => self.entries.push(Selected { key, explicit }),
+            }
+        }
+    }
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
+impl std::str::FromStr for Selection {
+    type Err = SelectionError;
+
+    fn from_str(list: &str) -> Result<Self, SelectionError> {
+        Self::parse(list)
+    }
+}
+
+const PAPER: [MetricKey; 4] = [
+    MetricKey::DISTS,
+    MetricKey::LPIPS,
+    MetricKey::PSNR,
+    MetricKey::SSIM,
+];
+
+fn family(family: Family) -> Vec<MetricKey> {
+    let mut keys = MetricKey::all();
+    keys.retain(|key| key.family() == family);
+    keys
+}
+
+/// The non-empty, trimmed parts between commas; commas inside brackets belong to a key.
+fn split_outside_brackets(list: &str) -> Vec<&str> {
+    let mut depth = 0_i32;
+    list.split(|c| {
+        match c {
+            '[' => depth += 1,
+            ']' => depth -= 1,
+            _ => {}
+        }
+        c == ',' && depth <= 0
+    })
+    .map(str::trim)
+    .filter(|name| !name.is_empty())
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(list: &str) -> Vec<String> {
+        let selection = Selection::parse(list).unwrap();
+        selection.keys().map(|key| key.to_string()).collect()
+    }
+
+    #[test]
+    fn paper_is_the_default() {
+        let expected = ["dists", "lpips[alex,v0.1]", "psnr", "ssim[gauss11,valid]"];
+        assert_eq!(keys("paper"), expected);
+        assert_eq!(Selection::default(), Selection::parse("paper").unwrap());
+        assert!(Selection::paper().entries().iter().all(|e| !e.explicit));
+        let spelled = "dists,lpips-alex,psnr,ssim-gauss11-valid";
+        assert_eq!(keys(spelled), expected);
+    }
+
+    #[test]
+    fn commas_inside_brackets_do_not_split() {
+        assert_eq!(
+            keys("psnr, ssim[gauss11,reflect,range=data],lpips[vgg,v0.1]@frustum"),
+            [
+                "psnr",
+                "ssim[gauss11,reflect,range=data]",
+                "lpips[vgg,v0.1]@frustum"
+            ]
+        );
+    }
+
+    #[test]
+    fn families_and_groups() {
+        assert_eq!(keys("ssim").len(), 8);
+        assert_eq!(keys("lpips").len(), 7);
+        assert_eq!(keys("dists"), ["dists"]);
+        assert_eq!(keys("all").len(), MetricKey::all().len());
+        assert_eq!(
+            keys("paper@frustum"),
+            [
+                "lpips[alex,v0.1]@frustum",
+                "psnr@frustum",
+                "ssim[gauss11,valid]@frustum"
+            ]
+        );
+    }
+
+    #[test]
+    fn explicitness_survives_a_group_on_either_side() {
+        for list in ["all,lpips-vgg", "lpips-vgg,all"] {
+            let selection = Selection::parse(list).unwrap();
+            assert!(
+                selection.is_explicit("lpips-vgg".parse().unwrap()),
+                "{list}"
+            );
+            assert!(!selection.is_explicit(MetricKey::DISTS), "{list}");
+        }
+        assert!(
+            Selection::parse("ssim")
+                .unwrap()
+                .is_explicit(MetricKey::SSIM)
+        );
+    }
+
+    #[test]
+    fn refusals() {
+        assert_eq!(Selection::parse(" , "), Err(SelectionError::Empty));
+        assert!(Selection::parse("psnr,foo").is_err());
+        assert!(Selection::parse("dists@frustum").is_err());
+        let error = Selection::parse("lpips[alex,v0.0]").unwrap_err();
+        assert!(error.to_string().contains("v0.0 is refused"));
+    }
+}
