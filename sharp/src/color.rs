@@ -61,7 +61,7 @@ mod tests {
         assert!((linear_from_srgb(0.040_45) - linear_from_srgb(0.040_451)).abs() < 1e-6);
         // Values from the standard's own definition, in f64 elsewhere.
         assert!((linear_from_srgb(0.5) - 0.214_041_14).abs() < 1e-7);
-        assert!((srgb_from_linear(0.5) - 0.735_356_98).abs() < 1e-6);
+        assert!((srgb_from_linear(0.5) - 0.735_357).abs() < 1e-6);
     }
 
     #[test]

@@ -11,7 +11,16 @@
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
 //! * [`gaussians`]: the container every stage hands on.
+//! * [`resize`]: the network's bilinear rule, nearest for depth.
+//! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
+//! * [`unprojection`]: the release's way from normalised to metric space.
+//! * [`ply`]: Gaussian scenes as files.
 
 pub mod camera;
 pub mod color;
+pub mod composer;
 pub mod gaussians;
+pub mod initializer;
+pub mod ply;
+pub mod resize;
+pub mod unprojection;

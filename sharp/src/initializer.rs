@@ -1,0 +1,404 @@
+//! Base Gaussians from an image and its depth layers, before any learned refinement.
+//!
+//! Depth is normalised so that its nearest point lies at 1 and nothing beyond 100; every block of
+//! `stride × stride` pixels of every layer becomes one Gaussian at the block's nearest depth. The
+//! network refines these, and the `depth-splat` method renders them as they are.
+
+/// The farthest normalised depth; a point farther away than this many times the nearest is drawn in.
+pub const MAX_NORMALIZED_DEPTH: f32 = 100.0;
+
+/// Why base Gaussians cannot be built.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum InitializerError {
+    /// A slice does not have the length its shape asks for.
+    #[error("{what} holds {found} values where {expected} belong")]
+    Length {
+        /// Image or depth.
+        what: &'static str,
+        /// From the grid's shape.
+        expected: usize,
+        /// The slice's length.
+        found: usize,
+    },
+    /// A side is zero or not a multiple of the stride, or there is no layer.
+    #[error("a grid of {0:?} is empty or not a whole number of blocks")]
+    Grid(Grid),
+    /// Depth of a predictor that is NaN, infinite or not positive.
+    #[error("{count} of {total} depth values are not finite and positive")]
+    InvalidDepth {
+        /// How many.
+        count: usize,
+        /// Of how many.
+        total: usize,
+    },
+    /// Not one valid depth value.
+    #[error("no valid depth: none of {total} values is finite and positive")]
+    NoValidDepth {
+        /// Of how many.
+        total: usize,
+    },
+}
+
+/// The shape of image, depth layers and Gaussian grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    /// Depth layers; the release has 2.
+    pub layers: usize,
+    /// Width of image and depth in pixels; the release resizes everything to 1536.
+    pub width: usize,
+    /// Height of image and depth in pixels.
+    pub height: usize,
+    /// Pixels along a block's side; the release has 2.
+    pub stride: usize,
+}
+
+impl Grid {
+    /// The release's grid: two layers of 768 × 768 Gaussians over 1536 × 1536 pixels.
+    pub const RELEASE: Self = Self {
+        layers: 2,
+        width: 1536,
+        height: 1536,
+        stride: 2,
+    };
+
+    /// Blocks along x.
+    pub fn columns(&self) -> usize {
+        self.width / self.stride
+    }
+
+    /// Blocks along y.
+    pub fn rows(&self) -> usize {
+        self.height / self.stride
+    }
+
+    /// Pixels of the image.
+    pub fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Blocks of one layer.
+    pub fn blocks(&self) -> usize {
+        self.columns() * self.rows()
+    }
+
+    fn check(&self, image: &[f32], depth: &[f32]) -> Result<(), InitializerError> {
+        let Self {
+            layers,
+            width,
+            height,
+            stride,
+        } = *self;
+        if layers == 0
+            || stride == 0
+            || width == 0
+            || height == 0
+            || !width.is_multiple_of(stride)
+            || !height.is_multiple_of(stride)
+        {
+            return Err(InitializerError::Grid(*self));
+        }
+        for (what, slice, planes) in [("image", image, 3), ("depth", depth, layers)] {
+            let expected = planes * self.pixels();
+            if slice.len() != expected {
+                return Err(InitializerError::Length {
+                    what,
+                    expected,
+                    found: slice.len(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What to do with depth values that are not finite and positive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InvalidDepth {
+    /// A predictor never yields them: they are an error.
+    Refuse,
+    /// Measured depth has holes: minimum and pooling run over valid pixels only, and blocks
+    /// without a valid pixel are left out.
+    Skip,
+}
+
+/// Depth scaled so that its nearest valid value, over all layers, is 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NormalizedDepth {
+    /// `min(depth · factor, 100)`, `[layers, height, width]`; 0 where depth is invalid.
+    pub depth: Vec<f32>,
+    /// `1 / (nearest + 1e-6)`, per metre.
+    pub factor: f32,
+}
+
+impl NormalizedDepth {
+    /// Normalises metric depth `[layers, height, width]`, metres.
+    ///
+    /// # Errors
+    /// [`InitializerError::InvalidDepth`] under [`InvalidDepth::Refuse`],
+    /// [`InitializerError::NoValidDepth`].
+    pub fn new(depth: &[f32], invalid: InvalidDepth) -> Result<Self, InitializerError> {
+        let total = depth.len();
+        let (mut nearest, mut valid) = (f32::INFINITY, 0);
+        for &d in depth.iter().filter(|d| is_valid(**d)) {
+            nearest = nearest.min(d);
+            valid += 1;
+        }
+        if valid < total && invalid == InvalidDepth::Refuse {
+            let count = total - valid;
+            return Err(InitializerError::InvalidDepth { count, total });
+        }
+        if valid == 0 {
+            return Err(InitializerError::NoValidDepth { total });
+        }
+        let factor = 1.0 / (nearest + 1e-6);
+        let normalize = |&d: &f32| {
+            if is_valid(d) {
+                (d * factor).min(MAX_NORMALIZED_DEPTH)
+            } else {
+                0.0
+            }
+        };
+        Ok(Self {
+            depth: depth.iter().map(normalize).collect(),
+            factor,
+        })
+    }
+
+    /// What lengths in the normalised space are multiplied by to be metres again, `1 / factor`.
+    pub fn global_scale(&self) -> f32 {
+        1.0 / self.factor
+    }
+
+    /// The input of the network's refinement: `2 · (r, g, b, 1/depth…) − 1`,
+    /// `[3 + layers, height, width]`, from the same `image` (`[3, height, width]`, sRGB 0..1).
+    pub fn feature_input(&self, image: &[f32]) -> Vec<f32> {
+        let colors = image.iter().map(|&c| 2.0 * c - 1.0);
+        let inverse = self.depth.iter().map(|&d| 2.0 * (1.0 / d) - 1.0);
+        colors.chain(inverse).collect()
+    }
+}
+
+fn is_valid(depth: f32) -> bool {
+    depth.is_finite() && depth > 0.0
+}
+
+/// One Gaussian a block and layer, in the normalised space: x/z and y/z over [−1, 1] across the
+/// image, nearest depth 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BaseGaussians {
+    /// Shape of what they were made from.
+    pub grid: Grid,
+    /// x/z of the block centres `[columns]`.
+    pub x: Vec<f32>,
+    /// y/z of the block centres `[rows]`.
+    pub y: Vec<f32>,
+    /// Inverse normalised depth `[layers, rows, columns]` in 0.01..1; 0 marks a block without a
+    /// valid pixel, which the composer leaves out.
+    pub inverse_depth: Vec<f32>,
+    /// Isotropic standard deviation `[layers, rows, columns]`; 0 for a block without a valid pixel.
+    pub scales: Vec<f32>,
+    /// sRGB-encoded block means `[3, rows, columns]`, shared by the layers.
+    pub colors: Vec<f32>,
+    /// `min(1 / layers, ½)`, shared by all.
+    pub opacity: f32,
+    /// Metres per normalised unit.
+    pub global_scale: f32,
+}
+
+impl BaseGaussians {
+    /// Builds base Gaussians from `image` (`[3, height, width]`, sRGB-encoded 0..1) and metric
+    /// `depth` (`[layers, height, width]`, metres).
+    ///
+    /// Colours are means over all pixels of a block, because a picture has no invalid ones.
+    ///
+    /// # Errors
+    /// [`InitializerError`]: shapes that do not fit, invalid depth under [`InvalidDepth::Refuse`],
+    /// no valid depth at all.
+    pub fn new(
+        image: &[f32],
+        depth: &[f32],
+        grid: Grid,
+        invalid: InvalidDepth,
+    ) -> Result<Self, InitializerError> {
+        grid.check(image, depth)?;
+        let normalized = NormalizedDepth::new(depth, invalid)?;
+        Self::from_normalized(image, &normalized, grid)
+    }
+
+    /// As [`Self::new`], from depth that is normalised already.
+    ///
+    /// # Errors
+    /// [`InitializerError::Grid`], [`InitializerError::Length`].
+    pub fn from_normalized(
+        image: &[f32],
+        normalized: &NormalizedDepth,
+        grid: Grid,
+    ) -> Result<Self, InitializerError> {
+        grid.check(image, &normalized.depth)?;
+        let inverse_depth = pool(&normalized.depth, grid, |block| {
+            // Largest inverse depth = nearest surface; 0 stands for "nothing valid here".
+            block
+                .filter(|&d| d > 0.0)
+                .fold(0.0, |largest, d| f32::max(largest, 1.0 / d))
+        });
+        // The width alone sets the size, also of pictures that are not square.
+        let size_at_unit_depth = 2.0 * grid.stride as f32 / grid.width as f32;
+        let scales = inverse_depth
+            .iter()
+            .map(|&inverse| {
+                if inverse > 0.0 {
+                    (1.0 / inverse) * size_at_unit_depth
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let area = (grid.stride * grid.stride) as f32;
+        Ok(Self {
+            grid,
+            x: block_centers(grid.width, grid.stride),
+            y: block_centers(grid.height, grid.stride),
+            inverse_depth,
+            scales,
+            colors: pool(image, grid, |block| block.sum::<f32>() / area),
+            opacity: (1.0 / grid.layers as f32).min(0.5),
+            global_scale: normalized.global_scale(),
+        })
+    }
+
+    /// How many blocks, over all layers, have no valid depth and yield no Gaussian.
+    pub fn dropped(&self) -> usize {
+        self.inverse_depth.iter().filter(|&&v| v == 0.0).count()
+    }
+}
+
+/// Block centres along one side in [−1, 1]: pixel coordinate `stride · (k + ½)`.
+fn block_centers(side: usize, stride: usize) -> Vec<f32> {
+    (0..side / stride)
+        .map(|k| 2.0 * (stride as f32 * (k as f32 + 0.5)) / side as f32 - 1.0)
+        .collect()
+}
+
+/// Reduces every `stride × stride` block of every plane, rows before columns within a block.
+fn pool(
+    planes: &[f32],
+    grid: Grid,
+    reduce: impl Fn(&mut dyn Iterator<Item = f32>) -> f32,
+) -> Vec<f32> {
+    let Grid { width, stride, .. } = grid;
+    let mut out = Vec::with_capacity(planes.len() / (stride * stride));
+    for plane in planes.chunks_exact(grid.pixels()) {
+        for row in 0..grid.rows() {
+            for column in 0..grid.columns() {
+                let corner = row * stride * width + column * stride;
+                let mut block = (0..stride)
+                    .flat_map(|dy| &plane[corner + dy * width..][..stride])
+                    .copied();
+                out.push(reduce(&mut block));
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GRID: Grid = Grid {
+        layers: 2,
+        width: 4,
+        height: 2,
+        stride: 2,
+    };
+
+    #[rustfmt::skip]
+    const DEPTH: [f32; 16] = [
+        2.0, 3.0, 4.0, 8.0,
+        5.0, 6.0, 9.0, 8.0,
+        4.0, 4.0, 1e6, 1e6,
+        4.0, 4.0, 1e6, 1e6,
+    ];
+
+    fn image() -> Vec<f32> {
+        (0..24).map(|k| k as f32 / 24.0).collect()
+    }
+
+    #[test]
+    fn nearest_depth_of_both_layers_is_one_and_the_farthest_a_hundred() {
+        let n = NormalizedDepth::new(&DEPTH, InvalidDepth::Refuse).unwrap();
+        assert_eq!(n.factor, 1.0 / (2.0 + 1e-6));
+        assert!((n.depth[0] - 1.0).abs() < 1e-6);
+        assert_eq!(n.depth[10], MAX_NORMALIZED_DEPTH);
+        let mut second_nearest = DEPTH;
+        second_nearest[8] = 0.5;
+        let n = NormalizedDepth::new(&second_nearest, InvalidDepth::Refuse).unwrap();
+        assert_eq!(n.factor, 1.0 / (0.5 + 1e-6));
+    }
+
+    #[test]
+    fn blocks_take_nearest_depth_and_mean_colour() {
+        let base = BaseGaussians::new(&image(), &DEPTH, GRID, InvalidDepth::Refuse).unwrap();
+        let factor = 1.0 / (2.0 + 1e-6_f32);
+        let expected = [2.0, 4.0, 4.0, f32::INFINITY]
+            .map(|d: f32| 1.0 / (d * factor).min(MAX_NORMALIZED_DEPTH));
+        assert_eq!(base.inverse_depth, expected);
+        assert_eq!(base.x, [-0.5, 0.5]);
+        assert_eq!(base.y, [0.0]);
+        assert_eq!(base.opacity, 0.5);
+        assert!((base.scales[3] - 100.0 * 4.0 / 4.0).abs() < 1e-4);
+        assert!((base.colors[0] - (0.0 + 1.0 + 4.0 + 5.0) / 96.0).abs() < 1e-7);
+        assert_eq!(base.dropped(), 0);
+    }
+
+    #[test]
+    fn features_are_image_and_inverse_depth_in_minus_one_to_one() {
+        let n = NormalizedDepth::new(&DEPTH, InvalidDepth::Refuse).unwrap();
+        let features = n.feature_input(&image());
+        assert_eq!(features.len(), 5 * GRID.pixels());
+        assert_eq!(features[0], -1.0);
+        assert!((features[24] - 1.0).abs() < 1e-5);
+        assert!((features[24 + 10] - (2.0 * 0.01 - 1.0)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn holes_are_skipped_or_refused() {
+        let mut holed = DEPTH;
+        holed[0] = 0.0;
+        holed[2..4].fill(f32::NAN);
+        holed[6..8].fill(f32::INFINITY);
+        let refused = BaseGaussians::new(&image(), &holed, GRID, InvalidDepth::Refuse);
+        assert_eq!(
+            refused.unwrap_err(),
+            InitializerError::InvalidDepth {
+                count: 5,
+                total: 16
+            }
+        );
+        let base = BaseGaussians::new(&image(), &holed, GRID, InvalidDepth::Skip).unwrap();
+        assert_eq!(base.dropped(), 1);
+        assert_eq!(base.inverse_depth[1], 0.0);
+        // Nearest valid value of the first block is now 3, which is also the nearest of all.
+        assert!((base.inverse_depth[0] - 1.0).abs() < 1e-6);
+        assert!((base.global_scale - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn nothing_valid_and_wrong_shapes_are_errors() {
+        let none = BaseGaussians::new(&image(), &[0.0; 16], GRID, InvalidDepth::Skip);
+        assert_eq!(
+            none.unwrap_err(),
+            InitializerError::NoValidDepth { total: 16 }
+        );
+        let short = BaseGaussians::new(&image(), &DEPTH[1..], GRID, InvalidDepth::Skip);
+        assert!(matches!(
+            short,
+            Err(InitializerError::Length { what: "depth", .. })
+        ));
+        let odd = Grid { stride: 3, ..GRID };
+        assert!(matches!(
+            BaseGaussians::new(&image(), &DEPTH, odd, InvalidDepth::Skip),
+            Err(InitializerError::Grid(_))
+        ));
+    }
+}

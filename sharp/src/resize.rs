@@ -1,0 +1,137 @@
+//! Resampling of planar f32 images: the network's bilinear rule, and nearest for depth.
+//!
+//! An image here is a slice of `channels` planes, each row by row: `[channels, height, width]`.
+
+/// One output coordinate of a linear resize: two source positions and the weight of the second.
+#[derive(Debug, Clone, Copy)]
+struct Tap {
+    low: usize,
+    high: usize,
+    weight: f32,
+}
+
+/// Source positions with the corner pixels' centres aligned, `src = dst · (in − 1) / (out − 1)`.
+/// Scale and position are f32, as the release has them: f64 would shift results by up to 1e-5.
+fn align_corners_taps(input: usize, output: usize) -> Vec<Tap> {
+    let scale = if output > 1 {
+        (input - 1) as f32 / (output - 1) as f32
+    } else {
+        0.0
+    };
+    (0..output)
+        .map(|dst| {
+            let src = scale * dst as f32;
+            let low = (src as usize).min(input - 1);
+            Tap {
+                low,
+                high: (low + 1).min(input - 1),
+                weight: (src - low as f32).clamp(0.0, 1.0),
+            }
+        })
+        .collect()
+}
+
+/// Bilinear resize with aligned corners and without antialiasing: what the release does to a
+/// photograph before the network, upwards and downwards.
+///
+/// `planes` is `[channels, height, width]`; the result `[channels, out_height, out_width]`.
+///
+/// # Panics
+/// When `planes` does not hold a whole number of `height × width` planes or either side is 0.
+pub fn bilinear_align_corners(
+    planes: &[f32],
+    (width, height): (usize, usize),
+    (out_width, out_height): (usize, usize),
+) -> Vec<f32> {
+    let plane = width * height;
+    assert!(
+        plane > 0 && planes.len().is_multiple_of(plane),
+        "planes of {width}x{height} expected"
+    );
+    let (columns, rows) = (
+        align_corners_taps(width, out_width),
+        align_corners_taps(height, out_height),
+    );
+    let mut out = Vec::with_capacity(planes.len() / plane * out_width * out_height);
+    for image in planes.chunks_exact(plane) {
+        for row in &rows {
+            let top = &image[row.low * width..][..width];
+            let bottom = &image[row.high * width..][..width];
+            let (upper, lower) = (1.0 - row.weight, row.weight);
+            out.extend(columns.iter().map(|column| {
+                let (left, right) = (1.0 - column.weight, column.weight);
+                upper * (left * top[column.low] + right * top[column.high])
+                    + lower * (left * bottom[column.low] + right * bottom[column.high])
+            }));
+        }
+    }
+    out
+}
+
+/// Nearest resize of one plane `[height, width]`: each output pixel takes the source pixel that
+/// its centre falls into, `floor((dst + ½) · in / out)`, in integers. Depth is resized like this,
+/// because a mean of two depths lies on neither surface.
+///
+/// # Panics
+/// When `plane` is not `height × width` or either side is 0.
+pub fn nearest<T: Copy>(
+    plane: &[T],
+    (width, height): (usize, usize),
+    (out_width, out_height): (usize, usize),
+) -> Vec<T> {
+    assert!(
+        width > 0 && height > 0 && plane.len() == width * height,
+        "a plane of {width}x{height} expected"
+    );
+    let source = |dst: usize, input: usize, output: usize| (2 * dst + 1) * input / (2 * output);
+    let columns: Vec<usize> = (0..out_width)
+        .map(|x| source(x, width, out_width))
+        .collect();
+    let mut out = Vec::with_capacity(out_width * out_height);
+    for y in 0..out_height {
+        let row = &plane[source(y, height, out_height) * width..][..width];
+        out.extend(columns.iter().map(|&x| row[x]));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_stay_and_the_middle_is_interpolated() {
+        let out = bilinear_align_corners(&[0.0, 1.0, 2.0, 3.0], (2, 2), (3, 3));
+        assert_eq!(out, [0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0, 2.5, 3.0]);
+    }
+
+    #[test]
+    fn the_same_size_is_the_identity_and_planes_do_not_mix() {
+        let planes: Vec<f32> = (0..24).map(|k| (k * 7 % 11) as f32).collect();
+        assert_eq!(bilinear_align_corners(&planes, (4, 3), (4, 3)), planes);
+        let both = bilinear_align_corners(&planes, (4, 3), (5, 5));
+        assert_eq!(
+            both[25..],
+            bilinear_align_corners(&planes[12..], (4, 3), (5, 5))
+        );
+    }
+
+    #[test]
+    fn downscaling_samples_without_a_filter() {
+        // Five pixels to three: positions 0, 2, 4 exactly.
+        let out = bilinear_align_corners(&[5.0, 9.0, 7.0, 9.0, 6.0], (5, 1), (3, 1));
+        assert_eq!(out, [5.0, 7.0, 6.0]);
+    }
+
+    #[test]
+    fn one_pixel_fills_everything() {
+        assert_eq!(bilinear_align_corners(&[3.0], (1, 1), (2, 2)), [3.0; 4]);
+    }
+
+    #[test]
+    fn nearest_takes_the_pixel_under_the_centre() {
+        assert_eq!(nearest(&[1, 2], (2, 1), (4, 1)), [1, 1, 2, 2]);
+        assert_eq!(nearest(&[1, 2, 3], (3, 1), (2, 1)), [1, 3]);
+        assert_eq!(nearest(&[1, 2, 3, 4], (2, 2), (2, 2)), [1, 2, 3, 4]);
+    }
+}
