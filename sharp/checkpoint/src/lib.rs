@@ -1,1 +1,35 @@
-//! sharp-checkpoint
+//! Checkpoints: PyTorch's `.pt` / `.pth` (zip files and the older bare pickles) and `.safetensors`.
+//!
+//! A file is mapped, its table of contents checked against its length, and a tensor read only
+//! when it is asked for. Pickles are run by an interpreter that knows just what a state dict
+//! needs: a file that wants to call anything else is refused by the name of what it calls.
+//! Nothing allocates more than a small multiple of the file's own length.
+//!
+//! # Contents
+//! * [`checkpoint`]: [`Checkpoint`], the one type for all formats.
+//! * [`completeness`]: every tensor expected is there, every tensor there is expected.
+//! * [`convert`]: writing safetensors.
+//! * [`deterministic`]: weights as a pure function of names, for tests and golden data.
+//! * [`error`]: why a file was refused.
+//! * [`tensor`]: element types and strided layouts.
+//!
+//! Private: `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
+//! `safetensors`, `mapped` (the memory map).
+
+pub mod checkpoint;
+pub mod completeness;
+pub mod convert;
+pub mod deterministic;
+pub mod error;
+mod legacy;
+mod mapped;
+mod pickle;
+mod safetensors;
+pub mod tensor;
+mod zip;
+
+pub use checkpoint::{Checkpoint, Format};
+pub use completeness::{Expected, Incomplete};
+pub use convert::{OutTensor, write_safetensors};
+pub use error::CheckpointError;
+pub use tensor::DType;

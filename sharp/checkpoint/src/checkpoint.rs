@@ -1,0 +1,261 @@
+//! One type for every checkpoint format.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::error::{CheckpointError, Fault, malformed};
+use crate::mapped::Mapped;
+use crate::pickle::state_dict::{Named, resolve};
+use crate::pickle::value::Heap;
+use crate::tensor::{DType, Layout};
+use crate::zip::{Directory, Entry};
+use crate::{legacy, pickle, safetensors, zip};
+
+/// How a checkpoint is stored. Recognised by content, not by the file's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// PyTorch since 1.6: a zip of a pickle and raw storages.
+    Zip,
+    /// PyTorch before 1.6: bare pickles, then raw storages.
+    Legacy,
+    /// Safetensors.
+    Safetensors,
+}
+
+/// An opened checkpoint: a mapped file and the checked table of its tensors.
+///
+/// Opening reads the table of contents only. The file must not be changed while it is open.
+#[derive(Debug)]
+pub struct Checkpoint {
+    path: PathBuf,
+    file: Mapped,
+    format: Format,
+    tensors: BTreeMap<String, Layout>,
+    others: Vec<String>,
+    key: Option<String>,
+    metadata: BTreeMap<String, String>,
+}
+
+impl Checkpoint {
+    /// Opens a file of any [`Format`].
+    ///
+    /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
+    /// `model`, …), that one is taken and [`Self::key`] tells its name.
+    ///
+    /// # Errors
+    /// [`CheckpointError`]: unreadable, malformed, asking for code to be run, or without a
+    /// single state dict to choose.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
+        Self::open_with(path.as_ref(), None)
+    }
+
+    /// Opens the state dict under `key` of the pickled dict, one level down.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; also when there is no such key, or the file is a safetensors file,
+    /// which has no levels.
+    pub fn open_key(path: impl AsRef<Path>, key: &str) -> Result<Self, CheckpointError> {
+        Self::open_with(path.as_ref(), Some(key))
+    }
+
+    fn open_with(path: &Path, key: Option<&str>) -> Result<Self, CheckpointError> {
+        let file = Mapped::open(path)?;
+        let (format, named, metadata) = read(&file, key).map_err(|fault| fault.at(path))?;
+        Ok(Self {
+            path: path.to_path_buf(),
+            file,
+            format,
+            tensors: named.tensors,
+            others: named.others,
+            key: named.key,
+            metadata,
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How it is stored.
+    pub fn format(&self) -> Format {
+        self.format
+    }
+
+    /// The key the state dict was found under, `None` if the file is the state dict.
+    pub fn key(&self) -> Option<&str> {
+        self.key.as_deref()
+    }
+
+    /// Free text of a safetensors header; empty for pickles.
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
+        &self.metadata
+    }
+
+    /// Names of all tensors, sorted bytewise.
+    pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.tensors.keys().map(String::as_str)
+    }
+
+    /// Keys of the state dict whose values are no tensors, sorted bytewise.
+    pub fn others(&self) -> &[String] {
+        &self.others
+    }
+
+    /// Whether there is a tensor of that name.
+    pub fn contains(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    /// The tensor's shape in PyTorch's axis order.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn shape(&self, name: &str) -> Result<&[usize], CheckpointError> {
+        Ok(&self.layout(name)?.shape)
+    }
+
+    /// The stored element type.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn dtype(&self, name: &str) -> Result<DType, CheckpointError> {
+        Ok(self.layout(name)?.dtype)
+    }
+
+    /// How many elements the tensor has.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn numel(&self, name: &str) -> Result<usize, CheckpointError> {
+        Ok(self.layout(name)?.numel())
+    }
+
+    /// The tensor's elements as f32 in C order. Half types are widened exactly, doubles and
+    /// integers rounded to the nearest f32.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn tensor_f32(&self, name: &str) -> Result<Vec<f32>, CheckpointError> {
+        Ok(self.tensor_f32_cow(name)?.into_owned())
+    }
+
+    /// As [`Self::tensor_f32`], but without a copy where the file holds the elements just so
+    /// (f32, contiguous, aligned): large weights can be packed straight from the map.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn tensor_f32_cow(&self, name: &str) -> Result<Cow<'_, [f32]>, CheckpointError> {
+        Ok(self.layout(name)?.f32(&self.file))
+    }
+
+    /// The tensor's elements in their stored type, little-endian, in C order.
+    ///
+    /// # Errors
+    /// [`CheckpointError::NoTensor`].
+    pub fn tensor_bytes(&self, name: &str) -> Result<Cow<'_, [u8]>, CheckpointError> {
+        Ok(self.layout(name)?.bytes(&self.file))
+    }
+
+    /// SHA-256 of the whole file, in lower-case hexadecimal. Reads it all.
+    pub fn sha256(&self) -> String {
+        let digest = Sha256::digest(&*self.file);
+        digest.iter().map(|b| format!("{b:02x}")).collect()
+    }
+
+    fn layout(&self, name: &str) -> Result<&Layout, CheckpointError> {
+        self.tensors
+            .get(name)
+            .ok_or_else(|| CheckpointError::NoTensor {
+                path: self.path.clone(),
+                name: name.to_owned(),
+            })
+    }
+}
+
+type Read = (Format, Named, BTreeMap<String, String>);
+
+fn read(file: &[u8], key: Option<&str>) -> Result<Read, Fault> {
+    if safetensors::looks_like(file) {
+        if let Some(key) = key {
+            return Err(Fault::StateDict(format!(
+                "a safetensors file has no nested state dict '{key}'"
+            )));
+        }
+        let contents = safetensors::read(file)?;
+        let named = Named {
+            tensors: contents.tensors,
+            ..Named::default()
+        };
+        Ok((Format::Safetensors, named, contents.metadata))
+    } else if file.starts_with(b"PK") {
+        Ok((Format::Zip, read_zip(file, key)?, BTreeMap::new()))
+    } else if file.first() == Some(&0x80) {
+        Ok((Format::Legacy, legacy::read(file, key)?, BTreeMap::new()))
+    } else {
+        malformed!("neither a PyTorch nor a safetensors file{}", guess(file))
+    }
+}
+
+/// What a file that is no checkpoint often is.
+fn guess(file: &[u8]) -> &'static str {
+    let start = file.trim_ascii_start();
+    if file.is_empty() {
+        ": it is empty"
+    } else if start.starts_with(b"<") {
+        ": it looks like a web page"
+    } else if start.starts_with(b"version https://git-lfs") {
+        ": it is a Git LFS pointer, fetch the file behind it"
+    } else {
+        " (or its header is damaged)"
+    }
+}
+
+fn read_zip(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
+    let entries = zip::read(file)?;
+    let mut pickles = entries
+        .keys()
+        .filter_map(|name| name.strip_suffix("data.pkl"))
+        .filter(|prefix| prefix.is_empty() || prefix.ends_with('/'));
+    let (Some(prefix), None) = (pickles.next(), pickles.next()) else {
+        return malformed!("a zip file, but without exactly one 'data.pkl': not a checkpoint");
+    };
+    if let Some(Entry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
+        && file[range.clone()].trim_ascii() == b"big"
+    {
+        return malformed!("written on a big-endian machine");
+    }
+    let program = stored(&entries, &format!("{prefix}data.pkl"))?;
+    let mut heap = Heap::default();
+    let (root, _) = pickle::load(&file[program], &mut heap)?;
+    resolve(&heap, root, key, file.len(), |storage| {
+        let range = stored(&entries, &format!("{prefix}data/{}", storage.key))?;
+        let told = usize::try_from(storage.numel)
+            .ok()
+            .and_then(|n| n.checked_mul(storage.dtype.size()));
+        if told != Some(range.len()) {
+            return malformed!(
+                "storage '{}' has {} bytes, the pickle says {} elements of {}",
+                storage.key,
+                range.len(),
+                storage.numel,
+                storage.dtype
+            );
+        }
+        Ok(range)
+    })
+}
+
+fn stored(entries: &Directory<'_>, name: &str) -> Result<std::ops::Range<usize>, Fault> {
+    match entries.get(name) {
+        Some(Entry::Stored(range)) => Ok(range.clone()),
+        Some(Entry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),
+        None => malformed!("zip: '{name}' is missing"),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,119 @@
+//! Completeness in both directions: every expected tensor is there in its shape, and every
+//! tensor there is expected.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+
+use crate::checkpoint::Checkpoint;
+
+/// A tensor that a model needs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Expected {
+    /// Its full name in the state dict.
+    pub name: String,
+    /// Its shape in PyTorch's axis order.
+    pub shape: Vec<usize>,
+}
+
+/// A tensor of another shape than expected.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Misshaped {
+    /// Its full name.
+    pub name: String,
+    /// The shape the model needs.
+    pub expected: Vec<usize>,
+    /// The shape in the file.
+    pub found: Vec<usize>,
+}
+
+/// Everything in which a checkpoint and a model differ, each list sorted by name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub struct Incomplete {
+    /// The file.
+    pub path: PathBuf,
+    /// Expected, but not in the file.
+    pub missing: Vec<Expected>,
+    /// In the file, but neither expected nor allowed to be unused.
+    pub surplus: Vec<String>,
+    /// In the file in another shape.
+    pub misshaped: Vec<Misshaped>,
+}
+
+impl fmt::Display for Incomplete {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: does not fit the model: {} missing, {} surplus, {} of another shape",
+            self.path.display(),
+            self.missing.len(),
+            self.surplus.len(),
+            self.misshaped.len()
+        )?;
+        for Expected { name, shape } in &self.missing {
+            write!(f, "\n  missing   {name} {shape:?}")?;
+        }
+        for name in &self.surplus {
+            write!(f, "\n  surplus   {name}")?;
+        }
+        for m in &self.misshaped {
+            write!(
+                f,
+                "\n  shape     {} {:?}, expected {:?}",
+                m.name, m.found, m.expected
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl Checkpoint {
+    /// Compares the file with what a model needs. Entries that are no tensors count as surplus.
+    ///
+    /// `allow_unused`: prefixes of names that may be in the file without being expected.
+    ///
+    /// # Errors
+    /// One [`Incomplete`] with every missing, surplus and mis-shaped tensor.
+    pub fn check(
+        &self,
+        expected: &[Expected],
+        allow_unused: &[impl AsRef<str>],
+    ) -> Result<(), Incomplete> {
+        let wanted: BTreeMap<&str, &Expected> =
+            expected.iter().map(|e| (e.name.as_str(), e)).collect();
+        let mut found = Incomplete {
+            path: self.path().to_path_buf(),
+            missing: Vec::new(),
+            surplus: Vec::new(),
+            misshaped: Vec::new(),
+        };
+        for (&name, &tensor) in &wanted {
+            match self.shape(name) {
+                Err(_) => found.missing.push(tensor.clone()),
+                Ok(shape) if shape != tensor.shape => found.misshaped.push(Misshaped {
+                    name: name.to_owned(),
+                    expected: tensor.shape.clone(),
+                    found: shape.to_vec(),
+                }),
+                Ok(_) => {}
+            }
+        }
+        let allowed = |name: &str| {
+            allow_unused
+                .iter()
+                .any(|prefix| name.starts_with(prefix.as_ref()))
+        };
+        found.surplus = self
+            .names()
+            .chain(self.others().iter().map(String::as_str))
+            .filter(|name| !wanted.contains_key(name) && !allowed(name))
+            .map(str::to_owned)
+            .collect();
+        found.surplus.sort_unstable();
+        if found.missing.is_empty() && found.surplus.is_empty() && found.misshaped.is_empty() {
+            Ok(())
+        } else {
+            Err(found)
+        }
+    }
+}

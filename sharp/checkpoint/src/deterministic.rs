@@ -1,0 +1,194 @@
+//! Weights as a pure function of names: no checkpoint is needed to compare implementations.
+//!
+//! Element `i` (C order of PyTorch's layout) of a tensor depends on `splitmix64(h + i)`, where
+//! `h` is the FNV-1a hash of `salt + name`. Two rules turn the 24 upper bits into a value:
+//! [`model_weights`] for the SHARP network, [`backbone_weights`] for the metrics' backbones.
+//! Bit-exact on every machine.
+
+/// FNV-1a, 64 bits, of several strings joined.
+pub fn fnv1a64(parts: &[&str]) -> u64 {
+    parts
+        .iter()
+        .flat_map(|part| part.bytes())
+        .fold(0xcbf2_9ce4_8422_2325, |h, byte| {
+            (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        })
+}
+
+/// The splitmix64 generator's output for state `s`.
+pub fn splitmix64(s: u64) -> u64 {
+    let z = s.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The weights of a SHARP network: tensor `name` of `shape`, salted.
+///
+/// Offset and scale follow from the name and the number of axes, such that activations stay
+/// of order one through the whole network: norms near 1, LayerScale near 0.3, biases within
+/// 0.05, matrices and filters uniform with unit gain.
+pub fn model_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
+    let (offset, scale) = model_rule(name, shape);
+    let (offset, scale) = (offset as f32, scale as f32);
+    let h = fnv1a64(&[salt, name]);
+    let numel: usize = shape.iter().product();
+    (0..numel as u64)
+        .map(|i| {
+            let k = (splitmix64(h.wrapping_add(i)) >> 40) as i32;
+            let centred = (k - (1 << 23)) as f32 / (1 << 23) as f32;
+            // Two roundings: a fused multiply-add would give other bits.
+            let scaled = centred * scale;
+            scaled + offset
+        })
+        .collect()
+}
+
+/// Offset and scale of a tensor of the network.
+fn model_rule(name: &str, shape: &[usize]) -> (f64, f64) {
+    let gain = |fan_in: usize| (3.0 / fan_in as f64).sqrt();
+    let second = shape.get(1).copied().unwrap_or(1);
+    match shape.len() {
+        _ if name.ends_with("monodepth_predictor.head.4.bias") => (2.0, 0.25),
+        _ if name.ends_with("monodepth_predictor.head.4.weight") => (0.0, 0.15 * gain(second)),
+        _ if name.ends_with("geometry_prediction_head.weight") => (0.0, 8.0 * gain(second)),
+        _ if name.ends_with("texture_prediction_head.weight") => (0.0, 0.3 * gain(second)),
+        _ if name.ends_with(".gamma") => (0.3, 0.1),
+        1 if name.ends_with(".weight") => (1.0, 0.1),
+        1 => (0.0, 0.05),
+        3 => (0.0, 0.5),
+        4 => {
+            // 2x2 filters are transposed convolutions, all but the image's entry.
+            let transposed = shape[2..] == [2, 2] && !name.ends_with("image_encoder.conv.weight");
+            let fan_in = if transposed {
+                shape[0]
+            } else {
+                shape[1..].iter().product()
+            };
+            (0.0, gain(fan_in))
+        }
+        _ => (0.0, gain(second)),
+    }
+}
+
+/// The weights of a metric's backbone: `name` is `<arch>.features.<key>` with torchvision's
+/// keys, for example `vgg16.features.28.bias`.
+///
+/// Filters are uniform with the gain of a ReLU network, biases within 0.05.
+pub fn backbone_weights(salt: &str, name: &str, shape: &[usize]) -> Vec<f32> {
+    let scale = if shape.len() >= 2 {
+        let fan_in: usize = shape[1..].iter().product();
+        (6.0 / fan_in as f64).sqrt()
+    } else {
+        0.05
+    };
+    let h = fnv1a64(&[salt, name]);
+    let numel: usize = shape.iter().product();
+    (0..numel as u64)
+        .map(|i| {
+            let u = (splitmix64(h.wrapping_add(i)) >> 40) as f64 / (1 << 24) as f64;
+            (scale * (2.0 * u - 1.0)) as f32
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn integer_functions_match_the_published_values() {
+        assert_eq!(fnv1a64(&[]), 0xcbf2_9ce4_8422_2325);
+        assert_eq!(fnv1a64(&["a"]), 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(fnv1a64(&["foo", "bar"]), 0x8594_4171_f739_67e8);
+        assert_eq!(splitmix64(0), 0xe220_a839_7b1d_cdaf);
+        assert_eq!(splitmix64(u64::MAX), 0xe4d9_7177_1b65_2c20);
+    }
+
+    #[test]
+    fn every_rule_of_the_network_matches_its_recorded_bits() {
+        // Name, shape, first four values, last value: one row per rule.
+        let rows: [(&str, &[usize], [u32; 4], u32); 10] = [
+            (
+                "monodepth_model.monodepth_predictor.encoder.patch_encoder.blocks.0.attn.qkv.weight",
+                &[3072, 1024],
+                [0x3cfe_1450, 0x3d00_b3e2, 0x3d10_5b4d, 0x3d3e_efd5],
+                0xbd34_01a0,
+            ),
+            (
+                "monodepth_model.monodepth_predictor.encoder.patch_encoder.pos_embed",
+                &[1, 577, 1024],
+                [0xbeb6_61a0, 0xbe8e_54ec, 0xbc11_1080, 0xbef1_e02e],
+                0x3e43_21f0,
+            ),
+            (
+                "monodepth_model.monodepth_predictor.encoder.image_encoder.blocks.23.ls2.gamma",
+                &[1024],
+                [0x3eb8_64f7, 0x3eb0_af0d, 0x3ebf_2de2, 0x3e76_bd0f],
+                0x3ec6_02ee,
+            ),
+            (
+                "monodepth_model.monodepth_predictor.encoder.upsample_latent0.1.weight",
+                &[256, 256, 2, 2],
+                [0xbccb_ebf5, 0xbd42_433d, 0xbcaf_b262, 0xbd83_082b],
+                0x3c52_ad4d,
+            ),
+            (
+                "monodepth_model.monodepth_predictor.head.4.weight",
+                &[2, 32, 1, 1],
+                [0x3d39_274e, 0xbb8d_9f6b, 0x3cf0_d574, 0xbcb9_6fe2],
+                0xbcb6_64e9,
+            ),
+            (
+                "monodepth_model.monodepth_predictor.head.4.bias",
+                &[4],
+                [0x3ff2_7bac, 0x4002_79d0, 0, 0],
+                0,
+            ),
+            (
+                "feature_model.texture_head.0.residual.0.weight",
+                &[128],
+                [0x3f87_88e6, 0x3f8b_33ca, 0x3f82_4ace, 0x3f80_5d25],
+                0x3f7a_9e9c,
+            ),
+            (
+                "feature_model.image_encoder.conv.weight",
+                &[128, 5, 2, 2],
+                [0xbb40_f65b, 0xbdec_ef7f, 0xbbc3_bdd2, 0xbe85_75d7],
+                0xbe5a_cb51,
+            ),
+            (
+                "prediction_head.geometry_prediction_head.weight",
+                &[6, 32, 1, 1],
+                [0x3e9d_e357, 0xbf82_f3f5, 0xbf99_1f72, 0xbf26_b5bb],
+                0x3ff4_3ad3,
+            ),
+            (
+                "prediction_head.texture_prediction_head.weight",
+                &[22, 32, 1, 1],
+                [0xbd90_b8b1, 0x3d5b_afed, 0xbc8b_c0eb, 0xbd86_533e],
+                0x3d9e_a425,
+            ),
+        ];
+        for (name, shape, first, last) in rows {
+            let bits: Vec<u32> = model_weights("", name, shape)
+                .iter()
+                .map(|v| v.to_bits())
+                .collect();
+            // Only two values of the two-element bias are recorded.
+            let recorded = if name.ends_with("head.4.bias") { 2 } else { 4 };
+            assert_eq!(bits[..recorded], first[..recorded], "{name}");
+            if recorded == 4 {
+                assert_eq!(bits[bits.len() - 1], last, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_salt_changes_every_value() {
+        let plain = backbone_weights("", "vgg16.features.0.bias", &[64]);
+        let salted = backbone_weights("x", "vgg16.features.0.bias", &[64]);
+        assert!(plain.iter().zip(&salted).all(|(a, b)| a != b));
+        assert!(plain.iter().all(|v| v.abs() <= 0.05));
+    }
+}

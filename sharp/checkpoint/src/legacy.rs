@@ -1,0 +1,101 @@
+//! PyTorch's format before 1.6: five pickles in a row, then the storages one after another.
+//!
+//! The pickles: a magic number, the protocol version, facts about the writer's machine, the
+//! object, and the storages' keys in the order in which their bytes follow. Each storage is
+//! its element count (8 bytes) and its elements. torchvision's and LPIPS' files are such.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::error::{Fault, malformed};
+use crate::pickle;
+use crate::pickle::state_dict::{Named, resolve};
+use crate::pickle::value::{Heap, Value};
+
+/// 0x1950a86a20f9469cfc6c, little-endian.
+const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
+const PROTOCOL: i64 = 1001;
+
+/// Reads the table of contents.
+pub(crate) fn read(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
+    let mut heap = Heap::default();
+    let mut values = [Value::None; 5];
+    let mut at = 0;
+    for (nth, slot) in values.iter_mut().enumerate() {
+        let (value, used) = pickle::load(&file[at..], &mut heap)?;
+        at += used;
+        if nth == 0 && value != Value::Long(&MAGIC) {
+            return malformed!("a pickle, but not one that PyTorch wrote");
+        }
+        *slot = value;
+    }
+    let [_, protocol, system, root, keys] = values;
+    if protocol != Value::Int(PROTOCOL) {
+        return malformed!("unknown version of PyTorch's older format");
+    }
+    if let Value::Dict(id) = system
+        && heap.dicts[id as usize].contains(&(Value::Str("little_endian"), Value::Bool(false)))
+    {
+        return malformed!("written on a big-endian machine");
+    }
+    let places = storages(file, at, &heap, keys)?;
+    resolve(&heap, root, key, file.len(), |storage| {
+        match places.get(storage.key) {
+            Some(place) => Ok(place.clone()),
+            None => malformed!("storage '{}' is not in the file", storage.key),
+        }
+    })
+}
+
+/// Walks over the storages that follow the pickles.
+fn storages<'a>(
+    file: &[u8],
+    mut at: usize,
+    heap: &Heap<'a>,
+    keys: Value<'a>,
+) -> Result<BTreeMap<&'a str, Range<usize>>, Fault> {
+    let mut described = BTreeMap::new();
+    for storage in &heap.storages {
+        if described
+            .insert(storage.key, storage)
+            .is_some_and(|other| other != storage)
+        {
+            return malformed!("storage '{}' is described in two ways", storage.key);
+        }
+    }
+    let Value::List(id) = keys else {
+        return malformed!("the storages' keys are {}", keys.kind());
+    };
+    let mut places = BTreeMap::new();
+    for key in &heap.lists[id as usize] {
+        let &Value::Str(key) = key else {
+            return malformed!("a storage's key is {}", key.kind());
+        };
+        let Some(storage) = described.get(key) else {
+            return malformed!("storage '{key}' belongs to no tensor, so its type is unknown");
+        };
+        let Some((count, _)) = file[at..].split_first_chunk::<8>() else {
+            return malformed!("storage '{key}' is cut off");
+        };
+        let numel = u64::from_le_bytes(*count);
+        if numel != storage.numel {
+            return malformed!(
+                "storage '{key}' has {numel} elements, its tensors say {}",
+                storage.numel
+            );
+        }
+        let start = at + 8;
+        let end = usize::try_from(numel)
+            .ok()
+            .and_then(|n| n.checked_mul(storage.dtype.size())?.checked_add(start))
+            .filter(|&end| end <= file.len());
+        let Some(end) = end else {
+            return malformed!("storage '{key}' of {numel} elements reaches beyond the file");
+        };
+        if places.insert(key, start..end).is_some() {
+            return malformed!("storage '{key}' comes twice");
+        }
+        at = end;
+    }
+    Ok(places)
+}

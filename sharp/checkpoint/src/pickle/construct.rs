@@ -1,0 +1,114 @@
+//! What the known constructors make of their arguments.
+
+use crate::error::{Fault, malformed};
+
+use super::value::{Global, Heap, Storage, Tensor, Value};
+
+/// The most pairs that ordered dicts may copy from lists, all together.
+const MAX_COPIED: usize = 1 << 20;
+/// The longest key of a storage: PyTorch uses counters or addresses.
+const MAX_KEY_LEN: usize = 128;
+
+impl<'a> Heap<'a> {
+    /// The value of calling `function` with the tuple `args`.
+    pub(super) fn construct(
+        &mut self,
+        function: Value<'a>,
+        args: Value<'a>,
+    ) -> Result<Value<'a>, Fault> {
+        let Value::Global(global) = function else {
+            return malformed!("pickle: {} is called", function.kind());
+        };
+        let Value::Tuple(start, end) = args else {
+            return malformed!("pickle: arguments are {}", args.kind());
+        };
+        let args = &self.tuples[start as usize..end as usize];
+        match (global, args) {
+            (Global::OrderedDict, []) => Ok(self.new_dict(Vec::new())),
+            (Global::OrderedDict, &[pairs]) => {
+                let pairs = self.pairs(pairs)?;
+                Ok(self.new_dict(pairs))
+            }
+            (
+                Global::RebuildTensor | Global::RebuildTensorV2,
+                &[
+                    Value::Storage(storage),
+                    Value::Int(offset),
+                    Value::Tuple(a, b),
+                    Value::Tuple(c, d),
+                    ..,
+                ],
+            ) => {
+                self.tensors.push(Tensor {
+                    storage,
+                    offset,
+                    shape: a..b,
+                    strides: c..d,
+                });
+                Ok(Value::Tensor(self.tensors.len() as u32 - 1))
+            }
+            (Global::RebuildParameter, &[tensor @ Value::Tensor(_), ..]) => Ok(tensor),
+            (Global::Size, &[shape @ Value::Tuple(..)]) => Ok(shape),
+            _ => malformed!("pickle: {global:?} is called with unexpected arguments"),
+        }
+    }
+
+    /// Key-value pairs of a list of two-item lists or tuples, as Python 2 pickled ordered dicts.
+    fn pairs(&mut self, list: Value<'a>) -> Result<Vec<(Value<'a>, Value<'a>)>, Fault> {
+        let Some(items) = self.items(list) else {
+            return malformed!("pickle: an ordered dict of {}", list.kind());
+        };
+        // The only place where one opcode copies more than it consumes.
+        let copied = self.copied + items.len();
+        if copied > MAX_COPIED {
+            return malformed!("pickle: one list is made into ordered dicts again and again");
+        }
+        let pairs = items
+            .iter()
+            .map(|&item| match self.items(item) {
+                Some(&[key, value]) => Ok((key, value)),
+                _ => malformed!("pickle: an ordered dict of something else than pairs"),
+            })
+            .collect();
+        self.copied = copied;
+        pairs
+    }
+
+    pub(super) fn new_dict(&mut self, pairs: Vec<(Value<'a>, Value<'a>)>) -> Value<'a> {
+        self.dicts.push(pairs);
+        Value::Dict(self.dicts.len() as u32 - 1)
+    }
+
+    /// The storage that a persistent id `('storage', class, key, location, numel[, view])` names.
+    /// The location (`cpu`, `cuda:0`) says where it was, which does not matter here.
+    pub(super) fn persistent(&mut self, id: Value<'a>) -> Result<Value<'a>, Fault> {
+        let (dtype, key, numel) = match self.items(id) {
+            Some(
+                &[
+                    Value::Str("storage"),
+                    Value::Global(Global::Storage(dtype)),
+                    Value::Str(key),
+                    Value::Str(_),
+                    Value::Int(numel),
+                ]
+                | &[
+                    Value::Str("storage"),
+                    Value::Global(Global::Storage(dtype)),
+                    Value::Str(key),
+                    Value::Str(_),
+                    Value::Int(numel),
+                    Value::None,
+                ],
+            ) => (dtype, key, numel),
+            _ => return malformed!("pickle: a persistent id that is no storage"),
+        };
+        if key.len() > MAX_KEY_LEN {
+            return malformed!("pickle: a storage key of {} bytes", key.len());
+        }
+        let Ok(numel) = u64::try_from(numel) else {
+            return malformed!("pickle: storage '{key}' of {numel} elements");
+        };
+        self.storages.push(Storage { key, dtype, numel });
+        Ok(Value::Storage(self.storages.len() as u32 - 1))
+    }
+}

@@ -1,0 +1,190 @@
+//! From a pickled object to named tensors.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::error::{Fault, malformed};
+use crate::tensor::Layout;
+
+use super::value::{Heap, Storage, Value};
+
+/// The named tensors of a state dict, and what else lay among them.
+#[derive(Debug, Default)]
+pub(crate) struct Named {
+    pub(crate) tensors: BTreeMap<String, Layout>,
+    /// Keys whose values are no tensors.
+    pub(crate) others: Vec<String>,
+    /// The key the state dict was found under, if it was not the pickled object itself.
+    pub(crate) key: Option<String>,
+}
+
+/// Picks the state dict out of `root`: the object itself if it holds tensors; else the dict
+/// under `key`, or, without a key, the only dict in it that holds tensors.
+///
+/// `place` says where a storage's bytes lie in the file of `file_len` bytes.
+pub(crate) fn resolve<'a>(
+    heap: &Heap<'a>,
+    root: Value<'a>,
+    key: Option<&str>,
+    file_len: usize,
+    mut place: impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
+) -> Result<Named, Fault> {
+    let Some(top) = entries(heap, root) else {
+        return Err(Fault::StateDict(format!(
+            "the pickled object is {}, not a dict of tensors",
+            root.kind()
+        )));
+    };
+    let (chosen, key) = match key {
+        Some(key) => match top.get(key).and_then(|&value| entries(heap, value)) {
+            Some(nested) => (nested, Some(key.to_owned())),
+            None => {
+                return Err(Fault::StateDict(format!(
+                    "no state dict under '{key}'; keys: {}",
+                    list(top.keys().copied())
+                )));
+            }
+        },
+        None if has_tensors(&top) => (top, None),
+        None => only_nested(heap, top)?,
+    };
+    let mut named = Named {
+        key,
+        ..Named::default()
+    };
+    for (name, value) in chosen {
+        match value {
+            Value::Tensor(id) => {
+                let layout =
+                    layout(heap, id, file_len, &mut place).map_err(|fault| about(fault, name))?;
+                named.tensors.insert(name.to_owned(), layout);
+            }
+            _ => named.others.push(name.to_owned()),
+        }
+    }
+    Ok(named)
+}
+
+fn about(fault: Fault, name: &str) -> Fault {
+    match fault {
+        Fault::Malformed(reason) => {
+            let name: String = name.chars().take(200).collect();
+            Fault::Malformed(format!("tensor '{name}': {reason}"))
+        }
+        other => other,
+    }
+}
+
+/// The string-keyed entries of a dict, the last of equal keys; sorted.
+fn entries<'a>(heap: &Heap<'a>, value: Value<'a>) -> Option<BTreeMap<&'a str, Value<'a>>> {
+    let Value::Dict(id) = value else {
+        return None;
+    };
+    let pairs = &heap.dicts[id as usize];
+    Some(
+        pairs
+            .iter()
+            .filter_map(|&(key, value)| match key {
+                Value::Str(key) => Some((key, value)),
+                _ => None,
+            })
+            .collect(),
+    )
+}
+
+fn has_tensors(entries: &BTreeMap<&str, Value<'_>>) -> bool {
+    entries.values().any(|v| matches!(v, Value::Tensor(_)))
+}
+
+type Chosen<'a> = (BTreeMap<&'a str, Value<'a>>, Option<String>);
+
+fn only_nested<'a>(
+    heap: &Heap<'a>,
+    top: BTreeMap<&'a str, Value<'a>>,
+) -> Result<Chosen<'a>, Fault> {
+    // Every dict is looked at once, however often the pickle refers to it.
+    let mut seen = BTreeMap::new();
+    let mut nested: Vec<&'a str> = Vec::new();
+    for (&key, &value) in &top {
+        if let Value::Dict(id) = value {
+            let holds = *seen.entry(id).or_insert_with(|| {
+                let pairs = &heap.dicts[id as usize];
+                pairs.iter().any(|(_, v)| matches!(v, Value::Tensor(_)))
+            });
+            if holds {
+                nested.push(key);
+            }
+        }
+    }
+    match nested[..] {
+        [key] => match entries(heap, top[key]) {
+            Some(found) if has_tensors(&found) => Ok((found, Some(key.to_owned()))),
+            _ => Err(Fault::StateDict(format!(
+                "the tensors under '{key}' have no names"
+            ))),
+        },
+        [] if top.is_empty() => Ok((top, None)),
+        [] => Err(Fault::StateDict(format!(
+            "no state dict; keys: {}",
+            list(top.keys().copied())
+        ))),
+        _ => Err(Fault::StateDict(format!(
+            "several state dicts, under {}; name one of them",
+            list(nested.iter().copied())
+        ))),
+    }
+}
+
+/// The first few of many keys, for a message.
+fn list<'a>(keys: impl Iterator<Item = &'a str> + Clone) -> String {
+    const SHOWN: usize = 12;
+    let mut text: Vec<String> = keys
+        .clone()
+        .take(SHOWN)
+        .map(|k| format!("'{}'", k.chars().take(80).collect::<String>()))
+        .collect();
+    let more = keys.count().saturating_sub(SHOWN);
+    if more > 0 {
+        text.push(format!("{more} more"));
+    }
+    text.join(", ")
+}
+
+fn layout<'a>(
+    heap: &Heap<'a>,
+    id: u32,
+    file_len: usize,
+    place: &mut impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
+) -> Result<Layout, Fault> {
+    let tensor = &heap.tensors[id as usize];
+    let storage = &heap.storages[tensor.storage as usize];
+    if tensor.shape.len() > crate::tensor::MAX_RANK {
+        return malformed!(
+            "{} axes; at most {}",
+            tensor.shape.len(),
+            crate::tensor::MAX_RANK
+        );
+    }
+    let numbers = |range: &Range<u32>| -> Result<Vec<usize>, Fault> {
+        heap.tuples[range.start as usize..range.end as usize]
+            .iter()
+            .take(crate::tensor::MAX_RANK + 1)
+            .map(|v| match *v {
+                Value::Int(n) => usize::try_from(n)
+                    .map_err(|_| Fault::Malformed(format!("a negative size or stride ({n})"))),
+                _ => malformed!("a size or stride is {}", v.kind()),
+            })
+            .collect()
+    };
+    let Ok(offset) = usize::try_from(tensor.offset) else {
+        return malformed!("a negative offset ({})", tensor.offset);
+    };
+    Layout::new(
+        storage.dtype,
+        numbers(&tensor.shape)?,
+        numbers(&tensor.strides)?,
+        offset,
+        place(storage)?,
+        file_len,
+    )
+}

@@ -1,0 +1,94 @@
+//! Hostile files are refused without large allocations: every allocation is counted.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+use sharp_checkpoint::Checkpoint;
+
+struct Counting;
+
+static LIVE: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let live = LIVE.fetch_add(layout.size(), Relaxed) + layout.size();
+        PEAK.fetch_max(live, Relaxed);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        LIVE.fetch_sub(layout.size(), Relaxed);
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Bytes allocated at the peak while the file is opened and, if that works, read.
+fn peak(path: &Path) -> usize {
+    let before = LIVE.load(Relaxed);
+    PEAK.store(before, Relaxed);
+    if let Ok(found) = Checkpoint::open(path) {
+        for name in found.names() {
+            drop(found.tensor_f32(name));
+        }
+    }
+    PEAK.load(Relaxed) - before
+}
+
+/// A pickle after the four that precede the object in PyTorch's older format.
+fn older(object: &[u8]) -> Vec<u8> {
+    let mut out = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.".to_vec();
+    out.extend(b"\x80\x02M\xe9\x03.\x80\x02}.");
+    out.extend(object);
+    out
+}
+
+// One test, so that no other one allocates meanwhile.
+#[test]
+fn hostile_files_allocate_little() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("hostile.pt");
+    let mut json = vec![];
+    json.extend((1_u64 << 40).to_le_bytes());
+    json.extend(b"{\"a\":1}");
+    let huge_list = [&b"]("[..], &vec![b'N'; 4 << 20]].concat();
+    let many_lists = vec![b']'; 4 << 20];
+    let ordered = [
+        &b"]q\x00("[..],
+        &b"NN\x86".repeat(50_000),
+        b"e0ccollections\nOrderedDict\nq\x01",
+        &b"h\x01h\x00\x85R".repeat(50_000),
+    ]
+    .concat();
+    for (what, bytes) in [
+        ("long header", json),
+        ("long string", older(b"X\xff\xff\xff\xffabc")),
+        ("long list", older(&huge_list)),
+        ("many lists", older(&many_lists)),
+        ("one list in many dicts", older(&ordered)),
+    ] {
+        fs::write(&path, &bytes).unwrap();
+        let peak = peak(&path);
+        assert!(peak < 96 << 20, "{what}: {peak} bytes");
+    }
+    // A sparse file of 64 GiB that is one endless pickle, then one that is one endless header.
+    for start in [older(b"\x80\x02"), vec![0, 0, 0, 0, 8, 0, 0, 0, b'{']] {
+        fs::write(&path, &start).unwrap();
+        File::options()
+            .write(true)
+            .open(&path)
+            .unwrap()
+            .set_len(64 << 30)
+            .unwrap();
+        let peak = peak(&path);
+        assert!(peak < 1 << 20, "{peak} bytes");
+    }
+}
