@@ -177,7 +177,13 @@ fn map_rows<T: Send>(
     let range = if form.range_of_data {
         let range = data_range(prediction).max(data_range(target));
         if range == 0.0 {
-            return Err(Unavailable::NoRange);
+            let [a, b] = [prediction, target].map(|picture| picture.value(0, 0, 0));
+            if (a == 0.0) == (b == 0.0) {
+                return Err(Unavailable::NoRange);
+            }
+            // Contrast and structure are 0 / 0, but at most 1; the luminance before them is 0.
+            let zeros = vec![0.0; map_width * form.channels()];
+            return Ok((0..map_height).map(|y| each(y, &zeros)).collect());
         }
         range
     } else {
@@ -603,5 +609,8 @@ mod tests {
         let black = Picture::from(RgbImage::new(20, 20));
         let score = ssim(SsimVariant::Gauss11ReflectDataRange, &black, &black, None);
         assert_eq!(score, Err(Unavailable::NoRange));
+        let white = Picture::from(RgbImage::from_pixel(20, 20, Rgb([255; 3])));
+        let score = ssim(SsimVariant::Gauss11ReflectDataRange, &black, &white, None);
+        assert_eq!(score, Ok(0.0));
     }
 }
