@@ -1,0 +1,36 @@
+//! Which pairs are evaluated, and the geometry that decides it.
+//!
+//! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs
+//! a dataset; everything it leaves open is an option of [`PairOptions`], printed with the result.
+//!
+//! * [`random`]: the generator behind every seeded choice.
+//! * [`sets`]: views into sets of ten.
+//! * [`depth`]: depth maps joined with their cameras, and where they come from.
+//! * [`overlap`]: how much of one view another one sees.
+//! * [`options`]: every open choice, with its default and its text form.
+//! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
+//! * [`pairs`]: scenes into pairs.
+//! * [`sampling`]: which qualified pairs are evaluated.
+//! * [`pair_list`]: pairs as a file that can be published, verified and compared.
+//! * [`alignment`]: the global scale between predicted and ground-truth depth.
+//! * [`frustum_mask`]: which target pixels lie inside the source's field of view.
+
+pub mod alignment;
+pub mod depth;
+pub mod error;
+pub mod frustum_mask;
+pub mod options;
+pub mod overlap;
+pub mod pair_id;
+pub mod pair_list;
+pub mod pairs;
+pub mod random;
+pub mod sampling;
+pub mod sets;
+#[cfg(test)]
+mod test_scene;
+
+pub use error::ProtocolError;
+pub use options::PairOptions;
+pub use pair_list::PairList;
+pub use pairs::{Pair, PairBuild, build_pairs};

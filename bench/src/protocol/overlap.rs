@@ -1,0 +1,420 @@
+//! How much of one view another one sees.
+//!
+//! The paper selects pairs by "depth overlap" above 60 % and does not define it. Here it is directed:
+//! the pixels of one view are lifted by their depth and projected into the other, where each either is
+//! seen or not. All arithmetic is f64 and the result a count, so that it depends neither on threads
+//! nor on summation order.
+
+use glam::{DAffine3, DVec3};
+use image::Luma;
+use rayon::prelude::*;
+
+use super::depth::{PosedDepth, is_valid_depth};
+
+/// When a projected pixel counts as seen. In every case it has to land in front of the other camera
+/// and inside its image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OverlapTest {
+    /// Landing inside is enough; overstates by what is hidden.
+    Frustum,
+    /// The depth found there differs by at most `relative · z` from the projected z.
+    Consistent {
+        /// Tolerance as a share of z.
+        relative: f64,
+    },
+    /// The depth found there differs by less than `absolute_m + relative · z`, and z exceeds
+    /// `min_depth_m`. [`Self::MAP_ANYTHING`] has the values of MapAnything's covisibility.
+    AbsoluteRelative {
+        /// Tolerance, metres.
+        absolute_m: f64,
+        /// Tolerance as a share of z.
+        relative: f64,
+        /// Nearer points are not seen, metres.
+        min_depth_m: f64,
+    },
+}
+
+impl OverlapTest {
+    /// `|D − z| < 0.1 + 0.005 z − ln(0.5) · 0.1`, z > 0.04.
+    pub const MAP_ANYTHING: Self = Self::AbsoluteRelative {
+        absolute_m: 0.1 + std::f64::consts::LN_2 * 0.1,
+        relative: 0.005,
+        min_depth_m: 0.04,
+    };
+}
+
+/// How the other view's depth is read at a projected position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DepthLookup {
+    /// The pixel that contains the position.
+    Nearest,
+    /// Between the four surrounding centres, the outermost row and column repeated; not seen unless
+    /// all four are valid.
+    Bilinear,
+}
+
+/// What a count of seen pixels is divided by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Denominator {
+    /// Pixels with valid depth of the view whose pixels are projected.
+    Valid,
+    /// All pixels of that view.
+    All,
+    /// Pixels with valid depth of the view projected into; the share may exceed 1.
+    ValidOther,
+}
+
+/// How overlap is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OverlapOptions {
+    /// When a projected pixel counts as seen.
+    pub test: OverlapTest,
+    /// How depth is looked up.
+    pub lookup: DepthLookup,
+    /// What the count is divided by.
+    pub denominator: Denominator,
+    /// Every `stride`-th pixel of every `stride`-th row is projected, from `stride / 2` on; ≥ 1.
+    pub stride: u32,
+    /// Depth maps are first reduced to this longer side; see [`PosedDepth::reduced`].
+    pub max_side: Option<u32>,
+}
+
+impl Default for OverlapOptions {
+    /// Depth within 5 % at the nearest pixel, over valid pixels, every pixel at full size.
+    fn default() -> Self {
+        Self {
+            test: OverlapTest::Consistent { relative: 0.05 },
+            lookup: DepthLookup::Nearest,
+            denominator: Denominator::Valid,
+            stride: 1,
+            max_side: None,
+        }
+    }
+}
+
+/// What was counted when one view's pixels were projected into another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OverlapCounts {
+    /// Projected pixels that the other view sees.
+    pub seen: u64,
+    /// Projected pixels, which all have valid depth.
+    pub valid: u64,
+    /// All pixels of the view, or of its subsample.
+    pub pixels: u64,
+    /// Valid pixels of the other view, or of its subsample.
+    pub valid_other: u64,
+}
+
+impl OverlapCounts {
+    /// The share of pixels seen; `None` when there is nothing to divide by.
+    pub fn share(&self, denominator: Denominator) -> Option<f64> {
+        let by = match denominator {
+            Denominator::Valid => self.valid,
+            Denominator::All => self.pixels,
+            Denominator::ValidOther => self.valid_other,
+        };
+        (by > 0 && self.valid > 0).then(|| self.seen as f64 / by as f64)
+    }
+}
+
+/// Projects the pixels of `view` into `other` and counts those that `other` sees.
+///
+/// The overlap of an ordered pair (source, target) in the sense of the default is
+/// `overlap(target, source)`. [`OverlapOptions::max_side`] is the caller's business.
+pub fn overlap(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> OverlapCounts {
+    let projection = Projection::new(view, other);
+    let step = options.stride.max(1) as usize;
+    let (width, height) = view.depth().dimensions();
+    let columns = || (step / 2..width as usize).step_by(step);
+    let mut counts = (step / 2..height as usize)
+        .into_par_iter()
+        .step_by(step)
+        .map(|y| {
+            let row = row_of(view, y);
+            let mut counts = OverlapCounts::default();
+            for x in columns() {
+                counts.pixels += 1;
+                let depth = row[x];
+                if is_valid_depth(depth) {
+                    counts.valid += 1;
+                    let point = projection.apply(x, y, f64::from(depth));
+                    counts.seen += u64::from(is_seen(point, other, options));
+                }
+            }
+            counts
+        })
+        .reduce(OverlapCounts::default, |a, b| OverlapCounts {
+            seen: a.seen + b.seen,
+            valid: a.valid + b.valid,
+            pixels: a.pixels + b.pixels,
+            valid_other: 0,
+        });
+    if options.denominator == Denominator::ValidOther {
+        counts.valid_other = count_valid(other, step);
+    }
+    counts
+}
+
+/// Which pixels of `view` are seen by `other`: row-major, one entry a pixel, false where depth is
+/// invalid. The stride is ignored.
+pub fn seen_mask(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Vec<bool> {
+    let projection = Projection::new(view, other);
+    let (width, height) = view.depth().dimensions();
+    (0..height as usize)
+        .into_par_iter()
+        .flat_map_iter(|y| {
+            let row = row_of(view, y);
+            let projection = &projection;
+            (0..width as usize).map(move |x| {
+                is_valid_depth(row[x])
+                    && is_seen(projection.apply(x, y, f64::from(row[x])), other, options)
+            })
+        })
+        .collect()
+}
+
+fn row_of(view: &PosedDepth, y: usize) -> &[f32] {
+    let width = view.depth().width() as usize;
+    &view.depth().as_raw()[y * width..(y + 1) * width]
+}
+
+fn count_valid(view: &PosedDepth, step: usize) -> u64 {
+    let (width, height) = view.depth().dimensions();
+    (step / 2..height as usize)
+        .step_by(step)
+        .map(|y| {
+            let row = row_of(view, y);
+            let valid = (step / 2..width as usize)
+                .step_by(step)
+                .filter(|&x| is_valid_depth(row[x]));
+            valid.count() as u64
+        })
+        .sum()
+}
+
+/// The map from pixel and depth of one view to homogeneous pixels `(u z, v z, z)` of another.
+struct Projection(DAffine3);
+
+impl Projection {
+    fn new(view: &PosedDepth, other: &PosedDepth) -> Self {
+        let other_from_view = other
+            .camera_from_world()
+            .after(&view.camera_from_world().inverse());
+        let k = other.intrinsics().matrix();
+        Self(DAffine3::from_mat3_translation(
+            k * other_from_view.rotation * view.intrinsics().matrix().inverse(),
+            k * other_from_view.translation,
+        ))
+    }
+
+    fn apply(&self, x: usize, y: usize, depth: f64) -> DVec3 {
+        let centre = DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+        self.0.transform_point3(centre * depth)
+    }
+}
+
+fn is_seen(point: DVec3, other: &PosedDepth, options: &OverlapOptions) -> bool {
+    let z = point.z;
+    if z <= 0.0 {
+        return false;
+    }
+    let (u, v) = (point.x / z, point.y / z);
+    let (width, height) = other.depth().dimensions();
+    if !(u >= 0.0 && v >= 0.0 && u < f64::from(width) && v < f64::from(height)) {
+        return false;
+    }
+    let found = || match options.lookup {
+        DepthLookup::Nearest => {
+            let Luma([depth]) = *other.depth().get_pixel(u as u32, v as u32);
+            is_valid_depth(depth).then(|| f64::from(depth))
+        }
+        DepthLookup::Bilinear => sample_bilinear(other, u, v),
+    };
+    match options.test {
+        OverlapTest::Frustum => true,
+        OverlapTest::Consistent { relative } => {
+            found().is_some_and(|depth| (depth - z).abs() <= relative * z)
+        }
+        OverlapTest::AbsoluteRelative {
+            absolute_m,
+            relative,
+            min_depth_m,
+        } => {
+            z > min_depth_m
+                && found().is_some_and(|depth| (depth - z).abs() < absolute_m + relative * z)
+        }
+    }
+}
+
+/// Depth between the four surrounding pixel centres, the border repeated; `None` unless all four are
+/// valid. `u` and `v` lie inside the image.
+fn sample_bilinear(view: &PosedDepth, u: f64, v: f64) -> Option<f64> {
+    let (width, height) = view.depth().dimensions();
+    let taps = |at: f64, n: u32| {
+        let first = (at - 0.5).floor();
+        let clamp = |i: f64| i.clamp(0.0, f64::from(n - 1)) as u32;
+        (clamp(first), clamp(first + 1.0), at - 0.5 - first)
+    };
+    let (x0, x1, fx) = taps(u, width);
+    let (y0, y1, fy) = taps(v, height);
+    let tap = |x, y| {
+        let Luma([depth]) = *view.depth().get_pixel(x, y);
+        is_valid_depth(depth).then(|| f64::from(depth))
+    };
+    let top = tap(x0, y0)? * (1.0 - fx) + tap(x1, y0)? * fx;
+    let bottom = tap(x0, y1)? * (1.0 - fx) + tap(x1, y1)? * fx;
+    Some(top * (1.0 - fy) + bottom * fy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat3;
+    use sharp::camera::{Intrinsics, RigidTransform};
+    use sharp_datasets::DepthMap;
+
+    /// A camera at `center`, looking along z.
+    fn camera(center: DVec3, depth: DepthMap) -> PosedDepth {
+        let intrinsics = Intrinsics::new((100.0, 100.0), (50.0, 40.0), (100, 80)).unwrap();
+        let pose = RigidTransform::new(DMat3::IDENTITY, -center).unwrap();
+        PosedDepth::new("wall", intrinsics, pose, depth).unwrap()
+    }
+
+    fn flat(depth: f32) -> DepthMap {
+        DepthMap::from_pixel(100, 80, Luma([depth]))
+    }
+
+    /// A wall at `depth` metres, seen from `x` metres to the right of the world's origin.
+    fn wall(x: f64, depth: f32) -> PosedDepth {
+        camera(DVec3::new(x, 0.0, 0.0), flat(depth))
+    }
+
+    fn share(view: &PosedDepth, other: &PosedDepth, options: &OverlapOptions) -> Option<f64> {
+        overlap(view, other, options).share(options.denominator)
+    }
+
+    #[test]
+    fn a_sideways_step_uncovers_its_disparity() {
+        // 0.3 m at 2 m with f = 100: 15 px of 100. A little off, so that no pixel lands on an edge.
+        let (left, right) = (wall(0.0, 2.0), wall(0.301, 2.0));
+        let options = OverlapOptions::default();
+        assert_eq!(share(&right, &left, &options), Some(0.85));
+        assert_eq!(share(&left, &right, &options), Some(0.85));
+        assert_eq!(share(&left, &left, &options), Some(1.0));
+    }
+
+    #[test]
+    fn depth_that_disagrees_is_not_seen_but_still_inside() {
+        let (near, far) = (wall(0.0, 2.0), wall(0.0, 2.11));
+        let frustum = OverlapOptions {
+            test: OverlapTest::Frustum,
+            ..OverlapOptions::default()
+        };
+        // 0.11 is within 5 % of 2.11, 0.1055 at most, for neither; within 6 % for both.
+        assert_eq!(share(&near, &far, &OverlapOptions::default()), Some(0.0));
+        assert_eq!(share(&near, &far, &frustum), Some(1.0));
+        let looser = OverlapOptions {
+            test: OverlapTest::Consistent { relative: 0.06 },
+            ..OverlapOptions::default()
+        };
+        assert_eq!(share(&near, &far, &looser), Some(1.0));
+        let map_anything = OverlapOptions {
+            test: OverlapTest::MAP_ANYTHING,
+            ..OverlapOptions::default()
+        };
+        assert_eq!(share(&near, &far, &map_anything), Some(1.0));
+        assert_eq!(share(&near, &wall(0.0, 2.19), &map_anything), Some(0.0));
+    }
+
+    #[test]
+    fn denominators_differ_by_what_is_invalid() {
+        let mut map = flat(2.0);
+        for (i, depth) in map.iter_mut().enumerate() {
+            if i % 100 < 25 {
+                *depth = if i % 2 == 0 { 0.0 } else { f32::INFINITY };
+            }
+        }
+        let holed = camera(DVec3::ZERO, map);
+        let whole = wall(0.0, 2.0);
+        let by = |denominator| OverlapOptions {
+            denominator,
+            ..OverlapOptions::default()
+        };
+        assert_eq!(share(&holed, &whole, &by(Denominator::Valid)), Some(1.0));
+        assert_eq!(share(&holed, &whole, &by(Denominator::All)), Some(0.75));
+        assert_eq!(
+            share(&holed, &whole, &by(Denominator::ValidOther)),
+            Some(0.75)
+        );
+        assert_eq!(share(&whole, &holed, &by(Denominator::Valid)), Some(0.75));
+        let mask = seen_mask(&holed, &whole, &OverlapOptions::default());
+        assert!(
+            mask.iter()
+                .enumerate()
+                .all(|(i, &seen)| seen == (i % 100 >= 25))
+        );
+    }
+
+    #[test]
+    fn nothing_valid_gives_no_share() {
+        let empty = wall(0.0, 0.0);
+        assert_eq!(
+            share(&empty, &wall(0.0, 2.0), &OverlapOptions::default()),
+            None
+        );
+        let by_other = OverlapOptions {
+            denominator: Denominator::ValidOther,
+            ..OverlapOptions::default()
+        };
+        assert_eq!(share(&wall(0.0, 2.0), &empty, &by_other), None);
+    }
+
+    #[test]
+    fn what_lies_behind_the_other_camera_is_not_seen() {
+        let front = wall(0.0, 2.0);
+        let past = camera(DVec3::new(0.0, 0.0, 3.0), flat(2.0));
+        for test in [
+            OverlapTest::Frustum,
+            OverlapTest::Consistent { relative: 10.0 },
+        ] {
+            let options = OverlapOptions {
+                test,
+                ..OverlapOptions::default()
+            };
+            assert_eq!(share(&front, &past, &options), Some(0.0));
+        }
+    }
+
+    #[test]
+    fn a_stride_takes_the_middle_of_each_cell() {
+        let (left, right) = (wall(0.0, 2.0), wall(0.301, 2.0));
+        let options = OverlapOptions {
+            stride: 4,
+            ..OverlapOptions::default()
+        };
+        let counts = overlap(&left, &right, &options);
+        assert_eq!(counts.pixels, 25 * 20);
+        // Columns 2, 6, … 98 of which 0–14 leave the image: 2, 6, 10, 14.
+        assert_eq!(counts.seen, 21 * 20);
+    }
+
+    #[test]
+    fn bilinear_lookup_needs_four_valid_pixels() {
+        let mut map = flat(2.0);
+        map.put_pixel(50, 40, Luma([0.0]));
+        let other = camera(DVec3::ZERO, map);
+        let view = wall(0.001, 2.0);
+        let with = |lookup| OverlapOptions {
+            lookup,
+            ..OverlapOptions::default()
+        };
+        let all = 100 * 80;
+        // The camera stands 0.05 px to the right: every pixel reads itself and its right neighbour.
+        let nearest = overlap(&view, &other, &with(DepthLookup::Nearest));
+        assert_eq!(nearest.seen, all - 1);
+        let bilinear = overlap(&view, &other, &with(DepthLookup::Bilinear));
+        // Along y the weight of the next row is exactly 0, but the row still has to be valid.
+        assert!(bilinear.seen < all - 1, "{}", bilinear.seen);
+        assert!(bilinear.seen >= all - 4, "{}", bilinear.seen);
+    }
+}

@@ -1,0 +1,443 @@
+//! Pairs as a file that can be published, verified against someone's files and compared.
+//!
+//! CSV with one header line, `\n` at line ends, rows sorted bytewise by `pair_id`, numbers in the
+//! shortest form that reads back to the same value, an empty field where a value is unknown,
+//! `selected` as `true` or `false`. The sha256 of a list is that of the file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use rayon::prelude::*;
+use sharp_datasets::{Scene, View};
+
+use super::ProtocolError;
+use super::pair_id::PairName;
+use super::pairs::Pair;
+use crate::durable::{FileError, sha256_hex, write_atomic};
+
+/// The columns, in order.
+pub const COLUMNS: [&str; 16] = [
+    "pair_id",
+    "dataset",
+    "scene",
+    "set",
+    "source",
+    "target",
+    "source_file",
+    "target_file",
+    "source_sha256",
+    "target_sha256",
+    "baseline_m",
+    "rotation_deg",
+    "median_depth_m",
+    "overlap",
+    "overlap_source_to_target",
+    "selected",
+];
+
+/// A list of pairs and where each came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairList {
+    /// What errors call the list: its file.
+    pub path: PathBuf,
+    /// The rows in file order.
+    pub pairs: Vec<Pair>,
+    /// sha256 of the file, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+    lines: Vec<u64>,
+}
+
+impl PairList {
+    /// A list of pairs that were just made, for [`Self::write`].
+    pub fn new(path: impl Into<PathBuf>, mut pairs: Vec<Pair>) -> Self {
+        pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
+        let sha256 = sha256_hex(to_csv(&pairs).as_bytes());
+        Self {
+            path: path.into(),
+            lines: (2..).take(pairs.len()).collect(),
+            pairs,
+            sha256,
+        }
+    }
+
+    /// Reads and checks a list.
+    ///
+    /// # Errors
+    /// [`ProtocolError::File`]; [`ProtocolError::List`] with the line of the first thing that is wrong: a
+    /// missing column, a number that is none, an id that disagrees with its row, a pair given twice.
+    pub fn read(path: &Path) -> Result<Self, ProtocolError> {
+        let bytes = fs::read(path).map_err(FileError::new(path, "read"))?;
+        Self::parse(path, &bytes)
+    }
+
+    /// As [`Self::read`], from bytes; `path` is for errors only.
+    ///
+    /// # Errors
+    /// As [`Self::read`], without the first.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, ProtocolError> {
+        let wrong = |line: u64, reason: String| ProtocolError::List {
+            path: path.to_owned(),
+            line,
+            reason,
+        };
+        let mut reader = csv::Reader::from_reader(bytes);
+        let header = reader
+            .headers()
+            .map_err(|error| wrong(1, error.to_string()))?;
+        if !header.iter().eq(COLUMNS) {
+            return Err(wrong(
+                1,
+                format!("the columns have to be {}", COLUMNS.join(",")),
+            ));
+        }
+        let mut list = Self {
+            path: path.to_owned(),
+            pairs: Vec::new(),
+            lines: Vec::new(),
+            sha256: sha256_hex(bytes),
+        };
+        let mut seen = BTreeSet::new();
+        let mut row = csv::StringRecord::new();
+        loop {
+            let line = reader.position().line();
+            match reader.read_record(&mut row) {
+                Ok(false) => return Ok(list),
+                Ok(true) => {}
+                Err(error) => return Err(wrong(line, error.to_string())),
+            }
+            let line = row.position().map_or(line, csv::Position::line);
+            let pair = parse_row(&row).map_err(|reason| wrong(line, reason))?;
+            if !seen.insert(pair.pair_id.clone()) {
+                return Err(wrong(
+                    line,
+                    format!("pair '{}' is given twice", pair.pair_id),
+                ));
+            }
+            list.pairs.push(pair);
+            list.lines.push(line);
+        }
+    }
+
+    /// The file's content.
+    pub fn to_csv(&self) -> String {
+        to_csv(&self.pairs)
+    }
+
+    /// Writes the list to its path: whole or not at all.
+    ///
+    /// # Errors
+    /// [`ProtocolError::File`].
+    pub fn write(&self) -> Result<(), ProtocolError> {
+        Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
+    }
+
+    /// Finds the views of the pairs. Pairs that are not selected are resolved too.
+    ///
+    /// # Errors
+    /// [`ProtocolError::List`] naming the line and what is absent from the scenes.
+    pub fn resolve<'a>(
+        &'a self,
+        scenes: &'a [Scene],
+    ) -> Result<Vec<ResolvedPair<'a>>, ProtocolError> {
+        let mut by_name: BTreeMap<(&str, &str), (&Scene, BTreeMap<&str, &View>)> = BTreeMap::new();
+        for scene in scenes {
+            let views = scene.views.iter().map(|v| (v.id.as_str(), v)).collect();
+            by_name.insert((&scene.dataset, &scene.id), (scene, views));
+        }
+        let resolve_one = |(pair, &line): (&'a Pair, &u64)| {
+            let absent = |what: String| ProtocolError::List {
+                path: self.path.clone(),
+                line,
+                reason: what,
+            };
+            let (scene, views) = by_name
+                .get(&(pair.dataset.as_str(), pair.scene.as_str()))
+                .ok_or_else(|| absent(absent_scene(pair, scenes)))?;
+            let view = |id: &str| {
+                views.get(id).copied().ok_or_else(|| {
+                    absent(format!(
+                        "view '{id}' is not in scene '{}' of dataset '{}'",
+                        pair.scene, pair.dataset
+                    ))
+                })
+            };
+            Ok(ResolvedPair {
+                pair,
+                scene,
+                source: view(&pair.source)?,
+                target: view(&pair.target)?,
+            })
+        };
+        self.pairs
+            .iter()
+            .zip(&self.lines)
+            .map(resolve_one)
+            .collect()
+    }
+
+    /// Compares the photographs' hashes with the list's. Empty means that every photograph that the
+    /// list has a hash of is the one that the list was made from.
+    ///
+    /// # Errors
+    /// As [`Self::resolve`]; [`ProtocolError::Dataset`] if a photograph cannot be read.
+    pub fn verify(&self, scenes: &[Scene]) -> Result<Vec<HashMismatch>, ProtocolError> {
+        let mut expected: BTreeMap<(&str, &str, &str), (&View, BTreeSet<&str>)> = BTreeMap::new();
+        for found in self.resolve(scenes)? {
+            let pair = found.pair;
+            for (view, hash) in [
+                (found.source, &pair.source_sha256),
+                (found.target, &pair.target_sha256),
+            ] {
+                if !hash.is_empty() {
+                    let key = (pair.dataset.as_str(), pair.scene.as_str(), view.id.as_str());
+                    let entry = expected.entry(key).or_insert((view, BTreeSet::new()));
+                    entry.1.insert(hash);
+                }
+            }
+        }
+        let checks: Vec<_> = expected.into_iter().collect();
+        let found: Result<Vec<_>, ProtocolError> = checks
+            .par_iter()
+            .map(|(_, (view, _))| Ok(view.content.image_sha256()?))
+            .collect();
+        let mut mismatches = Vec::new();
+        for (((dataset, scene, view), (_, hashes)), found) in checks.into_iter().zip(found?) {
+            for expected in hashes.into_iter().filter(|hash| **hash != found) {
+                mismatches.push(HashMismatch {
+                    dataset: dataset.to_owned(),
+                    scene: scene.to_owned(),
+                    view: view.to_owned(),
+                    expected: expected.to_owned(),
+                    found: found.clone(),
+                });
+            }
+        }
+        Ok(mismatches)
+    }
+
+    /// What differs between two lists, by pair id; the order of rows does not count.
+    pub fn diff(&self, other: &Self) -> ListDiff {
+        let index = |list: &Self| -> BTreeMap<String, [String; COLUMNS.len()]> {
+            let rows = list.pairs.iter();
+            rows.map(|p| (p.pair_id.clone(), fields(p))).collect()
+        };
+        let (a, b) = (index(self), index(other));
+        let mut diff = ListDiff::default();
+        for (id, row) in &a {
+            let Some(other_row) = b.get(id) else {
+                diff.only_first.push(id.clone());
+                continue;
+            };
+            let changes: Vec<FieldChange> = COLUMNS
+                .iter()
+                .zip(row.iter().zip(other_row))
+                .filter(|(_, (first, second))| first != second)
+                .map(|(column, (first, second))| FieldChange {
+                    column,
+                    first: first.clone(),
+                    second: second.clone(),
+                })
+                .collect();
+            if changes.is_empty() {
+                diff.equal += 1;
+            } else {
+                diff.changed.push((id.clone(), changes));
+            }
+        }
+        diff.only_second = b.into_keys().filter(|id| !a.contains_key(id)).collect();
+        diff
+    }
+}
+
+/// A pair with the views that it names.
+#[derive(Debug, Clone, Copy)]
+pub struct ResolvedPair<'a> {
+    /// The row.
+    pub pair: &'a Pair,
+    /// Its scene.
+    pub scene: &'a Scene,
+    /// The view to predict from.
+    pub source: &'a View,
+    /// The view to predict.
+    pub target: &'a View,
+}
+
+/// A photograph that is not the one that a list was made from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HashMismatch {
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Id of the view.
+    pub view: String,
+    /// The list's sha256.
+    pub expected: String,
+    /// The photograph's.
+    pub found: String,
+}
+
+/// What differs between two lists.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ListDiff {
+    /// Pairs that only the first list has.
+    pub only_first: Vec<String>,
+    /// Pairs that only the second list has.
+    pub only_second: Vec<String>,
+    /// Pairs of both lists whose rows differ, and in what.
+    pub changed: Vec<(String, Vec<FieldChange>)>,
+    /// Pairs whose rows are equal.
+    pub equal: usize,
+}
+
+impl ListDiff {
+    /// True if the lists hold the same pairs with the same values.
+    pub fn is_empty(&self) -> bool {
+        self.only_first.is_empty() && self.only_second.is_empty() && self.changed.is_empty()
+    }
+}
+
+/// One value that differs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldChange {
+    /// The column.
+    pub column: &'static str,
+    /// As in the first list.
+    pub first: String,
+    /// As in the second list.
+    pub second: String,
+}
+
+fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
+    if scenes.iter().any(|scene| scene.dataset == pair.dataset) {
+        return format!(
+            "scene '{}' is not in dataset '{}'",
+            pair.scene, pair.dataset
+        );
+    }
+    let given: BTreeSet<&str> = scenes.iter().map(|s| s.dataset.as_str()).collect();
+    let given: Vec<&str> = given.into_iter().collect();
+    format!(
+        "dataset '{}' is not given; given: {}",
+        pair.dataset,
+        if given.is_empty() {
+            "none".to_owned()
+        } else {
+            given.join(", ")
+        }
+    )
+}
+
+fn to_csv(pairs: &[Pair]) -> String {
+    let mut text = COLUMNS.join(",");
+    text.push('\n');
+    for pair in pairs {
+        let fields = fields(pair).map(|field| quoted(&field));
+        text.push_str(&fields.join(","));
+        text.push('\n');
+    }
+    text
+}
+
+/// RFC 4180: quotes around a field only where it needs them.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}
+
+/// A row as text, in the order of [`COLUMNS`].
+fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
+    fn or_empty<T: ToString>(value: Option<T>) -> String {
+        value.map(|v| v.to_string()).unwrap_or_default()
+    }
+    [
+        pair.pair_id.clone(),
+        pair.dataset.clone(),
+        pair.scene.clone(),
+        or_empty(pair.set),
+        pair.source.clone(),
+        pair.target.clone(),
+        pair.source_file.clone(),
+        pair.target_file.clone(),
+        pair.source_sha256.clone(),
+        pair.target_sha256.clone(),
+        pair.baseline_m.to_string(),
+        pair.rotation_deg.to_string(),
+        or_empty(pair.median_depth_m),
+        or_empty(pair.overlap),
+        or_empty(pair.overlap_source_to_target),
+        pair.selected.to_string(),
+    ]
+}
+
+fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
+    let field = |i: usize| row.get(i).unwrap_or_default();
+    let text = |i: usize| field(i).to_owned();
+    let number = |i: usize| -> Result<f64, String> {
+        let value = field(i).parse::<f64>().ok();
+        value
+            .filter(|v| v.is_finite() && *v >= 0.0)
+            .ok_or_else(|| wrong_field(i, field(i), "a number of 0 or more"))
+    };
+    let number_or_none = |i: usize| {
+        if field(i).is_empty() {
+            Ok(None)
+        } else {
+            number(i).map(Some)
+        }
+    };
+    let hash = |i: usize| {
+        let is_digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
+        let value = field(i);
+        if value.is_empty() || (value.len() == 64 && value.bytes().all(is_digit)) {
+            Ok(value.to_owned())
+        } else {
+            Err(wrong_field(i, value, "64 lower-case hexadecimal digits"))
+        }
+    };
+    let pair = Pair {
+        pair_id: text(0),
+        dataset: text(1),
+        scene: text(2),
+        set: match field(3) {
+            "" => None,
+            number => {
+                Some(u32::from_str(number).map_err(|_| wrong_field(3, number, "a set's number"))?)
+            }
+        },
+        source: text(4),
+        target: text(5),
+        source_file: text(6),
+        target_file: text(7),
+        source_sha256: hash(8)?,
+        target_sha256: hash(9)?,
+        baseline_m: number(10)?,
+        rotation_deg: number(11)?,
+        median_depth_m: number_or_none(12)?,
+        overlap: number_or_none(13)?,
+        overlap_source_to_target: number_or_none(14)?,
+        selected: bool::from_str(field(15))
+            .map_err(|_| wrong_field(15, field(15), "true or false"))?,
+    };
+    let name = PairName::decode(&pair.pair_id).map_err(|error| error.to_string())?;
+    let columns = [&pair.dataset, &pair.scene, &pair.source, &pair.target];
+    if [&name.dataset, &name.scene, &name.source, &name.target] != columns {
+        return Err(format!(
+            "pair id '{}' disagrees with the row's dataset, scene, source and target",
+            pair.pair_id
+        ));
+    }
+    Ok(pair)
+}
+
+fn wrong_field(column: usize, value: &str, expected: &str) -> String {
+    format!("{} is '{value}', not {expected}", COLUMNS[column])
+}
+
+#[cfg(test)]
+mod tests;

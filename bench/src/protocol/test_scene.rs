@@ -1,0 +1,95 @@
+//! A small in-memory scene for the tests of this module.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::{DMat3, DVec3};
+use image::{Luma, RgbImage};
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
+
+/// What a view's depth is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Depth {
+    /// A wall at this distance.
+    Wall(f32),
+    /// None.
+    Absent,
+    /// A file that cannot be read.
+    Broken,
+}
+
+#[derive(Debug)]
+struct Wall {
+    file: PathBuf,
+    depth: Depth,
+    reads: Arc<AtomicUsize>,
+}
+
+impl ViewContent for Wall {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        Ok(RgbImage::new(WIDTH, HEIGHT))
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        match self.depth {
+            Depth::Wall(z) => Ok(Some(DepthMap::from_pixel(WIDTH, HEIGHT, Luma([z])))),
+            Depth::Absent => Ok(None),
+            Depth::Broken => Err(DatasetError::malformed("d.pfm", "truncated")),
+        }
+    }
+
+    fn image_file(&self) -> Option<&Path> {
+        Some(&self.file)
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.file.clone()]
+    }
+
+    fn image_sha256(&self) -> Result<String, DatasetError> {
+        Ok(format!("{:0>64}", self.file.to_string_lossy().len()))
+    }
+}
+
+const WIDTH: u32 = 100;
+const HEIGHT: u32 = 10;
+
+/// A row of parallel cameras before a wall 2 m away, `step_m` apart. One metre is 50 px, so two views
+/// that are d metres apart overlap by 1 − d / 2.
+pub(super) struct Row {
+    pub(super) scene: Scene,
+    /// How often depth was read.
+    pub(super) reads: Arc<AtomicUsize>,
+}
+
+pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Row {
+    let reads = Arc::new(AtomicUsize::new(0));
+    let intrinsics = Intrinsics::new((100.0, 100.0), (50.0, 5.0), (WIDTH, HEIGHT)).unwrap();
+    let view = |(i, depth): (usize, &Depth)| View {
+        id: format!("v{i}"),
+        intrinsics,
+        camera_from_world: RigidTransform::new(
+            DMat3::IDENTITY,
+            // Off the pixel grid, so that no projection falls on the edge of a pixel.
+            DVec3::new(-(i as f64 * step_m + 1e-4 * (i * i) as f64), 0.0, 0.0),
+        )
+        .unwrap(),
+        content: Arc::new(Wall {
+            file: PathBuf::from(format!("root/{dataset}/{id}/v{i}.png")),
+            depth: *depth,
+            reads: reads.clone(),
+        }),
+    };
+    let scene = Scene {
+        dataset: dataset.into(),
+        id: id.into(),
+        cluster: id.into(),
+        views: depths.iter().enumerate().map(view).collect(),
+        pairing: Pairing::MultiView,
+        notes: Vec::new(),
+    };
+    Row { scene, reads }
+}
