@@ -3,7 +3,6 @@
 //!
 //! The golden data puts the centre of pixel (i, j) at (i, j); ours lies at (i + 0.5, j + 0.5).
 
-use std::error::Error;
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,7 +22,7 @@ use sharp_datasets::DepthMap;
 
 type Outcome = Result<(), Failed>;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Outcome {
     let arguments = Arguments::from_args();
     let golden = Arc::new(Golden::load()?);
     let mut trials = vec![
@@ -79,7 +78,7 @@ struct Golden {
 }
 
 impl Golden {
-    fn load() -> Result<Self, Box<dyn Error>> {
+    fn load() -> Result<Self, Failed> {
         let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("golden/geometry");
         let read = |name: &str| {
             let path = folder.join(name);

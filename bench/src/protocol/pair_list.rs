@@ -141,10 +141,11 @@ impl PairList {
         &'a self,
         scenes: &'a [Scene],
     ) -> Result<Vec<ResolvedPair<'a>>, ProtocolError> {
-        let mut by_name: BTreeMap<(&str, &str), (&Scene, BTreeMap<&str, &View>)> = BTreeMap::new();
+        let mut by_name = BTreeMap::new();
         for scene in scenes {
-            let views = scene.views.iter().map(|v| (v.id.as_str(), v)).collect();
-            by_name.insert((&scene.dataset, &scene.id), (scene, views));
+            let views: BTreeMap<&str, &View> =
+                scene.views.iter().map(|v| (v.id.as_str(), v)).collect();
+            by_name.insert((scene.dataset.as_str(), scene.id.as_str()), (scene, views));
         }
         let resolve_one = |(pair, &line): (&'a Pair, &u64)| {
             let absent = |what: String| ProtocolError::List {
