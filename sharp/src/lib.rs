@@ -15,6 +15,7 @@
 //! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
 //! * [`unprojection`]: the release's way from normalised to metric space.
 //! * [`ply`]: Gaussian scenes as files.
+//! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;
 pub mod color;
@@ -22,5 +23,7 @@ pub mod composer;
 pub mod gaussians;
 pub mod initializer;
 pub mod ply;
+#[cfg(feature = "render")]
+pub mod render;
 pub mod resize;
 pub mod unprojection;

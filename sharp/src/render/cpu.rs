@@ -1,0 +1,210 @@
+//! The backend without a GPU: the passes on rayon's threads, sixteen pixels a lane group.
+
+use super::emit::{BIN, BinGrid, count, emit};
+use super::order::order;
+use super::project::{Projected, project};
+use super::raster::{BinPixels, raster};
+use super::renderer::check_scene;
+use super::tiles::TileLists;
+use super::{RenderError, RenderOutput, RenderView, Renderer, SimdLevel};
+use crate::gaussians::Gaussians;
+use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+
+/// Side of the tiles that own a list. A matter of speed: the picture's bytes do not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TileSize {
+    /// 4×4 pixels, what the lanes hold.
+    #[default]
+    Px4,
+    /// 8×8 pixels.
+    Px8,
+    /// 16×16 pixels, gsplat's.
+    Px16,
+    /// 32×32 pixels.
+    Px32,
+}
+
+impl TileSize {
+    fn pixels(self) -> usize {
+        match self {
+            Self::Px4 => 4,
+            Self::Px8 => 8,
+            Self::Px16 => 16,
+            Self::Px32 => 32,
+        }
+    }
+}
+
+/// Renders on the threads of the current rayon pool. Keeps its buffers between frames.
+///
+/// The picture has the same bytes for any number of threads, any tile size and any SIMD level.
+#[derive(Debug)]
+pub struct CpuRenderer {
+    simd: SimdLevel,
+    tile: TileSize,
+    pair_limit: u64,
+    projected: Projected,
+    bins: Mutex<Vec<BinScratch>>,
+}
+
+/// Pairs of (Gaussian, bin) that exist at a time, 8 bytes each; a scene with more is rendered in
+/// several rounds of bins.
+const PAIR_LIMIT: u64 = 1 << 25;
+
+/// What a thread needs for a bin.
+#[derive(Debug, Default)]
+struct BinScratch {
+    keys: Vec<u64>,
+    lists: TileLists,
+    members: Vec<u32>,
+}
+
+impl Default for CpuRenderer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CpuRenderer {
+    /// A renderer with the best instruction set of this machine.
+    pub fn new() -> Self {
+        Self::with_simd(SimdLevel::detect())
+    }
+
+    /// A renderer that uses the given instruction set.
+    pub fn with_simd(simd: SimdLevel) -> Self {
+        Self {
+            simd,
+            tile: TileSize::default(),
+            pair_limit: PAIR_LIMIT,
+            projected: Projected::default(),
+            bins: Mutex::default(),
+        }
+    }
+
+    /// The same renderer with another tile size.
+    #[must_use]
+    pub fn with_tile_size(self, tile: TileSize) -> Self {
+        Self { tile, ..self }
+    }
+
+    /// The same renderer with at most `pairs` (Gaussian, bin) pairs in memory at a time, 8 bytes
+    /// each, or as many as one bin of 64×64 pixels has. Changes memory and time, not the picture.
+    #[must_use]
+    pub fn with_pair_limit(self, pairs: u64) -> Self {
+        Self {
+            pair_limit: pairs,
+            ..self
+        }
+    }
+}
+
+impl Renderer for CpuRenderer {
+    fn name(&self) -> String {
+        format!("cpu-{}", self.simd.name())
+    }
+
+    fn render(
+        &mut self,
+        scene: &Gaussians,
+        view: &RenderView,
+    ) -> Result<RenderOutput, RenderError> {
+        view.check()?;
+        check_scene(scene)?;
+        let (width, height) = (view.intrinsics.width, view.intrinsics.height);
+        let grid = BinGrid::new(width, height);
+        project(self.simd, scene, view, &mut self.projected);
+        let Projected {
+            splats,
+            footprints,
+            drawn,
+            dropped,
+        } = &self.projected;
+        let pixels = width as usize * height as usize;
+        let mut out = RenderOutput {
+            width,
+            height,
+            rgb_linear: vec![[0.0; 3]; pixels],
+            alpha: vec![0.0; pixels],
+            depth_acc: vec![0.0; pixels],
+            drawn: *drawn,
+            dropped: *dropped,
+        };
+        let mut areas = cut(&mut out, grid);
+        let counts = count(grid, footprints);
+        for bins in counts.groups(grid, self.pair_limit) {
+            let lists = emit(grid, footprints, &counts, bins.clone());
+            areas[bins.clone()]
+                .par_iter_mut()
+                .zip(bins)
+                .with_max_len(1)
+                .for_each(|(area, bin)| {
+                    let mut scratch = self.take_scratch();
+                    lists.gather(bin, &mut scratch.keys);
+                    if !scratch.keys.is_empty() {
+                        order(&mut scratch.keys);
+                        let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
+                        let BinScratch {
+                            keys,
+                            lists,
+                            members,
+                        } = &mut scratch;
+                        lists.load(keys, splats, footprints, corner);
+                        lists.for_each_band(self.tile.pixels(), |band| {
+                            raster(self.simd, band, members, area);
+                        });
+                    }
+                    self.return_scratch(scratch);
+                });
+        }
+        drop(areas);
+        Ok(out)
+    }
+}
+
+impl CpuRenderer {
+    fn take_scratch(&self) -> BinScratch {
+        let mut pool = self.bins.lock().unwrap_or_else(PoisonError::into_inner);
+        pool.pop().unwrap_or_default()
+    }
+
+    fn return_scratch(&self, scratch: BinScratch) {
+        let mut pool = self.bins.lock().unwrap_or_else(PoisonError::into_inner);
+        pool.push(scratch);
+    }
+}
+
+/// Hands every bin its own rows of the output.
+fn cut(out: &mut RenderOutput, grid: BinGrid) -> Vec<BinPixels<'_>> {
+    let mut areas: Vec<BinPixels<'_>> = std::iter::repeat_with(BinPixels::default)
+        .take(grid.len())
+        .collect();
+    let width = out.width as usize;
+    let rows = out
+        .rgb_linear
+        .chunks_mut(width)
+        .zip(out.alpha.chunks_mut(width))
+        .zip(out.depth_acc.chunks_mut(width));
+    for (y, ((rgb, alpha), depth)) in rows.enumerate() {
+        let parts = rgb
+            .chunks_mut(BIN)
+            .zip(alpha.chunks_mut(BIN))
+            .zip(depth.chunks_mut(BIN));
+        let first = y / BIN * grid.columns;
+        for (area, ((rgb, alpha), depth)) in areas[first..].iter_mut().zip(parts) {
+            area.rgb.push(rgb);
+            area.alpha.push(alpha);
+            area.depth.push(depth);
+        }
+    }
+    areas
+}
+
+/// Renders one view with a fresh [`CpuRenderer`].
+///
+/// # Errors
+/// See [`RenderError`].
+pub fn render_cpu(scene: &Gaussians, view: &RenderView) -> Result<RenderOutput, RenderError> {
+    CpuRenderer::new().render(scene, view)
+}

@@ -1,0 +1,72 @@
+//! What a renderer returns.
+
+/// One rendered view: linear light, before background, encoding and quantisation.
+///
+/// Arrays are row-major, `height × width`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderOutput {
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+    /// Linear RGB, premultiplied by alpha: `Σ w c`.
+    pub rgb_linear: Vec<[f32; 3]>,
+    /// Coverage `1 − T`, in 0..0.9999.
+    pub alpha: Vec<f32>,
+    /// Accumulated z-depth `Σ w z`, metres; see [`Self::expected_depth`].
+    pub depth_acc: Vec<f32>,
+    /// How many Gaussians passed every test of the projection.
+    pub drawn: u64,
+    /// How many did not, and why.
+    pub dropped: Dropped,
+}
+
+/// Gaussians that were not drawn, each counted under the first reason that holds, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Dropped {
+    /// An attribute is NaN or infinite.
+    pub not_finite: u64,
+    /// The quaternion is zero and names no rotation.
+    pub zero_quaternion: u64,
+    /// The centre lies nearer than the near plane, or behind the camera.
+    pub near: u64,
+    /// The centre lies beyond the far plane.
+    pub far: u64,
+    /// The 2D covariance has no positive determinant (a flat Gaussian seen edge-on, a scale of
+    /// zero), or leaves the range of floating point.
+    pub degenerate: u64,
+    /// The opacity is below 1/255.
+    pub transparent: u64,
+    /// The box that could reach 1/255 lies outside the image.
+    pub outside: u64,
+}
+
+impl Dropped {
+    /// All reasons together.
+    pub fn total(&self) -> u64 {
+        self.not_finite
+            + self.zero_quaternion
+            + self.near
+            + self.far
+            + self.degenerate
+            + self.transparent
+            + self.outside
+    }
+
+    /// Those that point at a broken scene rather than at where the camera looks.
+    pub fn invalid(&self) -> u64 {
+        self.not_finite + self.zero_quaternion
+    }
+}
+
+impl std::ops::AddAssign for Dropped {
+    fn add_assign(&mut self, other: Self) {
+        self.not_finite += other.not_finite;
+        self.zero_quaternion += other.zero_quaternion;
+        self.near += other.near;
+        self.far += other.far;
+        self.degenerate += other.degenerate;
+        self.transparent += other.transparent;
+        self.outside += other.outside;
+    }
+}

@@ -1,0 +1,147 @@
+//! After rasterisation: background in linear light, sRGB encoding, 8 bit, expected depth.
+
+use super::RenderOutput;
+use crate::color::{Quantization, quantize, srgb_from_linear};
+use image::{ImageBuffer, Luma, Rgb, RgbImage};
+use rayon::prelude::*;
+
+/// What lies behind the Gaussians, linear light.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Background {
+    /// Adds nothing. The release's and the scored default.
+    #[default]
+    Black,
+    /// Adds `1 − alpha` to each channel.
+    White,
+    /// Adds `(1 − alpha) · colour`; linear RGB.
+    Color([f32; 3]),
+}
+
+impl Background {
+    fn linear(self) -> [f32; 3] {
+        match self {
+            Self::Black => [0.0; 3],
+            Self::White => [1.0; 3],
+            Self::Color(color) => color,
+        }
+    }
+}
+
+/// The smallest alpha by which an accumulated depth is divided (the release's).
+const ALPHA_FLOOR: f32 = 1e-8;
+
+impl RenderOutput {
+    /// Linear RGB over a background; not clamped.
+    pub fn composited(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
+        self.picture(background, |x| x)
+    }
+
+    /// The sRGB picture over a background, encoded after compositing; not clamped.
+    pub fn srgb(&self, background: Background) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
+        self.picture(background, srgb_from_linear)
+    }
+
+    /// [`Self::srgb`] in 8 bit: [`Quantization::Round`] is what scoring uses,
+    /// [`Quantization::Truncate`] what the release's video writer does.
+    pub fn srgb8(&self, background: Background, rule: Quantization) -> RgbImage {
+        self.picture(background, |x| quantize(srgb_from_linear(x), rule))
+    }
+
+    /// Expected z-depth `Σ w z / max(alpha, 1e-8)`, metres; 0 where nothing was drawn.
+    pub fn expected_depth(&self) -> ImageBuffer<Luma<f32>, Vec<f32>> {
+        let depth = self
+            .depth_acc
+            .par_iter()
+            .zip(&self.alpha)
+            .map(|(depth, alpha)| depth / alpha.max(ALPHA_FLOOR))
+            .collect();
+        in_shape(self.width, self.height, depth)
+    }
+
+    fn picture<T>(
+        &self,
+        background: Background,
+        encode: impl Fn(f32) -> T + Sync,
+    ) -> ImageBuffer<Rgb<T>, Vec<T>>
+    where
+        T: image::Primitive + Send,
+        Rgb<T>: image::Pixel<Subpixel = T>,
+    {
+        let behind = background.linear();
+        let mut samples = vec![T::DEFAULT_MIN_VALUE; self.rgb_linear.len() * 3];
+        samples
+            .par_chunks_exact_mut(3)
+            .with_min_len(4096)
+            .zip(&self.rgb_linear)
+            .zip(&self.alpha)
+            .for_each(|((out, rgb), alpha)| {
+                for channel in 0..3 {
+                    out[channel] = encode(rgb[channel] + (1.0 - alpha) * behind[channel]);
+                }
+            });
+        in_shape(self.width, self.height, samples)
+    }
+}
+
+/// Samples that already have the picture's length; another length yields an empty picture.
+fn in_shape<P: image::Pixel>(
+    width: u32,
+    height: u32,
+    samples: Vec<P::Subpixel>,
+) -> ImageBuffer<P, Vec<P::Subpixel>> {
+    ImageBuffer::from_vec(width, height, samples).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Dropped;
+    use super::*;
+
+    fn one(rgb: [f32; 3], alpha: f32, depth: f32) -> RenderOutput {
+        RenderOutput {
+            width: 1,
+            height: 1,
+            rgb_linear: vec![rgb],
+            alpha: vec![alpha],
+            depth_acc: vec![depth],
+            drawn: 1,
+            dropped: Dropped::default(),
+        }
+    }
+
+    #[test]
+    fn backgrounds_are_added_in_linear_light() {
+        let half = one([0.25, 0.1, 0.0], 0.5, 1.0);
+        assert_eq!(
+            half.composited(Background::Black).as_raw(),
+            &[0.25, 0.1, 0.0]
+        );
+        assert_eq!(
+            half.composited(Background::White).as_raw(),
+            &[0.75, 0.6, 0.5]
+        );
+        let tinted = half.composited(Background::Color([1.0, 0.0, 0.5]));
+        assert_eq!(tinted.as_raw(), &[0.75, 0.1, 0.25]);
+        // Encoded after compositing: srgb(0.75), not srgb(0.25) + 0.5.
+        let encoded = half.srgb(Background::White).as_raw()[0];
+        assert!((encoded - 0.880_825).abs() < 1e-5, "{encoded}");
+    }
+
+    #[test]
+    fn eight_bit_has_two_rules() {
+        let x = one([0.5, 2.0, -1.0], 1.0, 1.0);
+        let rounded = x.srgb8(Background::Black, Quantization::Round);
+        let cut = x.srgb8(Background::Black, Quantization::Truncate);
+        // srgb(0.5) · 255 = 187.516
+        assert_eq!(rounded.as_raw(), &[188, 255, 0]);
+        assert_eq!(cut.as_raw(), &[187, 255, 0]);
+    }
+
+    #[test]
+    fn expected_depth_divides_by_a_bounded_alpha() {
+        assert_eq!(one([0.0; 3], 0.5, 2.0).expected_depth().as_raw(), &[4.0]);
+        assert_eq!(one([0.0; 3], 0.0, 0.0).expected_depth().as_raw(), &[0.0]);
+        let faint = one([0.0; 3], 1e-9, 1e-9).expected_depth().as_raw()[0];
+        assert!((faint - 0.1).abs() < 1e-6);
+    }
+}

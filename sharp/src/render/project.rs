@@ -1,0 +1,392 @@
+//! Pass `project`: every Gaussian to a [`Splat`] and the [`Footprint`] it can reach.
+//!
+//! The arithmetic is f64 without fused operations, so that each instruction set gives the same
+//! bits. The determinant is Cauchy–Binet's, `|u × v|²` of the two rows of `J L R diag(s)`: it
+//! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
+//! cannot turn negative.
+
+use super::simd::{SimdLevel, per_level};
+use super::{Dropped, RenderView};
+use crate::gaussians::Gaussians;
+use rayon::prelude::*;
+use std::f64::consts::{LN_2, LOG2_E};
+
+/// A projected Gaussian, at the index of its source.
+///
+/// `σ · log2 e = (p dx + q dy)² + (r dy)²` with `(dx, dy) = mean − pixel centre`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Splat {
+    /// Mean in pixels. f64, so that a tile far from the origin sees it unrounded.
+    pub(super) mean: [f64; 2],
+    /// Cholesky factor of the conic, in units that make the exponent one of 2.
+    pub(super) p: f32,
+    pub(super) q: f32,
+    pub(super) r: f32,
+    pub(super) opacity: f32,
+    /// At a larger exponent of 2 than this, alpha is certainly below 1/255.
+    pub(super) cut: f32,
+    pub(super) color: [f32; 3],
+}
+
+/// Where a Gaussian can reach 1/255 and how deep it lies: all that sorting into tiles needs.
+///
+/// Pixels from `x0` to `x1` and `y0` to `y1`, both included; empty when `x0 > x1`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Footprint {
+    pub(super) x0: u16,
+    pub(super) x1: u16,
+    pub(super) y0: u16,
+    pub(super) y1: u16,
+    /// Depth of the centre: computed in f64, rounded once; the sort key.
+    pub(super) z: f32,
+}
+
+impl Footprint {
+    pub(super) const EMPTY: Self = Self {
+        x0: 1,
+        x1: 0,
+        y0: 1,
+        y1: 0,
+        z: 0.0,
+    };
+
+    pub(super) fn is_empty(self) -> bool {
+        self.x0 > self.x1
+    }
+}
+
+/// What the pass writes; kept between frames so that their memory is.
+#[derive(Debug, Default)]
+pub(super) struct Projected {
+    pub(super) splats: Vec<Splat>,
+    pub(super) footprints: Vec<Footprint>,
+    pub(super) drawn: u64,
+    pub(super) dropped: Dropped,
+}
+
+/// Gaussians a task takes at once; a multiple of [`BLOCK`].
+const CHUNK: usize = 8192;
+/// Gaussians between transposition and write-back; their columns fit the first-level cache.
+const BLOCK: usize = 128;
+
+/// An opacity or an alpha below this leaves no trace.
+pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
+/// How far gsplat lets a Gaussian reach, standard deviations; above `sqrt(2 ln 255) = 3.329`.
+const MAX_EXTENT: f64 = 3.33;
+/// How far beyond the field of view the Jacobian may be taken, half fields of view.
+const JACOBIAN_MARGIN: f64 = 0.3;
+/// Widens the box beyond what rounding in `raster` could make reach 1/255: relative, and pixels.
+const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
+
+/// Widens the exponent at which `raster` stops looking, for its rounding and that of `log2`.
+const CUT_MARGIN: f32 = 1e-3;
+
+/// Runs the pass on the threads of the current pool.
+pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, out: &mut Projected) {
+    let n = scene.len();
+    out.splats.resize(n, Splat::default());
+    out.footprints.resize(n, Footprint::EMPTY);
+    let constants = Constants::new(view);
+    let (drawn, dropped) = out
+        .splats
+        .par_chunks_mut(CHUNK)
+        .zip(out.footprints.par_chunks_mut(CHUNK))
+        .enumerate()
+        .map(|(chunk, (splats, footprints))| {
+            let mut counts = (0, Dropped::default());
+            let blocks = splats.chunks_mut(BLOCK).zip(footprints.chunks_mut(BLOCK));
+            for (block, (splats, footprints)) in blocks.enumerate() {
+                let first = chunk * CHUNK + block * BLOCK;
+                project_block(
+                    level,
+                    &constants,
+                    scene,
+                    first,
+                    splats,
+                    footprints,
+                    &mut counts,
+                );
+            }
+            counts
+        })
+        .reduce(
+            || (0, Dropped::default()),
+            |(drawn, mut dropped), (more, others)| {
+                dropped += others;
+                (drawn + more, dropped)
+            },
+        );
+    out.drawn = drawn;
+    out.dropped = dropped;
+}
+
+/// The view in the form the inner loop wants.
+struct Constants {
+    linear: [[f64; 3]; 3],
+    offset: [f64; 3],
+    focal: [f64; 2],
+    center: [f64; 2],
+    size: [f64; 2],
+    /// Bounds of x/z and of y/z at which the Jacobian is taken.
+    bounds: [[f64; 2]; 2],
+    eps2d: f64,
+    near: f32,
+    far: f32,
+}
+
+impl Constants {
+    fn new(view: &RenderView) -> Self {
+        let k = view.intrinsics;
+        let m = view.camera_from_scene.matrix3.transpose();
+        let size = [f64::from(k.width), f64::from(k.height)];
+        let bounds = |focal: f64, center: f64, size: f64| {
+            let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
+            [-(center / focal + margin), (size - center) / focal + margin]
+        };
+        Self {
+            linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
+            offset: view.camera_from_scene.translation.to_array(),
+            focal: [k.fx, k.fy],
+            center: [k.cx, k.cy],
+            size,
+            bounds: [bounds(k.fx, k.cx, size[0]), bounds(k.fy, k.cy, size[1])],
+            eps2d: f64::from(view.eps2d),
+            near: view.near,
+            far: view.far,
+        }
+    }
+}
+
+/// Columns of one block, so that the loop over them runs in lanes.
+struct Columns {
+    mean: [[f64; BLOCK]; 3],
+    quaternion: [[f64; BLOCK]; 4],
+    scale: [[f64; BLOCK]; 3],
+    opacity: [f64; BLOCK],
+    center: [[f64; BLOCK]; 2],
+    reach: [[f64; BLOCK]; 2],
+    radius: [[f64; BLOCK]; 2],
+    factor: [[f32; BLOCK]; 3],
+    z: [f32; BLOCK],
+    cut: [f32; BLOCK],
+    norm: [f64; BLOCK],
+    determinant: [f64; BLOCK],
+}
+
+per_level! {
+    fn project_block = block(
+        constants: &Constants,
+        scene: &Gaussians,
+        first: usize,
+        splats: &mut [Splat],
+        footprints: &mut [Footprint],
+        counts: &mut (u64, Dropped),
+    )
+}
+
+#[inline(always)]
+fn block(
+    constants: &Constants,
+    scene: &Gaussians,
+    first: usize,
+    splats: &mut [Splat],
+    footprints: &mut [Footprint],
+    counts: &mut (u64, Dropped),
+) {
+    let n = splats.len().min(BLOCK);
+    let mut c = Columns {
+        mean: [[0.0; BLOCK]; 3],
+        quaternion: [[0.0; BLOCK]; 4],
+        scale: [[0.0; BLOCK]; 3],
+        opacity: [0.0; BLOCK],
+        center: [[0.0; BLOCK]; 2],
+        reach: [[0.0; BLOCK]; 2],
+        radius: [[0.0; BLOCK]; 2],
+        factor: [[0.0; BLOCK]; 3],
+        z: [0.0; BLOCK],
+        cut: [0.0; BLOCK],
+        norm: [0.0; BLOCK],
+        determinant: [0.0; BLOCK],
+    };
+    transpose(&scene.means[first..first + n], &mut c.mean);
+    transpose(&scene.quaternions[first..first + n], &mut c.quaternion);
+    transpose(&scene.scales[first..first + n], &mut c.scale);
+    for (out, opacity) in c.opacity.iter_mut().zip(&scene.opacities[first..first + n]) {
+        *out = f64::from(*opacity);
+    }
+    columns(constants, &mut c, n);
+    for i in 0..n {
+        let k = first + i;
+        footprints[i] = Footprint::EMPTY;
+        let dropped = &mut counts.1;
+        let reason = if !scene.is_finite(k) {
+            Some(&mut dropped.not_finite)
+        } else if c.norm[i] == 0.0 {
+            Some(&mut dropped.zero_quaternion)
+        } else if c.z[i] < constants.near {
+            Some(&mut dropped.near)
+        } else if c.z[i] > constants.far {
+            Some(&mut dropped.far)
+        } else if !is_drawable(&c, i) {
+            Some(&mut dropped.degenerate)
+        } else if scene.opacities[k] < ALPHA_MIN {
+            Some(&mut dropped.transparent)
+        } else if (0..2).any(|axis| {
+            let (at, radius) = (c.center[axis][i], c.radius[axis][i]);
+            at + radius <= 0.0 || at - radius >= constants.size[axis]
+        }) {
+            Some(&mut dropped.outside)
+        } else {
+            None
+        };
+        if let Some(count) = reason {
+            *count += 1;
+            continue;
+        }
+        counts.0 += 1;
+        splats[i] = Splat {
+            mean: [c.center[0][i], c.center[1][i]],
+            p: c.factor[0][i],
+            q: c.factor[1][i],
+            r: c.factor[2][i],
+            opacity: scene.opacities[k],
+            cut: c.cut[i],
+            color: scene.colors[k],
+        };
+        footprints[i] = footprint(&c, i, constants.size);
+    }
+}
+
+/// A positive determinant, and a factor that f32 can hold. Written so that a NaN fails.
+fn is_drawable(c: &Columns, i: usize) -> bool {
+    let finite = c.factor.iter().all(|column| column[i].is_finite())
+        && c.center.iter().all(|column| column[i].is_finite())
+        && c.reach.iter().all(|column| column[i].is_finite());
+    c.determinant[i] > 0.0 && finite
+}
+
+/// The pixels whose centres lie within reach, clipped to the image.
+fn footprint(c: &Columns, i: usize, size: [f64; 2]) -> Footprint {
+    let range = |axis: usize| {
+        let (at, reach) = (c.center[axis][i] - 0.5, c.reach[axis][i]);
+        let first = (at - reach).ceil().max(0.0);
+        let last = (at + reach).floor().min(size[axis] - 1.0);
+        // Both lie in 0..65535 where the range is not empty.
+        (first <= last).then_some((first as u16, last as u16))
+    };
+    match (range(0), range(1)) {
+        (Some((x0, x1)), Some((y0, y1))) => Footprint {
+            x0,
+            x1,
+            y0,
+            y1,
+            z: c.z[i],
+        },
+        _ => Footprint::EMPTY,
+    }
+}
+
+#[inline(always)]
+fn transpose<const D: usize>(rows: &[[f32; D]], columns: &mut [[f64; BLOCK]; D]) {
+    for (i, row) in rows.iter().enumerate().take(BLOCK) {
+        for d in 0..D {
+            columns[d][i] = f64::from(row[d]);
+        }
+    }
+}
+
+/// The projection proper: no branches, so that the loop becomes vector code.
+#[inline(always)]
+fn columns(k: &Constants, c: &mut Columns, n: usize) {
+    let [l0, l1, l2] = k.linear;
+    let scale_to_log2 = (0.5 * LOG2_E).sqrt();
+    for i in 0..n.min(BLOCK) {
+        let (mx, my, mz) = (c.mean[0][i], c.mean[1][i], c.mean[2][i]);
+        let x = l0[0] * mx + l0[1] * my + l0[2] * mz + k.offset[0];
+        let y = l1[0] * mx + l1[1] * my + l1[2] * mz + k.offset[1];
+        let z = l2[0] * mx + l2[1] * my + l2[2] * mz + k.offset[2];
+        let inverse_z = 1.0 / z;
+        let (slope_x, slope_y) = (x * inverse_z, y * inverse_z);
+        c.center[0][i] = k.focal[0] * slope_x + k.center[0];
+        c.center[1][i] = k.focal[1] * slope_y + k.center[1];
+        c.z[i] = z as f32;
+
+        // J L, with J at the clamped slopes.
+        let at_x = slope_x.max(k.bounds[0][0]).min(k.bounds[0][1]);
+        let at_y = slope_y.max(k.bounds[1][0]).min(k.bounds[1][1]);
+        let (jx, jy) = (k.focal[0] * inverse_z, k.focal[1] * inverse_z);
+        let gx = [0, 1, 2].map(|j: usize| jx * (l0[j] - at_x * l2[j]));
+        let gy = [0, 1, 2].map(|j: usize| jy * (l1[j] - at_y * l2[j]));
+
+        // Columns of the rotation of q/|q|, times the scales.
+        let (qw, qx) = (c.quaternion[0][i], c.quaternion[1][i]);
+        let (qy, qz) = (c.quaternion[2][i], c.quaternion[3][i]);
+        let norm = qw * qw + qx * qx + qy * qy + qz * qz;
+        let two = 2.0 / norm;
+        c.norm[i] = norm;
+        let (s0, s1, s2) = (c.scale[0][i], c.scale[1][i], c.scale[2][i]);
+        let r0 = [
+            (1.0 - two * (qy * qy + qz * qz)) * s0,
+            two * (qx * qy + qw * qz) * s0,
+            two * (qx * qz - qw * qy) * s0,
+        ];
+        let r1 = [
+            two * (qx * qy - qw * qz) * s1,
+            (1.0 - two * (qx * qx + qz * qz)) * s1,
+            two * (qy * qz + qw * qx) * s1,
+        ];
+        let r2 = [
+            two * (qx * qz + qw * qy) * s2,
+            two * (qy * qz - qw * qx) * s2,
+            (1.0 - two * (qx * qx + qy * qy)) * s2,
+        ];
+        let u = [dot(gx, r0), dot(gx, r1), dot(gx, r2)];
+        let v = [dot(gy, r0), dot(gy, r1), dot(gy, r2)];
+        let (uu, vv, b) = (dot(u, u), dot(v, v), dot(u, v));
+        let (m0, m1) = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2]);
+        let m2 = u[0] * v[1] - u[1] * v[0];
+        let cross = m0 * m0 + m1 * m1 + m2 * m2;
+        let determinant = cross + k.eps2d * (uu + vv) + k.eps2d * k.eps2d;
+        c.determinant[i] = determinant;
+        let (a, d) = ((uu + k.eps2d).sqrt(), (vv + k.eps2d).sqrt());
+        let root = determinant.sqrt();
+        c.factor[0][i] = (scale_to_log2 * d / root) as f32;
+        c.factor[1][i] = (-scale_to_log2 * b / (d * root)) as f32;
+        c.factor[2][i] = (scale_to_log2 / d) as f32;
+
+        // Where o exp(-extent²/2) falls to 1/255.
+        let cut = log2(255.0 * c.opacity[i]);
+        c.cut[i] = cut as f32 + CUT_MARGIN;
+        let extent = (2.0 * LN_2 * cut.max(0.0)).sqrt();
+        let reach = extent * (1.0 + BOX_MARGIN.0);
+        c.reach[0][i] = a * reach + BOX_MARGIN.1;
+        c.reach[1][i] = d * reach + BOX_MARGIN.1;
+        let bounded = extent.min(MAX_EXTENT);
+        c.radius[0][i] = (a * bounded).ceil();
+        c.radius[1][i] = (d * bounded).ceil();
+    }
+}
+
+#[inline(always)]
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// log2 of a positive normal number to 1e-9, in operations that vectorise; anything for others.
+#[inline(always)]
+pub(super) fn log2(x: f64) -> f64 {
+    let bits = x.to_bits();
+    // The exponent that brings the mantissa into sqrt(1/2)..sqrt(2).
+    let shifted = bits.wrapping_sub(std::f64::consts::FRAC_1_SQRT_2.to_bits());
+    let mantissa = f64::from_bits(
+        (shifted & 0x000f_ffff_ffff_ffff).wrapping_add(std::f64::consts::FRAC_1_SQRT_2.to_bits()),
+    );
+    // 2^52 + 2^51 with the exponent's bits below: an integer-to-float conversion by subtraction.
+    const MAGIC: f64 = 6_755_399_441_055_744.0;
+    let biased = f64::from_bits(((shifted >> 52) ^ 0x800).wrapping_add(MAGIC.to_bits())) - MAGIC;
+    let exponent = biased - 2048.0;
+    let s = (mantissa - 1.0) / (mantissa + 1.0);
+    let s2 = s * s;
+    let series = 1.0 + s2 * (1.0 / 3.0 + s2 * (0.2 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0))));
+    exponent + 2.0 * LOG2_E * s * series
+}

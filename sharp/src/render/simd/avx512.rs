@@ -1,0 +1,111 @@
+//! AVX-512: one register holds a block.
+
+use super::Lanes;
+use std::arch::x86_64::*;
+
+#[derive(Clone, Copy)]
+pub(in crate::render) struct Avx512(__m512);
+
+impl Lanes for Avx512 {
+    type Mask = __mmask16;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_set1_ps(x)) }
+    }
+    #[inline(always)]
+    fn from_array(x: &[f32; 16]) -> Self {
+        // SAFETY: sixteen readable floats; instruction set as below.
+        unsafe { Self(_mm512_loadu_ps(x.as_ptr())) }
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f32; 16] {
+        let mut out = [0.0; 16];
+        // SAFETY: sixteen writable floats; instruction set as below.
+        unsafe { _mm512_storeu_ps(out.as_mut_ptr(), self.0) };
+        out
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_add_ps(self.0, other.0)) }
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_sub_ps(self.0, other.0)) }
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_mul_ps(self.0, other.0)) }
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_fmadd_ps(self.0, b.0, c.0)) }
+    }
+    #[inline(always)]
+    fn neg_mul_add(self, b: Self, c: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_fnmadd_ps(self.0, b.0, c.0)) }
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_min_ps(self.0, other.0)) }
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_max_ps(self.0, other.0)) }
+    }
+    #[inline(always)]
+    fn scaled_by_low_bits(self, n: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe {
+            let exponent = _mm512_slli_epi32::<23>(_mm512_castps_si512(n.0));
+            Self(_mm512_castsi512_ps(_mm512_add_epi32(
+                _mm512_castps_si512(self.0),
+                exponent,
+            )))
+        }
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Self::Mask {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn masked(self, mask: Self::Mask) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_maskz_mov_ps(mask, self.0)) }
+    }
+    #[inline(always)]
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { Self(_mm512_mask_mov_ps(b.0, mask, a.0)) }
+    }
+    #[inline(always)]
+    fn all() -> Self::Mask {
+        0xffff
+    }
+    #[inline(always)]
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        a & b
+    }
+    #[inline(always)]
+    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask {
+        a & !b
+    }
+    #[inline(always)]
+    fn any(mask: Self::Mask) -> bool {
+        mask != 0
+    }
+}

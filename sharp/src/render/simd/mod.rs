@@ -1,0 +1,224 @@
+//! Sixteen f32 lanes on three instruction sets, chosen at run time.
+//!
+//! Each level performs the same IEEE operations in the same order (fused where the code says
+//! `mul_add`), so all of them give the same bits. The portable one is meant for processors whose
+//! baseline has a fused multiply-add (every 64-bit ARM); on x86 it stands in for processors older
+//! than AVX2 and is slow there.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+#[cfg(target_arch = "x86_64")]
+pub(super) use avx2::Avx2;
+#[cfg(target_arch = "x86_64")]
+pub(super) use avx512::Avx512;
+pub(super) use portable::Portable;
+
+/// An instruction set that this machine has: a value can only be had by detection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SimdLevel(pub(super) Level);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Level {
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    Portable,
+}
+
+impl SimdLevel {
+    /// The best this machine has.
+    pub fn detect() -> Self {
+        let mut best = Self(Level::Portable);
+        for level in Self::available().into_iter().rev() {
+            best = level;
+        }
+        best
+    }
+
+    /// All this machine has, best first.
+    pub fn available() -> Vec<Self> {
+        let mut levels = Vec::with_capacity(3);
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq");
+            if avx2 && avx512 {
+                levels.push(Self(Level::Avx512));
+            }
+            if avx2 {
+                levels.push(Self(Level::Avx2));
+            }
+        }
+        levels.push(Self(Level::Portable));
+        levels
+    }
+
+    /// `avx512`, `avx2` or `portable`.
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => "avx2",
+            Level::Portable => "portable",
+        }
+    }
+}
+
+/// Sixteen f32 values, one for each pixel of a 4×4 block.
+///
+/// Implementations on intrinsics may only run inside a function compiled for their instruction
+/// set, which [`per_level`] sees to.
+pub(super) trait Lanes: Copy {
+    /// One truth value a lane.
+    type Mask: Copy;
+
+    fn splat(x: f32) -> Self;
+    fn from_array(x: &[f32; 16]) -> Self;
+    fn to_array(self) -> [f32; 16];
+    fn add(self, other: Self) -> Self;
+    fn sub(self, other: Self) -> Self;
+    fn mul(self, other: Self) -> Self;
+    /// `self * b + c`, rounded once.
+    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// `c - self * b`, rounded once.
+    fn neg_mul_add(self, b: Self, c: Self) -> Self;
+    fn min(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self;
+    /// Adds the low nine bits of `n`'s representation to the exponent: times 2ⁿ for an integer
+    /// that was made by adding 1.5 · 2²³.
+    fn scaled_by_low_bits(self, n: Self) -> Self;
+    fn le(self, other: Self) -> Self::Mask;
+    fn gt(self, other: Self) -> Self::Mask;
+    /// The value where the mask holds, else zero.
+    fn masked(self, mask: Self::Mask) -> Self;
+    /// `a` where the mask holds, else `b`.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+    fn all() -> Self::Mask;
+    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// `a` and not `b`.
+    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    fn any(mask: Self::Mask) -> bool;
+
+    /// 2^self for −126 ≤ self ≤ 127 and at least 2⁻¹²⁶ below, to 1.2e-7 relative; exactly 1 at 0.
+    #[inline(always)]
+    fn exp2(self) -> Self {
+        const ROUND: f32 = 12_582_912.0; // 1.5 · 2²³
+        let x = self.max(Self::splat(-126.0));
+        let shifted = x.add(Self::splat(ROUND));
+        let fraction = x.sub(shifted.sub(Self::splat(ROUND)));
+        // Minimax of relative error over ±1/2 with the constant fixed at 1.
+        let mut sum = Self::splat(EXP2_COEFFICIENTS[4]);
+        for k in (0..4).rev() {
+            sum = sum.mul_add(fraction, Self::splat(EXP2_COEFFICIENTS[k]));
+        }
+        sum.mul_add(fraction, Self::splat(1.0))
+            .scaled_by_low_bits(shifted)
+    }
+}
+
+#[expect(
+    clippy::approx_constant,
+    reason = "a fitted coefficient near ln 2, not ln 2"
+)]
+const EXP2_COEFFICIENTS: [f32; 5] = [
+    0.693_147,
+    0.240_222_42,
+    0.055_507_336,
+    0.009_671_513,
+    0.001_326_472_7,
+];
+
+/// Defines a function that runs its generic body compiled for the level it is handed.
+///
+/// `fn outer = inner(args…)` calls `inner(args…)`; `fn outer = inner::<lanes>(args…)` calls
+/// `inner::<L>(args…)` with the level's [`Lanes`].
+macro_rules! per_level {
+    (fn $outer:ident = $inner:ident($($arg:ident: $kind:ty),* $(,)?)) => {
+        $crate::render::simd::per_level!(@define $outer ($($arg: $kind),*)
+            ($inner($($arg),*)) ($inner($($arg),*)) ($inner($($arg),*)));
+    };
+    (fn $outer:ident = $inner:ident::<lanes>($($arg:ident: $kind:ty),* $(,)?)) => {
+        $crate::render::simd::per_level!(@define $outer ($($arg: $kind),*)
+            ($inner::<$crate::render::simd::Avx512>($($arg),*))
+            ($inner::<$crate::render::simd::Avx2>($($arg),*))
+            ($inner::<$crate::render::simd::Portable>($($arg),*)));
+    };
+    (@define $outer:ident ($($arg:ident: $kind:ty),*) ($avx512:expr) ($avx2:expr) ($portable:expr)) => {
+        fn $outer(level: $crate::render::simd::SimdLevel, $($arg: $kind),*) {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2,fma")]
+            fn avx512($($arg: $kind),*) {
+                $avx512
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($arg: $kind),*) {
+                $avx2
+            }
+            match level.0 {
+                // SAFETY: a SimdLevel of this kind exists only where the features were detected.
+                #[cfg(target_arch = "x86_64")]
+                $crate::render::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                $crate::render::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
+                $crate::render::simd::Level::Portable => $portable,
+            }
+        }
+    };
+}
+pub(super) use per_level;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn exp2_of(level: SimdLevel, x: &[f32; 16]) -> [f32; 16] {
+        fn body<L: Lanes>(x: &[f32; 16], out: &mut [f32; 16]) {
+            *out = L::from_array(x).exp2().to_array();
+        }
+        per_level! { fn run = body::<lanes>(x: &[f32; 16], out: &mut [f32; 16]) }
+        let mut out = [0.0; 16];
+        run(level, x, &mut out);
+        out
+    }
+
+    #[test]
+    fn exp2_is_accurate_and_the_same_on_every_level() {
+        let mut worst = 0.0_f64;
+        for step in 0..20_000 {
+            let x: [f32; 16] =
+                std::array::from_fn(|lane| (step * 16 + lane) as f32 * (-126.0 / 320_000.0));
+            let all: Vec<_> = SimdLevel::available()
+                .into_iter()
+                .map(|level| exp2_of(level, &x).map(f32::to_bits))
+                .collect();
+            assert!(all.iter().all(|bits| *bits == all[0]));
+            for lane in 0..16 {
+                let truth = f64::from(x[lane]).exp2();
+                let found = f64::from(f32::from_bits(all[0][lane]));
+                worst = worst.max((found / truth - 1.0).abs());
+            }
+        }
+        assert!(worst < 2e-7, "{worst:e}");
+        assert_eq!(exp2_of(SimdLevel::detect(), &[0.0; 16]), [1.0; 16]);
+        let far = exp2_of(SimdLevel::detect(), &[-1e30; 16]);
+        assert!(far[0] > 0.0 && far[0] < 1e-37);
+    }
+
+    #[test]
+    fn detection_prefers_the_widest() {
+        let levels = SimdLevel::available();
+        assert_eq!(levels[0], SimdLevel::detect());
+        assert_eq!(levels.last().unwrap().name(), "portable");
+    }
+}
