@@ -41,6 +41,14 @@ pub enum DatasetError {
         /// The layout that was looked for.
         expected: &'static str,
     },
+    /// A dataset was asked for in a way that makes no sense.
+    #[error("dataset '{text}': {reason}")]
+    Spec {
+        /// What was asked for.
+        text: String,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// No reader of that name.
     #[error("unknown dataset format '{name}'; known: {known}")]
     UnknownFormat {

@@ -6,10 +6,25 @@
 //!
 //! # Contents
 //! * [`view`]: what every reader produces.
+//! * [`catalog`]: the formats by name, and how a dataset is asked for and opened.
+//! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
+//! * [`bundled`]: the dataset that comes with the program.
+//! * [`format`](mod@format): file formats, one a file.
+//! * [`files`]: bounded reads and listings that cannot leave a dataset's folder.
+//! * [`natural`]: the order of frames.
 //! * [`error`]: what every reader may fail with.
 
+pub mod bundled;
+pub mod catalog;
+mod content;
 pub mod error;
+pub mod files;
+pub mod format;
+mod middlebury;
+pub mod natural;
+pub mod synthetic;
 pub mod view;
 
+pub use catalog::{DatasetSpec, open};
 pub use error::DatasetError;
 pub use view::{DepthMap, Pairing, Scene, View, ViewContent};

@@ -1,0 +1,293 @@
+//! The formats by name, and how a dataset is asked for on a command line.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+
+use crate::{DatasetError, Scene, middlebury, synthetic};
+
+/// One dataset format.
+#[derive(Debug)]
+pub struct Format {
+    /// As written in `FORMAT=PATH`.
+    pub name: &'static str,
+    /// One line: what it is and what it looks for.
+    pub summary: &'static str,
+    /// What can be chosen, for instance between readings of the paper.
+    pub settings: &'static [Setting],
+    pub(crate) open: fn(&DatasetSpec) -> Result<Vec<Scene>, DatasetError>,
+}
+
+/// Something that can be chosen when a dataset is opened, as `key=value`.
+#[derive(Debug)]
+pub struct Setting {
+    /// The key.
+    pub key: &'static str,
+    /// What it decides.
+    pub meaning: &'static str,
+    /// The values there are, the default first. Empty when any value is allowed; then
+    /// [`Setting::default`] is the default.
+    pub choices: &'static [Choice],
+    /// The default.
+    pub default: &'static str,
+}
+
+impl Setting {
+    pub(crate) const fn choice(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [Choice],
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            choices,
+            default: choices[0].value,
+        }
+    }
+
+    pub(crate) const fn free(
+        key: &'static str,
+        meaning: &'static str,
+        default: &'static str,
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            choices: &[],
+            default,
+        }
+    }
+}
+
+/// One value of a [`Setting`].
+#[derive(Debug)]
+pub struct Choice {
+    /// As written.
+    pub value: &'static str,
+    /// What it means.
+    pub meaning: &'static str,
+    /// True where it is known to differ from what the paper did: reports then say "proxy".
+    pub proxy: bool,
+}
+
+impl Choice {
+    pub(crate) const fn new(value: &'static str, meaning: &'static str) -> Self {
+        Self {
+            value,
+            meaning,
+            proxy: false,
+        }
+    }
+
+    pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Self {
+        Self {
+            value,
+            meaning,
+            proxy: true,
+        }
+    }
+}
+
+/// Every format, in the order of the paper's tables, then one's own data, then the procedural.
+pub fn formats() -> &'static [Format] {
+    &[middlebury::FORMAT, synthetic::FORMAT]
+}
+
+/// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
+/// `synthetic` or `synthetic=seed=7,size=320x240`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DatasetSpec {
+    /// Name of this instance: a column group of the tables. The format's name unless given.
+    pub name: String,
+    /// The format's name.
+    pub format: &'static str,
+    /// The dataset's folder; empty for a procedural one.
+    pub path: PathBuf,
+    /// Only what was asked for; [`DatasetSpec::setting`] knows the defaults.
+    pub settings: BTreeMap<&'static str, String>,
+}
+
+impl DatasetSpec {
+    /// Parses `[NAME:]FORMAT=PATH[,key=value…]`. A path may hold `:`, `=` and commas, but not a
+    /// comma followed by something with `=`: that is a setting.
+    ///
+    /// # Errors
+    /// [`DatasetError::UnknownFormat`]; [`DatasetError::Spec`] for a missing path, an unknown key
+    /// or a value that is not among its choices.
+    pub fn parse(text: &str) -> Result<Self, DatasetError> {
+        let error = |reason: String| DatasetError::Spec {
+            text: text.to_owned(),
+            reason,
+        };
+        let (head, rest) = match text.split_once('=') {
+            Some((head, rest)) => (head, Some(rest)),
+            None => (text, None),
+        };
+        let (name, format_name) = match head.rsplit_once(':') {
+            Some((name, format)) => (Some(name), format),
+            None => (None, head),
+        };
+        let format = formats()
+            .iter()
+            .find(|f| f.name == format_name)
+            .ok_or_else(|| DatasetError::UnknownFormat {
+                name: format_name.to_owned(),
+                known: formats()
+                    .iter()
+                    .map(|f| f.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            })?;
+        if name == Some("") {
+            return Err(error("the name before ':' is empty".into()));
+        }
+        let procedural = format.name == synthetic::FORMAT.name;
+        // Settings are taken from the end, so that a path may hold commas and equal signs.
+        let mut path = rest.unwrap_or("");
+        let mut settings = BTreeMap::new();
+        while !path.is_empty() {
+            let (before, last) = match path.rsplit_once(',') {
+                Some(parts) => parts,
+                None if procedural => ("", path),
+                None => break,
+            };
+            let Some((key, value)) = last.split_once('=') else {
+                if procedural {
+                    return Err(error(format!("'{last}' is not key=value")));
+                }
+                break;
+            };
+            let Some(setting) = format.settings.iter().find(|s| s.key == key) else {
+                let known: Vec<_> = format.settings.iter().map(|s| s.key).collect();
+                return Err(error(format!(
+                    "{format_name} has no setting '{key}'; there are: {}",
+                    known.join(", ")
+                )));
+            };
+            if !setting.choices.is_empty() && setting.choices.iter().all(|c| c.value != value) {
+                let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
+                return Err(error(format!(
+                    "'{key}' cannot be '{value}'; it is one of: {}",
+                    known.join(", ")
+                )));
+            }
+            if settings.insert(setting.key, value.to_owned()).is_some() {
+                return Err(error(format!("'{key}' is given twice")));
+            }
+            path = before;
+        }
+        if path.is_empty() && !procedural {
+            return Err(error(format!("no folder: write {format_name}=FOLDER")));
+        }
+        Ok(Self {
+            name: name.unwrap_or(format.name).to_owned(),
+            format: format.name,
+            path: PathBuf::from(path),
+            settings,
+        })
+    }
+
+    /// The value of a setting: as asked for, or the default. Empty for a key the format lacks.
+    pub fn setting(&self, key: &str) -> &str {
+        match self.settings.get(key) {
+            Some(value) => value,
+            None => self
+                .known_settings()
+                .iter()
+                .find(|s| s.key == key)
+                .map_or("", |s| s.default),
+        }
+    }
+
+    /// Every setting with its effective value, and whether that value is known to differ from
+    /// what the paper did.
+    pub fn readings(&self) -> Vec<(&'static str, String, bool)> {
+        self.known_settings()
+            .iter()
+            .map(|s| {
+                let value = self.setting(s.key);
+                let proxy = s.choices.iter().any(|c| c.value == value && c.proxy);
+                (s.key, value.to_owned(), proxy)
+            })
+            .collect()
+    }
+
+    fn known_settings(&self) -> &'static [Setting] {
+        formats()
+            .iter()
+            .find(|f| f.name == self.format)
+            .map_or(&[], |f| f.settings)
+    }
+}
+
+impl fmt::Display for DatasetSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.name != self.format {
+            write!(f, "{}:", self.name)?;
+        }
+        f.write_str(self.format)?;
+        let path = self.path.display().to_string();
+        let parts = (!path.is_empty())
+            .then_some(path)
+            .into_iter()
+            .chain(self.settings.iter().map(|(k, v)| format!("{k}={v}")));
+        for (i, part) in parts.enumerate() {
+            write!(f, "{}{part}", if i == 0 { '=' } else { ',' })?;
+        }
+        Ok(())
+    }
+}
+
+/// Opens a dataset: finds its scenes, reads the cameras, leaves the pixels alone. Scenes come in
+/// natural order of their ids.
+///
+/// # Errors
+/// Names the file or folder and what is wrong with it.
+pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let format = formats()
+        .iter()
+        .find(|f| f.name == spec.format)
+        .ok_or_else(|| DatasetError::UnknownFormat {
+            name: spec.format.to_owned(),
+            known: String::new(),
+        })?;
+    (format.open)(spec)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_parsed_is_written_back() {
+        for text in [
+            "middlebury=/data/middlebury",
+            "mine:middlebury=a:b/c=d",
+            "middlebury=/data,rectification=perfect,right=im1E",
+            "synthetic",
+            "rings:synthetic=seed=7,size=320x240,views=24",
+        ] {
+            assert_eq!(DatasetSpec::parse(text).unwrap().to_string(), text);
+        }
+        let spec = DatasetSpec::parse("middlebury=./a,b").unwrap();
+        assert_eq!(spec.path, PathBuf::from("./a,b"));
+        assert_eq!(spec.setting("right"), "im1");
+    }
+
+    #[test]
+    fn mistakes_are_explained() {
+        for (text, reason) in [
+            ("kitti=/x", "known: middlebury"),
+            ("middlebury", "middlebury=FOLDER"),
+            (":middlebury=/x", "empty"),
+            ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
+            ("middlebury=/x,left=im0", "no setting 'left'"),
+            ("synthetic=seed=1,seed=2", "twice"),
+            ("synthetic=/x", "not key=value"),
+        ] {
+            let error = DatasetSpec::parse(text).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! A dataset's folder: bounded reads, ordered listings, and no way out of it.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::{DatasetError, natural};
+
+/// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
+/// nor a symbolic link may lead elsewhere, because file lists and JSON come from strangers.
+#[derive(Debug, Clone)]
+pub struct Root {
+    canonical: PathBuf,
+    given: PathBuf,
+}
+
+impl Root {
+    /// Opens a folder; it may itself be a symbolic link.
+    ///
+    /// # Errors
+    /// [`DatasetError::Io`] when it does not exist, [`DatasetError::Malformed`] when it is a file.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let canonical = path.canonicalize().map_err(|e| DatasetError::io(path, e))?;
+        if !canonical.is_dir() {
+            return Err(DatasetError::malformed(path, "not a folder"));
+        }
+        Ok(Self {
+            canonical,
+            given: path.to_owned(),
+        })
+    }
+
+    /// The folder as it was named.
+    pub fn path(&self) -> &Path {
+        &self.given
+    }
+
+    /// Its last component, for scenes that have no other name.
+    pub fn name(&self) -> String {
+        self.canonical.file_name().map_or_else(
+            || "scene".to_owned(),
+            |name| name.to_string_lossy().into_owned(),
+        )
+    }
+
+    /// Resolves a name found in a file (`/` or `\` between levels) against `base`, which lies in
+    /// this root. The file need not exist.
+    ///
+    /// # Errors
+    /// [`DatasetError::Malformed`] for an absolute name and for one that leaves the root, by `..`
+    /// or through a symbolic link.
+    pub fn resolve(&self, base: &Path, name: &str) -> Result<PathBuf, DatasetError> {
+        let name = name.replace('\\', "/");
+        let relative = Path::new(&name);
+        let absolute = relative
+            .components()
+            .any(|c| matches!(c, Component::RootDir | Component::Prefix(_)))
+            || name.as_bytes().get(1) == Some(&b':');
+        if absolute || name.contains('\0') {
+            return Err(self.leaves(&name));
+        }
+        let mut path = base.to_owned();
+        for component in relative.components() {
+            match component {
+                Component::ParentDir if path == self.given || !path.pop() => {
+                    return Err(self.leaves(&name));
+                }
+                Component::Normal(part) => path.push(part),
+                _ => {}
+            }
+        }
+        self.check(&path)?;
+        Ok(path)
+    }
+
+    /// Checks that a path made by this crate does not leave the root through a symbolic link.
+    ///
+    /// # Errors
+    /// [`DatasetError::Malformed`] when it does.
+    pub fn check(&self, path: &Path) -> Result<(), DatasetError> {
+        match path.canonicalize() {
+            Ok(target) if !target.starts_with(&self.canonical) => Err(DatasetError::malformed(
+                path,
+                format!(
+                    "leads out of the dataset's folder {}, to {}",
+                    self.given.display(),
+                    target.display()
+                ),
+            )),
+            // A file that does not exist is reported by whoever opens it.
+            _ => Ok(()),
+        }
+    }
+
+    /// Folders at most `depth` levels below the root (and the root itself) for which `is_scene`
+    /// holds, in natural order; folders inside a scene are not searched.
+    ///
+    /// # Errors
+    /// [`DatasetError::Io`] when the root cannot be listed. Folders below it that cannot be
+    /// listed, lead elsewhere or were visited already are passed over.
+    pub fn find_folders(
+        &self,
+        depth: usize,
+        is_scene: &dyn Fn(&Path) -> bool,
+    ) -> Result<Vec<PathBuf>, DatasetError> {
+        fn walk(
+            root: &Root,
+            folder: &Path,
+            depth: usize,
+            is_scene: &dyn Fn(&Path) -> bool,
+            seen: &mut BTreeSet<PathBuf>,
+            found: &mut Vec<PathBuf>,
+        ) -> Result<(), DatasetError> {
+            let canonical = folder
+                .canonicalize()
+                .map_err(|e| DatasetError::io(folder, e))?;
+            if !canonical.starts_with(&root.canonical) || !seen.insert(canonical) {
+                return Ok(());
+            }
+            if is_scene(folder) {
+                found.push(folder.to_owned());
+                return Ok(());
+            }
+            if depth == 0 {
+                return Ok(());
+            }
+            for (_, path) in list(folder)? {
+                if path.is_dir() {
+                    // An unreadable folder somewhere below must not hide the scenes beside it.
+                    let _ = walk(root, &path, depth - 1, is_scene, seen, found);
+                }
+            }
+            Ok(())
+        }
+        let mut found = Vec::new();
+        let mut seen = BTreeSet::new();
+        walk(self, &self.given, depth, is_scene, &mut seen, &mut found)?;
+        Ok(found)
+    }
+
+    /// A path below the root as an identifier: its components joined by `/`, and the root's own
+    /// name for the root itself.
+    pub fn id_of(&self, path: &Path) -> String {
+        let parts: Vec<_> = path
+            .strip_prefix(&self.given)
+            .unwrap_or(path)
+            .components()
+            .filter_map(|c| match c {
+                Component::Normal(part) => Some(part.to_string_lossy().into_owned()),
+                _ => None,
+            })
+            .collect();
+        if parts.is_empty() {
+            self.name()
+        } else {
+            parts.join("/")
+        }
+    }
+
+    fn leaves(&self, name: &str) -> DatasetError {
+        DatasetError::malformed(
+            &self.given,
+            format!("the name '{name}' leads out of the dataset's folder"),
+        )
+    }
+}
+
+/// Names and paths in a folder in natural order, without what operating systems leave there:
+/// hidden files, `__MACOSX`, AppleDouble `._*`. Names that are not UTF-8 are kept, lossily.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
+    let mut entries = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(|e| DatasetError::io(folder, e))? {
+        let entry = entry.map_err(|e| DatasetError::io(folder, e))?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !name.starts_with('.') && name != "__MACOSX" {
+            entries.push((name, entry.path()));
+        }
+    }
+    entries.sort_by(|a, b| natural::compare(&a.0, &b.0).then_with(|| a.1.cmp(&b.1)));
+    Ok(entries)
+}
+
+/// Reads a regular file whole. Pipes and devices, which never end, are refused.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Malformed`] when it is not a regular file.
+pub fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
+    let mut file = open(path)?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes)
+        .map_err(|e| DatasetError::io(path, e))?;
+    Ok(bytes)
+}
+
+/// Reads a regular file as UTF-8 text, without a byte order mark.
+///
+/// # Errors
+/// As [`read`]; [`DatasetError::Malformed`] when it is not UTF-8.
+pub fn read_text(path: &Path) -> Result<String, DatasetError> {
+    let text = String::from_utf8(read(path)?)
+        .map_err(|e| DatasetError::malformed(path, format!("not UTF-8 text: {e}")))?;
+    Ok(text
+        .strip_prefix('\u{feff}')
+        .map(str::to_owned)
+        .unwrap_or(text))
+}
+
+/// Opens a regular file.
+///
+/// # Errors
+/// As [`read`].
+pub fn open(path: &Path) -> Result<File, DatasetError> {
+    // Asked before opening: opening a pipe waits for its writer.
+    let metadata = std::fs::metadata(path).map_err(|e| DatasetError::io(path, e))?;
+    if !metadata.is_file() {
+        return Err(DatasetError::malformed(path, "not a regular file"));
+    }
+    File::open(path).map_err(|e| DatasetError::io(path, e))
+}
+
+/// sha256 of a file's bytes, 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// As [`read`].
+pub fn sha256(path: &Path) -> Result<String, DatasetError> {
+    let mut file = open(path)?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        let n = file
+            .read(&mut buffer)
+            .map_err(|e| DatasetError::io(path, e))?;
+        if n == 0 {
+            return Ok(hexadecimal(&hasher.finalize()));
+        }
+        hasher.update(&buffer[..n]);
+    }
+}
+
+/// sha256 of bytes in memory, 64 lower-case hexadecimal digits.
+pub fn sha256_of(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_the_root() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = folder.path().join("set/images");
+        std::fs::create_dir_all(&inside).unwrap();
+        std::fs::write(folder.path().join("secret"), "x").unwrap();
+        std::fs::write(inside.join("a.png"), "x").unwrap();
+        let root = Root::open(&folder.path().join("set")).unwrap();
+        let base = root.path().to_owned();
+        for name in [
+            "../secret",
+            "/etc/hostname",
+            "images/../../secret",
+            "C:\\x",
+            "..\\secret",
+        ] {
+            let error = root.resolve(&base, name).unwrap_err().to_string();
+            assert!(error.contains("leads out"), "{error}");
+        }
+        let found = root
+            .resolve(&base.join("images"), "./../images/a.png")
+            .unwrap();
+        assert_eq!(found, base.join("images/a.png"));
+        assert_eq!(root.id_of(&found), "images/a.png");
+        assert_eq!(root.id_of(&base), "set");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn symbolic_links_cannot_leave_the_root_but_the_root_may_be_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let set = folder.path().join("set");
+        std::fs::create_dir_all(set.join("a")).unwrap();
+        std::fs::write(folder.path().join("secret"), "x").unwrap();
+        std::os::unix::fs::symlink(folder.path().join("secret"), set.join("a/link")).unwrap();
+        std::os::unix::fs::symlink(&set, set.join("a/loop")).unwrap();
+        std::os::unix::fs::symlink(&set, folder.path().join("alias")).unwrap();
+        let root = Root::open(&folder.path().join("alias")).unwrap();
+        let error = root.resolve(root.path(), "a/link").unwrap_err().to_string();
+        assert!(error.contains("leads out"), "{error}");
+        let found = root.find_folders(9, &|p| p.ends_with("a")).unwrap();
+        assert_eq!(found.len(), 1);
+    }
+
+    #[test]
+    fn litter_is_not_listed_and_pipes_are_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [".DS_Store", "._im0.png", "im10.png", "im2.png"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("__MACOSX")).unwrap();
+        let names: Vec<_> = list(folder.path())
+            .unwrap()
+            .into_iter()
+            .map(|e| e.0)
+            .collect();
+        assert_eq!(names, ["im2.png", "im10.png"]);
+        let error = read(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("not a regular file"), "{error}");
+    }
+}

@@ -1,0 +1,161 @@
+//! Middlebury's `calib.txt`: a rectified stereo rig, one `key=value` a line.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::{DatasetError, files};
+
+/// A rectified pair of cameras as Middlebury 2014 and MiddEval3 describe it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StereoCalibration {
+    /// Focal length of both cameras, pixels.
+    pub focal: f64,
+    /// Principal point of the left camera, pixels, in the file's own convention.
+    pub left_center: (f64, f64),
+    /// Principal point of the right camera, pixels, in the file's own convention.
+    pub right_center: (f64, f64),
+    /// `cx1 − cx0`: added to a disparity before it is turned into depth, pixels.
+    pub doffs: f64,
+    /// Distance of the two cameras, metres (the file says millimetres).
+    pub baseline_m: f64,
+    /// Size of the pictures, where the file says it.
+    pub size: Option<(u32, u32)>,
+}
+
+/// Reads a `calib.txt`.
+///
+/// Line ends, a byte order mark, blanks around `=` and the order of the keys do not matter;
+/// unknown keys are ignored. `doffs` may be absent (it is then `cx1 − cx0`), as may the size.
+///
+/// # Errors
+/// Names the file and the key that is missing, not a finite number, or contradicts another.
+pub fn read(path: &Path) -> Result<StereoCalibration, DatasetError> {
+    parse(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from text; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(text: &str) -> Result<StereoCalibration, String> {
+    let mut entries = BTreeMap::new();
+    for line in text.trim_start_matches('\u{feff}').lines() {
+        if let Some((key, value)) = line.split_once('=') {
+            entries.insert(key.trim(), value.trim());
+        }
+    }
+    let text_of = |key: &str| {
+        entries
+            .get(key)
+            .copied()
+            .ok_or_else(|| format!("the key '{key}' is missing"))
+    };
+    let left = matrix("cam0", text_of("cam0")?)?;
+    let right = matrix("cam1", text_of("cam1")?)?;
+    for (name, m) in [("cam0", left), ("cam1", right)] {
+        if m[0] <= 0.0 || (m[0] - m[4]).abs() > 1e-6 * m[0] {
+            return Err(format!(
+                "{name} has focal lengths {} and {}; a rectified pair has one, above zero",
+                m[0], m[4]
+            ));
+        }
+    }
+    if (left[0] - right[0]).abs() > 1e-6 * left[0] {
+        return Err(format!(
+            "cam0 has focal length {} and cam1 {}; a rectified pair has one",
+            left[0], right[0]
+        ));
+    }
+    let center_offset = right[2] - left[2];
+    let doffs = match entries.get("doffs") {
+        Some(text) => number("doffs", text)?,
+        None => center_offset,
+    };
+    // Both are rounded to three decimals in published files, and again when they are rescaled.
+    if (doffs - center_offset).abs() > 0.01 {
+        return Err(format!(
+            "doffs is {doffs}, but cx1 - cx0 is {center_offset}"
+        ));
+    }
+    let baseline_mm = number("baseline", text_of("baseline")?)?;
+    if baseline_mm <= 0.0 {
+        return Err(format!("baseline is {baseline_mm} mm"));
+    }
+    let size = match (entries.get("width"), entries.get("height")) {
+        (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),
+        _ => None,
+    };
+    Ok(StereoCalibration {
+        focal: left[0],
+        left_center: (left[2], left[5]),
+        right_center: (right[2], right[5]),
+        doffs,
+        baseline_m: baseline_mm / 1000.0,
+        size,
+    })
+}
+
+/// `[a b c; d e f; g h i]`, row by row.
+fn matrix(key: &str, text: &str) -> Result<[f64; 9], String> {
+    let inner = text
+        .strip_prefix('[')
+        .and_then(|t| t.strip_suffix(']'))
+        .ok_or_else(|| format!("{key} is '{text}', not a matrix in brackets"))?;
+    let values = inner
+        .split([' ', '\t', ';', ','])
+        .filter(|t| !t.is_empty())
+        .map(|t| number(key, t))
+        .collect::<Result<Vec<_>, _>>()?;
+    <[f64; 9]>::try_from(values)
+        .map_err(|values| format!("{key} has {} entries instead of 9", values.len()))
+}
+
+fn number(key: &str, text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("{key} is '{text}', not a finite number")),
+    }
+}
+
+fn pixels(key: &str, text: &str) -> Result<u32, String> {
+    match text.parse::<u32>() {
+        Ok(value) if value > 0 => Ok(value),
+        _ => Err(format!("{key} is '{text}', not a number of pixels")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAIN: &str = "cam0=[994.97775 0 311.193; 0 994.97775 254.87675; 0 0 1]\n\
+        cam1=[994.97775 0 342.27875; 0 994.97775 254.87675; 0 0 1]\n\
+        doffs=31.08575\nbaseline=193.001\nwidth=741\nheight=500\nndisp=68\n";
+
+    #[test]
+    fn the_rig_is_read_in_metres() {
+        let rig = parse(PLAIN).unwrap();
+        assert_eq!(rig.focal, 994.97775);
+        assert_eq!(rig.left_center, (311.193, 254.87675));
+        assert_eq!(rig.right_center, (342.27875, 254.87675));
+        assert_eq!(rig.doffs, 31.08575);
+        assert_eq!(rig.baseline_m, 0.193_001);
+        assert_eq!(rig.size, Some((741, 500)));
+    }
+
+    #[test]
+    fn contradictions_and_gaps_are_refused() {
+        for (from, to, reason) in [
+            ("doffs=31.08575", "doffs=nan", "doffs is 'nan'"),
+            ("doffs=31.08575", "doffs=3.1", "cx1 - cx0"),
+            ("baseline=193.001", "baseline=-1", "baseline is -1 mm"),
+            ("baseline=193.001", "", "'baseline' is missing"),
+            ("width=741", "width=741.5", "width is '741.5'"),
+            ("cam1=[994.97775", "cam1=[994.9", "one, above zero"),
+            ("; 0 0 1]\ncam1", "; 0 0]\ncam1", "8 entries"),
+        ] {
+            let error = parse(&PLAIN.replace(from, to)).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! Portable float maps as Middlebury uses them: rows stored bottom to top, the sign of the scale
+//! gives the byte order, its magnitude means nothing, +inf marks an unknown disparity.
+
+use std::path::Path;
+
+use super::FloatMap;
+use crate::{DatasetError, files};
+
+/// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values come out as stored,
+/// top row first; bytes after the last value are ignored.
+///
+/// # Errors
+/// Names the file: unreadable, a header that is not PFM, fewer bytes than the header promises,
+/// three different channels.
+pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
+    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from bytes; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
+    let mut header = Header { bytes, at: 0 };
+    let channels: usize = match header.token().as_deref() {
+        Some("Pf") => 1,
+        Some("PF") => 3,
+        None => return Err("the file is empty".into()),
+        Some(other) => {
+            return Err(format!(
+                "not a PFM file: it starts with '{}' instead of 'Pf' or 'PF'",
+                other.chars().take(16).collect::<String>()
+            ));
+        }
+    };
+    let width: u32 = header.number("width")?;
+    let height: u32 = header.number("height")?;
+    let scale: f64 = header.number("scale")?;
+    if width == 0 || height == 0 {
+        return Err(format!("the map is {width}x{height}, without a pixel"));
+    }
+    if scale == 0.0 || !scale.is_finite() {
+        return Err(format!("the scale is {scale}; its sign is the byte order"));
+    }
+
+    let values = u64::from(width) * u64::from(height) * channels as u64;
+    let needed = values.checked_mul(4).and_then(|n| usize::try_from(n).ok());
+    let data = header.data(needed);
+    let Some(data) = needed.and_then(|needed| data.get(..needed)) else {
+        return Err(format!(
+            "a {width}x{height} map of {channels} channel(s) takes {} bytes; only {} follow the \
+             header (truncated?)",
+            u128::from(values) * 4,
+            data.len()
+        ));
+    };
+    let read = if scale < 0.0 {
+        f32::from_le_bytes
+    } else {
+        f32::from_be_bytes
+    };
+    let stored: Vec<f32> = data
+        .chunks_exact(4)
+        .map(|b| read([b[0], b[1], b[2], b[3]]))
+        .collect();
+    let row = width as usize * channels;
+    let mut map = FloatMap::new(width, height);
+    for (into, from) in map
+        .chunks_exact_mut(width as usize)
+        .zip(stored.chunks_exact(row).rev())
+    {
+        for (value, pixel) in into.iter_mut().zip(from.chunks_exact(channels)) {
+            if pixel.iter().any(|c| c.to_bits() != pixel[0].to_bits()) {
+                return Err(
+                    "the three channels differ: this is a colour map, not a depth or \
+                            disparity map"
+                        .into(),
+                );
+            }
+            *value = pixel[0];
+        }
+    }
+    Ok(map)
+}
+
+/// Writes a one-channel little-endian PFM file.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    let mut bytes = format!("Pf\n{} {}\n-1\n", map.width(), map.height()).into_bytes();
+    for row in map.chunks_exact(map.width().max(1) as usize).rev() {
+        bytes.extend(row.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
+}
+
+struct Header<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl<'a> Header<'a> {
+    /// The next run of printable characters, after white space and `#` comments.
+    fn token(&mut self) -> Option<String> {
+        loop {
+            match self.bytes.get(self.at)? {
+                c if c.is_ascii_whitespace() => self.at += 1,
+                b'#' => {
+                    while *self.bytes.get(self.at)? != b'\n' {
+                        self.at += 1;
+                    }
+                }
+                _ => break,
+            }
+        }
+        let rest = &self.bytes[self.at..];
+        // Numbers are short; what runs on is not a header.
+        let end = rest
+            .iter()
+            .take(64)
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(rest.len().min(64));
+        self.at += end;
+        Some(String::from_utf8_lossy(&rest[..end]).into_owned())
+    }
+
+    fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, String> {
+        let token = self
+            .token()
+            .ok_or_else(|| format!("the header ends before the {what}"))?;
+        token
+            .parse()
+            .map_err(|_| format!("the {what} in the header is '{token}'"))
+    }
+
+    /// What follows the header: one byte of white space ends it, or CR LF. A data byte that
+    /// happens to be LF after a lone CR is told apart by the number of bytes needed.
+    fn data(&self, needed: Option<usize>) -> &'a [u8] {
+        let rest = &self.bytes[self.at..];
+        let after_cr = rest.len().saturating_sub(1);
+        if rest.starts_with(b"\r\n") && needed != Some(after_cr) {
+            &rest[2..]
+        } else {
+            rest.get(1..).unwrap_or_default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> FloatMap {
+        FloatMap::from_vec(
+            3,
+            2,
+            vec![1.0, f32::INFINITY, -0.0, 4.5, f32::MIN_POSITIVE, 6.0],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pfm");
+        write(&path, &sample()).unwrap();
+        assert_eq!(read(&path).unwrap(), sample());
+        assert_eq!(
+            &std::fs::read(&path).unwrap()[10..14],
+            &4.5_f32.to_le_bytes()
+        );
+    }
+
+    #[test]
+    fn headers_of_every_make_are_read() {
+        let rows: Vec<u8> = [4.5_f32, 6.0, 1.0, 2.0]
+            .iter()
+            .flat_map(|v| v.to_be_bytes())
+            .collect();
+        for header in [
+            "Pf\n2 2\n1\n",
+            "Pf 2 2 0.25 ",
+            "Pf\r\n2 2\r\n1.0\r\n",
+            "Pf\n# made by hand\n2 2\n1\n",
+        ] {
+            let bytes = [header.as_bytes(), &rows].concat();
+            let map = parse(&bytes).unwrap();
+            assert_eq!(map.as_raw(), &[1.0, 2.0, 4.5, 6.0], "{header:?}");
+        }
+    }
+
+    #[test]
+    fn a_data_byte_that_looks_like_a_line_feed_is_kept() {
+        // f32 whose first little-endian byte is 0x0A, after a header that ends in a lone CR.
+        let value = f32::from_le_bytes([0x0A, 0x00, 0x80, 0x3F]);
+        let bytes = [b"Pf\r1 1\r-1\r".as_slice(), &value.to_le_bytes()].concat();
+        assert_eq!(parse(&bytes).unwrap().as_raw(), &[value]);
+    }
+
+    #[test]
+    fn broken_headers_are_refused_before_anything_is_allocated() {
+        for (bytes, reason) in [
+            (b"".as_slice(), "empty"),
+            (b"P5\n2 2\n255\n", "starts with 'P5'"),
+            (b"Pf\n2", "before the height"),
+            (b"Pf\n2 -2\n-1\n", "height in the header is '-2'"),
+            (b"Pf\n0 2\n-1\n", "without a pixel"),
+            (b"Pf\n2 2\n0\n", "byte order"),
+            (b"Pf\n4000000000 4000000000\n-1\n", "truncated"),
+            (
+                b"PF\n1 1\n-1\n\0\0\0\0\0\0\x80\x3f\0\0\0\0",
+                "channels differ",
+            ),
+        ] {
+            let error = parse(bytes).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

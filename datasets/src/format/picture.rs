@@ -1,0 +1,223 @@
+//! Photographs: PNG or JPEG, told apart by their first bytes, as 8-bit RGB.
+//!
+//! Gray is replicated, palettes are expanded, CMYK is converted, alpha is dropped (not composited:
+//! datasets use it as a mask, if at all), 16 bits become 8 by v / 257, rounded. Pixels are taken
+//! as sRGB whatever profile is embedded, and an EXIF orientation is not applied, because the
+//! intrinsics of COLMAP, nerfstudio and ETH3D describe the picture as stored.
+
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
+
+use super::jpeg_markers;
+use crate::{DatasetError, files};
+
+/// Decodes a photograph.
+///
+/// # Errors
+/// Names the file: unreadable, not a PNG or JPEG (a Git LFS pointer or a web page saved under an
+/// image's name is recognised), truncated, failing its checksum, or promising more pixels than a
+/// file of its length can hold.
+pub fn read(path: &Path) -> Result<RgbImage, DatasetError> {
+    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from bytes; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8]) -> Result<RgbImage, String> {
+    Ok(match decode(bytes)? {
+        DynamicImage::ImageRgb8(image) => image,
+        DynamicImage::ImageLuma8(image) => expand(image.width(), image.height(), &image, 1, |v| v),
+        DynamicImage::ImageLumaA8(image) => expand(image.width(), image.height(), &image, 2, |v| v),
+        DynamicImage::ImageRgba8(image) => expand(image.width(), image.height(), &image, 4, |v| v),
+        DynamicImage::ImageLuma16(image) => {
+            expand(image.width(), image.height(), &image, 1, eight_bits)
+        }
+        DynamicImage::ImageLumaA16(image) => {
+            expand(image.width(), image.height(), &image, 2, eight_bits)
+        }
+        DynamicImage::ImageRgb16(image) => {
+            expand(image.width(), image.height(), &image, 3, eight_bits)
+        }
+        DynamicImage::ImageRgba16(image) => {
+            expand(image.width(), image.height(), &image, 4, eight_bits)
+        }
+        other => return Err(format!("pixels of kind {:?} are not read", other.color())),
+    })
+}
+
+/// Decodes PNG or JPEG without converting the pixels.
+pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let format = sniff(bytes)?;
+    if format == ImageFormat::Jpeg {
+        // The decoder fills what is missing with gray; a truncated file must not be scored.
+        jpeg_markers::check_complete(bytes)?;
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    // The bound below is tighter than any fixed limit, and lets a 50-megapixel picture pass.
+    reader.no_limits();
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    check_size(width, height, bytes.len())?;
+    DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())
+}
+
+/// Width and height of a photograph, from its header.
+///
+/// # Errors
+/// As [`read`], as far as the header shows.
+pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
+    let mut file = files::open(path)?;
+    let mut start = [0; 32];
+    let mut filled = 0;
+    while filled < start.len() {
+        match file.read(&mut start[filled..]) {
+            Ok(0) => break,
+            Ok(n) => filled += n,
+            Err(e) => return Err(DatasetError::io(path, e)),
+        }
+    }
+    let malformed = |reason: String| DatasetError::malformed(path, reason);
+    let format = sniff(&start[..filled]).map_err(malformed)?;
+    ImageReader::with_format(BufReader::new(files::open(path)?), format)
+        .into_dimensions()
+        .map_err(|e| malformed(e.to_string()))
+}
+
+fn sniff(bytes: &[u8]) -> Result<ImageFormat, String> {
+    const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
+    let text = text.trim_start();
+    let what = if bytes.starts_with(PNG) {
+        return Ok(ImageFormat::Png);
+    } else if bytes.starts_with(b"\xff\xd8\xff") {
+        return Ok(ImageFormat::Jpeg);
+    } else if bytes.is_empty() {
+        "the file is empty"
+    } else if text.starts_with("version https://git-lfs") {
+        "a Git LFS pointer, not the picture itself (run `git lfs pull`)"
+    } else if text.starts_with("<!doctype html") || text.starts_with("<html") {
+        "an HTML page, not a picture (a failed download?)"
+    } else if bytes.get(4..8) == Some(b"ftyp") {
+        "a HEIC or AVIF picture; convert it to PNG or JPEG"
+    } else if bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*") {
+        "a TIFF picture; convert it to PNG or JPEG"
+    } else if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
+        "a WebP picture; convert it to PNG or JPEG"
+    } else {
+        "neither a PNG nor a JPEG picture"
+    };
+    Err(what.into())
+}
+
+/// Refuses a size that no file of this length can hold. Deflate expands at most 1032-fold, and a
+/// PNG pixel takes at least one bit; a JPEG takes at least one bit a block of 8×8 pixels.
+fn check_size(width: u32, height: u32, file_bytes: usize) -> Result<(), String> {
+    const PIXELS_PER_BYTE: u64 = 1032 * 8;
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels == 0 {
+        return Err(format!("the picture is {width}x{height}, without a pixel"));
+    }
+    if pixels / PIXELS_PER_BYTE > file_bytes as u64 {
+        return Err(format!(
+            "the header promises {width}x{height} pixels, which {file_bytes} bytes cannot hold"
+        ));
+    }
+    Ok(())
+}
+
+/// RGB from interleaved samples: one or two channels are gray (and alpha), three or four colour.
+fn expand<T: Copy>(
+    width: u32,
+    height: u32,
+    samples: &[T],
+    channels: usize,
+    eight_bits: impl Fn(T) -> u8,
+) -> RgbImage {
+    let mut image = RgbImage::new(width, height);
+    for (rgb, pixel) in image
+        .chunks_exact_mut(3)
+        .zip(samples.chunks_exact(channels))
+    {
+        for (c, value) in rgb.iter_mut().enumerate() {
+            *value = eight_bits(pixel[if channels < 3 { 0 } else { c }]);
+        }
+    }
+    image
+}
+
+/// v / 257 to the nearest level: 65535 becomes 255, and v · 257 comes back as v.
+fn eight_bits(v: u16) -> u8 {
+    ((u32::from(v) + 128) / 257) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn png(image: DynamicImage) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, ImageFormat::Png).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn every_pixel_layout_becomes_rgb() {
+        let gray = image::GrayImage::from_vec(2, 1, vec![7, 200]).unwrap();
+        assert_eq!(
+            parse(&png(gray.into())).unwrap().as_raw(),
+            &[7, 7, 7, 200, 200, 200]
+        );
+        let rgba = image::RgbaImage::from_vec(1, 1, vec![1, 2, 3, 0]).unwrap();
+        assert_eq!(parse(&png(rgba.into())).unwrap().as_raw(), &[1, 2, 3]);
+        let deep = image::ImageBuffer::<image::Rgb<u16>, _>::from_vec(
+            2,
+            1,
+            vec![0, 128, 129, 257, 65535, 65406],
+        )
+        .unwrap();
+        assert_eq!(
+            parse(&png(deep.into())).unwrap().as_raw(),
+            &[0, 0, 1, 1, 255, 254]
+        );
+    }
+
+    #[test]
+    fn what_is_not_a_picture_is_named() {
+        for (bytes, reason) in [
+            (b"".as_slice(), "empty"),
+            (b"version https://git-lfs.github.com/spec/v1\n", "LFS"),
+            (b"\n<!DOCTYPE HTML><html>", "HTML"),
+            (b"\0\0\0\x18ftypheic", "HEIC"),
+            (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
+            (b"hello", "neither"),
+        ] {
+            let error = parse(bytes).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_header_cannot_make_us_allocate() {
+        let mut bytes = png(image::GrayImage::new(1, 1).into());
+        // IHDR: width at 16, height at 20, its checksum at 29.
+        bytes[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+        let crc = crc32(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&crc.to_be_bytes());
+        let error = parse(&bytes).unwrap_err();
+        assert!(error.contains("cannot hold"), "{error}");
+    }
+
+    fn crc32(bytes: &[u8]) -> u32 {
+        !bytes.iter().fold(u32::MAX, |mut crc, byte| {
+            crc ^= u32::from(*byte);
+            for _ in 0..8 {
+                crc = (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
+            }
+            crc
+        })
+    }
+}

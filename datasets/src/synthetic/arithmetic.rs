@@ -1,0 +1,127 @@
+//! Functions that would otherwise come from libm, whose last bits differ between machines.
+
+use std::f64::consts::FRAC_PI_2;
+
+/// Cosine and sine of an angle given in turns, by Taylor's series on an eighth of a turn; exact to
+/// about 1e-16.
+pub(super) fn unit_circle(turns: f64) -> (f64, f64) {
+    let quarter = (turns * 4.0 + 0.5).floor();
+    let x = (turns * 4.0 - quarter) * FRAC_PI_2;
+    let x2 = x * x;
+    // Coefficients ±1/n!, innermost first.
+    let cosine = series(x2, 16.0);
+    let sine = x * series(x2, 17.0);
+    match quarter.rem_euclid(4.0) as u8 {
+        0 => (cosine, sine),
+        1 => (-sine, cosine),
+        2 => (-cosine, -sine),
+        _ => (sine, -cosine),
+    }
+}
+
+/// Horner form of 1 − x²/(n−1)n·(1 − …): the cosine's series when `highest` is even, the sine's
+/// divided by x when it is odd.
+fn series(x2: f64, highest: f64) -> f64 {
+    let mut sum = 1.0;
+    let mut n = highest;
+    while n > 1.5 {
+        sum = 1.0 - x2 / (n * (n - 1.0)) * sum;
+        n -= 2.0;
+    }
+    sum
+}
+
+/// The sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest. The power 5/12
+/// is two square roots and a cube root.
+pub(super) fn srgb_level(linear: f64) -> u8 {
+    let x = linear.clamp(0.0, 1.0);
+    let encoded = if x <= 0.003_130_8 {
+        12.92 * x
+    } else {
+        let fourth_root = x.sqrt().sqrt();
+        let squared = fourth_root * fourth_root;
+        1.055 * cube_root(squared * squared * fourth_root) - 0.055
+    };
+    (encoded * 255.0 + 0.5).floor() as u8
+}
+
+/// Newton's iteration from a guess that divides the exponent by three; for positive numbers.
+fn cube_root(a: f64) -> f64 {
+    // 2/3 of the exponent's bias, in the exponent's place.
+    const TWO_THIRDS_OF_BIAS: u64 = (1023_u64 << 52) / 3 * 2;
+    let mut y = f64::from_bits(a.to_bits() / 3 + TWO_THIRDS_OF_BIAS);
+    for _ in 0..5 {
+        y = (2.0 * y + a / (y * y)) / 3.0;
+    }
+    y
+}
+
+/// A stream of random numbers (splitmix64).
+#[derive(Debug)]
+pub(super) struct Random(u64);
+
+impl Random {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        mix(self.0)
+    }
+
+    /// Uniform in `low..high`.
+    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * unit(self.next())
+    }
+}
+
+/// splitmix64's finaliser: every input bit reaches every output bit.
+pub(super) fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// The top 53 bits as a number in 0..1.
+pub(super) fn unit(bits: u64) -> f64 {
+    (bits >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_circle_agrees_with_libm() {
+        for i in -50..150 {
+            let turns = f64::from(i) / 37.0;
+            let (c, s) = unit_circle(turns);
+            let angle = turns * std::f64::consts::TAU;
+            assert!((c - angle.cos()).abs() < 1e-14, "{turns}");
+            assert!((s - angle.sin()).abs() < 1e-14, "{turns}");
+        }
+    }
+
+    #[test]
+    fn encoding_agrees_with_the_projects_own() {
+        use sharp::color::{Quantization, linear_from_srgb, quantize, srgb_from_linear};
+        for level in 0..=255_u8 {
+            let linear = linear_from_srgb(f32::from(level) / 255.0);
+            assert_eq!(srgb_level(f64::from(linear)), level);
+        }
+        for i in 0..10_000 {
+            let x = f64::from(i) / 9_999.0;
+            let other = quantize(srgb_from_linear(x as f32), Quantization::Round);
+            assert!(srgb_level(x).abs_diff(other) <= 1, "{x}");
+        }
+    }
+
+    #[test]
+    fn cube_roots_are_exact_to_rounding() {
+        for i in 1..1000 {
+            let x = f64::from(i) / 1000.0;
+            assert!((cube_root(x * x * x) - x).abs() < 1e-15, "{x}");
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! A procedural scene, ray-cast in f64: photographs, exact depth and exact visibility.
+//!
+//! Textured planes, boxes, spheres, thin poles and wires, an occluder close to the cameras and a
+//! sky without depth stand before concentric rings of cameras, no two of which are more than
+//! 60 cm apart (the rig of the paper's synthetic data). Everything follows from a seed.
+//!
+//! Only additions, multiplications, divisions, square roots and integer hashes are used, all of
+//! which IEEE 754 defines to the last bit: pictures and depths are the same on every machine and
+//! for any number of threads.
+//!
+//! * [`arithmetic`]: the few functions that would otherwise come from libm.
+//! * [`shapes`]: rectangles, boxes, spheres, and rays against them.
+//! * [`texture`]: colours from integer noise.
+//! * [`world`]: what stands where.
+//! * [`rig`]: the cameras.
+//! * [`content`]: pictures and depth as views.
+
+mod arithmetic;
+mod content;
+mod rig;
+mod shapes;
+mod texture;
+mod world;
+
+use std::sync::Arc;
+
+use glam::DVec2;
+
+use crate::catalog::{DatasetSpec, Format, Setting};
+use crate::{DatasetError, Pairing, Scene, View};
+use content::ProceduralContent;
+use world::World;
+
+/// The catalogue's entry.
+pub(crate) const FORMAT: Format = Format {
+    name: "synthetic",
+    summary: "a procedural multi-view scene with exact depth; no folder, nothing to download",
+    settings: &[
+        Setting::free("seed", "places and colours the objects", "0"),
+        Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
+        Setting::free("views", "number of cameras, at least 2", "24"),
+    ],
+    open,
+};
+
+/// What determines a procedural scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SyntheticOptions {
+    /// Places and colours the objects.
+    pub seed: u64,
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// Number of cameras, at least 2.
+    pub views: usize,
+}
+
+impl Default for SyntheticOptions {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            width: 320,
+            height: 240,
+            views: 24,
+        }
+    }
+}
+
+/// A procedural scene with what only a procedural scene can tell: exact visibility.
+#[derive(Debug, Clone)]
+pub struct SyntheticScene {
+    world: Arc<World>,
+    views: Vec<View>,
+    options: SyntheticOptions,
+}
+
+impl SyntheticScene {
+    /// Builds the scene; pictures are computed when asked for.
+    ///
+    /// # Errors
+    /// [`DatasetError::Spec`] for a picture without a pixel or of more than 2²⁸ pixels, fewer
+    /// than 2 views or more than 10,000.
+    pub fn new(options: SyntheticOptions) -> Result<Self, DatasetError> {
+        let refuse = |reason: String| DatasetError::Spec {
+            text: FORMAT.name.to_owned(),
+            reason,
+        };
+        let pixels = u64::from(options.width) * u64::from(options.height);
+        if pixels == 0 || pixels > 1 << 28 {
+            return Err(refuse(format!(
+                "cannot make pictures of {}x{}",
+                options.width, options.height
+            )));
+        }
+        if !(2..=10_000).contains(&options.views) {
+            return Err(refuse(format!(
+                "cannot place {} views; 2 to 10000 are possible",
+                options.views
+            )));
+        }
+        let world = Arc::new(World::new(options.seed));
+        let intrinsics = rig::intrinsics(options.width, options.height);
+        let views = rig::poses(options.views)
+            .into_iter()
+            .enumerate()
+            .map(|(i, camera_from_world)| View {
+                id: format!("view_{i:02}"),
+                intrinsics,
+                camera_from_world,
+                content: Arc::new(ProceduralContent::new(
+                    Arc::clone(&world),
+                    intrinsics,
+                    camera_from_world,
+                )),
+            })
+            .collect();
+        Ok(Self {
+            world,
+            views,
+            options,
+        })
+    }
+
+    /// The cameras, with their pictures and depth.
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// As any reader would hand it on.
+    pub fn scene(&self, dataset: &str) -> Scene {
+        let id = format!("seed{}", self.options.seed);
+        Scene {
+            dataset: dataset.to_owned(),
+            cluster: id.clone(),
+            id,
+            views: self.views.clone(),
+            pairing: Pairing::MultiView,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Whether the surface point at the centre of `pixel` in view `seen_in` is also seen by view
+    /// `from`: it projects into that picture and nothing stands between. `None` where the pixel
+    /// shows the sky. Exact: decided by casting rays, not by comparing depth maps.
+    ///
+    /// # Panics
+    /// When a view's index is out of range.
+    pub fn visible(&self, seen_in: usize, pixel: (u32, u32), from: usize) -> Option<bool> {
+        let (a, b) = (&self.views[seen_in], &self.views[from]);
+        let center = DVec2::new(f64::from(pixel.0) + 0.5, f64::from(pixel.1) + 0.5);
+        let world_from_a = a.camera_from_world.inverse();
+        let direction = world_from_a.rotation * a.intrinsics.unproject(center, 1.0);
+        let hit = self.world.first_hit(world_from_a.translation, direction)?;
+        let point = world_from_a.translation + direction * hit.distance;
+        let inside = b
+            .intrinsics
+            .project(b.camera_from_world.apply(point))
+            .is_some_and(|p| b.intrinsics.contains(p));
+        if !inside {
+            return Some(false);
+        }
+        let eye = b.camera_from_world.camera_center();
+        // The surface itself lies at distance 1, up to rounding.
+        let blocked = self
+            .world
+            .first_hit(eye, point - eye)
+            .is_some_and(|other| other.distance < 1.0 - 1e-9);
+        Some(!blocked)
+    }
+
+    /// The share of view `seen_in`'s pixels with depth whose surface point view `from` sees too;
+    /// `None` when no pixel has depth. This is what an overlap estimated from depth maps should
+    /// come close to.
+    ///
+    /// # Panics
+    /// When a view's index is out of range.
+    pub fn visible_share(&self, seen_in: usize, from: usize) -> Option<f64> {
+        let (mut with_depth, mut seen) = (0_u64, 0_u64);
+        for y in 0..self.options.height {
+            for x in 0..self.options.width {
+                if let Some(visible) = self.visible(seen_in, (x, y), from) {
+                    with_depth += 1;
+                    seen += u64::from(visible);
+                }
+            }
+        }
+        (with_depth > 0).then(|| seen as f64 / with_depth as f64)
+    }
+}
+
+fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let wrong = |key: &str, value: &str| DatasetError::Spec {
+        text: spec.to_string(),
+        reason: format!("'{key}' cannot be '{value}'"),
+    };
+    let number = |key: &str| {
+        let text = spec.setting(key);
+        text.parse::<u64>().map_err(|_| wrong(key, text))
+    };
+    let size = spec.setting("size");
+    let (width, height) = size
+        .split_once('x')
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
+        .ok_or_else(|| wrong("size", size))?;
+    let scene = SyntheticScene::new(SyntheticOptions {
+        seed: number("seed")?,
+        width,
+        height,
+        views: usize::try_from(number("views")?).unwrap_or(usize::MAX),
+    })?;
+    Ok(vec![scene.scene(&spec.name)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sharp::camera::baseline_m;
+
+    fn small() -> SyntheticScene {
+        SyntheticScene::new(SyntheticOptions {
+            width: 96,
+            height: 72,
+            ..SyntheticOptions::default()
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn no_two_cameras_are_further_apart_than_the_papers() {
+        let scene = small();
+        let mut widest: f64 = 0.0;
+        for a in scene.views() {
+            for b in scene.views() {
+                widest = widest.max(baseline_m(&a.camera_from_world, &b.camera_from_world));
+            }
+        }
+        assert!((0.55..=0.6).contains(&widest), "{widest}");
+        assert_eq!(scene.views().len(), 24);
+    }
+
+    #[test]
+    fn every_view_sees_ground_objects_and_sky() {
+        for view in small().views() {
+            let depth = view.content.depth().unwrap().unwrap();
+            let valid: Vec<f32> = depth.iter().copied().filter(|d| *d > 0.0).collect();
+            let share = valid.len() as f64 / (96.0 * 72.0);
+            assert!((0.5..0.97).contains(&share), "{}: {share}", view.id);
+            let nearest = valid.iter().copied().fold(f32::MAX, f32::min);
+            let farthest = valid.iter().copied().fold(0.0, f32::max);
+            assert!((0.6..1.6).contains(&nearest), "{}: {nearest}", view.id);
+            assert!(farthest > 6.0, "{}: {farthest}", view.id);
+        }
+    }
+
+    #[test]
+    fn a_view_sees_its_own_surfaces_and_the_occluder_hides_some_of_another_view() {
+        let scene = small();
+        assert_eq!(scene.visible_share(3, 3), Some(1.0));
+        let share = scene.visible_share(0, 23).unwrap();
+        assert!((0.5..0.98).contains(&share), "{share}");
+        let (mut sky, mut hidden_inside) = (0, 0);
+        let (a, b) = (&scene.views()[0], &scene.views()[23]);
+        let depth = a.content.depth().unwrap().unwrap();
+        let b_from_a = b.camera_from_world.after(&a.camera_from_world.inverse());
+        for (x, y, value) in depth.enumerate_pixels() {
+            let visible = scene.visible(0, (x, y), 23);
+            assert_eq!(visible.is_none(), value.0[0] == 0.0);
+            let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let point = b_from_a.apply(a.intrinsics.unproject(center, f64::from(value.0[0])));
+            let inside = b
+                .intrinsics
+                .project(point)
+                .is_some_and(|p| b.intrinsics.contains(p));
+            sky += u32::from(visible.is_none());
+            hidden_inside += u32::from(visible == Some(false) && inside);
+        }
+        assert!(sky > 100, "{sky}");
+        assert!(hidden_inside > 50, "{hidden_inside}");
+    }
+
+    #[test]
+    fn seeds_make_different_scenes_and_the_same_seed_the_same() {
+        let hash = |seed| {
+            let options = SyntheticOptions {
+                seed,
+                width: 40,
+                height: 30,
+                views: 2,
+            };
+            let scene = SyntheticScene::new(options).unwrap();
+            scene.views()[1].content.image_sha256().unwrap()
+        };
+        assert_eq!(hash(5), hash(5));
+        assert_ne!(hash(5), hash(6));
+    }
+
+    /// Recorded once. It changes only with the scene itself, never with machine or thread count.
+    #[test]
+    fn pictures_are_the_same_on_every_machine() {
+        let options = SyntheticOptions {
+            seed: 7,
+            width: 64,
+            height: 48,
+            views: 2,
+        };
+        let scene = SyntheticScene::new(options).unwrap();
+        assert_eq!(
+            scene.views()[1].content.image_sha256().unwrap(),
+            "b79fe2c6d1ee93b593db8281a2d88645b4969a9b17751e0b7f4f58cf64fe567b"
+        );
+    }
+
+    #[test]
+    fn impossible_options_are_refused() {
+        for text in [
+            "synthetic=size=0x240",
+            "synthetic=size=320",
+            "synthetic=size=99999x99999",
+            "synthetic=views=1",
+            "synthetic=views=99999999999999999999",
+            "synthetic=seed=-1",
+        ] {
+            let spec = DatasetSpec::parse(text).unwrap();
+            assert!(crate::open(&spec).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Rectangles, boxes and spheres, and where rays meet them.
+
+use glam::{DMat3, DVec3};
+
+/// A surface that rays can meet.
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    /// A flat rectangle seen from both sides. `axes` are its two half edges' directions and its
+    /// normal, orthonormal.
+    Rectangle {
+        center: DVec3,
+        axes: DMat3,
+        half: (f64, f64),
+    },
+    /// A solid box with orthonormal `axes`.
+    Box {
+        center: DVec3,
+        axes: DMat3,
+        half: DVec3,
+    },
+    /// A solid ball.
+    Sphere { center: DVec3, radius: f64 },
+}
+
+/// Where a ray meets a shape.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Meeting {
+    /// In units of the ray's direction vector, > 0.
+    pub(super) distance: f64,
+    /// Unit length, towards the ray's origin.
+    pub(super) normal: DVec3,
+    /// The point in the shape's own axes, metres from its centre.
+    pub(super) local: DVec3,
+    /// Which of the local axes the surface is across: texture lies along the other two.
+    pub(super) across: usize,
+}
+
+impl Shape {
+    /// A ball around the shape: its centre and the square of its radius, a little enlarged so that
+    /// rounding cannot cut anything off.
+    pub(super) fn bounds(&self) -> (DVec3, f64) {
+        let (center, square) = match self {
+            Self::Rectangle { center, half, .. } => (*center, half.0 * half.0 + half.1 * half.1),
+            Self::Box { center, half, .. } => (*center, half.dot(*half)),
+            Self::Sphere { center, radius } => (*center, radius * radius),
+        };
+        (center, square * 1.000_001)
+    }
+
+    /// The first point in front of the origin, if any.
+    pub(super) fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
+        match self {
+            Self::Rectangle { center, axes, half } => {
+                let (o, d) = local(axes, origin - *center, direction);
+                let distance = -o.z / d.z;
+                let point = o + d * distance;
+                let inside = point.x.abs() <= half.0 && point.y.abs() <= half.1;
+                (distance > 0.0 && inside).then(|| Meeting {
+                    distance,
+                    normal: axes.z_axis * -d.z.signum(),
+                    local: point,
+                    across: 2,
+                })
+            }
+            Self::Box { center, axes, half } => {
+                let (o, d) = local(axes, origin - *center, direction);
+                // The ray is inside the box between the last entry into and the first exit from
+                // the three slabs.
+                let (mut enter, mut leave, mut across) = (f64::NEG_INFINITY, f64::INFINITY, 0);
+                for axis in 0..3 {
+                    let (p, q) = (
+                        (-half[axis] - o[axis]) / d[axis],
+                        (half[axis] - o[axis]) / d[axis],
+                    );
+                    let (near, far) = if p < q { (p, q) } else { (q, p) };
+                    if near > enter {
+                        (enter, across) = (near, axis);
+                    }
+                    if far < leave {
+                        leave = far;
+                    }
+                }
+                (enter > 0.0 && enter <= leave).then(|| Meeting {
+                    distance: enter,
+                    normal: axes.col(across) * -d[across].signum(),
+                    local: o + d * enter,
+                    across,
+                })
+            }
+            Self::Sphere { center, radius } => {
+                let o = origin - *center;
+                let a = direction.dot(direction);
+                let b = o.dot(direction);
+                let c = o.dot(o) - radius * radius;
+                let discriminant = b * b - a * c;
+                if discriminant < 0.0 {
+                    return None;
+                }
+                let distance = (-b - discriminant.sqrt()) / a;
+                (distance > 0.0).then(|| {
+                    let local = o + direction * distance;
+                    Meeting {
+                        distance,
+                        normal: local / *radius,
+                        local,
+                        across: 3,
+                    }
+                })
+            }
+        }
+    }
+}
+
+/// A ray in a shape's own axes.
+fn local(axes: &DMat3, origin: DVec3, direction: DVec3) -> (DVec3, DVec3) {
+    let turn = axes.transpose();
+    (turn * origin, turn * direction)
+}
+
+/// Orthonormal axes turned by the quaternion (x, y, z, w), which need not be normalised.
+pub(super) fn turned(x: f64, y: f64, z: f64, w: f64) -> DMat3 {
+    let s = 1.0 / (x * x + y * y + z * z + w * w).sqrt();
+    let (x, y, z, w) = (x * s, y * s, z * s, w * s);
+    DMat3::from_cols(
+        DVec3::new(
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y + w * z),
+            2.0 * (x * z - w * y),
+        ),
+        DVec3::new(
+            2.0 * (x * y - w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z + w * x),
+        ),
+        DVec3::new(
+            2.0 * (x * z + w * y),
+            2.0 * (y * z - w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_meet_shapes_where_geometry_says() {
+        let axes = turned(0.0, 0.0, 0.0, 2.0);
+        assert_eq!(axes, DMat3::IDENTITY);
+        let center = DVec3::new(0.0, 0.0, 5.0);
+        let forward = DVec3::new(0.0, 0.0, 2.0);
+        let rectangle = Shape::Rectangle {
+            center,
+            axes,
+            half: (1.0, 1.0),
+        };
+        let cube = Shape::Box {
+            center,
+            axes,
+            half: DVec3::splat(1.0),
+        };
+        let ball = Shape::Sphere {
+            center,
+            radius: 1.0,
+        };
+        for (shape, distance) in [(&rectangle, 2.5), (&cube, 2.0), (&ball, 2.0)] {
+            let meeting = shape.meet(DVec3::ZERO, forward).unwrap();
+            assert_eq!(meeting.distance, distance);
+            assert_eq!(meeting.normal, DVec3::new(0.0, 0.0, -1.0));
+            assert!(shape.meet(DVec3::ZERO, -forward).is_none());
+            assert!(shape.meet(DVec3::new(1.5, 0.0, 0.0), forward).is_none());
+        }
+        // From the side, at an angle.
+        let meeting = cube
+            .meet(DVec3::new(-3.0, 0.5, 5.0), DVec3::new(1.0, 0.0, 0.0))
+            .unwrap();
+        assert_eq!((meeting.distance, meeting.across), (2.0, 0));
+    }
+
+    #[test]
+    fn turned_axes_are_orthonormal() {
+        let m = turned(0.3, -0.2, 0.9, 0.4);
+        let deviation = m * m.transpose() - DMat3::IDENTITY;
+        assert!(deviation.to_cols_array().iter().all(|v| v.abs() < 1e-15));
+        assert!((m.determinant() - 1.0).abs() < 1e-15);
+    }
+}

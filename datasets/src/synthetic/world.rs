@@ -1,0 +1,231 @@
+//! What stands where: objects, light and sky.
+//!
+//! World axes are those of the rig's central camera: x right, y down, z forward, metres.
+
+use glam::{DMat3, DVec3};
+
+use super::arithmetic::Random;
+use super::shapes::{Meeting, Shape, turned};
+use super::texture::{Texture, sky};
+
+/// Distance of the ground below the central camera, metres.
+const GROUND_Y: f64 = 1.3;
+/// Light from everywhere, and what the sun adds where it shines straight on.
+const AMBIENT: f64 = 0.38;
+const SUN: f64 = 0.72;
+
+#[derive(Debug)]
+struct Object {
+    shape: Shape,
+    /// Centre and squared radius of a ball around it.
+    bounds: (DVec3, f64),
+    texture: Texture,
+}
+
+/// The scene without its cameras.
+#[derive(Debug)]
+pub(super) struct World {
+    objects: Vec<Object>,
+    to_sun: DVec3,
+    sky_seed: u64,
+}
+
+/// The first surface along a ray.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hit {
+    /// In units of the ray's direction vector.
+    pub(super) distance: f64,
+    object: usize,
+    meeting: Meeting,
+}
+
+impl World {
+    /// Places and paints everything.
+    pub(super) fn new(seed: u64) -> Self {
+        let mut random = Random::new(seed);
+        let mut world = Self {
+            objects: Vec::new(),
+            to_sun: DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize(),
+            sky_seed: random.next(),
+        };
+        world.add_planes(&mut random);
+        world.add_solids(&mut random);
+        world.add_thin_structures(&mut random);
+        world.add_occluder(&mut random);
+        world
+    }
+
+    fn add(&mut self, random: &mut Random, scale: f64, shape: Shape) {
+        self.objects.push(Object {
+            bounds: shape.bounds(),
+            shape,
+            texture: Texture::random(random, scale),
+        });
+    }
+
+    /// The ground, a wall at the back that leaves sky beside and above it, and a slanted wall.
+    fn add_planes(&mut self, random: &mut Random) {
+        let ground = Shape::Rectangle {
+            center: DVec3::new(0.0, GROUND_Y, 5.0),
+            axes: DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y),
+            half: (9.0, 5.5),
+        };
+        self.add(random, 0.6, ground);
+        let height = random.between(1.0, 1.3);
+        let back = Shape::Rectangle {
+            center: DVec3::new(
+                random.between(-2.6, -1.8),
+                GROUND_Y - height,
+                random.between(7.5, 9.0),
+            ),
+            axes: DMat3::IDENTITY,
+            half: (3.8, height),
+        };
+        self.add(random, 0.5, back);
+        let slant = turned(0.0, random.between(-0.48, -0.38), 0.0, 1.0);
+        let side = Shape::Rectangle {
+            center: DVec3::new(random.between(2.6, 3.1), 0.2, 5.0),
+            axes: slant,
+            half: (1.7, 1.1),
+        };
+        self.add(random, 0.4, side);
+    }
+
+    /// Boxes and balls on the ground between 2 and 6 metres away, and a ball in the air.
+    fn add_solids(&mut self, random: &mut Random) {
+        for i in 0..4 {
+            let half = DVec3::new(
+                random.between(0.18, 0.4),
+                random.between(0.2, 0.55),
+                random.between(0.18, 0.4),
+            );
+            let x = -1.5 + f64::from(i) + random.between(-0.3, 0.3);
+            let shape = Shape::Box {
+                center: DVec3::new(x, GROUND_Y - half.y, random.between(2.4, 5.5)),
+                axes: turned(0.0, random.between(-0.5, 0.5), 0.0, 1.0),
+                half,
+            };
+            self.add(random, 0.18, shape);
+        }
+        for i in 0..3 {
+            let radius = random.between(0.15, 0.32);
+            let x = -1.1 + 1.1 * f64::from(i) + random.between(-0.25, 0.25);
+            let shape = Shape::Sphere {
+                center: DVec3::new(x, GROUND_Y - radius, random.between(2.2, 4.5)),
+                radius,
+            };
+            self.add(random, 0.15, shape);
+        }
+        let floating = Shape::Sphere {
+            center: DVec3::new(random.between(-0.8, 0.8), -0.5, random.between(3.0, 5.0)),
+            radius: random.between(0.2, 0.35),
+        };
+        self.add(random, 0.15, floating);
+        let tilted = Shape::Box {
+            center: DVec3::new(random.between(-1.2, -0.4), -0.1, random.between(3.0, 4.0)),
+            axes: turned(0.3, random.between(-0.4, 0.4), 0.25, 1.0),
+            half: DVec3::new(0.25, 0.12, 0.2),
+        };
+        self.add(random, 0.12, tilted);
+    }
+
+    /// Poles of 2 to 3 centimetres and wires of 1 centimetre.
+    fn add_thin_structures(&mut self, random: &mut Random) {
+        for i in 0..4 {
+            let half = random.between(0.01, 0.016);
+            let shape = Shape::Box {
+                center: DVec3::new(
+                    -0.9 + 0.6 * f64::from(i) + random.between(-0.15, 0.15),
+                    0.35,
+                    random.between(1.8, 3.2),
+                ),
+                axes: turned(0.0, 0.0, random.between(-0.06, 0.06), 1.0),
+                half: DVec3::new(half, 0.95, half),
+            };
+            self.add(random, 0.1, shape);
+        }
+        for _ in 0..2 {
+            let shape = Shape::Box {
+                center: DVec3::new(0.0, random.between(-0.75, -0.35), random.between(2.2, 3.0)),
+                axes: turned(
+                    0.0,
+                    random.between(-0.1, 0.1),
+                    random.between(-0.08, 0.08),
+                    1.0,
+                ),
+                half: DVec3::new(2.2, 0.005, 0.005),
+            };
+            self.add(random, 0.1, shape);
+        }
+    }
+
+    /// A slab close to the cameras, off centre, which hides much of what lies behind it.
+    fn add_occluder(&mut self, random: &mut Random) {
+        let side = if random.next().is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        };
+        let shape = Shape::Box {
+            center: DVec3::new(
+                side * random.between(0.3, 0.4),
+                0.25,
+                random.between(1.15, 1.3),
+            ),
+            axes: turned(
+                0.0,
+                random.between(-0.2, 0.2),
+                random.between(-0.1, 0.1),
+                1.0,
+            ),
+            half: DVec3::new(0.11, 0.3, 0.03),
+        };
+        self.add(random, 0.08, shape);
+    }
+
+    /// The nearest surface along a ray, if it meets one.
+    ///
+    /// The balls only pass over shapes that cannot be met; they never change the answer.
+    pub(super) fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        let mut first: Option<Hit> = None;
+        let square_length = direction.dot(direction);
+        for (object, candidate) in self.objects.iter().enumerate() {
+            let (center, square_radius) = candidate.bounds;
+            let to_center = center - origin;
+            let along = to_center.dot(direction);
+            let outside = to_center.dot(to_center) - square_radius;
+            // Behind the origin, or passing the ball at a distance.
+            if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
+                continue;
+            }
+            if let Some(meeting) = candidate.shape.meet(origin, direction)
+                && first.is_none_or(|hit| meeting.distance < hit.distance)
+            {
+                first = Some(Hit {
+                    distance: meeting.distance,
+                    object,
+                    meeting,
+                });
+            }
+        }
+        first
+    }
+
+    /// Linear light arriving along a ray.
+    pub(super) fn radiance(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        let Some(hit) = self.first_hit(origin, direction) else {
+            return sky(self.sky_seed, direction);
+        };
+        let normal = hit.meeting.normal;
+        let facing = normal.dot(self.to_sun);
+        let mut light = AMBIENT;
+        if facing > 0.0 {
+            // Starts a little above the surface, so that it does not shade itself.
+            let above = origin + direction * hit.distance + normal * 1e-6;
+            if self.first_hit(above, self.to_sun).is_none() {
+                light += SUN * facing;
+            }
+        }
+        self.objects[hit.object].texture.color(&hit.meeting) * light
+    }
+}

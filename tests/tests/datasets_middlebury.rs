@@ -1,0 +1,234 @@
+//! Middlebury's Motorcycle in both of its layouts: the right picture, warped by the left view's
+//! depth and the two cameras, must give the published left picture back as well as the disparity
+//! itself does. A wrong sign, unit, row order or principal point shows at once.
+
+#![allow(
+    clippy::unwrap_used,
+    reason = "helpers of tests fail the test, as tests do"
+)]
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+use image::{GrayImage, RgbImage};
+use sharp_datasets::{DatasetSpec, Pairing, Scene, View, bundled, open};
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn bundled_scene() -> Scene {
+    read(&repository().join("datasets/bundled/middlebury"))
+}
+
+fn middeval3_scene() -> Scene {
+    read(&repository().join("tests/fixtures/middeval3"))
+}
+
+fn read(folder: &Path) -> Scene {
+    let spec = DatasetSpec::parse(&format!("middlebury={}", folder.display())).unwrap();
+    let mut scenes = open(&spec).unwrap();
+    assert_eq!(scenes.len(), 1);
+    scenes.remove(0)
+}
+
+/// What becomes of pixels that land outside the other picture.
+#[derive(Clone, Copy, PartialEq)]
+enum Outside {
+    LeftOut,
+    Black,
+}
+
+/// Squared error and pixel count of the source warped from the target, where `keep` holds.
+fn warp_error(
+    source: &View,
+    target: &View,
+    outside: Outside,
+    keep: impl Fn(u32, u32) -> bool,
+) -> (f64, u64) {
+    let reference = source.content.image().unwrap();
+    let other = target.content.image().unwrap();
+    let depth = source.content.depth().unwrap().unwrap();
+    let target_from_source = target
+        .camera_from_world
+        .after(&source.camera_from_world.inverse());
+    let (mut sum, mut count) = (0.0, 0);
+    for (x, y, z) in depth.enumerate_pixels() {
+        if z.0[0] <= 0.0 || !keep(x, y) {
+            continue;
+        }
+        let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let point = source.intrinsics.unproject(center, f64::from(z.0[0]));
+        let p = target
+            .intrinsics
+            .project(target_from_source.apply(point))
+            .unwrap();
+        if let Some(color) = bilinear(&other, p - 0.5, outside) {
+            for c in 0..3 {
+                let difference = color[c] - f64::from(reference.get_pixel(x, y).0[c]);
+                sum += difference * difference;
+            }
+            count += 1;
+        }
+    }
+    (sum, count)
+}
+
+/// Colour at integer-centred coordinates, blended with black beyond the border pixels' centres.
+fn bilinear(image: &RgbImage, p: DVec2, outside: Outside) -> Option<[f64; 3]> {
+    // Rows agree up to rounding in a rectified pair; do not lose the first and last for 1e-13 px.
+    let p = DVec2::new(
+        p.x,
+        if (p.y - p.y.round()).abs() < 1e-6 {
+            p.y.round()
+        } else {
+            p.y
+        },
+    );
+    let (w, h) = (i64::from(image.width()), i64::from(image.height()));
+    let inside = (0.0..=(w - 1) as f64).contains(&p.x) && (0.0..=(h - 1) as f64).contains(&p.y);
+    if outside == Outside::LeftOut && !inside {
+        return None;
+    }
+    let (floor, blend) = (p.floor(), p - p.floor());
+    let (x, y) = (floor.x as i64, floor.y as i64);
+    Some(std::array::from_fn(|c| {
+        let at = |x: i64, y: i64| {
+            if (0..w).contains(&x) && (0..h).contains(&y) {
+                f64::from(image.get_pixel(x as u32, y as u32).0[c])
+            } else {
+                0.0
+            }
+        };
+        (at(x, y) * (1.0 - blend.x) + at(x + 1, y) * blend.x) * (1.0 - blend.y)
+            + (at(x, y + 1) * (1.0 - blend.x) + at(x + 1, y + 1) * blend.x) * blend.y
+    }))
+}
+
+fn psnr((sum, count): (f64, u64)) -> f64 {
+    10.0 * (255.0 * 255.0 * 3.0 * count as f64 / sum).log10()
+}
+
+fn not_occluded() -> GrayImage {
+    let path = repository().join("tests/fixtures/middeval3/trainingQ/Motorcycle/mask0nocc.png");
+    image::open(path).unwrap().into_luma8()
+}
+
+fn check_warp(scene: &Scene) {
+    let (left, right) = (&scene.views[0], &scene.views[1]);
+    let all = warp_error(left, right, Outside::LeftOut, |_, _| true);
+    assert_eq!(all.1, 332_144);
+    assert!((psnr(all) - 22.42).abs() < 0.005, "{}", psnr(all));
+    let mask = not_occluded();
+    // 201 of them land up to a pixel left of the first pixel's centre.
+    let visible = warp_error(left, right, Outside::Black, |x, y| {
+        mask.get_pixel(x, y).0[0] == 255
+    });
+    assert_eq!(visible.1, 312_975);
+    assert!((psnr(visible) - 27.52).abs() < 0.005, "{}", psnr(visible));
+}
+
+#[test]
+fn scenes2014_layout_warps_as_published() {
+    check_warp(&bundled_scene());
+}
+
+#[test]
+fn middeval3_layout_warps_as_published() {
+    check_warp(&middeval3_scene());
+}
+
+#[test]
+fn unwarped_pictures_are_far_apart() {
+    let scene = bundled_scene();
+    let (a, b) = (
+        scene.views[0].content.image().unwrap(),
+        scene.views[1].content.image().unwrap(),
+    );
+    let mut sum = 0.0;
+    let mut count = 0;
+    for (x, y, mask) in not_occluded().enumerate_pixels() {
+        if mask.0[0] == 255 {
+            let (p, q) = (a.get_pixel(x, y), b.get_pixel(x, y));
+            sum += (0..3)
+                .map(|c| (f64::from(p.0[c]) - f64::from(q.0[c])).powi(2))
+                .sum::<f64>();
+            count += 1;
+        }
+    }
+    let value = psnr((sum, count));
+    assert!((value - 12.7).abs() < 0.005, "{value}");
+}
+
+#[test]
+fn cameras_and_depth_are_metric() {
+    let scene = bundled_scene();
+    assert_eq!(scene.id, "Motorcycle-quarter");
+    assert_eq!(
+        scene.pairing,
+        Pairing::Stereo {
+            source: 0,
+            target: 1
+        }
+    );
+    let (left, right) = (&scene.views[0], &scene.views[1]);
+    assert_eq!((left.id.as_str(), right.id.as_str()), ("im0", "im1"));
+    assert_eq!(left.camera_from_world.camera_center().x, 0.0);
+    assert!((right.camera_from_world.camera_center().x - 0.193_001).abs() < 1e-15);
+    assert_eq!(left.intrinsics.cx, 311.193 + 0.5);
+    assert_eq!(right.intrinsics.cx, 342.278_75 + 0.5);
+    let depth = left.content.depth().unwrap().unwrap();
+    let valid: Vec<f32> = depth.iter().copied().filter(|z| *z > 0.0).collect();
+    assert_eq!(valid.len(), 343_274);
+    let nearest = valid.iter().copied().fold(f32::MAX, f32::min);
+    let farthest = valid.iter().copied().fold(0.0, f32::max);
+    assert!((nearest - 2.11).abs() < 0.01, "{nearest}");
+    assert!((farthest - 5.02).abs() < 0.01, "{farthest}");
+    assert!(right.content.depth().unwrap().is_none());
+    assert_eq!(left.content.files().len(), 3);
+}
+
+#[test]
+fn the_bundled_copy_is_the_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = read(&bundled::extract(folder.path()).unwrap());
+    let original = bundled_scene();
+    for (a, b) in scene.views.iter().zip(&original.views) {
+        assert_eq!(
+            a.content.image_sha256().unwrap(),
+            b.content.image_sha256().unwrap()
+        );
+        assert_eq!(a.intrinsics, b.intrinsics);
+    }
+}
+
+#[test]
+fn a_picture_of_another_size_is_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene_folder = bundled::extract(folder.path())
+        .unwrap()
+        .join("Motorcycle-quarter");
+    RgbImage::new(718, 496)
+        .save(scene_folder.join("im1.png"))
+        .unwrap();
+    let scene = read(folder.path());
+    let error = scene.views[1].content.image().unwrap_err().to_string();
+    for part in ["im1.png", "718x496", "741x500"] {
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
+fn absent_ground_truth_is_no_error_and_an_empty_folder_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = DatasetSpec::parse(&format!("middlebury={}", folder.path().display())).unwrap();
+    let error = open(&spec).unwrap_err().to_string();
+    assert!(error.contains("no middlebury scene found"), "{error}");
+    let scene_folder = bundled::extract(folder.path())
+        .unwrap()
+        .join("Motorcycle-quarter");
+    std::fs::remove_file(scene_folder.join("disp0.pfm")).unwrap();
+    let scene = read(folder.path());
+    assert!(scene.views[0].content.depth().unwrap().is_none());
+    assert!(scene.notes[0].contains("no depth"), "{:?}", scene.notes);
+}
