@@ -8,12 +8,12 @@
 //! which IEEE 754 defines to the last bit: pictures and depths are the same on every machine and
 //! for any number of threads.
 //!
-//! * [`arithmetic`]: the few functions that would otherwise come from libm.
-//! * [`shapes`]: rectangles, boxes, spheres, and rays against them.
-//! * [`texture`]: colours from integer noise.
-//! * [`world`]: what stands where.
-//! * [`rig`]: the cameras.
-//! * [`content`]: pictures and depth as views.
+//! * `arithmetic`: the few functions that would otherwise come from libm.
+//! * `shapes`: rectangles, boxes, spheres, and rays against them.
+//! * `texture`: colours from integer noise.
+//! * `world`: what stands where.
+//! * `rig`: the cameras.
+//! * `content`: pictures and depth as views.
 
 mod arithmetic;
 mod content;
