@@ -4,38 +4,22 @@
 //! shortest form that reads back to the same value, an empty field where a value is unknown,
 //! `selected` as `true` or `false`. The sha256 of a list is that of the file.
 
+mod csv_form;
+mod diff;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use rayon::prelude::*;
 use sharp_datasets::{Scene, View};
 
+pub use self::csv_form::COLUMNS;
+use self::csv_form::{parse_row, to_csv};
+pub use self::diff::{FieldChange, ListDiff};
 use super::ProtocolError;
-use super::pair_id::PairName;
 use super::pairs::Pair;
 use crate::durable::{FileError, sha256_hex, write_atomic};
-
-/// The columns, in order.
-pub const COLUMNS: [&str; 16] = [
-    "pair_id",
-    "dataset",
-    "scene",
-    "set",
-    "source",
-    "target",
-    "source_file",
-    "target_file",
-    "source_sha256",
-    "target_sha256",
-    "baseline_m",
-    "rotation_deg",
-    "median_depth_m",
-    "overlap",
-    "overlap_source_to_target",
-    "selected",
-];
 
 /// A list of pairs and where each came from.
 #[derive(Debug, Clone, PartialEq)]
@@ -217,39 +201,6 @@ impl PairList {
         }
         Ok(mismatches)
     }
-
-    /// What differs between two lists, by pair id; the order of rows does not count.
-    pub fn diff(&self, other: &Self) -> ListDiff {
-        let index = |list: &Self| -> BTreeMap<String, [String; COLUMNS.len()]> {
-            let rows = list.pairs.iter();
-            rows.map(|p| (p.pair_id.clone(), fields(p))).collect()
-        };
-        let (a, b) = (index(self), index(other));
-        let mut diff = ListDiff::default();
-        for (id, row) in &a {
-            let Some(other_row) = b.get(id) else {
-                diff.only_first.push(id.clone());
-                continue;
-            };
-            let changes: Vec<FieldChange> = COLUMNS
-                .iter()
-                .zip(row.iter().zip(other_row))
-                .filter(|(_, (first, second))| first != second)
-                .map(|(column, (first, second))| FieldChange {
-                    column,
-                    first: first.clone(),
-                    second: second.clone(),
-                })
-                .collect();
-            if changes.is_empty() {
-                diff.equal += 1;
-            } else {
-                diff.changed.push((id.clone(), changes));
-            }
-        }
-        diff.only_second = b.into_keys().filter(|id| !a.contains_key(id)).collect();
-        diff
-    }
 }
 
 /// A pair with the views that it names.
@@ -280,37 +231,6 @@ pub struct HashMismatch {
     pub found: String,
 }
 
-/// What differs between two lists.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct ListDiff {
-    /// Pairs that only the first list has.
-    pub only_first: Vec<String>,
-    /// Pairs that only the second list has.
-    pub only_second: Vec<String>,
-    /// Pairs of both lists whose rows differ, and in what.
-    pub changed: Vec<(String, Vec<FieldChange>)>,
-    /// Pairs whose rows are equal.
-    pub equal: usize,
-}
-
-impl ListDiff {
-    /// True if the lists hold the same pairs with the same values.
-    pub fn is_empty(&self) -> bool {
-        self.only_first.is_empty() && self.only_second.is_empty() && self.changed.is_empty()
-    }
-}
-
-/// One value that differs.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FieldChange {
-    /// The column.
-    pub column: &'static str,
-    /// As in the first list.
-    pub first: String,
-    /// As in the second list.
-    pub second: String,
-}
-
 fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
     if scenes.iter().any(|scene| scene.dataset == pair.dataset) {
         return format!(
@@ -329,115 +249,6 @@ fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
             given.join(", ")
         }
     )
-}
-
-fn to_csv(pairs: &[Pair]) -> String {
-    let mut text = COLUMNS.join(",");
-    text.push('\n');
-    for pair in pairs {
-        let fields = fields(pair).map(|field| quoted(&field));
-        text.push_str(&fields.join(","));
-        text.push('\n');
-    }
-    text
-}
-
-/// RFC 4180: quotes around a field only where it needs them.
-fn quoted(field: &str) -> String {
-    if field.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.to_owned()
-    }
-}
-
-/// A row as text, in the order of [`COLUMNS`].
-fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
-    fn or_empty<T: ToString>(value: Option<T>) -> String {
-        value.map(|v| v.to_string()).unwrap_or_default()
-    }
-    [
-        pair.pair_id.clone(),
-        pair.dataset.clone(),
-        pair.scene.clone(),
-        or_empty(pair.set),
-        pair.source.clone(),
-        pair.target.clone(),
-        pair.source_file.clone(),
-        pair.target_file.clone(),
-        pair.source_sha256.clone(),
-        pair.target_sha256.clone(),
-        pair.baseline_m.to_string(),
-        pair.rotation_deg.to_string(),
-        or_empty(pair.median_depth_m),
-        or_empty(pair.overlap),
-        or_empty(pair.overlap_source_to_target),
-        pair.selected.to_string(),
-    ]
-}
-
-fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
-    let field = |i: usize| row.get(i).unwrap_or_default();
-    let text = |i: usize| field(i).to_owned();
-    let number = |i: usize| -> Result<f64, String> {
-        let value = field(i).parse::<f64>().ok();
-        value
-            .filter(|v| v.is_finite() && *v >= 0.0)
-            .ok_or_else(|| wrong_field(i, field(i), "a number of 0 or more"))
-    };
-    let number_or_none = |i: usize| {
-        if field(i).is_empty() {
-            Ok(None)
-        } else {
-            number(i).map(Some)
-        }
-    };
-    let hash = |i: usize| {
-        let is_digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
-        let value = field(i);
-        if value.is_empty() || (value.len() == 64 && value.bytes().all(is_digit)) {
-            Ok(value.to_owned())
-        } else {
-            Err(wrong_field(i, value, "64 lower-case hexadecimal digits"))
-        }
-    };
-    let pair = Pair {
-        pair_id: text(0),
-        dataset: text(1),
-        scene: text(2),
-        set: match field(3) {
-            "" => None,
-            number => {
-                Some(u32::from_str(number).map_err(|_| wrong_field(3, number, "a set's number"))?)
-            }
-        },
-        source: text(4),
-        target: text(5),
-        source_file: text(6),
-        target_file: text(7),
-        source_sha256: hash(8)?,
-        target_sha256: hash(9)?,
-        baseline_m: number(10)?,
-        rotation_deg: number(11)?,
-        median_depth_m: number_or_none(12)?,
-        overlap: number_or_none(13)?,
-        overlap_source_to_target: number_or_none(14)?,
-        selected: bool::from_str(field(15))
-            .map_err(|_| wrong_field(15, field(15), "true or false"))?,
-    };
-    let name = PairName::decode(&pair.pair_id).map_err(|error| error.to_string())?;
-    let columns = [&pair.dataset, &pair.scene, &pair.source, &pair.target];
-    if [&name.dataset, &name.scene, &name.source, &name.target] != columns {
-        return Err(format!(
-            "pair id '{}' disagrees with the row's dataset, scene, source and target",
-            pair.pair_id
-        ));
-    }
-    Ok(pair)
-}
-
-fn wrong_field(column: usize, value: &str, expected: &str) -> String {
-    format!("{} is '{value}', not {expected}", COLUMNS[column])
 }
 
 #[cfg(test)]

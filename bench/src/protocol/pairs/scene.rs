@@ -1,0 +1,210 @@
+//! The pairs of one scene.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use sharp::camera::baseline_m;
+use sharp_datasets::{Scene, View};
+
+use super::measure::{Measured, measure};
+use super::{BuildContext, Pair, PairBuild, PairCounts, Problem};
+use crate::protocol::ProtocolError;
+use crate::protocol::depth::median_depth_m;
+use crate::protocol::options::{MissingDepth, PairOptions, PairOrder};
+use crate::protocol::pair_id::PairName;
+use crate::protocol::sets::view_sets;
+
+/// One scene on its way into a [`PairBuild`].
+pub(super) struct SceneWork<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) options: &'a PairOptions,
+    pub(super) context: &'a BuildContext<'a>,
+    pub(super) build: &'a mut PairBuild,
+}
+
+impl SceneWork<'_> {
+    fn counts(&mut self) -> &mut PairCounts {
+        self.build
+            .summaries
+            .entry(self.scene.dataset.clone())
+            .or_default()
+    }
+
+    /// The one pair of a stereo scene.
+    pub(super) fn stereo(&mut self, source: usize, target: usize) {
+        let views = self.scene.views.len();
+        let counts = self.counts();
+        counts.scenes += 1;
+        counts.views += views;
+        counts.sets += 1;
+        counts.considered += 1;
+        if self.baseline(source, target) < self.options.min_baseline_m {
+            self.counts().too_near += 1;
+            return;
+        }
+        let (a, b) = (source.min(target), source.max(target));
+        let measured = self.measure(&[a, b]);
+        self.add(&[(source, target, None)], &measured);
+    }
+
+    /// The pairs within the sets of a multi-view scene.
+    pub(super) fn multi_view(&mut self) {
+        let scene = self.scene;
+        let views = self.views_in_sets();
+        let sets = view_sets(views.len(), &self.options.sets);
+        let counts = self.counts();
+        counts.scenes += 1;
+        counts.views += scene.views.len();
+        counts.sets += sets.len();
+        for (number, set) in sets.iter().enumerate() {
+            let set: Vec<usize> = set.iter().map(|&i| views[i]).collect();
+            let measured = self.measure(&set);
+            let mut qualified = Vec::new();
+            for &source in &set {
+                for &target in &set {
+                    let ordered = match self.options.order {
+                        PairOrder::Both => source != target,
+                        PairOrder::Once => source < target,
+                    };
+                    if ordered && self.qualifies(source, target, &measured) {
+                        qualified.push((source, target, u32::try_from(number).ok()));
+                    }
+                }
+            }
+            self.add(&qualified, &measured);
+        }
+    }
+
+    /// Views that take part in forming sets.
+    fn views_in_sets(&mut self) -> Vec<usize> {
+        let all: Vec<usize> = (0..self.scene.views.len()).collect();
+        if self.options.missing_depth != MissingDepth::LeaveOut {
+            return all;
+        }
+        let has_depth: Vec<_> = all
+            .par_iter()
+            .map(|&i| {
+                let depth = self.context.depth.depth(&self.scene.views[i])?;
+                Ok(depth.is_some_and(|d| median_depth_m(&d).is_some()))
+            })
+            .collect();
+        let mut kept = Vec::new();
+        for (i, found) in has_depth.into_iter().enumerate() {
+            match found {
+                Ok(true) => kept.push(i),
+                Ok(false) => {}
+                Err(error) => self.problem(i, &error),
+            }
+        }
+        kept
+    }
+
+    fn qualifies(&mut self, source: usize, target: usize, measured: &Measured) -> bool {
+        self.counts().considered += 1;
+        if self.baseline(source, target) < self.options.min_baseline_m {
+            self.counts().too_near += 1;
+            return false;
+        }
+        let Some((overlap, source_to_target)) = measured.overlaps(source, target) else {
+            self.counts().without_depth += 1;
+            return self.options.missing_depth == MissingDepth::Accept;
+        };
+        let enough = self.options.overlap_qualifies(overlap, source_to_target);
+        if !enough {
+            self.counts().too_little_overlap += 1;
+        }
+        enough
+    }
+
+    fn baseline(&self, a: usize, b: usize) -> f64 {
+        let pose = |i: usize| &self.scene.views[i].camera_from_world;
+        baseline_m(pose(a), pose(b))
+    }
+
+    fn measure(&mut self, set: &[usize]) -> Measured {
+        let mut measured = measure(self.scene, set, self.options, self.context);
+        for (view, error) in std::mem::take(&mut measured.errors) {
+            self.problem(view, &error);
+        }
+        measured
+    }
+
+    /// Turns qualified `(source, target, set)` into rows.
+    fn add(&mut self, qualified: &[(usize, usize, Option<u32>)], measured: &Measured) {
+        let used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
+        let hashes: Vec<_> = used
+            .par_iter()
+            .map(|&i| (i, self.scene.views[i].content.image_sha256()))
+            .collect();
+        let mut sha256 = BTreeMap::new();
+        for (i, hash) in hashes {
+            match hash {
+                Ok(hash) => {
+                    sha256.insert(i, hash);
+                }
+                Err(error) => self.problem(i, &error.into()),
+            }
+        }
+        let root = self.context.roots.get(&self.scene.dataset);
+        for &(source, target, set) in qualified {
+            let (s, t) = (&self.scene.views[source], &self.scene.views[target]);
+            let name = PairName {
+                dataset: self.scene.dataset.clone(),
+                scene: self.scene.id.clone(),
+                source: s.id.clone(),
+                target: t.id.clone(),
+            };
+            let overlaps = measured.overlaps(source, target);
+            let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
+            let pair = Pair {
+                pair_id: name.encode(),
+                dataset: name.dataset,
+                scene: name.scene,
+                set,
+                source: name.source,
+                target: name.target,
+                source_file: relative_file(s, root),
+                target_file: relative_file(t, root),
+                source_sha256: hash(source),
+                target_sha256: hash(target),
+                baseline_m: self.baseline(source, target),
+                rotation_deg: t
+                    .camera_from_world
+                    .after(&s.camera_from_world.inverse())
+                    .rotation_deg(),
+                median_depth_m: measured.median_m.get(&target).copied(),
+                overlap: overlaps.map(|(overlap, _)| overlap),
+                overlap_source_to_target: overlaps.map(|(_, reverse)| reverse),
+                selected: false,
+            };
+            self.build.pairs.push(pair);
+        }
+    }
+
+    fn problem(&mut self, view: usize, error: &ProtocolError) {
+        let problem = Problem {
+            dataset: self.scene.dataset.clone(),
+            scene: self.scene.id.clone(),
+            view: self.scene.views[view].id.clone(),
+            reason: error.to_string(),
+        };
+        if !self.build.problems.contains(&problem) {
+            self.build.problems.push(problem);
+        }
+    }
+}
+
+/// The photograph's file relative to the dataset's folder, with `/` between levels.
+fn relative_file(view: &View, root: Option<&PathBuf>) -> String {
+    let Some(file) = view.content.image_file() else {
+        return String::new();
+    };
+    let inside = root.and_then(|root| file.strip_prefix(root).ok());
+    let parts: Vec<_> = inside
+        .unwrap_or(file)
+        .components()
+        .map(|part| part.as_os_str().to_string_lossy())
+        .collect();
+    parts.join("/").replacen("//", "/", 1)
+}
