@@ -1,0 +1,138 @@
+//! What a prediction got wrong, as a picture: mean absolute error over the channels, in false colour.
+//!
+//! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), through the sixth-degree polynomials
+//! that M. Zucker fitted to it (CC0): equal steps of error look like equal steps, and it stays ordered in grey.
+
+use image::{ImageBuffer, Luma, Rgb, RgbImage, imageops};
+
+/// Coefficients by ascending power, each for red, green and blue.
+const INFERNO: [[f64; 3]; 7] = [
+    [
+        0.0002189403691192265,
+        0.001651004631001012,
+        -0.01948089843709184,
+    ],
+    [0.1065134194856116, 0.5639564367884091, 3.932712388889277],
+    [11.60249308247187, -3.972853965665698, -15.9423941062914],
+    [-41.70399613139459, 17.43639888205313, 44.35414519872813],
+    [77.162935699427, -33.40235894210092, -81.80730925738993],
+    [-71.31942824499214, 32.62606426397723, 73.20951985803202],
+    [25.13112622477341, -12.24266895238567, -23.07032500287172],
+];
+
+/// The colour of `share` of the scale's range; outside 0..1 the ends' colours.
+pub fn colour(share: f32) -> Rgb<u8> {
+    let t = if share.is_nan() {
+        1.0
+    } else {
+        f64::from(share).clamp(0.0, 1.0)
+    };
+    let mut rgb = [0_u8; 3];
+    for (c, value) in rgb.iter_mut().enumerate() {
+        let sum = INFERNO
+            .iter()
+            .rev()
+            .fold(0.0, |sum, power| sum * t + power[c]);
+        *value = (sum.clamp(0.0, 1.0) * 255.0).round() as u8;
+    }
+    Rgb(rgb)
+}
+
+/// The scale as a CSS gradient, dark on the left.
+pub fn css_gradient() -> String {
+    let stops: Vec<String> = (0..=16)
+        .map(|i| {
+            let Rgb([r, g, b]) = colour(i as f32 / 16.0);
+            format!("#{r:02x}{g:02x}{b:02x}")
+        })
+        .collect();
+    format!("linear-gradient(to right,{})", stops.join(","))
+}
+
+/// |prediction − target| per pixel in 0..1, the mean over the three channels.
+///
+/// # Errors
+/// When the sizes differ.
+pub fn absolute_error(
+    prediction: &RgbImage,
+    target: &RgbImage,
+) -> Result<ImageBuffer<Luma<f32>, Vec<f32>>, String> {
+    if prediction.dimensions() != target.dimensions() {
+        let ((a, b), (c, d)) = (prediction.dimensions(), target.dimensions());
+        return Err(format!(
+            "the prediction has {a} × {b} pixels, the target {c} × {d}"
+        ));
+    }
+    Ok(ImageBuffer::from_fn(
+        target.width(),
+        target.height(),
+        |x, y| {
+            let (p, t) = (prediction.get_pixel(x, y), target.get_pixel(x, y));
+            let sum: u16 =
+                p.0.iter()
+                    .zip(t.0)
+                    .map(|(a, b)| u16::from(a.abs_diff(b)))
+                    .sum();
+            Luma([f32::from(sum) / 765.0])
+        },
+    ))
+}
+
+/// The error in colour, `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
+/// they are coloured.
+///
+/// # Errors
+/// When the sizes differ.
+pub fn picture(
+    prediction: &RgbImage,
+    target: &RgbImage,
+    max: f32,
+    side: u32,
+) -> Result<RgbImage, String> {
+    let error = absolute_error(prediction, target)?;
+    let (width, height) = super::pictures::fitted(error.dimensions(), side);
+    let small = if (width, height) == error.dimensions() {
+        error
+    } else {
+        imageops::resize(&error, width, height, imageops::FilterType::Triangle)
+    };
+    Ok(RgbImage::from_fn(width, height, |x, y| {
+        colour(small.get_pixel(x, y).0[0] / max)
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_runs_from_black_to_pale_yellow_and_grows_lighter() {
+        // The ends of inferno are (0.001, 0.000, 0.014) and (0.988, 0.998, 0.645); the fit is off by up to 4/255.
+        assert!(colour(0.0).0.iter().all(|c| *c <= 2), "{:?}", colour(0.0));
+        let Rgb([r, g, b]) = colour(1.0);
+        assert!(r.abs_diff(252) <= 4 && g.abs_diff(255) <= 4 && b.abs_diff(164) <= 4);
+        let light = |i: i32| {
+            let Rgb([r, g, b]) = colour(i as f32 / 64.0);
+            0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)
+        };
+        for i in 1..=64 {
+            assert!(light(i) > light(i - 1) - 0.3, "{i}");
+        }
+        assert_eq!(colour(f32::NAN), colour(1.0));
+        assert_eq!(colour(-1.0), colour(0.0));
+    }
+
+    #[test]
+    fn errors_are_means_over_the_channels() {
+        let a = RgbImage::from_pixel(2, 1, Rgb([10, 20, 30]));
+        let b = RgbImage::from_pixel(2, 1, Rgb([40, 20, 0]));
+        let error = absolute_error(&a, &b).unwrap();
+        assert_eq!(error.get_pixel(1, 0).0[0], 60.0 / 765.0);
+        assert_eq!(
+            picture(&a, &a, 0.5, 100).unwrap().get_pixel(0, 0),
+            &colour(0.0)
+        );
+        let other = RgbImage::new(1, 1);
+        assert!(absolute_error(&a, &other).unwrap_err().contains("2 × 1"));
+    }
+}

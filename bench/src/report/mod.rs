@@ -1,0 +1,40 @@
+//! Tables, plots and a browsable page from the records of a run.
+//!
+//! Means are recomputed from the raw records each time; nothing averaged is ever averaged again.
+//! The same input gives the same bytes: no clock, no random number, no order of a hash map.
+//!
+//! * [`input`]: what a report is made of, as plain values; [`error`]: what can go wrong.
+//! * [`records`]: the run as a grid of pairs × methods; [`scores`]: reading scores files and joining runs.
+//! * [`summary`]: mean, spread and coverage of a cell.
+//! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
+//! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them.
+//! * [`plots`]: motion against metric, histogram of baselines; SVG and PNG.
+//! * [`error_map`]: what a prediction got wrong, as a picture; [`pictures`]: pictures inside a page;
+//!   [`gallery`]: which pairs to show.
+//! * [`html`]: the self-contained page; [`markdown`]: the same as text.
+//! * [`mod@write`]: all of it into a folder.
+
+pub mod error;
+pub mod error_map;
+pub mod gallery;
+pub mod html;
+pub mod input;
+pub mod markdown;
+pub mod paper;
+pub mod pictures;
+pub mod plots;
+pub mod records;
+pub mod scores;
+pub mod summary;
+pub mod tables;
+pub mod write;
+
+#[cfg(test)]
+mod tests;
+
+pub use error::ReportError;
+pub use input::{
+    Better, Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published,
+    ReportInput,
+};
+pub use write::{ReportFiles, text_tables, write_report};

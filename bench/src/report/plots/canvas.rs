@@ -1,0 +1,336 @@
+//! A drawing surface in CSS pixels, and the two files that a drawing becomes.
+//!
+//! Everything is drawn four times as large as it is shown. The SVG says so in its view box; the PNG is reduced
+//! by two, which smooths it and leaves two pixels per CSS pixel.
+
+use image::{ImageEncoder as _, RgbImage, codecs::png, imageops};
+use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
+use plotters::style::FontTransform;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{
+    Color as _, FontDesc, FontFamily, FontStyle, RGBColor, ShapeStyle, TextStyle,
+};
+
+use crate::report::error::ReportError;
+
+use super::font::{self, FAMILY, Weight};
+
+/// Drawn pixels per CSS pixel.
+const SCALE: f64 = 4.0;
+/// Drawn pixels per PNG pixel.
+const REDUCE: u32 = 2;
+/// The SVG backend divides font sizes by this.
+const PLOTTERS_FONT_FACTOR: f64 = 1.24;
+
+/// sRGB and opacity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ink {
+    /// 8 bit each.
+    pub rgb: (u8, u8, u8),
+    /// 0..1.
+    pub alpha: f64,
+}
+
+impl Ink {
+    /// Opaque.
+    pub const fn opaque(r: u8, g: u8, b: u8) -> Self {
+        Self {
+            rgb: (r, g, b),
+            alpha: 1.0,
+        }
+    }
+
+    /// The same colour, thinner.
+    pub const fn with_alpha(self, alpha: f64) -> Self {
+        Self {
+            rgb: self.rgb,
+            alpha,
+        }
+    }
+
+    /// `#RRGGBB`.
+    pub fn hex(self) -> String {
+        let (r, g, b) = self.rgb;
+        format!("#{r:02X}{g:02X}{b:02X}")
+    }
+}
+
+/// Text and axes.
+pub const INK: Ink = Ink::opaque(0x1B, 0x1F, 0x24);
+/// Secondary text.
+pub const MUTED: Ink = Ink::opaque(0x57, 0x60, 0x6A);
+/// Grid lines.
+pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
+/// Background.
+pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
+
+/// Where text sits relative to its point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    /// The text begins there.
+    Start,
+    /// The text is centred there.
+    Middle,
+    /// The text ends there.
+    End,
+}
+
+/// How text looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lettering {
+    /// Font size, CSS pixels.
+    pub size: f64,
+    /// Weight.
+    pub weight: Weight,
+    /// Colour.
+    pub ink: Ink,
+    /// Horizontal anchor; the point's y is the baseline.
+    pub anchor: Anchor,
+    /// Whether the text runs upwards.
+    pub upwards: bool,
+}
+
+/// Points in CSS pixels, y down.
+pub type Point = (f64, f64);
+
+/// What plots draw on.
+pub trait Surface {
+    /// An open line.
+    fn line(&mut self, points: &[Point], width: f64, ink: Ink);
+    /// A filled polygon.
+    fn polygon(&mut self, points: &[Point], ink: Ink);
+    /// A filled circle.
+    fn disc(&mut self, centre: Point, radius: f64, ink: Ink);
+    /// A line of text.
+    fn text(&mut self, text: &str, at: Point, lettering: Lettering);
+}
+
+/// A drawing in both forms.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Figure {
+    /// What it shows, in words: its alternative text.
+    pub title: String,
+    /// A complete SVG document.
+    pub svg: String,
+    /// The same as PNG, two pixels per CSS pixel.
+    pub png: Vec<u8>,
+}
+
+impl Figure {
+    /// Draws once for each form.
+    ///
+    /// # Errors
+    /// When the drawing library or the encoder refuses.
+    pub fn draw(
+        title: &str,
+        (width, height): (u32, u32),
+        picture: impl Fn(&mut dyn Surface),
+    ) -> Result<Self, ReportError> {
+        let size = (width * SCALE as u32, height * SCALE as u32);
+        let background = [
+            (0.0, 0.0),
+            (f64::from(width), 0.0),
+            (f64::from(width), f64::from(height)),
+            (0.0, f64::from(height)),
+        ];
+        let failed = |reason: String| ReportError::Plot {
+            plot: title.to_owned(),
+            reason,
+        };
+        let mut svg = String::new();
+        let mut vector = Vector(Pen::new(SVGBackend::with_string(&mut svg, size)));
+        vector.polygon(&background, PAPER);
+        picture(&mut vector);
+        vector.0.finish().map_err(failed)?;
+        drop(vector);
+
+        let mut pixels = vec![0_u8; size.0 as usize * size.1 as usize * 3];
+        let mut bitmap = Bitmap(Pen::new(BitMapBackend::with_buffer(&mut pixels, size)));
+        bitmap.polygon(&background, PAPER);
+        picture(&mut bitmap);
+        bitmap.0.finish().map_err(failed)?;
+        drop(bitmap);
+        let large = RgbImage::from_raw(size.0, size.1, pixels)
+            .ok_or_else(|| failed("the picture has not the size asked for".into()))?;
+        let small = imageops::thumbnail(&large, size.0 / REDUCE, size.1 / REDUCE);
+        Ok(Self {
+            title: title.to_owned(),
+            svg: tidy(&svg, title, (width, height)),
+            png: encode(&small).map_err(failed)?,
+        })
+    }
+}
+
+/// Size in CSS pixels, a title for readers, exact baselines.
+fn tidy(svg: &str, title: &str, (width, height): (u32, u32)) -> String {
+    let body = svg.split_once('>').map_or("", |(_, body)| body);
+    let title = crate::report::html::escape(title);
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" \
+         role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",
+        f64::from(width) * SCALE,
+        f64::from(height) * SCALE,
+        body.replace(" dy=\"-0.5ex\"", "")
+    )
+}
+
+fn encode(picture: &RgbImage) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    png::PngEncoder::new_with_quality(
+        &mut bytes,
+        png::CompressionType::Best,
+        png::FilterType::Adaptive,
+    )
+    .write_image(
+        picture.as_raw(),
+        picture.width(),
+        picture.height(),
+        image::ExtendedColorType::Rgb8,
+    )
+    .map_err(|e| e.to_string())?;
+    Ok(bytes)
+}
+
+/// What both backends share. The first error is kept; drawing after it does nothing.
+struct Pen<B: DrawingBackend> {
+    backend: B,
+    error: Option<String>,
+}
+
+impl<B: DrawingBackend> Pen<B> {
+    fn new(backend: B) -> Self {
+        Self {
+            backend,
+            error: None,
+        }
+    }
+
+    fn draw<E: std::fmt::Display>(&mut self, action: impl FnOnce(&mut B) -> Result<(), E>) {
+        if self.error.is_none() {
+            self.error = action(&mut self.backend).err().map(|e| e.to_string());
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), String> {
+        self.draw(|b| b.present());
+        self.error.take().map_or(Ok(()), Err)
+    }
+
+    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
+        let style = ShapeStyle {
+            color: color(ink),
+            filled: false,
+            stroke_width: drawn(width).max(1) as u32,
+        };
+        let points: Vec<_> = points.iter().map(|p| place(*p)).collect();
+        self.draw(|b| b.draw_path(points, &style));
+    }
+
+    fn polygon(&mut self, points: &[Point], ink: Ink) {
+        let points: Vec<_> = points.iter().map(|p| place(*p)).collect();
+        let style = ShapeStyle::from(color(ink)).filled();
+        self.draw(|b| b.fill_polygon(points, &style));
+    }
+
+    fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
+        let style = ShapeStyle::from(color(ink)).filled();
+        self.draw(|b| b.draw_circle(place(centre), drawn(radius) as u32, &style, true));
+    }
+}
+
+fn color(ink: Ink) -> plotters::style::RGBAColor {
+    let (r, g, b) = ink.rgb;
+    RGBColor(r, g, b).mix(ink.alpha)
+}
+
+/// CSS pixels to drawn pixels; far outside stays far outside.
+fn drawn(length: f64) -> i32 {
+    (length * SCALE).round().clamp(-1e6, 1e6) as i32
+}
+
+fn place((x, y): Point) -> (i32, i32) {
+    (drawn(x), drawn(y))
+}
+
+struct Vector<'a>(Pen<SVGBackend<'a>>);
+
+impl Surface for Vector<'_> {
+    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
+        self.0.line(points, width, ink);
+    }
+
+    fn polygon(&mut self, points: &[Point], ink: Ink) {
+        self.0.polygon(points, ink);
+    }
+
+    fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
+        self.0.disc(centre, radius, ink);
+    }
+
+    fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+        let style = match lettering.weight {
+            Weight::Regular => FontStyle::Normal,
+            Weight::Bold => FontStyle::Bold,
+        };
+        let size = lettering.size * SCALE * PLOTTERS_FONT_FACTOR;
+        let mut font = FontDesc::new(FontFamily::Name(FAMILY), size, style);
+        if lettering.upwards {
+            font = font.transform(FontTransform::Rotate270);
+        }
+        let h_pos = match lettering.anchor {
+            Anchor::Start => HPos::Left,
+            Anchor::Middle => HPos::Center,
+            Anchor::End => HPos::Right,
+        };
+        let ink = color(lettering.ink);
+        let style = TextStyle::from(font)
+            .color(&ink)
+            .pos(Pos::new(h_pos, VPos::Bottom));
+        self.0.draw(|b| b.draw_text(text, &style, place(at)));
+    }
+}
+
+struct Bitmap<'a>(Pen<BitMapBackend<'a>>);
+
+impl Surface for Bitmap<'_> {
+    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
+        self.0.line(points, width, ink);
+    }
+
+    fn polygon(&mut self, points: &[Point], ink: Ink) {
+        self.0.polygon(points, ink);
+    }
+
+    fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
+        self.0.disc(centre, radius, ink);
+    }
+
+    /// Laid out here and not by plotters, which ignores the side bearings of glyphs.
+    fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+        let size = lettering.size * SCALE;
+        let width = font::width(text, size, lettering.weight);
+        let shift = match lettering.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => -width / 2.0,
+            Anchor::End => -width,
+        }
+        .round() as i32;
+        let (x0, y0) = place(at);
+        let (w, h) = self.0.backend.get_size();
+        font::raster(text, size, lettering.weight, |x, y, coverage| {
+            let (x, y) = if lettering.upwards {
+                (x0 + y, y0 - (x + shift))
+            } else {
+                (x0 + x + shift, y0 + y)
+            };
+            let inside = (0..w as i32).contains(&x) && (0..h as i32).contains(&y);
+            if inside && coverage > 0.0 {
+                let (r, g, b) = lettering.ink.rgb;
+                let color = RGBColor(r, g, b)
+                    .mix(lettering.ink.alpha * f64::from(coverage))
+                    .to_backend_color();
+                self.0.draw(|backend| backend.draw_pixel((x, y), color));
+            }
+        });
+    }
+}

@@ -1,0 +1,106 @@
+//! The bundled font: widths of text, and its glyphs as coverage.
+
+use std::sync::OnceLock;
+
+use ab_glyph::{Font, FontRef, ScaleFont, point};
+
+/// `font-family` of SVG text: the bundled font first, then what systems have.
+pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif";
+
+/// Height of a capital letter relative to the font size.
+pub const CAP_HEIGHT: f64 = 0.727;
+
+static REGULAR: &[u8] = include_bytes!("../../../assets/Inter-Regular.otf");
+static SEMIBOLD: &[u8] = include_bytes!("../../../assets/Inter-SemiBold.otf");
+
+/// Regular, or semibold for titles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weight {
+    /// 400.
+    Regular,
+    /// 600.
+    Bold,
+}
+
+fn font(weight: Weight) -> Option<&'static FontRef<'static>> {
+    static FONTS: OnceLock<[Option<FontRef<'static>>; 2]> = OnceLock::new();
+    let [regular, bold] =
+        FONTS.get_or_init(|| [REGULAR, SEMIBOLD].map(|bytes| FontRef::try_from_slice(bytes).ok()));
+    match weight {
+        Weight::Regular => regular,
+        Weight::Bold => bold,
+    }
+    .as_ref()
+}
+
+/// Width of `text` in pixels at a font size (em) in pixels.
+pub fn width(text: &str, size: f64, weight: Weight) -> f64 {
+    let mut end = 0.0;
+    lay_out(text, size, weight, |_, _, advance_end| end = advance_end);
+    end
+}
+
+/// Calls `paint(x, y, coverage)` for the pixels of `text`, whose baseline starts at the origin; y points down.
+pub fn raster(text: &str, size: f64, weight: Weight, mut paint: impl FnMut(i32, i32, f32)) {
+    lay_out(text, size, weight, |font, mut glyph, _| {
+        glyph.position.y = 0.0;
+        if let Some(outline) = font.outline_glyph(glyph) {
+            let bounds = outline.px_bounds();
+            let (x0, y0) = (bounds.min.x as i32, bounds.min.y as i32);
+            outline.draw(|x, y, coverage| {
+                paint(x0 + x as i32, y0 + y as i32, coverage.clamp(0.0, 1.0));
+            });
+        }
+    });
+}
+
+/// Visits each glyph with its position and the pen's position after it.
+fn lay_out(
+    text: &str,
+    size: f64,
+    weight: Weight,
+    mut visit: impl FnMut(&FontRef<'static>, ab_glyph::Glyph, f64),
+) {
+    let Some(font) = font(weight) else { return };
+    // ab_glyph scales by ascent + descent, CSS by the em.
+    let per_em = f64::from(font.height_unscaled() / font.units_per_em().unwrap_or(1000.0));
+    let scaled = font.as_scaled((size * per_em) as f32);
+    let mut pen = 0.0_f32;
+    let mut last = None;
+    for c in text.chars() {
+        let id = font.glyph_id(c);
+        if let Some(last) = last {
+            pen += scaled.kern(last, id);
+        }
+        let mut glyph = id.with_scale(scaled.scale());
+        glyph.position = point(pen, 0.0);
+        pen += scaled.h_advance(id);
+        last = Some(id);
+        visit(font, glyph, f64::from(pen));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bundled_fonts_have_every_sign_that_plots_use() {
+        for weight in [Weight::Regular, Weight::Bold] {
+            let font = font(weight).unwrap();
+            for c in "azAZ09.,:;()[]/%@=+-−±×÷→↑↓∞≥≤·σ…".chars() {
+                assert_ne!(font.glyph_id(c).0, 0, "{c}");
+            }
+        }
+    }
+
+    #[test]
+    fn widths_scale_with_size_and_length() {
+        let w = |t: &str, s| width(t, s, Weight::Regular);
+        assert_eq!(w("", 10.0), 0.0);
+        assert!((w("baseline", 20.0) - 2.0 * w("baseline", 10.0)).abs() < 0.01);
+        assert!(w("baseline (m)", 10.0) > w("baseline", 10.0));
+        // Inter's digit zero is 0.62 to 0.63 em wide.
+        assert!((w("0", 100.0) - 62.0).abs() < 3.0, "{}", w("0", 100.0));
+    }
+}

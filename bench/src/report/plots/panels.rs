@@ -1,0 +1,320 @@
+//! A grid of panels, one a dataset, with axes and a legend shared by all.
+
+use super::canvas::{Anchor, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
+use super::font::{CAP_HEIGHT, Weight, width};
+use super::palette::{Style, stroke};
+use super::scale::{Scale, Step};
+
+const LEFT: f64 = 62.0;
+const RIGHT: f64 = 16.0;
+const TOP: f64 = 34.0;
+const BOTTOM: f64 = 52.0;
+const MARGIN: f64 = 10.0;
+const LEGEND_ROW: f64 = 22.0;
+const CAPTION: f64 = 26.0;
+const TICK_SIZE: f64 = 11.5;
+const LABEL_SIZE: f64 = 12.5;
+const TITLE_SIZE: f64 = 14.0;
+
+/// Radius of a data point.
+pub const MARKER: f64 = 4.2;
+/// Height of the strip above the axis where infinite values stand.
+const INFINITY_STRIP: f64 = 22.0;
+
+/// An axis: its range and its ticks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// With the unit.
+    pub label: String,
+    /// At the origin.
+    pub low: f64,
+    /// At the far end.
+    pub high: f64,
+    /// Distance of ticks.
+    pub step: Step,
+}
+
+impl Axis {
+    /// An axis over `low..=high`, widened where that is a single point, with at most `ticks` ticks.
+    pub fn over(label: &str, low: f64, high: f64, ticks: usize) -> Self {
+        let (low, high) = if low < high {
+            (low, high)
+        } else {
+            let room = (low.abs() * 0.05).max(0.5);
+            (low - room, low + room)
+        };
+        Self {
+            label: label.to_owned(),
+            low,
+            high,
+            step: Step::nice(high - low, ticks),
+        }
+    }
+}
+
+/// What stands around a panel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Over the panel, left.
+    pub title: String,
+    /// Over the panel, right, smaller.
+    pub remark: String,
+    /// Horizontal.
+    pub x: Axis,
+    /// Vertical.
+    pub y: Axis,
+    /// Whether there is a place for infinite values.
+    pub infinity: bool,
+}
+
+/// Where the data of a panel goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Horizontal.
+    pub x: Scale,
+    /// Vertical; grows upwards.
+    pub y: Scale,
+    /// Height at which infinite values stand.
+    pub infinity: f64,
+}
+
+/// Sizes of a figure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    columns: usize,
+    rows: usize,
+    panel: (f64, f64),
+    legend: Vec<Vec<usize>>,
+    caption: String,
+}
+
+impl Grid {
+    /// Room for `panels` panels, a legend with these labels, and a caption of one line.
+    pub fn new(panels: usize, labels: &[&str], caption: &str) -> Self {
+        let columns = panels.clamp(1, 3);
+        let panel = match columns {
+            1 => (600.0, 290.0),
+            2 => (400.0, 260.0),
+            _ => (310.0, 215.0),
+        };
+        let mut grid = Self {
+            columns,
+            rows: panels.div_ceil(columns).max(1),
+            panel,
+            legend: Vec::new(),
+            caption: caption.to_owned(),
+        };
+        let room = grid.width() - LEFT - RIGHT;
+        let mut used = f64::INFINITY;
+        for (i, label) in labels.iter().enumerate() {
+            let item = legend_width(label);
+            if used + item > room {
+                grid.legend.push(Vec::new());
+                used = 0.0;
+            }
+            used += item;
+            if let Some(row) = grid.legend.last_mut() {
+                row.push(i);
+            }
+        }
+        grid
+    }
+
+    fn width(&self) -> f64 {
+        2.0 * MARGIN + self.columns as f64 * (LEFT + self.panel.0 + RIGHT)
+    }
+
+    fn head(&self) -> f64 {
+        MARGIN + self.legend.len() as f64 * LEGEND_ROW
+    }
+
+    /// Of the whole figure, CSS pixels.
+    pub fn size(&self) -> (u32, u32) {
+        let caption = if self.caption.is_empty() {
+            0.0
+        } else {
+            CAPTION
+        };
+        let height = self.head() + self.rows as f64 * (TOP + self.panel.1 + BOTTOM) + caption + 4.0;
+        (self.width().round() as u32, height.round() as u32)
+    }
+
+    /// Draws the legend and the caption.
+    pub fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
+        for (r, row) in self.legend.iter().enumerate() {
+            let y = MARGIN + (r as f64 + 0.5) * LEGEND_ROW;
+            let mut x = MARGIN + LEFT;
+            for (label, style) in row.iter().filter_map(|i| entries.get(*i)) {
+                stroke(surface, &[(x, y), (x + 26.0, y)], 2.0, *style);
+                style.marker.draw(surface, (x + 13.0, y), MARKER, style.ink);
+                let at = (x + 33.0, y + middle(LABEL_SIZE));
+                surface.text(label, at, lettering(LABEL_SIZE, INK, Anchor::Start));
+                x += legend_width(label);
+            }
+        }
+        if !self.caption.is_empty() {
+            let at = (MARGIN + LEFT, f64::from(self.size().1) - 14.0);
+            surface.text(
+                &self.caption,
+                at,
+                lettering(TICK_SIZE, MUTED, Anchor::Start),
+            );
+        }
+    }
+
+    /// Draws the frame of panel number `index` and says where its data goes.
+    pub fn panel(&self, surface: &mut dyn Surface, index: usize, frame: &Frame) -> Place {
+        let (column, row) = (index % self.columns, index / self.columns);
+        let (w, h) = self.panel;
+        let left = MARGIN + column as f64 * (LEFT + w + RIGHT) + LEFT;
+        let top = self.head() + row as f64 * (TOP + h + BOTTOM) + TOP;
+        let (right, bottom) = (left + w, top + h);
+        let strip = if frame.infinity { INFINITY_STRIP } else { 0.0 };
+        let place = Place {
+            x: Scale {
+                low: frame.x.low,
+                high: frame.x.high,
+                from: left,
+                to: right,
+            },
+            y: Scale {
+                low: frame.y.low,
+                high: frame.y.high,
+                from: bottom,
+                to: top + strip,
+            },
+            infinity: top + strip / 2.0,
+        };
+        let remark = lettering(TICK_SIZE, MUTED, Anchor::End);
+        surface.text(&frame.remark, (right, top - 12.0), remark);
+        let room = w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
+        let title = Lettering {
+            weight: Weight::Bold,
+            ..lettering(TITLE_SIZE, INK, Anchor::Start)
+        };
+        surface.text(
+            &fitted(&frame.title, TITLE_SIZE, room),
+            (left, top - 12.0),
+            title,
+        );
+
+        let tick = lettering(TICK_SIZE, MUTED, Anchor::End);
+        for k in frame.y.step.within(frame.y.low, frame.y.high) {
+            let y = place.y.place(frame.y.step.at(k));
+            surface.line(&[(left, y), (right, y)], 1.0, GRID);
+            surface.text(
+                &frame.y.step.text(k),
+                (left - 8.0, y + middle(TICK_SIZE)),
+                tick,
+            );
+        }
+        if frame.infinity {
+            let y = place.infinity;
+            surface.line(&[(left, y), (right, y)], 1.0, GRID);
+            surface.text("∞", (left - 8.0, y + middle(TICK_SIZE)), tick);
+        }
+        let tick = lettering(TICK_SIZE, MUTED, Anchor::Middle);
+        for k in frame.x.step.within(frame.x.low, frame.x.high) {
+            let x = place.x.place(frame.x.step.at(k));
+            surface.line(&[(x, bottom), (x, bottom + 4.0)], 1.0, MUTED);
+            surface.text(&frame.x.step.text(k), (x, bottom + 17.0), tick);
+        }
+        surface.line(&[(left, bottom), (right, bottom)], 1.0, MUTED);
+        let label = lettering(LABEL_SIZE, INK, Anchor::Middle);
+        surface.text(&frame.x.label, ((left + right) / 2.0, bottom + 36.0), label);
+        let upwards = Lettering {
+            upwards: true,
+            ..label
+        };
+        let at = (left - LEFT + 14.0, (top + bottom) / 2.0);
+        surface.text(&fitted(&frame.y.label, LABEL_SIZE, h), at, upwards);
+        place
+    }
+}
+
+impl Place {
+    /// A line of text in the middle of an empty panel.
+    pub fn remark(&self, surface: &mut dyn Surface, text: &str) {
+        let at = (
+            (self.x.from + self.x.to) / 2.0,
+            (self.y.from + self.y.to) / 2.0,
+        );
+        surface.text(text, at, lettering(LABEL_SIZE, MUTED, Anchor::Middle));
+    }
+}
+
+/// A marker for several samples, or a hollow one for a single sample.
+pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
+    style.marker.draw(surface, at, MARKER + 1.2, PAPER);
+    style.marker.draw(surface, at, MARKER, style.ink);
+    if hollow {
+        style.marker.draw(surface, at, MARKER * 0.5, PAPER);
+    }
+}
+
+fn legend_width(label: &str) -> f64 {
+    33.0 + width(label, LABEL_SIZE, Weight::Regular) + 22.0
+}
+
+/// From the middle of a capital to its baseline.
+fn middle(size: f64) -> f64 {
+    size * CAP_HEIGHT / 2.0
+}
+
+fn lettering(size: f64, ink: Ink, anchor: Anchor) -> Lettering {
+    Lettering {
+        size,
+        weight: Weight::Regular,
+        ink,
+        anchor,
+        upwards: false,
+    }
+}
+
+/// The text, shortened with an ellipsis where it is wider than the room.
+fn fitted(text: &str, size: f64, room: f64) -> String {
+    if width(text, size, Weight::Bold) <= room {
+        return text.to_owned();
+    }
+    let mut short: String = text.to_owned();
+    while short.pop().is_some() {
+        let candidate = format!("{}…", short.trim_end());
+        if width(&candidate, size, Weight::Bold) <= room {
+            return candidate;
+        }
+    }
+    String::new()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_names_are_shortened_to_fit() {
+        assert_eq!(fitted("eth3d", 14.0, 200.0), "eth3d");
+        let long = fitted(&"tanks".repeat(50), 14.0, 200.0);
+        assert!(long.ends_with('…') && width(&long, 14.0, Weight::Bold) <= 200.0);
+        assert_eq!(fitted("eth3d", 14.0, 1.0), "");
+    }
+
+    #[test]
+    fn an_axis_over_one_point_has_width() {
+        let axis = Axis::over("", 3.0, 3.0, 5);
+        assert!(axis.low < 3.0 && axis.high > 3.0);
+        let axis = Axis::over("", f64::INFINITY, f64::NEG_INFINITY, 5);
+        assert!(!axis.step.at(1).is_nan());
+    }
+
+    #[test]
+    fn the_legend_wraps_and_the_figure_grows_with_it() {
+        let labels: Vec<String> = (0..20)
+            .map(|i| format!("a rather long label {i}"))
+            .collect();
+        let labels: Vec<&str> = labels.iter().map(String::as_str).collect();
+        let (few, many) = (Grid::new(2, &labels[..2], ""), Grid::new(2, &labels, ""));
+        assert!(many.legend.len() > 2);
+        assert_eq!(many.legend.iter().flatten().count(), 20);
+        assert!(many.size().1 > few.size().1);
+    }
+}

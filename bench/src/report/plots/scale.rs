@@ -1,0 +1,164 @@
+//! Round steps for ticks and bins, exact in decimal.
+
+/// A step of `mantissa × 10^exponent`. Its multiples are the floating-point numbers nearest to the decimals, so
+/// that 3 × 0.1 is 0.3 and a sample of 0.3 lies at the edge and not beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    mantissa: i64,
+    exponent: i32,
+}
+
+impl Step {
+    /// The smallest of 1, 2, 5 × 10ⁿ of which at most `count` cover `span`; 1 if the span is not positive.
+    pub fn nice(span: f64, count: usize) -> Self {
+        let fallback = Self {
+            mantissa: 1,
+            exponent: 0,
+        };
+        if !(span.is_finite() && span > 0.0) || count == 0 {
+            return fallback;
+        }
+        let raw = span / count as f64;
+        let exponent = raw.log10().floor() as i32 - 1;
+        let mut candidates = (exponent..exponent + 4)
+            .flat_map(|exponent| [1, 2, 5].map(|mantissa| Self { mantissa, exponent }));
+        candidates
+            .find(|step| span / step.at(1) <= count as f64 * (1.0 + 1e-12))
+            .unwrap_or(fallback)
+    }
+
+    /// The step of exactly this width; `None` unless it is positive and finite with at most 15 digits.
+    pub fn exact(width: f64) -> Option<Self> {
+        if !(width.is_finite() && width > 0.0) {
+            return None;
+        }
+        let text = format!("{width}");
+        let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
+        let digits = format!("{whole}{fraction}");
+        if digits.trim_start_matches('0').len() > 15 {
+            return None;
+        }
+        Some(Self {
+            mantissa: digits.parse().ok()?,
+            exponent: -i32::try_from(fraction.len()).ok()?,
+        })
+    }
+
+    /// The k-th multiple.
+    pub fn at(self, k: i64) -> f64 {
+        let multiple = self.mantissa as f64 * k as f64;
+        if self.exponent < 0 {
+            // One division, and so one rounding.
+            multiple / 10_f64.powi(-self.exponent)
+        } else {
+            multiple * 10_f64.powi(self.exponent)
+        }
+    }
+
+    /// k such that `at(k) <= value < at(k + 1)`.
+    pub fn index(self, value: f64) -> i64 {
+        let mut k = (value / self.at(1)).floor() as i64;
+        // The quotient may be off by one unit in the last place.
+        if self.at(k.saturating_add(1)) <= value {
+            k = k.saturating_add(1);
+        }
+        if self.at(k) > value {
+            k = k.saturating_sub(1);
+        }
+        k
+    }
+
+    /// Decimals that multiples need.
+    pub fn decimals(self) -> usize {
+        usize::try_from(-self.exponent).unwrap_or(0)
+    }
+
+    /// The k-th multiple as text.
+    pub fn text(self, k: i64) -> String {
+        crate::report::tables::shown(self.at(k), self.decimals())
+    }
+
+    /// Multiples within `low..=high`, at most a thousand.
+    pub fn within(self, low: f64, high: f64) -> Vec<i64> {
+        let first = -self.index(-low);
+        let mut ticks: Vec<i64> = (first.saturating_sub(1)..first.saturating_add(1000))
+            .filter(|k| (low..=high).contains(&self.at(*k)))
+            .collect();
+        ticks.dedup();
+        ticks
+    }
+}
+
+/// A linear map from data to pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// Data at the first pixel.
+    pub low: f64,
+    /// Data at the last pixel.
+    pub high: f64,
+    /// First pixel.
+    pub from: f64,
+    /// Last pixel.
+    pub to: f64,
+}
+
+impl Scale {
+    /// Pixel of a value.
+    pub fn place(&self, value: f64) -> f64 {
+        self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_and_few() {
+        let nice = |span, count| Step::nice(span, count).at(1);
+        assert_eq!(nice(1.0, 10), 0.1);
+        assert_eq!(nice(0.6, 10), 0.1);
+        assert_eq!(nice(3.7, 10), 0.5);
+        assert_eq!(nice(12.0, 6), 2.0);
+        assert_eq!(nice(2e5, 4), 5e4);
+        assert_eq!(nice(0.0, 4), 1.0);
+        assert_eq!(nice(f64::NAN, 4), 1.0);
+        assert_eq!(nice(f64::INFINITY, 4), 1.0);
+    }
+
+    #[test]
+    fn multiples_are_the_nearest_numbers_to_their_decimals() {
+        let tenth = Step::exact(0.1).unwrap();
+        for k in -1000..1000 {
+            let decimal: f64 = format!("{}e-1", k).parse().unwrap();
+            assert_eq!(tenth.at(k), decimal);
+            assert_eq!(tenth.index(decimal), k);
+            assert_eq!(tenth.index(decimal.next_down()), k - 1);
+        }
+        assert_eq!(tenth.text(3), "0.3");
+    }
+
+    #[test]
+    fn widths_that_cannot_be_exact_are_refused() {
+        assert_eq!(
+            Step::exact(0.25).map(|s| (s.at(3), s.decimals())),
+            Some((0.75, 2))
+        );
+        assert_eq!(Step::exact(20.0).map(|s| s.at(2)), Some(40.0));
+        assert_eq!(Step::exact(0.0), None);
+        assert_eq!(Step::exact(-1.0), None);
+        assert_eq!(Step::exact(f64::NAN), None);
+        assert_eq!(Step::exact(1.0 / 3.0), None);
+    }
+
+    #[test]
+    fn ticks_lie_within_the_range() {
+        let step = Step::nice(1.0, 5);
+        let at = |low, high| -> Vec<f64> {
+            step.within(low, high).iter().map(|k| step.at(*k)).collect()
+        };
+        assert_eq!(at(0.0, 1.0), [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]);
+        assert_eq!(at(-0.3, 0.25), [-0.2, 0.0, 0.2]);
+        assert!(at(0.05, 0.15).is_empty());
+    }
+}

@@ -1,0 +1,135 @@
+//! Mean, spread and coverage of one metric over the pairs of one dataset, from the raw records.
+
+use crate::record::{Record, Score, Status};
+
+use super::records::DatasetBoard;
+
+/// What a table cell knows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// Pairs with a number.
+    pub n: usize,
+    /// Pairs of the dataset.
+    pub total: usize,
+    /// Mean over the pairs with a number, in the order of their ids; infinite as soon as one is.
+    pub mean: Option<f64>,
+    /// Sample standard deviation (divisor n − 1); `None` for fewer than two numbers or an infinite one.
+    pub std: Option<f64>,
+    /// How many of the numbers are infinite.
+    pub infinite: usize,
+    /// Mean over the finite numbers; `None` when there is none.
+    pub finite_mean: Option<f64>,
+    /// Pairs whose prediction failed.
+    pub failed: usize,
+    /// Pairs without a number for another reason.
+    pub unavailable: usize,
+    /// Why predictions failed, each reason once with its count, in the order met.
+    pub failures: Vec<(String, usize)>,
+    /// Why the other numbers are missing, likewise.
+    pub absences: Vec<(String, usize)>,
+    /// Which pairs have a number, by position in the dataset.
+    pub scored: Vec<usize>,
+}
+
+/// The metric `key` of method number `method`.
+pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> Summary {
+    summarise(dataset, method, |record| match record.scores.get(key) {
+        Some(Score::Value(value)) => Ok(*value),
+        Some(Score::Unavailable { unavailable }) => Err(unavailable.clone()),
+        None => Err("not computed in this run".into()),
+    })
+}
+
+/// The quantity `name` that method number `method` reports about its predictions.
+pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> Summary {
+    summarise(dataset, method, |record| {
+        record
+            .extras
+            .get(name)
+            .copied()
+            .ok_or_else(|| "this method does not report it".into())
+    })
+}
+
+fn summarise(
+    dataset: &DatasetBoard<'_>,
+    method: usize,
+    value: impl Fn(&Record) -> Result<f64, String>,
+) -> Summary {
+    let mut summary = Summary {
+        n: 0,
+        total: dataset.total(),
+        mean: None,
+        std: None,
+        infinite: 0,
+        finite_mean: None,
+        failed: 0,
+        unavailable: 0,
+        failures: Vec::new(),
+        absences: Vec::new(),
+        scored: Vec::new(),
+    };
+    let mut values = Vec::new();
+    for (position, pair) in dataset.pairs.iter().enumerate() {
+        let outcome = match pair.by_method.get(method).copied().flatten() {
+            None => Err((false, "no record of this pair".to_owned())),
+            Some(record) => match &record.status {
+                Status::Failed { reason } => Err((true, reason.clone())),
+                Status::Ok => value(record).map_err(|reason| (false, reason)),
+            },
+        };
+        match outcome {
+            Ok(v) => {
+                values.push(v);
+                summary.scored.push(position);
+            }
+            Err((failed, reason)) => {
+                let (count, reasons) = if failed {
+                    (&mut summary.failed, &mut summary.failures)
+                } else {
+                    (&mut summary.unavailable, &mut summary.absences)
+                };
+                *count += 1;
+                add_reason(reasons, reason, 1);
+            }
+        }
+    }
+    let unplanned = summary.total - dataset.pairs.len();
+    if unplanned > 0 {
+        summary.unavailable += unplanned;
+        add_reason(
+            &mut summary.absences,
+            "planned but not run".into(),
+            unplanned,
+        );
+    }
+    summary.n = values.len();
+    summary.infinite = values.iter().filter(|v| v.is_infinite()).count();
+    summary.mean = mean(&values);
+    summary.std = sample_std(&values);
+    let finite: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+    summary.finite_mean = mean(&finite);
+    summary
+}
+
+fn add_reason(reasons: &mut Vec<(String, usize)>, reason: String, count: usize) {
+    match reasons.iter_mut().find(|(known, _)| *known == reason) {
+        Some((_, n)) => *n += count,
+        None => reasons.push((reason, count)),
+    }
+}
+
+/// Arithmetic mean, summed in order; `None` of nothing.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Standard deviation with divisor n − 1; `None` for fewer than two values or one that is not finite.
+pub fn sample_std(values: &[f64]) -> Option<f64> {
+    let mean = mean(values)?;
+    if values.len() < 2 || !mean.is_finite() {
+        return None;
+    }
+    let squares: f64 = values.iter().map(|v| (v - mean) * (v - mean)).sum();
+    Some((squares / (values.len() - 1) as f64).sqrt())
+}

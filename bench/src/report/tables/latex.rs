@@ -1,0 +1,165 @@
+//! A table for a paper: booktabs, and the coloured cells of the SHARP paper.
+
+use std::fmt::Write as _;
+
+use super::{Cell, Table, letter, shown, spans};
+use crate::report::input::{Better, Metric};
+
+/// A complete `table` environment, with the preamble that it needs as a comment before it. The colours are
+/// the paper's; with `\providecommand` they can be set otherwise in one place.
+pub fn latex(table: &Table) -> String {
+    let mut out = String::from(
+        "% \\usepackage{booktabs,graphicx}\n\
+         % \\usepackage[table]{xcolor}\n\
+         % \\definecolor{tab_first}{RGB}{119, 221, 119}\n\
+         % \\definecolor{tab_second}{RGB}{223, 255, 0}\n\
+         % \\definecolor{tab_third}{RGB}{255, 253, 208}\n",
+    );
+    let ranked = table
+        .rows
+        .iter()
+        .flat_map(|r| &r.cells)
+        .any(|c| c.rank.is_some());
+    let marks = if ranked {
+        " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
+         \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
+    } else {
+        ""
+    };
+    let per_group = table.metrics.len();
+    let columns = vec!["c".repeat(per_group); table.groups.len()].join("|");
+    let _ = write!(
+        out,
+        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{marks}}}\n\\label{{tab:{}}}\n\
+         \\resizebox{{\\linewidth}}{{!}}{{%\n\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
+        escape(&table.title),
+        table.name
+    );
+    for (g, group) in table.groups.iter().enumerate() {
+        let rule = if g + 1 < table.groups.len() {
+            "c|"
+        } else {
+            "c"
+        };
+        let pairs = group
+            .pairs
+            .map(|n| format!(" ($n={n}$)"))
+            .unwrap_or_default();
+        let _ = write!(
+            out,
+            " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{pairs}}}",
+            escape(&group.title)
+        );
+    }
+    out.push_str(" \\\\\n");
+    for _ in &table.groups {
+        for metric in &table.metrics {
+            let _ = write!(out, " & {}", heading(metric));
+        }
+    }
+    out.push_str(" \\\\\n\\midrule\n");
+    for row in &table.rows {
+        out.push_str(&escape(&row.label));
+        out.push_str(&letters(row.note.iter()));
+        for (i, cell) in row.cells.iter().enumerate() {
+            let _ = write!(out, " & {}", number(cell, table.metric_of(i)));
+        }
+        out.push_str(" \\\\\n");
+    }
+    out.push_str("\\bottomrule\n\\end{tabular}%\n}\n\n\\smallskip\\raggedright\\footnotesize\n");
+    let keys: Vec<String> = table
+        .metrics
+        .iter()
+        .map(|m| format!("{}: \\texttt{{{}}}", escape(&m.label), escape(&m.key)))
+        .collect();
+    let _ = writeln!(out, "{}.", keys.join("; "));
+    for (i, note) in table.notes.iter().enumerate() {
+        let _ = writeln!(
+            out,
+            "\\par\\textsuperscript{{{}}}~{}",
+            letter(i),
+            rich(note)
+        );
+    }
+    out.push_str("\\end{table}\n");
+    out
+}
+
+fn heading(metric: &Metric) -> String {
+    let arrow = match metric.better {
+        Better::Higher => "$\\uparrow$",
+        Better::Lower => "$\\downarrow$",
+        Better::Neither => "",
+    };
+    escape(&metric.label) + arrow
+}
+
+fn number(cell: &Cell, metric: &Metric) -> String {
+    let mut out = match cell.rank {
+        Some(1) => "\\cellcolor{tab_first} ".to_owned(),
+        Some(2) => "\\cellcolor{tab_second} ".to_owned(),
+        Some(3) => "\\cellcolor{tab_third} ".to_owned(),
+        _ => String::new(),
+    };
+    match cell.value {
+        None => out.push_str("n/a"),
+        Some(value) => out.push_str(&escape(&shown(value, metric.decimals))),
+    }
+    if let Some((n, total)) = cell.coverage.filter(|(n, total)| n != total && *n > 0) {
+        let _ = write!(out, "\\,{{\\scriptsize({n}/{total})}}");
+    }
+    out + &letters(cell.notes.iter())
+}
+
+fn letters<'a>(notes: impl Iterator<Item = &'a usize>) -> String {
+    let letters: Vec<String> = notes.map(|i| letter(*i)).collect();
+    if letters.is_empty() {
+        String::new()
+    } else {
+        format!("\\textsuperscript{{{}}}", letters.join(","))
+    }
+}
+
+/// A note with its code set as code.
+fn rich(note: &str) -> String {
+    let spans = spans(note).into_iter();
+    let spans = spans.map(|(code, text)| match (code, escape(text)) {
+        (true, text) => format!("\\texttt{{{text}}}"),
+        (false, text) => text,
+    });
+    spans.collect()
+}
+
+/// Text that LaTeX prints as it is.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '\\' => out.push_str("\\textbackslash{}"),
+            '~' => out.push_str("\\textasciitilde{}"),
+            '^' => out.push_str("\\textasciicircum{}"),
+            '<' => out.push_str("\\textless{}"),
+            '>' => out.push_str("\\textgreater{}"),
+            '|' => out.push_str("\\textbar{}"),
+            '"' => out.push_str("\\textquotedbl{}"),
+            '`' => out.push_str("\\textasciigrave{}"),
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
+                out.push('\\');
+                out.push(c);
+            }
+            '∞' => out.push_str("$\\infty$"),
+            '−' => out.push_str("$-$"),
+            '×' => out.push_str("$\\times$"),
+            '±' => out.push_str("$\\pm$"),
+            '→' => out.push_str("$\\rightarrow$"),
+            '↑' => out.push_str("$\\uparrow$"),
+            '↓' => out.push_str("$\\downarrow$"),
+            '≥' => out.push_str("$\\geq$"),
+            '≤' => out.push_str("$\\leq$"),
+            '…' => out.push_str("\\ldots{}"),
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}

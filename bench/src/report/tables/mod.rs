@@ -1,0 +1,160 @@
+//! Tables in the paper's form: methods as rows, datasets as column groups, metrics as columns within.
+//!
+//! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::records::Board).
+//! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
+//!
+//! Every cell says how many pairs it covers, and a cell without a number says why.
+
+pub mod build;
+pub mod csv;
+pub mod html;
+pub mod latex;
+pub mod markdown;
+pub mod rank;
+pub mod text;
+
+use super::input::Metric;
+
+/// A table, ready to be written in any form.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// Stem of its files.
+    pub name: String,
+    /// Caption.
+    pub title: String,
+    /// Column groups.
+    pub groups: Vec<Group>,
+    /// Columns within each group.
+    pub metrics: Vec<Metric>,
+    /// Methods.
+    pub rows: Vec<Row>,
+    /// Footnotes; rows and cells refer to them by position.
+    pub notes: Vec<String>,
+}
+
+/// A dataset as the head of its columns.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Group {
+    /// Name of the dataset.
+    pub title: String,
+    /// Pairs that a complete cell covers; `None` where the source does not say.
+    pub pairs: Option<usize>,
+}
+
+/// A method and its cells, group by group.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// The method's label.
+    pub label: String,
+    /// Footnote of the row.
+    pub note: Option<usize>,
+    /// `groups.len() * metrics.len()` of them; that of group g and metric m at `g * metrics.len() + m`.
+    pub cells: Vec<Cell>,
+}
+
+/// One number and what it rests on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    /// Full precision; `None`: there is no number, and a footnote says why.
+    pub value: Option<f64>,
+    /// 1, 2 or 3, of the numbers as shown.
+    pub rank: Option<u8>,
+    /// Pairs with a number and pairs of the dataset; `None` where the source does not say.
+    pub coverage: Option<(usize, usize)>,
+    /// Sample standard deviation over the pairs.
+    pub std: Option<f64>,
+    /// How many of the numbers are infinite.
+    pub infinite: usize,
+    /// Pairs that failed.
+    pub failed: usize,
+    /// Footnotes.
+    pub notes: Vec<usize>,
+}
+
+impl Cell {
+    /// Whether every pair of the dataset has a number; unknown coverage counts as complete.
+    pub fn complete(&self) -> bool {
+        self.coverage.is_none_or(|(n, total)| n == total)
+    }
+}
+
+impl Table {
+    /// The metric of cell `index` of a row.
+    pub fn metric_of(&self, index: usize) -> &Metric {
+        &self.metrics[index % self.metrics.len()]
+    }
+
+    /// The group of cell `index` of a row.
+    pub fn group_of(&self, index: usize) -> &Group {
+        &self.groups[index / self.metrics.len()]
+    }
+
+    /// The position of a footnote with this text, added if it is new.
+    pub(super) fn note(notes: &mut Vec<String>, text: String) -> usize {
+        notes.iter().position(|n| *n == text).unwrap_or_else(|| {
+            notes.push(text);
+            notes.len() - 1
+        })
+    }
+
+    /// Whether two columns of a group have the same label, so that only the key tells them apart.
+    pub fn labels_are_ambiguous(&self) -> bool {
+        let labels: std::collections::BTreeSet<_> = self.metrics.iter().map(|m| &m.label).collect();
+        labels.len() < self.metrics.len()
+    }
+}
+
+/// The letter of a footnote: a, b, …, z, aa, ab, ….
+pub fn letter(note: usize) -> String {
+    let last = char::from(b'a' + (note % 26) as u8);
+    if note < 26 {
+        last.into()
+    } else {
+        format!("{}{last}", letter(note / 26 - 1))
+    }
+}
+
+/// The parts of a note, code between backticks apart: `(is_code, text)`. An odd backtick is only a character.
+pub(super) fn spans(note: &str) -> Vec<(bool, &str)> {
+    if note.matches('`').count() % 2 == 1 {
+        return vec![(false, note)];
+    }
+    let parts = note.split('`').enumerate();
+    parts.map(|(i, part)| (i % 2 == 1, part)).collect()
+}
+
+/// A number as a table shows it: rounded to the nearest decimal, `∞` for infinity, no negative zero.
+pub fn shown(value: f64, decimals: usize) -> String {
+    if value.is_nan() {
+        return "nan".into();
+    }
+    if value.is_infinite() {
+        return if value > 0.0 { "∞" } else { "−∞" }.into();
+    }
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|c| matches!(c, b'0' | b'.')) => digits.into(),
+        _ => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn footnotes_count_like_a_spreadsheet() {
+        let letters: Vec<_> = [0, 25, 26, 51, 52, 701, 702].map(letter).into();
+        assert_eq!(letters, ["a", "z", "aa", "az", "ba", "zz", "aaa"]);
+    }
+
+    #[test]
+    fn numbers_are_rounded_without_negative_zero() {
+        assert_eq!(shown(0.0965, 3), "0.097"); // 0.0965 is stored as 0.09650000000000000022
+        assert_eq!(shown(-0.0004, 3), "0.000");
+        assert_eq!(shown(-0.5, 0), "0"); // halves go to even
+        assert_eq!(shown(-1.26, 1), "-1.3");
+        assert_eq!(shown(f64::INFINITY, 2), "∞");
+        assert_eq!(shown(f64::NAN, 2), "nan");
+    }
+}

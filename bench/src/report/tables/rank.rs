@@ -1,0 +1,167 @@
+//! Best, second and third, taken from the numbers as the reader sees them.
+
+use crate::report::input::Better;
+
+/// A candidate for a rank.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate<'a> {
+    /// The number; `None` is never ranked.
+    pub value: Option<f64>,
+    /// Which pairs it covers. Only numbers over the same pairs are ranked with each other.
+    pub covers: &'a [usize],
+    /// Whether it covers every pair.
+    pub complete: bool,
+    /// Whether the row takes part at all.
+    pub ranked: bool,
+}
+
+/// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next one counts those
+/// before it (1, 1, 3). Where some rows are complete, only these are ranked; where none is, rows are ranked
+/// only if all of them cover the same pairs. A single row has no rank.
+pub fn ranks(candidates: &[Candidate<'_>], better: Better, decimals: usize) -> Vec<Option<u8>> {
+    let none = vec![None; candidates.len()];
+    let sign = match better {
+        Better::Higher => -1.0,
+        Better::Lower => 1.0,
+        Better::Neither => return none,
+    };
+    // Smaller is better from here on.
+    let goodness: Vec<Option<f64>> = candidates
+        .iter()
+        .map(|c| {
+            let value = c.value.filter(|v| c.ranked && !v.is_nan())?;
+            Some(sign * rounded(value, decimals))
+        })
+        .collect();
+    let any_complete = candidates
+        .iter()
+        .zip(&goodness)
+        .any(|(c, g)| g.is_some() && c.complete);
+    let contest: Vec<Option<f64>> = if any_complete {
+        candidates
+            .iter()
+            .zip(&goodness)
+            .map(|(c, g)| g.filter(|_| c.complete))
+            .collect()
+    } else {
+        let mut covers = candidates
+            .iter()
+            .zip(&goodness)
+            .filter(|(_, g)| g.is_some())
+            .map(|(c, _)| c.covers);
+        let first = covers.next();
+        if covers.any(|c| Some(c) != first) {
+            return none;
+        }
+        goodness
+    };
+    let field: Vec<f64> = contest.iter().flatten().copied().collect();
+    if field.len() < 2 {
+        return none;
+    }
+    contest
+        .iter()
+        .map(|goodness| {
+            let own = (*goodness)?;
+            let ahead = field.iter().filter(|other| **other < own).count();
+            u8::try_from(ahead + 1).ok().filter(|rank| *rank <= 3)
+        })
+        .collect()
+}
+
+/// The number that the shown digits stand for.
+fn rounded(value: f64, decimals: usize) -> f64 {
+    if value.is_finite() {
+        format!("{value:.decimals$}").parse().unwrap_or(value)
+    } else {
+        value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(values: &[f64], better: Better, decimals: usize) -> Vec<Option<u8>> {
+        let candidates: Vec<_> = values
+            .iter()
+            .map(|v| Candidate {
+                value: Some(*v),
+                covers: &[0, 1],
+                complete: true,
+                ranked: true,
+            })
+            .collect();
+        ranks(&candidates, better, decimals)
+    }
+
+    #[test]
+    fn ranks_are_taken_after_rounding_and_ties_share() {
+        assert_eq!(
+            of(&[0.1231, 0.1229, 0.125, 0.2, 0.3], Better::Lower, 3),
+            [Some(1), Some(1), Some(3), None, None]
+        );
+        // With more digits shown they are no longer equal.
+        assert_eq!(
+            of(&[0.1231, 0.1229, 0.125, 0.2], Better::Lower, 4),
+            [Some(2), Some(1), Some(3), None]
+        );
+    }
+
+    #[test]
+    fn direction_and_infinity() {
+        assert_eq!(
+            of(&[20.0, f64::INFINITY, 30.0], Better::Higher, 2),
+            [Some(3), Some(1), Some(2)]
+        );
+        assert_eq!(
+            of(&[f64::INFINITY, f64::INFINITY, 30.0], Better::Higher, 2),
+            [Some(1), Some(1), Some(3)]
+        );
+        assert_eq!(of(&[1.0, 2.0], Better::Neither, 2), [None, None]);
+        assert_eq!(
+            of(&[f64::NAN, 2.0, 3.0], Better::Lower, 2),
+            [None, Some(1), Some(2)]
+        );
+        assert_eq!(of(&[-0.0001, 0.0001], Better::Lower, 3), [Some(1), Some(1)]);
+    }
+
+    #[test]
+    fn a_single_row_is_no_contest() {
+        assert_eq!(of(&[1.0], Better::Lower, 2), [None]);
+    }
+
+    #[test]
+    fn incomplete_rows_are_not_ranked_against_complete_ones() {
+        let row = |value, covers, complete| Candidate {
+            value: Some(value),
+            covers,
+            complete,
+            ranked: true,
+        };
+        let mixed = [
+            row(1.0, &[0][..], false),
+            row(2.0, &[0, 1], true),
+            row(3.0, &[0, 1], true),
+        ];
+        assert_eq!(ranks(&mixed, Better::Lower, 2), [None, Some(1), Some(2)]);
+        let same = [row(1.0, &[0][..], false), row(2.0, &[0], false)];
+        assert_eq!(ranks(&same, Better::Lower, 2), [Some(1), Some(2)]);
+        let other = [row(1.0, &[0][..], false), row(2.0, &[1], false)];
+        assert_eq!(ranks(&other, Better::Lower, 2), [None, None]);
+    }
+
+    #[test]
+    fn rows_out_of_contest_do_not_count() {
+        let mut rows: Vec<_> = [1.0, 2.0, 3.0]
+            .map(|value| Candidate {
+                value: Some(value),
+                covers: &[],
+                complete: true,
+                ranked: true,
+            })
+            .into();
+        rows[0].ranked = false;
+        assert_eq!(ranks(&rows, Better::Lower, 2), [None, Some(1), Some(2)]);
+    }
+}

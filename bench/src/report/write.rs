@@ -1,0 +1,151 @@
+//! All of a report into a folder.
+
+use std::path::{Path, PathBuf};
+
+use crate::durable::write_atomic;
+
+use super::error::ReportError;
+use super::gallery::Gallery;
+use super::html::{self, Page};
+use super::input::{Metric, ReportInput, slug};
+use super::markdown::{self, PlotFile};
+use super::paper;
+use super::plots::motion::Motion;
+use super::plots::scale::Step;
+use super::plots::{Figure, histogram, motion};
+use super::records::Board;
+use super::tables::{Table, build, csv, latex, markdown as markdown_table};
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReportFiles {
+    /// The page to open.
+    pub html: PathBuf,
+    /// The same as text.
+    pub markdown: PathBuf,
+    /// Every file, sorted.
+    pub all: Vec<PathBuf>,
+}
+
+/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}` and `plots/*.{svg,png}`. Each file appears whole or not
+/// at all; files of an earlier report that this one does not have are left alone.
+///
+/// # Errors
+/// When records contradict each other, an option is out of range, or a file cannot be written.
+pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
+    check(input)?;
+    let board = Board::new(input.records, &input.datasets, &input.methods)?;
+    let mut ours = build::of_scores(&board, &input.metrics);
+    ours.extend(build::of_extras(&board, &input.extras));
+    let known: Vec<_> = board.datasets.iter().map(|d| d.dataset.clone()).collect();
+    let published = paper::beside(&known, &input.metrics, input.published);
+
+    let mut files: Vec<(String, Vec<u8>)> = Vec::new();
+    for table in ours.iter().chain(&published) {
+        let stem = format!("tables/{}", table.name);
+        files.push((
+            format!("{stem}.md"),
+            markdown_table::markdown(table).into_bytes(),
+        ));
+        files.push((format!("{stem}.csv"), csv::csv(table).into_bytes()));
+        files.push((format!("{stem}.tex"), latex::latex(table).into_bytes()));
+    }
+    let figures = figures(input, &board)?;
+    let mut plots = Vec::new();
+    for (stem, figure) in &figures {
+        let png = format!("plots/{stem}.png");
+        plots.push(PlotFile {
+            title: figure.title.clone(),
+            png: png.clone(),
+        });
+        files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
+        files.push((png, figure.png.clone()));
+    }
+    let text = markdown::report(input, &board, &ours, &published, &plots);
+    files.push(("report.md".into(), text.into_bytes()));
+    let gallery = Gallery::new(&board, &input.metrics, input.pictures, &input.options);
+    let page = Page {
+        input,
+        board: &board,
+        ours: &ours,
+        published: &published,
+        figures: &figures,
+        gallery: &gallery,
+    };
+    files.push(("index.html".into(), html::page(&page).into_bytes()));
+
+    let mut all = Vec::new();
+    for (name, bytes) in files {
+        let path = out.join(name);
+        write_atomic(&path, &bytes)?;
+        all.push(path);
+    }
+    all.sort();
+    Ok(ReportFiles {
+        html: out.join("index.html"),
+        markdown: out.join("report.md"),
+        all,
+    })
+}
+
+/// The scores of a run as a table for a terminal.
+///
+/// # Errors
+/// When records contradict each other.
+pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
+    check(input)?;
+    let board = Board::new(input.records, &input.datasets, &input.methods)?;
+    let tables: Vec<Table> = build::of_scores(&board, &input.metrics);
+    let texts: Vec<String> = tables.iter().map(super::tables::text::text).collect();
+    Ok(texts.join("\n"))
+}
+
+/// Histogram, then each metric against the baseline, by file stem.
+fn figures(
+    input: &ReportInput<'_>,
+    board: &Board<'_>,
+) -> Result<Vec<(String, Figure)>, ReportError> {
+    let width = match input.options.bin_width_m {
+        None => None,
+        Some(width) => Some(Step::exact(width).ok_or(ReportError::Option {
+            option: "bin_width_m",
+            value: width.to_string(),
+            reason: "must be positive with at most 15 digits",
+        })?),
+    };
+    let mut figures = Vec::new();
+    for metric in &input.metrics {
+        if let Some(figure) = motion::figure(board, metric, Motion::Metres, width)? {
+            figures.push((format!("motion-{}", metric.slug()), figure));
+        }
+    }
+    if let Some(figure) = histogram::figure(board, Motion::Metres, width)? {
+        figures.push(("baselines".into(), figure));
+    }
+    Ok(figures)
+}
+
+/// Refuses what would overwrite itself or divide by nothing.
+fn check(input: &ReportInput<'_>) -> Result<(), ReportError> {
+    for list in [&input.metrics, &input.extras] {
+        for (i, metric) in list.iter().enumerate() {
+            let same =
+                |other: &Metric| other.key == metric.key || slug(&other.key) == slug(&metric.key);
+            if list[..i].iter().any(same) {
+                return Err(ReportError::Repeated {
+                    what: "metric",
+                    name: metric.key.clone(),
+                });
+            }
+        }
+    }
+    let max = input.options.error_max;
+    if !(max > 0.0 && max <= 1.0) {
+        return Err(ReportError::Option {
+            option: "error_max",
+            value: max.to_string(),
+            reason: "must be above 0 and at most 1",
+        });
+    }
+    Ok(())
+}
