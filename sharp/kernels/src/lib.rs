@@ -1,1 +1,37 @@
-//! sharp-kernels
+//! CPU kernels over plain `f32` slices, for the network and for the metrics' backbones.
+//!
+//! Images are NHWC with N = 1 (`[row][column][channel]`), weights come in PyTorch's layouts and
+//! are packed once. No tensor library is known here.
+//!
+//! Every kernel gives bit-identical results for any number of threads, and every image kernel
+//! for any way of cutting the image into strips of rows. Between instruction sets the last
+//! bits differ; [`Simd`] says which one is in use, and any supported one can be forced.
+//!
+//! Shapes are the caller's responsibility: a slice of the wrong length is a bug, and panics.
+//!
+//! # Contents
+//! * [`simd`]: instruction sets.
+//! * [`workspace`]: reused scratch memory and the distribution of work over threads.
+//! * [`rows`]: strips of an image; [`RowOp`], what all image kernels have in common.
+//! * [`gemm`]: matrix products with packed weights and fused epilogues.
+//! * [`conv`]: convolutions: direct, Winograd, transposed.
+//! * [`pool`]: max pooling and the L2 pooling of DISTS.
+//!
+//! Private: `math` (exp, GELU for vectors).
+
+pub mod conv;
+pub mod gemm;
+mod math;
+pub mod pool;
+pub mod rows;
+pub mod simd;
+#[cfg(test)]
+mod testing;
+pub mod workspace;
+
+pub use conv::{Algorithm, Conv2d, ConvOptions, ConvSpec, TransposedConv2x2};
+pub use gemm::{Epilogue, PackedMatrix, matmul};
+pub use pool::{L2Pool, MaxPool};
+pub use rows::{RowOp, RowWindow};
+pub use simd::{Level, Simd};
+pub use workspace::Workspace;

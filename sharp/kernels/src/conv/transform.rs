@@ -1,0 +1,275 @@
+//! The transforms of Winograd's F(4×4, 3×3): 6×6 input tiles, 3×3 filters, 4×4 outputs.
+//!
+//! Toom–Cook over the points 0, ±5/8, ±3/2 and ∞: half the rounding error of the usual points
+//! 0, ±1, ±2, ∞, for a few multiplications more. All constants are dyadic, hence exact in f32.
+
+use crate::gemm::micro::KC;
+use crate::math::fma;
+use crate::simd::per_level;
+use crate::workspace::SharedOut;
+
+/// Channels that are transformed together.
+pub(super) const LANES: usize = 16;
+/// Places of a transformed tile.
+pub(super) const PLACES: usize = 36;
+
+const A: f64 = 5.0 / 8.0;
+const B: f64 = 3.0 / 2.0;
+const A1: f32 = A as f32;
+const A2: f32 = (A * A) as f32;
+const A3: f32 = (A * A * A) as f32;
+const B1: f32 = B as f32;
+const B2: f32 = (B * B) as f32;
+const B3: f32 = (B * B * B) as f32;
+const SUM: f32 = (A * A + B * B) as f32;
+const PRODUCT: f32 = (A * A * B * B) as f32;
+
+type Lanes = [f32; LANES];
+
+/// One dimension of a filter's transform, in f64: `G g`.
+fn filter_1d(g: [f64; 3]) -> [f64; 6] {
+    let at = |x: f64, scale: f64| (g[0] + g[1] * x + g[2] * x * x) / scale;
+    let a = 2.0 * A * A * (A * A - B * B);
+    let b = 2.0 * B * B * (B * B - A * A);
+    [
+        g[0] / (A * A * B * B),
+        at(A, a),
+        at(-A, a),
+        at(B, b),
+        at(-B, b),
+        g[2],
+    ]
+}
+
+/// `G g Gᵀ` of a 3×3 filter, rounded once.
+pub(super) fn filter(g: &[f32]) -> [f32; PLACES] {
+    let rows: [[f64; 6]; 3] =
+        std::array::from_fn(|y| filter_1d(std::array::from_fn(|x| f64::from(g[3 * y + x]))));
+    let mut out = [0.0; PLACES];
+    for j in 0..6 {
+        let column = filter_1d(std::array::from_fn(|y| rows[y][j]));
+        for i in 0..6 {
+            out[6 * i + j] = column[i] as f32;
+        }
+    }
+    out
+}
+
+/// One dimension of an input tile's transform: `Bᵀ d`.
+#[inline(always)]
+fn input_1d<const FMA: bool>(d: [&Lanes; 6]) -> [Lanes; 6] {
+    let mut out = [[0.0; LANES]; 6];
+    for l in 0..LANES {
+        let [d0, d1, d2, d3, d4, d5] = d.map(|d| d[l]);
+        let even_a = fma::<FMA>(-B2, d2, d4);
+        let odd_a = A1 * fma::<FMA>(-B2, d1, d3);
+        let even_b = fma::<FMA>(-A2, d2, d4);
+        let odd_b = B1 * fma::<FMA>(-A2, d1, d3);
+        out[0][l] = fma::<FMA>(PRODUCT, d0, fma::<FMA>(-SUM, d2, d4));
+        out[1][l] = even_a + odd_a;
+        out[2][l] = even_a - odd_a;
+        out[3][l] = even_b + odd_b;
+        out[4][l] = even_b - odd_b;
+        out[5][l] = fma::<FMA>(PRODUCT, d1, fma::<FMA>(-SUM, d3, d5));
+    }
+    out
+}
+
+/// One dimension of an output tile's transform: `Aᵀ m`.
+#[inline(always)]
+fn output_1d<const FMA: bool>(m: [&Lanes; 6]) -> [Lanes; 4] {
+    let mut out = [[0.0; LANES]; 4];
+    for l in 0..LANES {
+        let [m0, m1, m2, m3, m4, m5] = m.map(|m| m[l]);
+        let (sum_a, difference_a) = (m1 + m2, m1 - m2);
+        let (sum_b, difference_b) = (m3 + m4, m3 - m4);
+        out[0][l] = m0 + sum_a + sum_b;
+        out[1][l] = fma::<FMA>(A1, difference_a, B1 * difference_b);
+        out[2][l] = fma::<FMA>(A2, sum_a, B2 * sum_b);
+        out[3][l] = fma::<FMA>(A3, difference_a, fma::<FMA>(B3, difference_b, m5));
+    }
+    out
+}
+
+/// Where the transformed tiles of a task lie: place by place, in each run of [`KC`] channels
+/// after run, in each tile after tile.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct InputLayout {
+    /// Distance of tiles.
+    pub(super) tile: usize,
+    /// Distance of runs.
+    pub(super) run: usize,
+    /// Distance of places.
+    pub(super) place: usize,
+}
+
+per_level! {
+    /// Transforms one input tile: 36 pixels, row by row, of equally many channels (a multiple
+    /// of [`LANES`]); `index` is the tile's number in `out`.
+    pub(super) fn input(
+        pixels: &[&[f32]; PLACES],
+        relu: bool,
+        out: &mut [f32],
+        layout: InputLayout,
+        index: usize,
+    ) = input_body
+}
+
+#[inline(always)]
+fn input_body<const FMA: bool>(
+    pixels: &[&[f32]; PLACES],
+    relu: bool,
+    out: &mut [f32],
+    layout: InputLayout,
+    index: usize,
+) {
+    let pixels = pixels.map(|pixel| pixel.as_chunks::<LANES>().0);
+    for chunk in 0..pixels[0].len() {
+        let channel = chunk * LANES;
+        let start = index * layout.tile + channel / KC * layout.run + channel % KC;
+        let mut half = [[0.0; LANES]; PLACES];
+        for x in 0..6 {
+            let mut column: [Lanes; 6] = std::array::from_fn(|y| pixels[6 * y + x][chunk]);
+            if relu {
+                column.iter_mut().flatten().for_each(|v| *v = v.max(0.0));
+            }
+            let column = input_1d::<FMA>(column.each_ref());
+            for y in 0..6 {
+                half[6 * y + x] = column[y];
+            }
+        }
+        for y in 0..6 {
+            let row = input_1d::<FMA>(std::array::from_fn(|x| &half[6 * y + x]));
+            for (x, lanes) in row.iter().enumerate() {
+                out[start + (6 * y + x) * layout.place..][..LANES].copy_from_slice(lanes);
+            }
+        }
+    }
+}
+
+/// What the output transform needs beside the products.
+pub(super) struct OutputTile<'a> {
+    /// Padded to a multiple of [`LANES`].
+    pub(super) bias: &'a [f32],
+    pub(super) channels: usize,
+    /// Where each pixel of the 4×4 block starts in the output; `usize::MAX` if it is not
+    /// part of it.
+    pub(super) at: [usize; 16],
+    pub(super) residual: Option<&'a [f32]>,
+    pub(super) relu: bool,
+    pub(super) out: SharedOut<'a>,
+}
+
+/// A pixel outside the output.
+pub(super) const OUTSIDE: usize = usize::MAX;
+
+per_level! {
+    /// Transforms the products of one tile, which start at `start` in `products` and whose
+    /// places are `place` apart, and writes its pixels. The pixels must be the caller's own.
+    pub(super) fn output(
+        products: &[f32],
+        start: usize,
+        place: usize,
+        tile: &OutputTile<'_>,
+    ) = output_body
+}
+
+#[inline(always)]
+fn output_body<const FMA: bool>(
+    products: &[f32],
+    start: usize,
+    place: usize,
+    tile: &OutputTile<'_>,
+) {
+    let planes: [&[Lanes]; PLACES] = std::array::from_fn(|p| {
+        let len = tile.channels.next_multiple_of(LANES);
+        products[start + p * place..][..len].as_chunks().0
+    });
+    for (chunk, bias) in tile.bias.as_chunks::<LANES>().0.iter().enumerate() {
+        let channel = chunk * LANES;
+        let Some(rest) = tile.channels.checked_sub(channel).filter(|&rest| rest > 0) else {
+            break;
+        };
+        let mut half = [[0.0; LANES]; 24];
+        for x in 0..6 {
+            let column = output_1d::<FMA>(std::array::from_fn(|y| &planes[6 * y + x][chunk]));
+            for y in 0..4 {
+                half[6 * y + x] = column[y];
+            }
+        }
+        for y in 0..4 {
+            let row = output_1d::<FMA>(std::array::from_fn(|x| &half[6 * y + x]));
+            for (mut lanes, at) in row.into_iter().zip(&tile.at[4 * y..]) {
+                if *at == OUTSIDE {
+                    continue;
+                }
+                let len = rest.min(LANES);
+                for (v, b) in lanes.iter_mut().zip(bias) {
+                    *v += b;
+                }
+                if let Some(residual) = tile.residual {
+                    for (v, r) in lanes.iter_mut().zip(&residual[at + channel..][..len]) {
+                        *v += r;
+                    }
+                }
+                if tile.relu {
+                    lanes.iter_mut().for_each(|v| *v = v.max(0.0));
+                }
+                // SAFETY: the caller owns the pixels of its tile.
+                let out = unsafe { tile.out.slice(at + channel, len) };
+                if len == LANES {
+                    out.copy_from_slice(&lanes);
+                } else {
+                    out.copy_from_slice(&lanes[..len]);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::noise;
+
+    /// The three transforms together are a correlation, in exact arithmetic for small integers
+    /// scaled by powers of two.
+    #[test]
+    fn the_transforms_are_a_correlation() {
+        let d = noise(1, 36);
+        let g = noise(2, 9);
+        let splat = |v: f32| [v; LANES];
+        let mut v = vec![0.0; PLACES * LANES];
+        let pixels: Vec<Lanes> = d.iter().map(|&v| splat(v)).collect();
+        let refs: [&[f32]; PLACES] = std::array::from_fn(|p| &pixels[p][..]);
+        let layout = InputLayout {
+            tile: LANES,
+            run: LANES,
+            place: LANES,
+        };
+        input_body::<false>(&refs, false, &mut v, layout, 0);
+        let u = filter(&g);
+        for (v, u) in v.chunks_exact_mut(LANES).zip(u) {
+            v.iter_mut().for_each(|v| *v *= u);
+        }
+        let mut out = vec![0.0; 16 * LANES];
+        let tile = OutputTile {
+            bias: &splat(0.0),
+            channels: LANES,
+            at: std::array::from_fn(|i| i * LANES),
+            residual: None,
+            relu: false,
+            out: SharedOut::new(&mut out),
+        };
+        output_body::<false>(&v, 0, LANES, &tile);
+        for y in 0..4 {
+            for x in 0..4 {
+                let exact: f64 = (0..9)
+                    .map(|i| f64::from(d[6 * (y + i / 3) + x + i % 3]) * f64::from(g[i]))
+                    .sum();
+                let found = f64::from(out[(4 * y + x) * LANES]);
+                assert!((found - exact).abs() < 2e-5, "({y}, {x}): {found} {exact}");
+            }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Products of a block of rows with packed panels: the loop around the microkernels.
+
+use std::ops::Range;
+
+use crate::gemm::Epilogue;
+use crate::gemm::micro::{KC, Tile, stride_for};
+use crate::gemm::packed::PackedView;
+use crate::math::gelu;
+use crate::simd::per_level;
+use crate::workspace::SharedOut;
+
+/// The most rows of a tile of any level.
+const MAX_ROWS: usize = 16;
+
+/// One task's share of a product: some rows of `A`, some panels of `B`.
+pub(crate) struct Block<'a> {
+    pub(crate) b: PackedView<'a>,
+    /// Rows of the whole product that this block computes.
+    pub(crate) rows: Range<usize>,
+    pub(crate) panels: Range<usize>,
+    pub(crate) epilogue: Epilogue<'a>,
+    pub(crate) out: SharedOut<'a>,
+    /// Distance of rows in `out`, where they follow each other.
+    pub(crate) out_stride: usize,
+}
+
+/// Floats of scratch that [`Block::run`] needs for `rows` rows and runs of `k`.
+pub(crate) fn scratch_len(tile: &Tile, rows: usize, k: usize) -> usize {
+    rows.next_multiple_of(tile.mr) * stride_for(k.min(KC))
+}
+
+impl Block<'_> {
+    /// Computes the block. `copy(row, k, dst)` writes columns `k` of row `row` of `A` to
+    /// `dst`; `offset(row)` says where the row starts in the output (and in the residual).
+    ///
+    /// # Safety
+    /// While this runs, nobody else may touch the columns of `panels` of those output rows.
+    pub(crate) unsafe fn run(
+        &self,
+        scratch: &mut [f32],
+        copy: impl Fn(usize, Range<usize>, &mut [f32]),
+        offset: impl Fn(usize) -> usize,
+    ) {
+        let k = self.b.k;
+        let stride = stride_for(k.min(KC));
+        for k0 in (0..k).step_by(KC) {
+            let k1 = k.min(k0 + KC);
+            for (i, row) in self.rows.clone().enumerate() {
+                copy(row, k0..k1, &mut scratch[i * stride..][..k1 - k0]);
+            }
+            // SAFETY: passed on.
+            unsafe { self.multiply(scratch, k0, &offset) };
+        }
+    }
+
+    /// Multiplies the run of k that starts at `k0`, whose part of `A` lies in `a`, with rows
+    /// `stride_for` apart.
+    ///
+    /// # Safety
+    /// As [`Self::run`].
+    #[inline(always)]
+    pub(crate) unsafe fn multiply(&self, a: &[f32], k0: usize, offset: &impl Fn(usize) -> usize) {
+        let tile = Tile::of(self.b.simd);
+        let (mr, nr, n) = (tile.mr, tile.nr, self.b.n);
+        let kernel = tile.kernel(self.b.k.min(KC));
+        let stride = stride_for(self.b.k.min(KC));
+        let kc = KC.min(self.b.k - k0);
+        let last = k0 + kc == self.b.k;
+        // Later runs of k continue from what the earlier ones left in the output.
+        let load = k0 > 0 || matches!(self.epilogue, Epilogue::Add);
+        assert!(a.len() >= self.rows.len().next_multiple_of(mr) * stride);
+        let mut spare = [0.0_f32; Tile::MAX];
+        for panel in self.panels.clone() {
+            let b = self.b.panel(nr, k0, panel);
+            let col = panel * nr;
+            let bias = &self.b.bias[col..][..nr];
+            for first in (0..self.rows.len()).step_by(mr) {
+                let count = mr.min(self.rows.len() - first);
+                let mut at = [0; MAX_ROWS];
+                for (r, at) in at[..count].iter_mut().enumerate() {
+                    *at = offset(self.rows.start + first + r) + col;
+                }
+                let part = Part {
+                    at: &at[..count],
+                    cols: nr.min(n - col),
+                };
+                let whole = count == mr && part.cols == nr && part.is_regular(self.out_stride);
+                let (c, c_stride) = if whole {
+                    let span = (mr - 1) * self.out_stride + nr;
+                    (self.out.pointer(at[0], span), self.out_stride)
+                } else {
+                    if load {
+                        // SAFETY: these elements are ours by the caller's promise.
+                        unsafe { part.gather(&self.out, &mut spare, nr) };
+                    }
+                    (spare.as_mut_ptr(), nr)
+                };
+                let (init, init_stride) = if load {
+                    (c.cast_const(), c_stride)
+                } else {
+                    (bias.as_ptr(), 0)
+                };
+                let a = a[first * stride..].as_ptr();
+                // SAFETY: `a` has `mr` rows of `kc` floats by the assertion above; `b` and
+                // `bias` are whole panels; `c` is a whole tile, in bounds and ours, or `spare`;
+                // a `Simd` proves that the machine has the kernel's level.
+                unsafe { kernel(kc, a, b.as_ptr(), c, c_stride, init, init_stride) };
+                if last && !matches!(self.epilogue, Epilogue::None) {
+                    finish(self.b.simd, c, c_stride, &part, self.epilogue, bias);
+                }
+                if !whole {
+                    // SAFETY: as for `gather`.
+                    unsafe { part.scatter(&spare, nr, &self.out) };
+                }
+            }
+        }
+    }
+}
+
+/// The rows and columns of a tile that exist.
+struct Part<'a> {
+    /// Where each row's first column is in the output.
+    at: &'a [usize],
+    cols: usize,
+}
+
+impl Part<'_> {
+    /// Whether the rows are `stride` apart.
+    fn is_regular(&self, stride: usize) -> bool {
+        self.at.windows(2).all(|w| w[1] == w[0] + stride)
+    }
+
+    /// # Safety
+    /// Nobody else may touch these elements of `out`.
+    unsafe fn gather(&self, out: &SharedOut<'_>, tile: &mut [f32], nr: usize) {
+        for (&at, tile) in self.at.iter().zip(tile.chunks_exact_mut(nr)) {
+            // SAFETY: passed on.
+            tile[..self.cols].copy_from_slice(unsafe { out.slice(at, self.cols) });
+        }
+    }
+
+    /// # Safety
+    /// As [`Self::gather`].
+    unsafe fn scatter(&self, tile: &[f32], nr: usize, out: &SharedOut<'_>) {
+        for (&at, tile) in self.at.iter().zip(tile.chunks_exact(nr)) {
+            // SAFETY: passed on.
+            unsafe { out.slice(at, self.cols) }.copy_from_slice(&tile[..self.cols]);
+        }
+    }
+}
+
+per_level! {
+    /// Applies the epilogue to the tile at `c`, while it is in the cache.
+    fn finish(
+        c: *mut f32,
+        c_stride: usize,
+        part: &Part<'_>,
+        epilogue: Epilogue<'_>,
+        bias: &[f32],
+    ) = finish_body
+}
+
+#[inline(always)]
+fn finish_body<const FMA: bool>(
+    c: *mut f32,
+    c_stride: usize,
+    part: &Part<'_>,
+    epilogue: Epilogue<'_>,
+    bias: &[f32],
+) {
+    for (r, &at) in part.at.iter().enumerate() {
+        // SAFETY: the caller has just written the tile at `c`, which has these rows and columns.
+        let row = unsafe { std::slice::from_raw_parts_mut(c.add(r * c_stride), part.cols) };
+        match epilogue {
+            Epilogue::None => {}
+            Epilogue::Relu => row.iter_mut().for_each(|v| *v = v.max(0.0)),
+            Epilogue::Gelu => row.iter_mut().for_each(|v| *v = gelu::<FMA>(*v)),
+            Epilogue::Add => {
+                for (v, b) in row.iter_mut().zip(bias) {
+                    *v += b;
+                }
+            }
+            Epilogue::Residual(residual) => {
+                for (v, x) in row.iter_mut().zip(&residual[at..]) {
+                    *v += x;
+                }
+            }
+            Epilogue::ResidualRelu(residual) => {
+                for (v, x) in row.iter_mut().zip(&residual[at..]) {
+                    *v = (*v + x).max(0.0);
+                }
+            }
+        }
+    }
+}

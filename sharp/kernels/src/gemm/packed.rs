@@ -1,0 +1,152 @@
+//! Matrices packed for the microkernels.
+
+use crate::gemm::micro::{KC, Tile};
+use crate::simd::Simd;
+use crate::workspace::Aligned;
+
+/// A `k` × `n` matrix (the weights), packed for one instruction set, with a bias per column.
+///
+/// In runs of at most [`KC`] rows; in each run, panel after panel of `nr` columns; in each
+/// panel row after row. Columns are padded with zeros to whole panels.
+#[derive(Debug, Clone)]
+pub struct PackedMatrix {
+    simd: Simd,
+    k: usize,
+    n: usize,
+    data: Aligned,
+    bias: Aligned,
+}
+
+impl PackedMatrix {
+    /// Packs the weights of a linear layer, `[n][k]` (outputs × inputs, as PyTorch stores
+    /// them), and its bias `[n]`.
+    ///
+    /// # Panics
+    /// When a length is wrong.
+    pub fn from_out_in(
+        simd: Simd,
+        weight: &[f32],
+        bias: Option<&[f32]>,
+        n: usize,
+        k: usize,
+    ) -> Self {
+        assert_eq!(weight.len(), n * k, "weights of {n} outputs x {k} inputs");
+        Self::pack(simd, k, n, bias, |row, col| weight[col * k + row])
+    }
+
+    /// Packs a matrix given as `[k][n]`, and a bias `[n]`.
+    ///
+    /// # Panics
+    /// When a length is wrong.
+    pub fn from_in_out(
+        simd: Simd,
+        weight: &[f32],
+        bias: Option<&[f32]>,
+        k: usize,
+        n: usize,
+    ) -> Self {
+        assert_eq!(weight.len(), n * k, "weights of {k} inputs x {n} outputs");
+        Self::pack(simd, k, n, bias, |row, col| weight[row * n + col])
+    }
+
+    /// Packs the matrix whose element in row `row` and column `col` is `value(row, col)`.
+    pub(crate) fn pack(
+        simd: Simd,
+        k: usize,
+        n: usize,
+        bias: Option<&[f32]>,
+        value: impl Fn(usize, usize) -> f32,
+    ) -> Self {
+        let nr = Tile::of(simd).nr;
+        let n_padded = n.next_multiple_of(nr);
+        let mut data = Aligned::zeros(k * n_padded);
+        pack_into(&mut data, nr, k, n, value);
+        let mut padded_bias = Aligned::zeros(n_padded);
+        if let Some(bias) = bias {
+            assert_eq!(bias.len(), n, "one bias per output");
+            padded_bias[..n].copy_from_slice(bias);
+        }
+        Self {
+            simd,
+            k,
+            n,
+            data,
+            bias: padded_bias,
+        }
+    }
+
+    /// Rows: inputs of the layer.
+    pub fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Columns: outputs of the layer.
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// The instruction set it was packed for.
+    pub fn simd(&self) -> Simd {
+        self.simd
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        (self.data.len() + self.bias.len()) * size_of::<f32>()
+    }
+
+    pub(crate) fn view(&self) -> PackedView<'_> {
+        PackedView {
+            simd: self.simd,
+            k: self.k,
+            n: self.n,
+            data: &self.data,
+            bias: &self.bias,
+        }
+    }
+}
+
+/// A packed matrix that lies in somebody's buffer.
+#[derive(Clone, Copy)]
+pub(crate) struct PackedView<'a> {
+    pub(crate) simd: Simd,
+    pub(crate) k: usize,
+    pub(crate) n: usize,
+    pub(crate) data: &'a [f32],
+    /// Padded as the columns are.
+    pub(crate) bias: &'a [f32],
+}
+
+impl PackedView<'_> {
+    /// Panel `panel` of the run that starts at row `k0`: `min(KC, k - k0)` rows of `nr`.
+    #[inline(always)]
+    pub(crate) fn panel(&self, nr: usize, k0: usize, panel: usize) -> &[f32] {
+        let kc = KC.min(self.k - k0);
+        let n_padded = self.n.next_multiple_of(nr);
+        &self.data[k0 * n_padded + panel * kc * nr..][..kc * nr]
+    }
+}
+
+/// Packs into `data`, which must hold zeros or padding where no column is.
+#[inline(always)]
+pub(crate) fn pack_into(
+    data: &mut [f32],
+    nr: usize,
+    k: usize,
+    n: usize,
+    value: impl Fn(usize, usize) -> f32,
+) {
+    let n_padded = n.next_multiple_of(nr);
+    for k0 in (0..k).step_by(KC) {
+        let kc = KC.min(k - k0);
+        let run = &mut data[k0 * n_padded..][..kc * n_padded];
+        for (panel, out) in run.chunks_exact_mut(kc * nr).enumerate() {
+            let cols = nr.min(n - panel * nr);
+            for (row, out) in out.chunks_exact_mut(nr).enumerate() {
+                for (col, out) in out[..cols].iter_mut().enumerate() {
+                    *out = value(k0 + row, panel * nr + col);
+                }
+            }
+        }
+    }
+}

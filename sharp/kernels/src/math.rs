@@ -1,0 +1,143 @@
+//! Elementary functions written so that the compiler vectorises them.
+
+/// `a * b + c`, fused where `FMA` says that it is an instruction.
+#[inline(always)]
+pub(crate) fn fma<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
+    if FMA { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// The exponential, within 2 units in the last place for -87 ≤ x ≤ 88, clamped beyond.
+#[inline(always)]
+pub(crate) fn exp<const FMA: bool>(x: f32) -> f32 {
+    /// Adding this leaves the nearest integer in the low bits.
+    const ROUND: f32 = 12_582_912.0;
+    // ln 2 in two parts: the first has few enough bits for n * LN2_HI to be exact.
+    const LN2_HI: f32 = 0.693_359_4;
+    const LN2_LO: f32 = -2.121_944_4e-4;
+    let x = x.clamp(-87.0, 88.0);
+    let t = fma::<FMA>(x, std::f32::consts::LOG2_E, ROUND);
+    let n = t - ROUND;
+    let r = fma::<FMA>(n, -LN2_LO, fma::<FMA>(n, -LN2_HI, x));
+    // Taylor's series to the seventh power; |r| ≤ 0.347 leaves a remainder below 6e-9.
+    let mut p = 1.0 / 5040.0;
+    p = fma::<FMA>(p, r, 1.0 / 720.0);
+    p = fma::<FMA>(p, r, 1.0 / 120.0);
+    p = fma::<FMA>(p, r, 1.0 / 24.0);
+    p = fma::<FMA>(p, r, 1.0 / 6.0);
+    p = fma::<FMA>(p, r, 0.5);
+    p = fma::<FMA>(p, r, 1.0);
+    p = fma::<FMA>(p, r, 1.0);
+    p * f32::from_bits((t.to_bits() << 23).wrapping_add(0x3f80_0000))
+}
+
+/// GELU with the error function, `x Φ(x)`, absolute error below 3e-7.
+#[inline(always)]
+pub(crate) fn gelu<const FMA: bool>(x: f32) -> f32 {
+    // erfc(z) = t P(t) exp(-z²) with t = 1 / (1 + 0.4 z): minimax fit over 0 ≤ z ≤ 10, whose
+    // absolute error is 8e-10. x Φ(x) = max(x, 0) - |x| erfc(|x| / √2) / 2 cancels nowhere.
+    const P: [f32; 8] = [
+        0.224_961_86,
+        0.236_721_02,
+        0.136_603_34,
+        0.420_518_64,
+        -0.396_837_47,
+        0.708_776_1,
+        -0.408_138_25,
+        0.077_394_72,
+    ];
+    let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
+    let t = 1.0 / fma::<FMA>(z, 0.4, 1.0);
+    let mut p = P[7];
+    for &c in P[..7].iter().rev() {
+        p = fma::<FMA>(p, t, c);
+    }
+    let erfc = p * t * exp::<FMA>(-0.5 * x * x);
+    fma::<FMA>(-0.5 * x.abs(), erfc, x.max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::{Simd, per_level};
+
+    per_level! { fn exps(x: &mut [f32]) = exps_body }
+
+    #[inline(always)]
+    fn exps_body<const FMA: bool>(x: &mut [f32]) {
+        x.iter_mut().for_each(|v| *v = exp::<FMA>(*v));
+    }
+
+    per_level! { fn gelus(x: &mut [f32]) = gelus_body }
+
+    #[inline(always)]
+    fn gelus_body<const FMA: bool>(x: &mut [f32]) {
+        x.iter_mut().for_each(|v| *v = gelu::<FMA>(*v));
+    }
+
+    fn grid(from: f32, to: f32) -> Vec<f32> {
+        (0..=200_000)
+            .map(|i| from + (to - from) * (i as f32 / 200_000.0))
+            .collect()
+    }
+
+    #[test]
+    fn exp_is_within_two_ulp() {
+        for simd in Simd::available() {
+            let x = grid(-86.0, 87.0);
+            let mut y = x.clone();
+            exps(simd, &mut y);
+            for (x, y) in x.iter().zip(y) {
+                let exact = f64::from(*x).exp();
+                assert!(
+                    (f64::from(y) / exact - 1.0).abs() < 2.4e-7,
+                    "{simd:?} exp({x}) = {y}"
+                );
+            }
+        }
+    }
+
+    /// Φ by its power series or continued fraction in f64.
+    fn phi(x: f64) -> f64 {
+        let z = x.abs() / std::f64::consts::SQRT_2;
+        let erfc = if z < 3.0 {
+            let (mut term, mut sum) = (z, z);
+            for n in 1..200 {
+                term *= -z * z / f64::from(n);
+                sum += term / f64::from(2 * n + 1);
+            }
+            1.0 - 2.0 / std::f64::consts::PI.sqrt() * sum
+        } else {
+            let mut f = 0.0;
+            for n in (1..60).rev() {
+                f = f64::from(n) / 2.0 / (z + f);
+            }
+            (-z * z).exp() / std::f64::consts::PI.sqrt() / (z + f)
+        };
+        if x < 0.0 {
+            0.5 * erfc
+        } else {
+            1.0 - 0.5 * erfc
+        }
+    }
+
+    #[test]
+    fn gelu_is_that_of_the_error_function() {
+        for simd in Simd::available() {
+            let x = grid(-12.0, 12.0);
+            let mut y = x.clone();
+            gelus(simd, &mut y);
+            for (x, y) in x.iter().zip(y) {
+                let exact = f64::from(*x) * phi(f64::from(*x));
+                let error = (f64::from(y) - exact).abs();
+                assert!(
+                    error < 3e-7_f64.max(1.2e-7 * exact),
+                    "{simd:?} gelu({x}) = {y}, {exact}"
+                );
+            }
+            // The tanh approximation is off by up to 5e-4 and must not pass.
+            let mut one = [1.0];
+            gelus(simd, &mut one);
+            assert!((one[0] - 0.841_344_7).abs() < 3e-7);
+        }
+    }
+}

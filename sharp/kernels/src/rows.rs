@@ -1,0 +1,163 @@
+//! Strips of an image, and what all kernels on them have in common.
+
+use std::ops::Range;
+
+use crate::workspace::Workspace;
+
+/// Some rows of an NHWC image that lie in memory. The rest of the image exists, but is not
+/// needed: borders are padded only where the image ends.
+#[derive(Debug, Clone)]
+pub struct RowWindow<'a> {
+    data: &'a [f32],
+    rows: Range<usize>,
+    height: usize,
+    width: usize,
+    channels: usize,
+}
+
+impl<'a> RowWindow<'a> {
+    /// `data` holds `rows` of an image of `height` × `width` × `channels`.
+    ///
+    /// # Panics
+    /// When `data` has another length, or the rows lie outside the image.
+    pub fn new(
+        data: &'a [f32],
+        rows: Range<usize>,
+        height: usize,
+        width: usize,
+        channels: usize,
+    ) -> Self {
+        assert!(
+            rows.start <= rows.end && rows.end <= height,
+            "rows {rows:?} of {height}"
+        );
+        assert_eq!(
+            data.len(),
+            rows.len() * width * channels,
+            "{} rows of {width} x {channels}",
+            rows.len()
+        );
+        Self {
+            data,
+            rows,
+            height,
+            width,
+            channels,
+        }
+    }
+
+    /// A whole image.
+    ///
+    /// # Panics
+    /// When `data` has another length than `height` × `width` × `channels`.
+    pub fn whole(data: &'a [f32], height: usize, width: usize, channels: usize) -> Self {
+        Self::new(data, 0..height, height, width, channels)
+    }
+
+    /// The rows that are there.
+    pub fn rows(&self) -> Range<usize> {
+        self.rows.clone()
+    }
+
+    /// Height of the whole image.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Width of the image.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Channels of a pixel.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Row `y` of the image, `[width][channels]`.
+    ///
+    /// # Panics
+    /// When that row is not in the window.
+    pub fn row(&self, y: usize) -> &'a [f32] {
+        assert!(self.rows.contains(&y), "row {y} of {:?}", self.rows);
+        let len = self.width * self.channels;
+        &self.data[(y - self.rows.start) * len..][..len]
+    }
+
+    /// Panics unless the window holds `rows`.
+    pub(crate) fn expect_rows(&self, rows: &Range<usize>) {
+        assert!(
+            rows.is_empty() || (self.rows.start <= rows.start && rows.end <= self.rows.end),
+            "rows {rows:?} are needed, {:?} are there",
+            self.rows
+        );
+    }
+}
+
+/// A kernel that computes any rows of its output from the rows of the input that they need.
+///
+/// The rows come out bit for bit the same however the image is cut into strips.
+pub trait RowOp: Send + Sync {
+    /// Height and width of the output for an input of `height` × `width`; zero where the input
+    /// is too small for one window.
+    fn out_size(&self, height: usize, width: usize) -> (usize, usize);
+
+    /// Channels of the output.
+    fn out_channels(&self, in_channels: usize) -> usize;
+
+    /// The input rows that the output rows `out` need, for an image of `in_height` rows.
+    /// Clamped to the image.
+    ///
+    /// Winograd convolutions work on blocks of four output rows that start at multiples of
+    /// four, and need the input of whole blocks: cut strips at multiples of four, and no row
+    /// is computed twice.
+    fn in_rows(&self, out: Range<usize>, in_height: usize) -> Range<usize>;
+
+    /// Writes the output rows `out` as `[row][column][channel]` to `output`.
+    ///
+    /// # Panics
+    /// When the window lacks one of [`Self::in_rows`], when `out` reaches beyond the output's
+    /// height, or when a length or channel count is wrong.
+    fn run_rows(
+        &self,
+        input: &RowWindow<'_>,
+        out: Range<usize>,
+        output: &mut [f32],
+        workspace: &mut Workspace,
+    );
+}
+
+/// Checks what every [`RowOp::run_rows`] demands; returns the output's width.
+pub(crate) fn expect(
+    op: &impl RowOp,
+    input: &RowWindow<'_>,
+    out: &Range<usize>,
+    output: &[f32],
+) -> usize {
+    let (height, width) = op.out_size(input.height(), input.width());
+    assert!(
+        out.start <= out.end && out.end <= height,
+        "output rows {out:?} of {height}"
+    );
+    input.expect_rows(&op.in_rows(out.clone(), input.height()));
+    let len = out.len() * width * op.out_channels(input.channels());
+    assert_eq!(output.len(), len, "length of the output");
+    width
+}
+
+/// Input rows of a window operation: `size` rows per output row, every `stride`, after
+/// `padding` rows of border.
+pub(crate) fn window_rows(
+    out: Range<usize>,
+    in_height: usize,
+    size: usize,
+    stride: usize,
+    padding: usize,
+) -> Range<usize> {
+    if out.is_empty() {
+        return 0..0;
+    }
+    let start = (out.start * stride).saturating_sub(padding).min(in_height);
+    let end = ((out.end - 1) * stride + size).saturating_sub(padding);
+    start..end.clamp(start, in_height)
+}
