@@ -3,11 +3,21 @@
 //! Data flows one way; each module uses only those above it.
 //!
 //! * [`durable`]: files that are whole or absent, and their hashes.
-//! * [`protocol`]: which pairs are evaluated, overlap, alignment, frustum mask.
 //! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
+//! * [`pictures`], [`picture_pairs`], [`render_file`]: pictures and renderings as files.
+//! * [`protocol`]: which pairs are evaluated, and the geometry that decides it.
+//! * [`methods`]: what predicts a target view from a source view.
+//! * [`runs`]: plans, units and the folder that keeps their results.
 //! * [`report`]: tables, plots and a browsable page from records.
+//! * [`cli`]: the command line.
 
+pub mod cli;
 pub mod durable;
+pub mod methods;
+pub mod picture_pairs;
+pub mod pictures;
 pub mod protocol;
 pub mod record;
+pub mod render_file;
 pub mod report;
+pub mod runs;

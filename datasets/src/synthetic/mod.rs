@@ -307,7 +307,7 @@ mod tests {
         let scene = SyntheticScene::new(options).unwrap();
         assert_eq!(
             scene.views()[1].content.image_sha256().unwrap(),
-            "b79fe2c6d1ee93b593db8281a2d88645b4969a9b17751e0b7f4f58cf64fe567b"
+            "cf082fc3b0a4b3fafca12d6935973b0cb9da2eaa9e95b67ce686ef53d1aecf98"
         );
     }
 

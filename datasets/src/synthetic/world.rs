@@ -63,7 +63,7 @@ impl World {
         });
     }
 
-    /// The ground, a wall at the back that leaves sky beside and above it, and a slanted wall.
+    /// The ground, a wall at the back that leaves a strip of sky above and beside it, and a slanted wall.
     fn add_planes(&mut self, random: &mut Random) {
         let ground = Shape::Rectangle {
             center: DVec3::new(0.0, GROUND_Y, 5.0),
@@ -71,15 +71,15 @@ impl World {
             half: (9.0, 5.5),
         };
         self.add(random, 0.6, ground);
-        let height = random.between(1.0, 1.3);
+        let height = random.between(1.75, 1.95);
         let back = Shape::Rectangle {
             center: DVec3::new(
-                random.between(-2.6, -1.8),
+                random.between(-1.6, -1.0),
                 GROUND_Y - height,
                 random.between(7.5, 9.0),
             ),
             axes: DMat3::IDENTITY,
-            half: (3.8, height),
+            half: (5.0, height),
         };
         self.add(random, 0.5, back);
         let slant = turned(0.0, random.between(-0.48, -0.38), 0.0, 1.0);

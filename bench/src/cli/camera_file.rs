@@ -1,0 +1,75 @@
+//! Camera files: JSON with `width`, `height`, `K` and `camera_from_world`.
+
+use std::path::Path;
+
+use anyhow::{Context, ensure};
+use glam::DAffine3;
+use serde::{Deserialize, Serialize};
+use sharp::camera::{Intrinsics, affine_from_row_major};
+
+/// A camera as people script it. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CameraFile {
+    /// Image width, pixels.
+    pub(super) width: u32,
+    /// Image height, pixels.
+    pub(super) height: u32,
+    /// 3×3 intrinsics, row by row, pixels.
+    #[serde(rename = "K")]
+    pub(super) k: [f64; 9],
+    /// 4×4 extrinsics, row by row; any affine map.
+    pub(super) camera_from_world: [f64; 16],
+}
+
+impl CameraFile {
+    /// Reads and checks a camera.
+    pub(super) fn read(path: &Path) -> anyhow::Result<(Intrinsics, DAffine3)> {
+        let context = || path.display().to_string();
+        let text = std::fs::read_to_string(path).with_context(context)?;
+        let camera: Self = serde_json::from_str(&text).with_context(context)?;
+        camera.check().with_context(context)
+    }
+
+    fn check(&self) -> anyhow::Result<(Intrinsics, DAffine3)> {
+        let [fx, skew, cx, k10, fy, cy, k20, k21, k22] = self.k;
+        ensure!(
+            [skew, k10, k20, k21] == [0.0; 4] && k22 == 1.0,
+            "K has a skew or a last row other than 0 0 1, which no renderer here supports"
+        );
+        let intrinsics = Intrinsics::new((fx, fy), (cx, cy), (self.width, self.height))?;
+        Ok((intrinsics, affine_from_row_major(&self.camera_from_world)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> CameraFile {
+        let mut camera_from_world = [0.0; 16];
+        for i in 0..4 {
+            camera_from_world[5 * i] = 1.0;
+        }
+        CameraFile {
+            width: 4,
+            height: 3,
+            k: [5.0, 0.0, 2.0, 0.0, 6.0, 1.5, 0.0, 0.0, 1.0],
+            camera_from_world,
+        }
+    }
+
+    #[test]
+    fn good_cameras_pass_and_bad_ones_say_why() {
+        let (intrinsics, _) = camera().check().unwrap();
+        assert_eq!((intrinsics.fx, intrinsics.fy), (5.0, 6.0));
+
+        let mut skewed = camera();
+        skewed.k[1] = 0.1;
+        assert!(skewed.check().unwrap_err().to_string().contains("skew"));
+
+        let mut nan = camera();
+        nan.camera_from_world[3] = f64::NAN;
+        assert!(nan.check().unwrap_err().to_string().contains("not finite"));
+    }
+}

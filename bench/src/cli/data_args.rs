@@ -1,0 +1,200 @@
+//! Options that several commands share: datasets, pair lists, metrics.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use sharp_datasets::{DatasetSpec, Scene};
+use sharp_metrics::{Selection, Weights};
+
+use super::evaluate::PairOrigin;
+use crate::protocol::PairOptions;
+use crate::runs::plan::Scoring;
+
+/// Which metrics, with which weights.
+#[derive(Debug, Args)]
+pub(super) struct MetricArgs {
+    /// Metric keys, aliases, families (ssim, lpips, dists), or `paper` or `all`; comma-separated
+    #[arg(long, value_name = "LIST", default_value = "paper")]
+    pub(super) metrics: String,
+    /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
+    #[arg(long, value_name = "NAME=FILE")]
+    pub(super) weights: Vec<String>,
+}
+
+impl MetricArgs {
+    pub(super) fn selection(&self) -> anyhow::Result<Selection> {
+        Selection::parse(&self.metrics).with_context(|| format!("--metrics {}", self.metrics))
+    }
+
+    pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
+        Ok(Scoring::new(&self.selection()?, &self.weights()?)?)
+    }
+
+    fn weights(&self) -> anyhow::Result<Weights> {
+        self.weights
+            .iter()
+            .try_fold(Weights::none(), |weights, spec| {
+                let Some((name, file)) = spec.split_once('=') else {
+                    bail!("--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth");
+                };
+                Ok(weights.with_file(name.parse()?, file))
+            })
+    }
+}
+
+/// Which datasets, and which of their scenes.
+#[derive(Debug, Args)]
+pub(super) struct DatasetArgs {
+    /// A dataset, [NAME:]FORMAT=PATH; repeatable
+    #[arg(long = "dataset", value_name = "SPEC", required = true)]
+    pub(super) datasets: Vec<String>,
+    /// Only scenes whose id matches; `*` and `?` are wildcards
+    #[arg(long, value_name = "GLOB")]
+    pub(super) scenes: Option<String>,
+}
+
+/// A dataset with what was found in it.
+pub(super) struct OpenDataset {
+    pub(super) name: String,
+    pub(super) spec: String,
+    /// The dataset's folder; `None` for a procedural one.
+    pub(super) root: Option<PathBuf>,
+    /// Readings of the paper that the dataset's settings stand for.
+    readings: Vec<String>,
+    pub(super) scenes: Vec<Scene>,
+}
+
+impl OpenDataset {
+    /// What the reader chose, assumed or left out, for the manifest.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let of_scenes = self.scenes.iter().flat_map(|scene| {
+            scene
+                .notes
+                .iter()
+                .map(|note| format!("{}: {note}", scene.id))
+        });
+        self.readings.iter().cloned().chain(of_scenes).collect()
+    }
+}
+
+/// Opens datasets; names must be unique, because they are columns.
+pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec<OpenDataset>> {
+    let mut open: Vec<OpenDataset> = Vec::new();
+    for text in specs {
+        let spec = DatasetSpec::parse(text)?;
+        if open.iter().any(|other| other.name == spec.name) {
+            bail!(
+                "--dataset {text}: the name '{}' is taken; give this one NAME:",
+                spec.name
+            );
+        }
+        let mut found = sharp_datasets::open(&spec)?;
+        if let Some(pattern) = scenes {
+            found.retain(|scene| matches(pattern, &scene.id));
+        }
+        let readings = spec.readings().into_iter().map(|(key, value, proxy)| {
+            let proxy = if proxy {
+                " (proxy: differs from the paper)"
+            } else {
+                ""
+            };
+            format!("{key}={value}{proxy}")
+        });
+        open.push(OpenDataset {
+            readings: readings.collect(),
+            root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
+            name: spec.name,
+            spec: text.clone(),
+            scenes: found,
+        });
+    }
+    if open.iter().all(|dataset| dataset.scenes.is_empty()) {
+        bail!("no scene matches --scenes {}", scenes.unwrap_or("*"));
+    }
+    Ok(open)
+}
+
+/// `*` stands for any run of characters, `?` for one.
+fn matches(pattern: &str, text: &str) -> bool {
+    let (pattern, text): (Vec<char>, Vec<char>) =
+        (pattern.chars().collect(), text.chars().collect());
+    let (mut p, mut t) = (0, 0);
+    // Where to go on after a mismatch: the last star, and the text it has swallowed so far.
+    let mut retry = None;
+    while t < text.len() {
+        match pattern.get(p) {
+            Some('*') => {
+                retry = Some((p + 1, t));
+                p += 1;
+            }
+            Some(&c) if c == '?' || c == text[t] => {
+                p += 1;
+                t += 1;
+            }
+            _ => match retry {
+                Some((after_star, swallowed)) => {
+                    retry = Some((after_star, swallowed + 1));
+                    (p, t) = (after_star, swallowed + 1);
+                }
+                None => return false,
+            },
+        }
+    }
+    pattern[p..].iter().all(|&c| c == '*')
+}
+
+/// Which pairs: a list, or the choices that build one.
+#[derive(Debug, Args)]
+pub(super) struct PairArgs {
+    /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
+    #[arg(long, value_name = "FILE", conflicts_with = "pair_options")]
+    pairs: Option<PathBuf>,
+    /// Choices that the paper leaves open, key=value,…; see `pairs --help`
+    #[arg(long, value_name = "LIST")]
+    pair_options: Option<PairOptions>,
+}
+
+impl PairArgs {
+    pub(super) fn origin(&self) -> PairOrigin {
+        match &self.pairs {
+            Some(path) => PairOrigin::Given(path.clone()),
+            None => PairOrigin::Built(self.pair_options.clone().unwrap_or_default()),
+        }
+    }
+}
+
+/// The formats of `--dataset` with their settings, for `--help`.
+pub(super) fn formats_help() -> String {
+    let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
+    for format in sharp_datasets::catalog::formats() {
+        text += &format!("  {:<12} {}\n", format.name, format.summary);
+        for setting in format.settings {
+            text += &format!(
+                "    {}={}  {}\n",
+                setting.key, setting.default, setting.meaning
+            );
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wildcards() {
+        for (pattern, text, expected) in [
+            ("*", "", true),
+            ("Moto*", "Motorcycle", true),
+            ("*cycle", "Motorcycle", true),
+            ("M?t*c*e", "Motorcycle", true),
+            ("Moto", "Motorcycle", false),
+            ("*x*", "Motorcycle", false),
+            ("a*b*c", "axxbyybc", true),
+        ] {
+            assert_eq!(matches(pattern, text), expected, "{pattern} {text}");
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What `run` and `demo` share: open, pair, plan, execute, write.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use sharp_datasets::Scene;
+
+use super::data_args::{self, OpenDataset};
+use super::{output, progress};
+use crate::durable::write_atomic;
+use crate::methods::{self, Method, MethodSpec};
+use crate::protocol::pair_list::ResolvedPair;
+use crate::protocol::pairs::{BuildContext, PairBuild};
+use crate::protocol::{PairList, PairOptions, build_pairs};
+use crate::runs::execute::{Executed, execute};
+use crate::runs::manifest::{
+    DatasetFacts, FORMAT, Manifest, MethodFacts, MetricFacts, PairFacts, scoring_facts,
+};
+use crate::runs::plan::{Keep, RunPlan, Scoring};
+use crate::runs::scores::{scores_csv, timings_csv};
+use crate::runs::store::RunFolder;
+use crate::runs::unit::{SOURCE_FINGERPRINT, cpu_backend};
+
+/// Everything that decides what is evaluated.
+pub(super) struct Evaluation {
+    datasets: Vec<OpenDataset>,
+    scenes: Vec<Scene>,
+    list: PairList,
+    origin: PairOrigin,
+    specs: Vec<MethodSpec>,
+    methods: Vec<Box<dyn Method>>,
+    scoring: Scoring,
+    limit: Option<usize>,
+}
+
+/// Where the pair list comes from.
+pub(super) enum PairOrigin {
+    /// Built from the datasets.
+    Built(PairOptions),
+    /// Handed in.
+    Given(PathBuf),
+}
+
+/// What is to be evaluated, as given.
+pub(super) struct Request<'a> {
+    pub(super) datasets: &'a [String],
+    pub(super) scenes: Option<&'a str>,
+    pub(super) pairs: PairOrigin,
+    pub(super) methods: &'a [String],
+    pub(super) scoring: Scoring,
+    pub(super) limit: Option<usize>,
+}
+
+/// A finished run.
+pub(super) struct Finished {
+    pub(super) folder: RunFolder,
+    pub(super) manifest: Manifest,
+    pub(super) executed: Executed,
+    pub(super) scenes: Vec<Scene>,
+}
+
+impl Evaluation {
+    /// Opens datasets, builds or reads the pair list, builds methods. Writes nothing.
+    pub(super) fn prepare(request: Request) -> anyhow::Result<Self> {
+        let specs: Vec<MethodSpec> = request
+            .methods
+            .iter()
+            .map(|text| text.parse())
+            .collect::<Result<_, _>>()?;
+        let methods = methods::build(&specs)?;
+        let datasets = data_args::open(request.datasets, request.scenes)?;
+        let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
+        let list = match &request.pairs {
+            PairOrigin::Built(options) => {
+                let build = build(&scenes, options, &datasets)?;
+                PairList::new("pairs.csv", build.pairs)
+            }
+            PairOrigin::Given(path) => {
+                let list = PairList::read(path)?;
+                warn_of_other_files(&list, &scenes)?;
+                list
+            }
+        };
+        let evaluation = Self {
+            datasets,
+            scenes,
+            list,
+            origin: request.pairs,
+            specs,
+            methods,
+            scoring: request.scoring,
+            limit: request.limit,
+        };
+        if evaluation.pairs()?.is_empty() {
+            bail!(
+                "no pair to evaluate: none of {} listed pairs is selected",
+                evaluation.list.pairs.len()
+            );
+        }
+        Ok(evaluation)
+    }
+
+    /// The selected pairs, as many as the limit allows.
+    pub(super) fn pairs(&self) -> anyhow::Result<Vec<ResolvedPair<'_>>> {
+        let mut pairs = self.list.resolve(&self.scenes)?;
+        pairs.retain(|resolved| resolved.pair.selected);
+        pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
+        pairs.truncate(self.limit.unwrap_or(usize::MAX));
+        Ok(pairs)
+    }
+
+    /// What a run would do.
+    pub(super) fn manifest(&self) -> anyhow::Result<Manifest> {
+        let (origin, options) = match &self.origin {
+            PairOrigin::Built(options) => (
+                "built",
+                options
+                    .entries()
+                    .into_iter()
+                    .map(|(key, value)| (key.to_owned(), value))
+                    .collect(),
+            ),
+            PairOrigin::Given(_) => ("given", BTreeMap::new()),
+        };
+        let facts = |dataset: &OpenDataset| DatasetFacts {
+            name: dataset.name.clone(),
+            spec: dataset.spec.clone(),
+            scenes: dataset.scenes.len(),
+            views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
+            notes: dataset.notes(),
+        };
+        Ok(Manifest {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            source_fingerprint: SOURCE_FINGERPRINT.to_owned(),
+            backend: cpu_backend().to_owned(),
+            datasets: self.datasets.iter().map(facts).collect(),
+            pairs: PairFacts {
+                sha256: self.list.sha256.clone(),
+                listed: self.list.pairs.len(),
+                evaluated: self.pairs()?.len(),
+                origin: origin.to_owned(),
+                options,
+            },
+            methods: self
+                .specs
+                .iter()
+                .zip(&self.methods)
+                .map(|(spec, method)| MethodFacts {
+                    label: spec.label.clone(),
+                    spec: spec.text.clone(),
+                    identity: method.identity(),
+                })
+                .collect(),
+            metrics: self
+                .scoring
+                .metrics
+                .iter()
+                .map(|metric| MetricFacts {
+                    key: metric.key.to_string(),
+                    convention: metric.key.explain(),
+                    weights: metric.weights.clone(),
+                })
+                .collect(),
+            scoring: scoring_facts(),
+        })
+    }
+
+    /// Evaluates into a run folder.
+    pub(super) fn run(self, out: &Path, keep: Keep) -> anyhow::Result<Finished> {
+        let manifest = self.manifest()?;
+        let folder = RunFolder::create(out)?;
+        manifest.write(&folder)?;
+        write_atomic(&folder.pairs_path(), self.list.to_csv().as_bytes())?;
+
+        let plan = RunPlan {
+            pairs: self.pairs()?,
+            methods: &self.methods,
+            scoring: &self.scoring,
+            keep,
+        };
+        let bar = progress::bar(plan.pairs.len() * plan.methods.len(), "units");
+        let executed = execute(&plan, &folder, |pair_id, method| {
+            bar.set_message(format!("{method} {pair_id}"));
+            bar.inc(1);
+        })?;
+        bar.finish_and_clear();
+
+        let records = executed.records();
+        folder.write_records(&records)?;
+        write_atomic(
+            &folder.scores_path(),
+            &scores_csv(&records, &self.scoring.keys())?,
+        )?;
+        write_atomic(&folder.timings_path(), &timings_csv(&executed.units)?)?;
+        Ok(Finished {
+            folder,
+            manifest,
+            executed,
+            scenes: self.scenes,
+        })
+    }
+}
+
+/// Builds the pair list of opened datasets and says which files could not be read.
+pub(super) fn build(
+    scenes: &[Scene],
+    options: &PairOptions,
+    datasets: &[OpenDataset],
+) -> anyhow::Result<PairBuild> {
+    let bar = progress::bar(scenes.len(), "scenes");
+    bar.set_message("building the pair list");
+    let advance = |done: usize, _: usize| bar.set_position(done as u64);
+    let context = BuildContext {
+        roots: datasets
+            .iter()
+            .filter_map(|dataset| Some((dataset.name.clone(), dataset.root.clone()?)))
+            .collect(),
+        progress: &advance,
+        ..BuildContext::default()
+    };
+    let build = build_pairs(scenes, options, &context)?;
+    bar.finish_and_clear();
+    for problem in &build.problems {
+        output::remark(format!("warning: {}", problem.reason));
+    }
+    Ok(build)
+}
+
+fn warn_of_other_files(list: &PairList, scenes: &[Scene]) -> anyhow::Result<()> {
+    let mismatches = list
+        .verify(scenes)
+        .with_context(|| format!("checking the photographs of {}", list.path.display()))?;
+    for mismatch in mismatches {
+        output::remark(format!(
+            "warning: {}/{}/{}: the photograph is not the one the list was made from (sha256 {} instead of {})",
+            mismatch.dataset, mismatch.scene, mismatch.view, mismatch.found, mismatch.expected
+        ));
+    }
+    Ok(())
+}

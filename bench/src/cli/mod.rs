@@ -1,0 +1,78 @@
+//! The command line: one file a command.
+
+mod camera_file;
+mod completions;
+mod data_args;
+mod demo;
+mod doctor;
+mod evaluate;
+mod metrics;
+mod outcome;
+mod output;
+mod pairs;
+mod progress;
+mod render;
+mod report;
+mod run;
+mod scene_file;
+
+use clap::{Parser, Subcommand};
+
+pub use outcome::Outcome;
+
+/// Evaluates single-photograph view synthesis the way the SHARP paper does.
+#[derive(Debug, Parser)]
+#[command(
+    name = "sharp-bench",
+    version,
+    about,
+    arg_required_else_help = true,
+    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 4 finished with recorded failures\n\n\
+                  Start with: sharp-bench demo"
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::DemoArgs),
+    Run(run::RunArgs),
+    Report(report::ReportArgs),
+    Pairs(pairs::PairsArgs),
+    Metrics(metrics::MetricsArgs),
+    Render(render::RenderArgs),
+    Doctor(doctor::DoctorArgs),
+    Completions(completions::CompletionsArgs),
+}
+
+impl Cli {
+    /// Does what was asked.
+    ///
+    /// # Errors
+    /// What could not be finished, with its context; exit code 1.
+    pub fn execute(self) -> anyhow::Result<Outcome> {
+        match self.command {
+            Command::Demo(args) => demo::execute(&args),
+            Command::Run(args) => run::execute(&args),
+            Command::Report(args) => report::execute(&args),
+            Command::Pairs(args) => pairs::execute(&args),
+            Command::Metrics(args) => metrics::execute(&args),
+            Command::Render(args) => render::execute(&args),
+            Command::Doctor(args) => doctor::execute(&args),
+            Command::Completions(args) => completions::execute(&args),
+        }
+    }
+}
+
+/// Sizes the one thread pool; without a number it has all cores.
+fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
+    if let Some(threads) = threads {
+        anyhow::ensure!(threads > 0, "--threads 0: at least one is needed");
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()?;
+    }
+    Ok(())
+}

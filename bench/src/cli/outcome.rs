@@ -1,0 +1,21 @@
+//! How a command that could finish ended.
+
+use std::process::ExitCode;
+
+/// Success in two shades; what could not finish is an error instead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// All well: exit code 0.
+    Done,
+    /// Finished, but some units are recorded failures: exit code 4.
+    RecordedFailures,
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Done => Self::SUCCESS,
+            Outcome::RecordedFailures => Self::from(4),
+        }
+    }
+}

@@ -1,0 +1,340 @@
+//! `report RUN…`: tables, plots and a browsable page from runs.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use image::RgbImage;
+use serde_json::json;
+use sharp_datasets::{Scene, View};
+use sharp_metrics::MetricKey;
+
+use super::evaluate::Finished;
+use super::{Outcome, data_args, output};
+use crate::pictures::read_rgb8;
+use crate::record::Record;
+use crate::report::scores::merged;
+use crate::report::{
+    Better, Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published,
+    ReportFiles, ReportInput, text_tables, write_report,
+};
+use crate::runs::execute::Executed;
+use crate::runs::manifest::Manifest;
+use crate::runs::store::RunFolder;
+
+/// Write tables, plots and a browsable page from runs
+///
+/// Several runs become one report when their method labels differ: the rows stand side by side.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench report runs/first
+  sharp-bench report runs/sharp runs/baselines --out comparison
+
+Writes report.md, index.html (one file that opens from disk), tables as .md, .csv and .tex, plots as .svg and .png.
+Source and target pictures come from the datasets named in the run, where they are still in place.")]
+pub(super) struct ReportArgs {
+    /// Run folders
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Where to write; RUN/report for a single run
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Which of the paper's numbers stand beside ours
+    #[arg(long, value_enum, default_value_t = PublishedChoice::Matching)]
+    published: PublishedChoice,
+    /// Print JSON: the files written
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum PublishedChoice {
+    /// None
+    Never,
+    /// Those of the datasets that the runs have
+    Matching,
+    /// All
+    Always,
+}
+
+/// A run with everything that a report shows of it.
+pub(super) struct LoadedRun {
+    folder: RunFolder,
+    manifest: Manifest,
+    records: Vec<Record>,
+    scenes: Vec<Scene>,
+}
+
+impl LoadedRun {
+    /// Reads a run folder; datasets that are gone cost the pictures, nothing else.
+    fn open(root: &Path) -> anyhow::Result<Self> {
+        let folder = RunFolder::open(root)?;
+        let manifest = Manifest::read(&folder)?;
+        let records = folder.read_records()?;
+        let mut scenes = Vec::new();
+        for dataset in &manifest.datasets {
+            match data_args::open(std::slice::from_ref(&dataset.spec), None) {
+                Ok(open) => scenes.extend(open.into_iter().flat_map(|d| d.scenes)),
+                Err(error) => output::remark(format!(
+                    "note: no source and target pictures of '{}': {error:#}",
+                    dataset.name
+                )),
+            }
+        }
+        Ok(Self {
+            folder,
+            manifest,
+            records,
+            scenes,
+        })
+    }
+}
+
+impl From<Finished> for LoadedRun {
+    fn from(finished: Finished) -> Self {
+        Self {
+            records: finished.executed.records(),
+            folder: finished.folder,
+            manifest: finished.manifest,
+            scenes: finished.scenes,
+        }
+    }
+}
+
+pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
+    let runs: Vec<LoadedRun> = args
+        .runs
+        .iter()
+        .map(|root| LoadedRun::open(root))
+        .collect::<Result<_, _>>()?;
+    let out = match (&args.out, runs.as_slice()) {
+        (Some(out), _) => out.clone(),
+        (None, [run]) => run.folder.root().join("report"),
+        (None, _) => bail!("--out DIR is needed for a report on several runs"),
+    };
+    let published = match args.published {
+        PublishedChoice::Never => Published::Never,
+        PublishedChoice::Matching => Published::Matching,
+        PublishedChoice::Always => Published::Always,
+    };
+    let files = write(&runs, &out, published)?;
+    if args.json {
+        let files: Vec<String> = files.all.iter().map(|f| f.display().to_string()).collect();
+        output::json(&json!({ "out": out.display().to_string(), "files": files }))?;
+    } else {
+        output::line(format!("report  {}", files.html.display()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Writes the report of one or several runs.
+pub(super) fn write(
+    runs: &[LoadedRun],
+    out: &Path,
+    published: Published,
+) -> anyhow::Result<ReportFiles> {
+    let records = merged(runs.iter().map(|run| run.records.clone()).collect())?;
+    let pictures = RunPictures { runs };
+    let input = input(runs, &records, &pictures, published)?;
+    write_report(&input, out).with_context(|| out.display().to_string())
+}
+
+/// Prints the tables of runs.
+pub(super) fn print_tables(runs: &[LoadedRun]) -> anyhow::Result<()> {
+    let records = merged(runs.iter().map(|run| run.records.clone()).collect())?;
+    let input = input(runs, &records, &NoPictures, Published::Never)?;
+    output::line(text_tables(&input)?)
+}
+
+/// Exit code 4 where units are recorded failures.
+pub(super) fn outcome(executed: &Executed) -> Outcome {
+    match executed.failures() {
+        0 => Outcome::Done,
+        failures => {
+            output::remark(format!(
+                "warning: {failures} of {} units failed; their reasons are in scores.csv and in the report",
+                executed.units.len()
+            ));
+            Outcome::RecordedFailures
+        }
+    }
+}
+
+fn input<'a>(
+    runs: &[LoadedRun],
+    records: &'a [Record],
+    pictures: &'a dyn Pictures,
+    published: Published,
+) -> anyhow::Result<ReportInput<'a>> {
+    let manifests: Vec<&Manifest> = runs.iter().map(|run| &run.manifest).collect();
+    let methods = manifests
+        .iter()
+        .flat_map(|manifest| &manifest.methods)
+        .map(|method| Method {
+            label: method.label.clone(),
+            description: method.identity.clone(),
+            unranked: (method.identity == "target")
+                .then(|| "it is the ground truth itself".to_owned()),
+        })
+        .collect();
+    let mut datasets: Vec<Dataset> = Vec::new();
+    for facts in manifests.iter().flat_map(|manifest| &manifest.datasets) {
+        if datasets.iter().all(|d| d.name != facts.name) {
+            datasets.push(Dataset {
+                description: format!(
+                    "{} ({} scenes, {} views)",
+                    facts.spec, facts.scenes, facts.views
+                ),
+                ..Dataset::named(&facts.name)
+            });
+        }
+    }
+    Ok(ReportInput {
+        title: "View synthesis from a single photograph".to_owned(),
+        summary: format!(
+            "{} pairs, {} methods, evaluated by sharp-bench {}.",
+            manifests
+                .iter()
+                .map(|m| m.pairs.evaluated)
+                .max()
+                .unwrap_or(0),
+            manifests.iter().map(|m| m.methods.len()).sum::<usize>(),
+            manifests.first().map_or("", |m| &m.version)
+        ),
+        records,
+        metrics: metrics(&manifests)?,
+        extras: extras(),
+        datasets,
+        methods,
+        facts: runs.iter().flat_map(facts).collect(),
+        published,
+        pictures,
+        options: Options::default(),
+    })
+}
+
+fn metrics(manifests: &[&Manifest]) -> anyhow::Result<Vec<Metric>> {
+    let mut metrics: Vec<Metric> = Vec::new();
+    for facts in manifests.iter().flat_map(|manifest| &manifest.metrics) {
+        let key: MetricKey = facts.key.parse()?;
+        if metrics.iter().any(|metric| metric.key == facts.key) {
+            continue;
+        }
+        metrics.push(Metric {
+            key: facts.key.clone(),
+            label: key.label(),
+            unit: key.unit().to_owned(),
+            decimals: key.decimals(),
+            better: if key.higher_is_better() {
+                Better::Higher
+            } else {
+                Better::Lower
+            },
+            convention: match facts.weights.as_str() {
+                "" => facts.convention.clone(),
+                weights => format!("{} Weights: {weights}.", facts.convention),
+            },
+        });
+    }
+    Ok(metrics)
+}
+
+fn extras() -> Vec<Metric> {
+    let share = |key: &str, label: &str, convention: &str| Metric {
+        key: key.to_owned(),
+        label: label.to_owned(),
+        unit: String::new(),
+        decimals: 3,
+        better: Better::Neither,
+        convention: convention.to_owned(),
+    };
+    vec![
+        share(
+            "mean_alpha",
+            "Mean alpha",
+            "mean coverage of the rendering, 0..1",
+        ),
+        share(
+            "hole_share",
+            "Hole share",
+            "share of pixels whose alpha is below 0.5",
+        ),
+    ]
+}
+
+fn facts(run: &LoadedRun) -> Vec<FactGroup> {
+    let manifest = &run.manifest;
+    let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+    let group = |title: &str, facts: Vec<(String, String)>| FactGroup {
+        title: title.to_owned(),
+        facts,
+    };
+    let mut pair_facts = vec![
+        text("sha256", &manifest.pairs.sha256),
+        text("origin", &manifest.pairs.origin),
+        text("listed", &manifest.pairs.listed.to_string()),
+        text("evaluated", &manifest.pairs.evaluated.to_string()),
+    ];
+    pair_facts.extend(manifest.pairs.options.clone());
+    let notes: Vec<_> = manifest
+        .datasets
+        .iter()
+        .flat_map(|d| d.notes.iter().map(|note| (d.name.clone(), note.clone())))
+        .collect();
+    let mut groups = vec![
+        group("Scoring", manifest.scoring.clone().into_iter().collect()),
+        group("Pair list", pair_facts),
+        group(
+            "Build",
+            vec![
+                text("sharp-bench", &manifest.version),
+                text("sources", &manifest.source_fingerprint),
+                text("backend", &manifest.backend),
+            ],
+        ),
+    ];
+    if !notes.is_empty() {
+        groups.insert(0, group("Dataset notes", notes));
+    }
+    groups
+}
+
+/// Pictures of a record: source and target from the datasets, the prediction from the run folder.
+struct RunPictures<'a> {
+    runs: &'a [LoadedRun],
+}
+
+impl RunPictures<'_> {
+    fn view(&self, record: &Record, id: &str) -> Result<RgbImage, String> {
+        let scene = self
+            .runs
+            .iter()
+            .flat_map(|run| &run.scenes)
+            .find(|scene| scene.dataset == record.dataset && scene.id == record.scene);
+        let view: &View = scene
+            .and_then(|scene| scene.views.iter().find(|view| view.id == id))
+            .ok_or("the dataset is not at hand")?;
+        view.content.image().map_err(|error| error.to_string())
+    }
+}
+
+impl Pictures for RunPictures<'_> {
+    fn source(&self, record: &Record) -> Result<RgbImage, String> {
+        self.view(record, &record.source)
+    }
+
+    fn target(&self, record: &Record) -> Result<RgbImage, String> {
+        self.view(record, &record.target)
+    }
+
+    fn prediction(&self, record: &Record) -> Result<RgbImage, String> {
+        let path = self
+            .runs
+            .iter()
+            .map(|run| run.folder.prediction_path(&record.method, &record.pair_id))
+            .find(|path| path.is_file())
+            .ok_or("the prediction was not kept")?;
+        read_rgb8(&path).map_err(|error| error.to_string())
+    }
+}

@@ -1,0 +1,127 @@
+//! `run`: methods on datasets, into a run folder.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::data_args::{DatasetArgs, MetricArgs, PairArgs};
+use super::evaluate::{Evaluation, Request};
+use super::{Outcome, output, report};
+use crate::runs::plan::Keep;
+
+/// Evaluate methods on datasets into a run folder
+///
+/// A run can be stopped and started again with the same command: finished units are kept, recorded failures are tried
+/// again. A pair that fails becomes a recorded failure and the others go on (exit code 4).
+#[derive(Debug, Args)]
+#[command(after_help = help())]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    datasets: DatasetArgs,
+    /// A method, KIND[:key=value,…]; repeatable
+    #[arg(long = "method", value_name = "SPEC", required = true)]
+    methods: Vec<String>,
+    #[command(flatten)]
+    metrics: MetricArgs,
+    #[command(flatten)]
+    pairs: PairArgs,
+    /// Evaluate at most this many pairs, the first ones by id
+    #[arg(long, value_name = "N")]
+    limit: Option<usize>,
+    /// The run folder
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Which predicted pictures to keep
+    #[arg(long, value_enum, default_value_t = Keep::All)]
+    keep: Keep,
+    /// Threads; all cores without it. Results do not depend on it
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Show what would be evaluated, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn help() -> String {
+    let kinds: String = crate::methods::KINDS
+        .iter()
+        .map(|kind| format!("  {:<12} {}\n", kind.name, kind.summary))
+        .collect();
+    format!(
+        "Methods (each also takes label=NAME):\n{kinds}\n{}\n\
+         Examples:\n  \
+         sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
+         sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim --out runs/mine",
+        super::data_args::formats_help()
+    )
+}
+
+pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
+    super::set_threads(args.threads)?;
+    let scoring = args.metrics.scoring()?;
+    let evaluation = Evaluation::prepare(Request {
+        datasets: &args.datasets.datasets,
+        scenes: args.datasets.scenes.as_deref(),
+        pairs: args.pairs.origin(),
+        methods: &args.methods,
+        scoring,
+        limit: args.limit,
+    })?;
+    if args.dry_run {
+        return dry_run(&evaluation, args.json);
+    }
+    let finished = evaluation.run(&args.out, args.keep)?;
+    let outcome = report::outcome(&finished.executed);
+    let (root, scores) = (
+        finished.folder.root().display().to_string(),
+        finished.folder.scores_path().display().to_string(),
+    );
+    if args.json {
+        output::json(&json!({
+            "run": root,
+            "scores": scores,
+            "units": finished.executed.units.len(),
+            "reused": finished.executed.reused,
+            "failed": finished.executed.failures(),
+            "manifest": finished.manifest,
+        }))?;
+    } else {
+        report::print_tables(&[finished.into()])?;
+        output::line(format!("scores  {scores}"))?;
+        output::line(format!("run     {root}  (sharp-bench report {root})"))?;
+    }
+    Ok(outcome)
+}
+
+fn dry_run(evaluation: &Evaluation, json: bool) -> anyhow::Result<Outcome> {
+    let manifest = evaluation.manifest()?;
+    if json {
+        output::json(&manifest)?;
+        return Ok(Outcome::Done);
+    }
+    for dataset in &manifest.datasets {
+        output::line(format!(
+            "dataset {}: {} scenes, {} views ({})",
+            dataset.name, dataset.scenes, dataset.views, dataset.spec
+        ))?;
+    }
+    output::line(format!(
+        "pairs   {} of {} listed, sha256 {}",
+        manifest.pairs.evaluated, manifest.pairs.listed, manifest.pairs.sha256
+    ))?;
+    for method in &manifest.methods {
+        output::line(format!("method  {} ({})", method.label, method.identity))?;
+    }
+    for metric in &manifest.metrics {
+        output::line(format!("metric  {}", metric.key))?;
+    }
+    output::line(format!(
+        "units   {}",
+        manifest.pairs.evaluated * manifest.methods.len()
+    ))?;
+    Ok(Outcome::Done)
+}

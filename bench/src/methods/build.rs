@@ -1,0 +1,94 @@
+//! From specs on the command line to method instances.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use super::depth_splat::DepthSplat;
+use super::imported::Imported;
+use super::method::Method;
+use super::spec::{MethodSpec, SpecError};
+use super::trivial::{Copy, Mean, Target};
+
+/// A kind of method, for `--help` and error messages.
+#[derive(Debug, Clone, Copy)]
+pub struct KindInfo {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// Options besides `label`.
+    pub options: &'static [&'static str],
+    /// One line.
+    pub summary: &'static str,
+}
+
+/// Every kind there is.
+pub const KINDS: [KindInfo; 5] = [
+    KindInfo {
+        name: "target",
+        options: &[],
+        summary: "the ground truth; perfect under every metric (self-test)",
+    },
+    KindInfo {
+        name: "copy",
+        options: &[],
+        summary: "the source photograph, unmoved",
+    },
+    KindInfo {
+        name: "mean",
+        options: &[],
+        summary: "the mean colour of the source everywhere",
+    },
+    KindInfo {
+        name: "depth-splat",
+        options: &["resolution"],
+        summary: "the dataset's depth through SHARP's initializer, composer and renderer (resolution=1536)",
+    },
+    KindInfo {
+        name: "imported",
+        options: &["dir"],
+        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR)",
+    },
+];
+
+/// Builds the instances; labels must be unique.
+///
+/// # Errors
+/// Names the instance and what is wrong with it.
+pub fn build(specs: &[MethodSpec]) -> Result<Vec<Box<dyn Method>>, SpecError> {
+    let mut labels = BTreeSet::new();
+    specs
+        .iter()
+        .map(|spec| {
+            if !labels.insert(spec.label.as_str()) {
+                return Err(spec.error(format!(
+                    "the label '{}' is taken; give this one label=NAME",
+                    spec.label
+                )));
+            }
+            build_one(spec)
+        })
+        .collect()
+}
+
+fn build_one(spec: &MethodSpec) -> Result<Box<dyn Method>, SpecError> {
+    let Some(kind) = KINDS.iter().find(|kind| kind.name == spec.kind) else {
+        let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
+        return Err(spec.error(format!("unknown kind; known: {}", known.join(", "))));
+    };
+    spec.expect_options(kind.options)?;
+    let label = spec.label.clone();
+    Ok(match spec.kind.as_str() {
+        "target" => Box::new(Target { label }),
+        "copy" => Box::new(Copy { label }),
+        "mean" => Box::new(Mean { label }),
+        "depth-splat" => Box::new(DepthSplat::from_spec(spec)?),
+        _ => {
+            let Some(dir) = spec.options.get("dir").map(PathBuf::from) else {
+                return Err(spec.error("needs dir=FOLDER"));
+            };
+            if !dir.is_dir() {
+                return Err(spec.error(format!("{} is not a folder", dir.display())));
+            }
+            Box::new(Imported { label, dir })
+        }
+    })
+}

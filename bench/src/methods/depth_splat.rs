@@ -1,0 +1,151 @@
+//! The dataset's own depth, splatted: what SHARP's representation can do when depth is perfect and nothing is
+//! learned.
+
+use std::collections::BTreeMap;
+
+use image::RgbImage;
+use sharp::camera::target_camera_from_source_ndc;
+use sharp::color::Quantization;
+use sharp::composer::{ComposerConfig, compose};
+use sharp::initializer::{BaseGaussians, Grid, InvalidDepth};
+use sharp::render::{Background, RenderView, render_cpu};
+use sharp::resize::{bilinear_align_corners, nearest};
+use sharp_datasets::DepthMap;
+use sharp_metrics::Picture;
+
+use super::method::{Method, MethodError, PairInput, Prediction};
+use super::spec::{MethodSpec, SpecError};
+
+/// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
+///
+/// The source's depth fills both layers, nearest-resized like the release resizes everything to a square of
+/// [`Self::resolution`] pixels; the photograph is resized bilinearly with aligned corners. Pooling and the global
+/// minimum run over valid pixels only; blocks without one are dropped. Deltas are zero. Gaussians are placed by the
+/// affine map E_t E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to
+/// sRGB and rounded to 8 bit.
+///
+/// Extras: `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha < ½),
+/// `dropped_blocks` (blocks of both layers without valid depth).
+#[derive(Debug, Clone)]
+pub struct DepthSplat {
+    label: String,
+    /// Side of the square that image and depth are resized to, pixels; the release's is 1536.
+    pub resolution: usize,
+}
+
+impl DepthSplat {
+    /// Below this alpha a pixel counts as a hole: more background than surface.
+    pub const HOLE_ALPHA: f32 = 0.5;
+
+    /// Reads `resolution=N`.
+    ///
+    /// # Errors
+    /// When it is not an even number from 2 to 8192.
+    pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        let resolution = match spec.options.get("resolution") {
+            None => Grid::RELEASE.width,
+            Some(text) => text
+                .parse()
+                .ok()
+                .filter(|side: &usize| (2..=8192).contains(side) && side.is_multiple_of(2))
+                .ok_or_else(|| {
+                    spec.error(format!(
+                        "resolution={text}: an even number from 2 to 8192 is needed"
+                    ))
+                })?,
+        };
+        Ok(Self {
+            label: spec.label.clone(),
+            resolution,
+        })
+    }
+
+    fn base_gaussians(
+        &self,
+        image: &RgbImage,
+        depth: &DepthMap,
+        view: &str,
+    ) -> Result<BaseGaussians, MethodError> {
+        let grid = Grid {
+            width: self.resolution,
+            height: self.resolution,
+            ..Grid::RELEASE
+        };
+        let size = (image.width() as usize, image.height() as usize);
+        let square = (self.resolution, self.resolution);
+        let colors = bilinear_align_corners(&planes(image), size, square);
+        let layer = nearest(depth.as_raw(), size, square);
+        let layers = [layer.as_slice(), layer.as_slice()].concat();
+        BaseGaussians::new(&colors, &layers, grid, InvalidDepth::Skip).map_err(|error| {
+            MethodError::Unsuitable {
+                view: view.to_owned(),
+                reason: error.to_string(),
+            }
+        })
+    }
+}
+
+impl Method for DepthSplat {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        format!("depth-splat(resolution={})", self.resolution)
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        let unsuitable = |reason: String| MethodError::Unsuitable {
+            view: pair.source.id.clone(),
+            reason,
+        };
+        let depth = pair.source.content.depth()?.ok_or_else(|| {
+            unsuitable("the source view has no depth, which depth-splat needs".into())
+        })?;
+        if depth.dimensions() != pair.source_image.dimensions() {
+            return Err(unsuitable(format!(
+                "depth is {:?} pixels, the photograph {:?}",
+                depth.dimensions(),
+                pair.source_image.dimensions()
+            )));
+        }
+        let base = self.base_gaussians(pair.source_image, &depth, &pair.source.id)?;
+        let gaussians = compose(&base, None, &ComposerConfig::default())
+            .map_err(|error| unsuitable(error.to_string()))?;
+        let placement =
+            target_camera_from_source_ndc(&pair.source.intrinsics, &pair.target_from_source());
+        let view = RenderView::new(placement, pair.target.intrinsics);
+        let output = render_cpu(&gaussians, &view)
+            .map_err(|error| MethodError::Render(error.to_string()))?;
+
+        let n = output.alpha.len() as f64;
+        let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
+        let holes = output
+            .alpha
+            .iter()
+            .filter(|&&a| a < Self::HOLE_ALPHA)
+            .count();
+        Ok(Prediction {
+            picture: Picture::Rgb8(output.srgb8(Background::Black, Quantization::Round)),
+            extras: BTreeMap::from([
+                ("mean_alpha".to_owned(), covered / n),
+                ("hole_share".to_owned(), holes as f64 / n),
+                ("dropped_blocks".to_owned(), base.dropped() as f64),
+            ]),
+        })
+    }
+}
+
+/// `[3, height, width]` in 0..1 from interleaved bytes.
+fn planes(image: &RgbImage) -> Vec<f32> {
+    let bytes = image.as_raw();
+    (0..3)
+        .flat_map(|channel| {
+            bytes
+                .iter()
+                .skip(channel)
+                .step_by(3)
+                .map(|&v| f32::from(v) / 255.0)
+        })
+        .collect()
+}

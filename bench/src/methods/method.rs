@@ -1,0 +1,106 @@
+//! The trait that every method implements, what it is given and what it returns.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use image::RgbImage;
+use sharp::camera::RigidTransform;
+use sharp_datasets::{DatasetError, View};
+use sharp_metrics::Picture;
+
+/// One pair, as a method sees it.
+///
+/// The target view is handed over whole, but only its camera may be used for a prediction; the
+/// self-test `target` is the one exception.
+#[derive(Debug, Clone, Copy)]
+pub struct PairInput<'a> {
+    /// `dataset/scene/source__target`.
+    pub pair_id: &'a str,
+    /// The view that a method starts from.
+    pub source: &'a View,
+    /// The view to predict.
+    pub target: &'a View,
+    /// The source's photograph, 8-bit sRGB.
+    pub source_image: &'a RgbImage,
+    /// The target's photograph, 8-bit sRGB: the ground truth.
+    pub target_image: &'a RgbImage,
+}
+
+impl PairInput<'_> {
+    /// Extrinsics between the two cameras.
+    pub fn target_from_source(&self) -> RigidTransform {
+        self.target
+            .camera_from_world
+            .after(&self.source.camera_from_world.inverse())
+    }
+}
+
+/// What a method made of a pair.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// sRGB, of the target's size.
+    pub picture: Picture,
+    /// Facts about this prediction that become columns (`mean_alpha`, `hole_share`, …).
+    pub extras: BTreeMap<String, f64>,
+}
+
+impl Prediction {
+    /// A picture without further facts.
+    pub fn plain(image: RgbImage) -> Self {
+        Self {
+            picture: Picture::Rgb8(image),
+            extras: BTreeMap::new(),
+        }
+    }
+}
+
+/// Why a method failed on a pair. It becomes a recorded failure; the other pairs go on.
+#[derive(Debug, thiserror::Error)]
+pub enum MethodError {
+    /// A file of the dataset.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The view lacks what the method needs.
+    #[error("{view}: {reason}")]
+    Unsuitable {
+        /// The view.
+        view: String,
+        /// What is missing or wrong.
+        reason: String,
+    },
+    /// A file that the method reads itself.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The renderer refused.
+    #[error("render: {0}")]
+    Render(String),
+}
+
+/// A way to predict a target view from a source view.
+pub trait Method: Send + Sync {
+    /// Fills the `method` column.
+    fn label(&self) -> &str;
+
+    /// Everything about the instance that a predicted picture depends on, as stable text. It goes
+    /// into the key of a unit and into the manifest.
+    fn identity(&self) -> String;
+
+    /// Files besides the two views that this pair's prediction depends on, for the unit's key.
+    ///
+    /// # Errors
+    /// As [`Self::predict`].
+    fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
+        Ok(Vec::new())
+    }
+
+    /// Predicts the target view.
+    ///
+    /// # Errors
+    /// Names the file or view and the reason.
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError>;
+}

@@ -1,0 +1,19 @@
+//! Methods predict a target view from a source view.
+//!
+//! * [`spec`]: what the command line says, `KIND[:key=value,…]`.
+//! * [`method`]: the trait, its input and its output.
+//! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
+//! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
+//! * [`imported`]: pictures that someone else's method made.
+//! * [`build`]: from specs to instances.
+
+pub mod build;
+pub mod depth_splat;
+pub mod imported;
+pub mod method;
+pub mod spec;
+pub mod trivial;
+
+pub use build::{KINDS, KindInfo, build};
+pub use method::{Method, MethodError, PairInput, Prediction};
+pub use spec::{MethodSpec, SpecError};

@@ -1,0 +1,177 @@
+//! Method instances on the command line: `KIND[:key=value,…]`.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+/// Why a method instance was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("method '{spec}': {reason}")]
+pub struct SpecError {
+    /// What was given.
+    pub spec: String,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+/// One instance: a kind, a label (the kind's name unless `label=` is given) and options.
+///
+/// Values that hold a comma are quoted with `'…'` or `"…"`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MethodSpec {
+    /// What was given, unchanged.
+    pub text: String,
+    /// `target`, `copy`, `depth-splat`, ….
+    pub kind: String,
+    /// Fills the `method` column; unique within a run.
+    pub label: String,
+    /// The other options, by key.
+    pub options: BTreeMap<String, String>,
+}
+
+impl MethodSpec {
+    /// An error about this instance.
+    pub fn error(&self, reason: impl Into<String>) -> SpecError {
+        SpecError {
+            spec: self.text.clone(),
+            reason: reason.into(),
+        }
+    }
+
+    /// Refuses options that the kind does not know.
+    ///
+    /// # Errors
+    /// Names the option and those that are known.
+    pub fn expect_options(&self, known: &[&str]) -> Result<(), SpecError> {
+        match self.options.keys().find(|k| !known.contains(&k.as_str())) {
+            None => Ok(()),
+            Some(key) if known.is_empty() => Err(self.error(format!(
+                "unknown option '{key}'; {} takes none but label",
+                self.kind
+            ))),
+            Some(key) => Err(self.error(format!(
+                "unknown option '{key}'; {} knows label, {}",
+                self.kind,
+                known.join(", ")
+            ))),
+        }
+    }
+}
+
+impl FromStr for MethodSpec {
+    type Err = SpecError;
+
+    fn from_str(text: &str) -> Result<Self, SpecError> {
+        let error = |reason: String| SpecError {
+            spec: text.to_owned(),
+            reason,
+        };
+        let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
+        if kind.is_empty() {
+            return Err(error("no kind before ':'".into()));
+        }
+        let mut options = BTreeMap::new();
+        for item in split_outside_quotes(rest).map_err(&error)? {
+            let Some((key, value)) = item.split_once('=') else {
+                return Err(error(format!("'{item}' is not key=value")));
+            };
+            let value = unquote(value.trim()).to_owned();
+            if options.insert(key.trim().to_owned(), value).is_some() {
+                return Err(error(format!("option '{}' is given twice", key.trim())));
+            }
+        }
+        let label = options.remove("label").unwrap_or_else(|| kind.to_owned());
+        check_label(&label).map_err(error)?;
+        Ok(Self {
+            text: text.to_owned(),
+            kind: kind.to_owned(),
+            label,
+            options,
+        })
+    }
+}
+
+/// Labels become file names and table rows.
+fn check_label(label: &str) -> Result<(), String> {
+    if label.is_empty() {
+        return Err("the label is empty".into());
+    }
+    if label.starts_with('.') || label.chars().any(|c| c.is_control() || "/\\".contains(c)) {
+        return Err(format!(
+            "label '{}' may not start with a dot or hold a slash or control character",
+            label.escape_debug()
+        ));
+    }
+    Ok(())
+}
+
+fn split_outside_quotes(text: &str) -> Result<Vec<&str>, String> {
+    let mut items = Vec::new();
+    let (mut start, mut open) = (0, None);
+    for (at, c) in text.char_indices() {
+        match (open, c) {
+            (None, '\'' | '"') => open = Some(c),
+            (Some(quote), c) if c == quote => open = None,
+            (None, ',') => {
+                items.push(&text[start..at]);
+                start = at + 1;
+            }
+            _ => {}
+        }
+    }
+    if let Some(quote) = open {
+        return Err(format!("quote {quote} is not closed"));
+    }
+    items.push(&text[start..]);
+    items.retain(|item| !item.trim().is_empty());
+    Ok(items)
+}
+
+fn unquote(value: &str) -> &str {
+    for quote in ['\'', '"'] {
+        if let Some(inner) = value
+            .strip_prefix(quote)
+            .and_then(|v| v.strip_suffix(quote))
+        {
+            return inner;
+        }
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_labels_and_quoted_values() {
+        let plain: MethodSpec = "depth-splat".parse().unwrap();
+        assert_eq!(
+            (plain.kind.as_str(), plain.label.as_str()),
+            ("depth-splat", "depth-splat")
+        );
+
+        let full: MethodSpec = "command:label=mine,run='python my.py, twice'"
+            .parse()
+            .unwrap();
+        assert_eq!(full.label, "mine");
+        assert_eq!(full.options["run"], "python my.py, twice");
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        for (text, part) in [
+            (":label=x", "no kind"),
+            ("copy:label", "not key=value"),
+            ("copy:label=", "empty"),
+            ("copy:label=a/b", "slash"),
+            ("imported:dir=a,dir=b", "twice"),
+            ("command:run='x", "not closed"),
+        ] {
+            let error = text.parse::<MethodSpec>().unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        let spec: MethodSpec = "copy:speed=3".parse().unwrap();
+        assert!(spec.expect_options(&[]).is_err());
+        assert!(spec.expect_options(&["speed"]).is_ok());
+    }
+}

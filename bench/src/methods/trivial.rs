@@ -1,0 +1,107 @@
+//! Methods that predict nothing: the ends of every metric's scale.
+
+use image::{Rgb, RgbImage};
+
+use super::method::{Method, MethodError, PairInput, Prediction};
+
+/// Returns the ground truth. It must be perfect under every metric: a self-test of the whole path.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// The instance's label.
+    pub label: String,
+}
+
+impl Method for Target {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        "target".into()
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        Ok(Prediction::plain(pair.target_image.clone()))
+    }
+}
+
+/// Returns the source photograph, unmoved: what a method must beat to have moved the camera at all.
+#[derive(Debug, Clone)]
+pub struct Copy {
+    /// The instance's label.
+    pub label: String,
+}
+
+impl Method for Copy {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        "copy".into()
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        if pair.source_image.dimensions() != pair.target_image.dimensions() {
+            return Err(MethodError::Unsuitable {
+                view: pair.source.id.clone(),
+                reason: format!(
+                    "the source is {:?} and the target {:?} pixels; copy never resizes",
+                    pair.source_image.dimensions(),
+                    pair.target_image.dimensions()
+                ),
+            });
+        }
+        Ok(Prediction::plain(pair.source_image.clone()))
+    }
+}
+
+/// Returns one colour everywhere, the mean of the source's 8-bit sRGB values rounded to nearest.
+///
+/// The paper's sensitivity table uses the mean of the *target*; a method must not see that one.
+#[derive(Debug, Clone)]
+pub struct Mean {
+    /// The instance's label.
+    pub label: String,
+}
+
+impl Method for Mean {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        "mean(source)".into()
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        let (width, height) = pair.target_image.dimensions();
+        let color = mean_color(pair.source_image);
+        Ok(Prediction::plain(RgbImage::from_pixel(
+            width, height, color,
+        )))
+    }
+}
+
+fn mean_color(image: &RgbImage) -> Rgb<u8> {
+    let mut sums = [0_u64; 3];
+    for pixel in image.pixels() {
+        for (sum, value) in sums.iter_mut().zip(pixel.0) {
+            *sum += u64::from(value);
+        }
+    }
+    let n = u64::from(image.width()) * u64::from(image.height());
+    // A mean of bytes is a byte; no picture here is without pixels.
+    Rgb(sums.map(|sum| ((sum + n / 2) / n.max(1)) as u8))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_is_rounded_to_nearest_per_channel() {
+        let image = RgbImage::from_raw(2, 1, vec![0, 10, 255, 1, 20, 255]).unwrap();
+        assert_eq!(mean_color(&image), Rgb([1, 15, 255]));
+    }
+}

@@ -1,0 +1,137 @@
+//! `manifest.json`: what was run and under which conventions, said once for all its numbers.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::store::RunFolder;
+use crate::durable::{FileError, write_atomic};
+
+/// Changes whenever an older reader would misunderstand the folder.
+pub const FORMAT: u32 = 1;
+
+/// Everything that the numbers of a run share. Holds no time and no machine path besides those that the user gave,
+/// so that two runs of the same thing have the same manifest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`FORMAT`] of the writer.
+    pub format: u32,
+    /// Version of the harness.
+    pub version: String,
+    /// Hash of the sources and locked dependencies it was built from.
+    pub source_fingerprint: String,
+    /// Instruction set of renderer and kernels.
+    pub backend: String,
+    /// In the order given.
+    pub datasets: Vec<DatasetFacts>,
+    /// The pair list.
+    pub pairs: PairFacts,
+    /// In the order given.
+    pub methods: Vec<MethodFacts>,
+    /// In the order of the columns.
+    pub metrics: Vec<MetricFacts>,
+    /// How predictions become scored pictures.
+    pub scoring: BTreeMap<String, String>,
+}
+
+/// One dataset instance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DatasetFacts {
+    /// Its column group in the tables.
+    pub name: String,
+    /// `[NAME:]FORMAT=PATH` as given.
+    pub spec: String,
+    /// Scenes found.
+    pub scenes: usize,
+    /// Views found.
+    pub views: usize,
+    /// What the reader assumed or left out.
+    pub notes: Vec<String>,
+}
+
+/// The pair list and how it came about.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairFacts {
+    /// sha256 of `pairs.csv`.
+    pub sha256: String,
+    /// Rows of the list.
+    pub listed: usize,
+    /// Pairs that this run evaluates.
+    pub evaluated: usize,
+    /// `built`, or `given` where a list was handed in.
+    pub origin: String,
+    /// Every open choice of the protocol, by name.
+    pub options: BTreeMap<String, String>,
+}
+
+/// One method instance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MethodFacts {
+    /// Its row in the tables.
+    pub label: String,
+    /// As given on the command line.
+    pub spec: String,
+    /// Everything that its pictures depend on.
+    pub identity: String,
+}
+
+/// One metric column.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MetricFacts {
+    /// Canonical key.
+    pub key: String,
+    /// Its convention, in words.
+    pub convention: String,
+    /// The weights it was computed with, by hash; empty for a metric without a network.
+    pub weights: String,
+}
+
+impl Manifest {
+    /// Writes the manifest of a run.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write(&self, folder: &RunFolder) -> Result<(), FileError> {
+        let path = folder.manifest_path();
+        let mut bytes = serde_json::to_vec_pretty(self)
+            .map_err(|error| FileError::new(&path, "encode")(error.into()))?;
+        bytes.push(b'\n');
+        write_atomic(&path, &bytes)
+    }
+
+    /// Reads the manifest of a run.
+    ///
+    /// # Errors
+    /// When the file is missing, not a manifest, or of a later format.
+    pub fn read(folder: &RunFolder) -> Result<Self, FileError> {
+        let path = folder.manifest_path();
+        let bytes = std::fs::read(&path).map_err(FileError::new(&path, "read"))?;
+        let manifest: Self = serde_json::from_slice(&bytes)
+            .map_err(|error| FileError::new(&path, "parse")(error.into()))?;
+        if manifest.format > FORMAT {
+            let reason = format!("format {} is newer than {FORMAT}", manifest.format);
+            return Err(FileError::new(&path, "use")(std::io::Error::other(reason)));
+        }
+        Ok(manifest)
+    }
+}
+
+/// The scoring conventions of this build, for [`Manifest::scoring`].
+pub fn scoring_facts() -> BTreeMap<String, String> {
+    [
+        ("prediction", "sRGB, 8 bit, rounded to nearest"),
+        (
+            "resolution",
+            "full resolution of the target; nothing is resized",
+        ),
+        ("background", "black, in linear light"),
+        ("renderer", "cpu, near 0.01, far 1e10, eps2d 0"),
+        (
+            "aggregation",
+            "mean over pairs; a mean that holds inf is inf",
+        ),
+        ("frustum mask", "margin 1.05, z > 0, invalid depth outside"),
+    ]
+    .map(|(name, value)| (name.to_owned(), value.to_owned()))
+    .into()
+}

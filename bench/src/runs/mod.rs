@@ -1,0 +1,15 @@
+//! Runs: from a plan to a folder of durable results.
+//!
+//! * [`plan`]: which pairs, which methods, which metrics.
+//! * [`unit`]: the key of a unit, a hash of all that its value depends on.
+//! * [`store`]: the run folder; one file a unit, written atomically.
+//! * [`manifest`]: what was run, said once.
+//! * [`execute`]: predicts, scores and records what is not done yet.
+//! * [`scores`]: the table `scores.csv`.
+
+pub mod execute;
+pub mod manifest;
+pub mod plan;
+pub mod scores;
+pub mod store;
+pub mod unit;

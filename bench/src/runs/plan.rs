@@ -1,0 +1,88 @@
+//! What a run evaluates: pairs whose views are known to exist, methods, metrics.
+
+use sharp_metrics::{Backbone, MetricKey, Scorer, Selection, Weights, WeightsError};
+
+use crate::durable::{FileError, file_sha256};
+use crate::methods::Method;
+use crate::protocol::pair_list::ResolvedPair;
+
+/// Everything that [`execute`](super::execute::execute) does.
+pub struct RunPlan<'a> {
+    /// In the order of their ids.
+    pub pairs: Vec<ResolvedPair<'a>>,
+    /// In the order given; labels are unique.
+    pub methods: &'a [Box<dyn Method>],
+    /// Computes the metrics.
+    pub scoring: &'a Scoring,
+    /// Which predictions to keep.
+    pub keep: Keep,
+}
+
+/// Metrics with everything that decides their values.
+#[derive(Debug)]
+pub struct Scoring {
+    /// Computes all of [`Self::metrics`].
+    pub scorer: Scorer,
+    /// The columns, in the order given.
+    pub metrics: Vec<ScoredMetric>,
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ScoredMetric {
+    /// Its convention.
+    pub key: MetricKey,
+    /// The weights by hash, `vgg16=<sha256>`; empty for a metric without a network, `vgg16=absent` for one
+    /// whose weights were not given.
+    pub weights: String,
+}
+
+impl Scoring {
+    /// Prepares the metrics of a selection.
+    ///
+    /// # Errors
+    /// When a weights file cannot be read or is not what it should be.
+    pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, ScoringError> {
+        let mut metrics = Vec::new();
+        for key in selection.keys() {
+            let weights = match Backbone::of(key.metric()) {
+                None => String::new(),
+                Some(backbone) => match weights.file(backbone) {
+                    None => format!("{}=absent", backbone.name()),
+                    Some(file) => format!("{}={}", backbone.name(), file_sha256(file)?),
+                },
+            };
+            metrics.push(ScoredMetric { key, weights });
+        }
+        Ok(Self {
+            scorer: Scorer::new(selection, weights)?,
+            metrics,
+        })
+    }
+
+    /// The keys as text, in order.
+    pub fn keys(&self) -> Vec<String> {
+        self.metrics.iter().map(|m| m.key.to_string()).collect()
+    }
+}
+
+/// Why metrics could not be prepared.
+#[derive(Debug, thiserror::Error)]
+pub enum ScoringError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A file does not hold the weights that it should.
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+}
+
+/// Which predictions stay in the run folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Keep {
+    /// All of them, as 8-bit PNG
+    #[default]
+    All,
+    /// None
+    None,
+}

@@ -1,0 +1,199 @@
+//! The run folder.
+//!
+//! ```text
+//! RUN/manifest.json                         what was run
+//! RUN/pairs.csv                             the pair list
+//! RUN/records/ab/abcdef….json               one file a unit, named by its key
+//! RUN/predictions/METHOD/<pair_id>.png      kept predictions
+//! RUN/records.jsonl                         the records of the last run, in order
+//! RUN/scores.csv                            the same as a table
+//! RUN/timings.csv                           seconds, beside the scores
+//! ```
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::unit::UnitKey;
+use crate::durable::{FileError, write_atomic};
+use crate::record::Record;
+
+/// Seconds that a unit took. Kept beside its scores, never part of them.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Timing {
+    /// Wall time of the prediction, rendering included.
+    pub predict_secs: f64,
+    /// Wall time of all metrics.
+    pub score_secs: f64,
+}
+
+/// What a unit's file holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct UnitFile {
+    /// The key again, so that a renamed or foreign file is noticed.
+    pub key: String,
+    /// The result.
+    pub record: Record,
+    /// How long it took.
+    pub timing: Timing,
+}
+
+/// A folder of durable results.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    root: PathBuf,
+}
+
+impl RunFolder {
+    /// Opens a run folder, creating it where there is none. A folder that is neither empty nor a run is refused,
+    /// so that a mistyped path never mixes results into other files.
+    ///
+    /// # Errors
+    /// Names the folder and why it cannot be used.
+    pub fn create(root: &Path) -> Result<Self, FileError> {
+        fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
+        let mut entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
+        let started = ["manifest.json", "records"].map(|name| root.join(name));
+        if entries.next().is_some() && !started.iter().any(|path| path.exists()) {
+            return Err(FileError {
+                path: root.to_owned(),
+                action: "use as run folder",
+                source: std::io::Error::other("it holds other files and no manifest.json"),
+            });
+        }
+        Ok(Self {
+            root: root.to_owned(),
+        })
+    }
+
+    /// Opens an existing run folder.
+    ///
+    /// # Errors
+    /// When it holds no manifest.
+    pub fn open(root: &Path) -> Result<Self, FileError> {
+        let manifest = root.join("manifest.json");
+        fs::metadata(&manifest).map_err(FileError::new(&manifest, "read"))?;
+        Ok(Self {
+            root: root.to_owned(),
+        })
+    }
+
+    /// The folder itself.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// `manifest.json`.
+    pub fn manifest_path(&self) -> PathBuf {
+        self.root.join("manifest.json")
+    }
+
+    /// `pairs.csv`.
+    pub fn pairs_path(&self) -> PathBuf {
+        self.root.join("pairs.csv")
+    }
+
+    /// `records.jsonl`.
+    pub fn records_path(&self) -> PathBuf {
+        self.root.join("records.jsonl")
+    }
+
+    /// `scores.csv`.
+    pub fn scores_path(&self) -> PathBuf {
+        self.root.join("scores.csv")
+    }
+
+    /// `timings.csv`.
+    pub fn timings_path(&self) -> PathBuf {
+        self.root.join("timings.csv")
+    }
+
+    /// Where the prediction of a method for a pair is kept.
+    pub fn prediction_path(&self, method: &str, pair_id: &str) -> PathBuf {
+        self.root
+            .join("predictions")
+            .join(method)
+            .join(format!("{pair_id}.png"))
+    }
+
+    fn record_path(&self, key: &UnitKey) -> PathBuf {
+        let key = key.as_str();
+        let (folder, _) = key.split_at(2);
+        self.root
+            .join("records")
+            .join(folder)
+            .join(format!("{key}.json"))
+    }
+
+    /// The stored result of a unit, if it is there and whole.
+    ///
+    /// # Errors
+    /// When a file exists but cannot be read or is not the unit's: results are never guessed.
+    pub fn load(&self, key: &UnitKey) -> Result<Option<UnitFile>, FileError> {
+        let path = self.record_path(key);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(FileError::new(&path, "read")(error)),
+        };
+        let unit: UnitFile = serde_json::from_slice(&bytes)
+            .map_err(|error| FileError::new(&path, "parse")(error.into()))?;
+        if unit.key != key.as_str() {
+            let wrong =
+                std::io::Error::other("the file names another unit; delete it to redo this one");
+            return Err(FileError::new(&path, "use")(wrong));
+        }
+        Ok(Some(unit))
+    }
+
+    /// Stores a unit's result.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn save(&self, key: &UnitKey, record: Record, timing: Timing) -> Result<(), FileError> {
+        let path = self.record_path(key);
+        let unit = UnitFile {
+            key: key.as_str().to_owned(),
+            record,
+            timing,
+        };
+        let mut bytes = serde_json::to_vec_pretty(&unit)
+            .map_err(|error| FileError::new(&path, "encode")(error.into()))?;
+        bytes.push(b'\n');
+        write_atomic(&path, &bytes)
+    }
+
+    /// Writes the records of a run, a line each.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write_records(&self, records: &[Record]) -> Result<(), FileError> {
+        let path = self.records_path();
+        let mut bytes = Vec::new();
+        for record in records {
+            serde_json::to_writer(&mut bytes, record)
+                .map_err(|error| FileError::new(&path, "encode")(error.into()))?;
+            bytes.push(b'\n');
+        }
+        write_atomic(&path, &bytes)
+    }
+
+    /// Reads the records of the last run.
+    ///
+    /// # Errors
+    /// When the file is missing (the run did not finish) or a line is not a record; names the line.
+    pub fn read_records(&self) -> Result<Vec<Record>, FileError> {
+        let path = self.records_path();
+        let text = fs::read_to_string(&path).map_err(FileError::new(&path, "read"))?;
+        text.lines()
+            .enumerate()
+            .map(|(at, line)| {
+                serde_json::from_str(line).map_err(|error| {
+                    let reason = format!("line {}: {error}", at + 1);
+                    FileError::new(&path, "parse")(std::io::Error::other(reason))
+                })
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,52 @@
+//! `sharp-bench demo`, as a visitor runs it.
+
+use crate::support::{read, sharp_bench};
+
+#[test]
+fn the_demo_runs_anywhere_and_depth_splat_beats_copy_on_a_real_pair() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = sharp_bench(dir.path(), &["demo", "--out", "d", "--json"])
+        .ends_with(0)
+        .json();
+    let page = read(dir.path().join(json["report"].as_str().unwrap()));
+    // Self-contained: nothing is fetched when the page is opened.
+    for loads in ["src=\"http", "href=\"http", "@import", "url(http"] {
+        let inside = page
+            .split(loads)
+            .nth(1)
+            .map(|rest| rest.split('"').next().unwrap_or(""));
+        assert!(
+            inside.is_none() || loads == "href=\"http",
+            "{loads}{inside:?}"
+        );
+    }
+    assert!(page.contains("depth-splat"));
+
+    let mut reader =
+        csv::Reader::from_path(dir.path().join(json["scores"].as_str().unwrap())).unwrap();
+    let header = reader.headers().unwrap().clone();
+    let at = |name: &str| header.iter().position(|column| column == name).unwrap();
+    let (dataset, method, psnr, ssim) = (
+        at("dataset"),
+        at("method"),
+        at("psnr"),
+        at("ssim[gauss11,valid]"),
+    );
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let motorcycle = |label: &str| -> f64 {
+        let row = rows
+            .iter()
+            .find(|r| &r[dataset] == "Middlebury" && &r[method] == label)
+            .unwrap();
+        row[psnr].parse().unwrap()
+    };
+    assert!(motorcycle("depth-splat") > motorcycle("copy") + 2.0);
+    for row in rows.iter().filter(|row| &row[method] == "target") {
+        assert_eq!((&row[psnr], &row[ssim]), ("inf", "1"), "{row:?}");
+    }
+    assert!(rows.iter().filter(|r| &r[dataset] == "Synthetic").count() >= 20);
+
+    // Without weights a perceptual metric says how to get them.
+    let report = read(dir.path().join("d/report/report.md"));
+    assert!(report.contains("--weights vgg16="), "{report}");
+}

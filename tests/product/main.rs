@@ -1,0 +1,10 @@
+//! The whole product, as people run it: the binary, its files, its exit codes.
+
+#[cfg(test)]
+mod demo_command;
+#[cfg(test)]
+mod metrics_command;
+#[cfg(test)]
+mod run_command;
+#[cfg(test)]
+mod support;

@@ -1,0 +1,263 @@
+//! `pairs`, `run` and `report`: whole runs, their bytes, their failures, their restarts.
+
+use std::path::Path;
+
+use crate::support::{read, sharp_bench};
+
+const DATASET: &str = "S:synthetic=size=96x72,views=20";
+
+fn rows(path: &Path) -> Vec<Vec<String>> {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .from_path(path)
+        .unwrap();
+    reader
+        .records()
+        .map(|row| row.unwrap().iter().map(str::to_owned).collect())
+        .collect()
+}
+
+fn column(rows: &[Vec<String>], name: &str) -> usize {
+    rows[0]
+        .iter()
+        .position(|c| c == name)
+        .unwrap_or_else(|| panic!("no column {name}"))
+}
+
+fn run(dir: &Path, out: &str, more: &[&str]) -> crate::support::Said {
+    let mut args = vec![
+        "run",
+        "--dataset",
+        DATASET,
+        "--limit",
+        "4",
+        "--metrics",
+        "psnr,ssim-gauss11-valid",
+        "--out",
+        out,
+    ];
+    args.extend(more);
+    sharp_bench(dir, &args)
+}
+
+#[test]
+fn scores_have_the_promised_columns_and_the_target_is_perfect() {
+    let dir = tempfile::tempdir().unwrap();
+    let methods = [
+        "--method",
+        "target",
+        "--method",
+        "copy",
+        "--method",
+        "depth-splat",
+    ];
+    let args = [
+        "run",
+        "--dataset",
+        DATASET,
+        "--limit",
+        "4",
+        "--out",
+        "r",
+        "--metrics",
+    ];
+    let metrics = ["psnr,ssim-gauss11-valid"];
+    sharp_bench(dir.path(), &[&args[..], &metrics, &methods].concat()).ends_with(0);
+    let rows = rows(&dir.path().join("r/scores.csv"));
+    assert_eq!(
+        rows[0][..13].join(","),
+        "pair_id,dataset,scene,source,target,method,baseline_m,rotation_deg,median_depth_m,overlap,status,\
+         psnr,\"ssim[gauss11,valid]\"".replace('"', "")
+    );
+    assert_eq!(rows.len(), 1 + 4 * 3);
+    let (method, psnr, ssim) = (
+        column(&rows, "method"),
+        column(&rows, "psnr"),
+        column(&rows, "ssim[gauss11,valid]"),
+    );
+    let mean = |label: &str| {
+        let values: Vec<f64> = rows[1..]
+            .iter()
+            .filter(|row| row[method] == label)
+            .map(|row| row[ssim].parse().unwrap())
+            .collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    for row in rows[1..].iter().filter(|row| row[method] == "target") {
+        assert_eq!((row[psnr].as_str(), row[ssim].as_str()), ("inf", "1"));
+    }
+    assert!(mean("depth-splat") > mean("copy"));
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_on_being_stopped_in_between() {
+    let dir = tempfile::tempdir().unwrap();
+    let methods = ["--method", "depth-splat:resolution=256", "--method", "copy"];
+    let with = |out: &str, more: &[&str]| {
+        run(dir.path(), out, &[&methods[..], more].concat()).ends_with(0)
+    };
+    with("one", &["--threads", "1"]);
+    with("three", &["--threads", "3"]);
+    let scores = read(dir.path().join("one/scores.csv"));
+    assert_eq!(scores, read(dir.path().join("three/scores.csv")));
+    assert_eq!(
+        read(dir.path().join("one/pairs.csv")),
+        read(dir.path().join("three/pairs.csv"))
+    );
+
+    // As after a kill: some units are there, the tables are not.
+    for name in ["scores.csv", "records.jsonl"] {
+        std::fs::remove_file(dir.path().join("three").join(name)).unwrap();
+    }
+    let records = dir.path().join("three/records");
+    let mut files: Vec<_> = std::fs::read_dir(&records)
+        .unwrap()
+        .flat_map(|d| std::fs::read_dir(d.unwrap().path()).unwrap())
+        .map(|f| f.unwrap().path())
+        .collect();
+    files.sort();
+    assert_eq!(files.len(), 8);
+    for file in &files[..3] {
+        std::fs::remove_file(file).unwrap();
+    }
+    let json = with("three", &["--json"]).json();
+    assert_eq!(json["reused"], 5);
+    assert_eq!(scores, read(dir.path().join("three/scores.csv")));
+}
+
+#[test]
+fn a_failing_pair_is_recorded_and_the_others_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    run(dir.path(), "truth", &["--method", "target"]).ends_with(0);
+    // Someone's pictures, one of them missing and one of the wrong size.
+    let pictures = dir.path().join("truth/predictions/target");
+    let rows_of_truth = rows(&dir.path().join("truth/scores.csv"));
+    let ids: Vec<&str> = rows_of_truth[1..]
+        .iter()
+        .map(|row| row[0].as_str())
+        .collect();
+    std::fs::remove_file(pictures.join(format!("{}.png", ids[0]))).unwrap();
+    image::RgbImage::new(5, 5)
+        .save(pictures.join(format!("{}.png", ids[1])))
+        .unwrap();
+
+    let import = [
+        "--method",
+        "imported:label=theirs,dir=truth/predictions/target",
+    ];
+    let said = run(dir.path(), "r", &import).ends_with(4);
+    assert!(said.err.contains("2 of 4 units failed"), "{}", said.err);
+    let rows = rows(&dir.path().join("r/scores.csv"));
+    let (status, reason, psnr) = (
+        column(&rows, "status"),
+        column(&rows, "reason"),
+        column(&rows, "psnr"),
+    );
+    let by_id = |id: &str| rows.iter().find(|row| row[0] == id).unwrap();
+    assert_eq!(by_id(ids[0])[status], "failed");
+    assert!(by_id(ids[0])[reason].contains("no picture"));
+    assert!(by_id(ids[1])[reason].contains("5x5"));
+    assert_eq!(by_id(ids[1])[psnr], "");
+    assert_eq!(by_id(ids[2])[psnr], "inf");
+    // The table says n of N.
+    let report = sharp_bench(dir.path(), &["report", "r"]).ends_with(0);
+    assert!(report.out.contains("index.html"));
+    assert!(read(dir.path().join("r/report/report.md")).contains("2/4"));
+
+    // Mended pictures are picked up; what had worked is kept.
+    std::fs::copy(
+        pictures.join(format!("{}.png", ids[2])),
+        pictures.join(format!("{}.png", ids[0])),
+    )
+    .unwrap();
+    std::fs::copy(
+        pictures.join(format!("{}.png", ids[2])),
+        pictures.join(format!("{}.png", ids[1])),
+    )
+    .unwrap();
+    let json = run(dir.path(), "r", &[&import[..], &["--json"]].concat())
+        .ends_with(0)
+        .json();
+    assert_eq!(json["reused"], 2);
+    assert_eq!(json["failed"], 0);
+}
+
+#[test]
+fn pair_lists_are_artifacts() {
+    let dir = tempfile::tempdir().unwrap();
+    let pairs = |out| {
+        let args = ["pairs", "--dataset", DATASET, "--out", out, "--json"];
+        sharp_bench(dir.path(), &args).ends_with(0).json()
+    };
+    let (a, b) = (pairs("a.csv"), pairs("b.csv"));
+    assert_eq!(a["sha256"], b["sha256"]);
+    let list = read(dir.path().join("a.csv"));
+    assert!(list.starts_with(
+        "pair_id,dataset,scene,set,source,target,source_file,target_file,source_sha256,target_sha256,baseline_m,\
+         rotation_deg,median_depth_m,overlap,overlap_source_to_target,selected\n"
+    ));
+    let given = ["--pairs", "a.csv", "--method", "copy", "--json"];
+    let json = run(dir.path(), "r", &given).ends_with(0).json();
+    assert_eq!(json["manifest"]["pairs"]["sha256"], a["sha256"]);
+    assert_eq!(json["manifest"]["pairs"]["origin"], "given");
+
+    // A view that is not there.
+    let rows = rows(&dir.path().join("a.csv"));
+    let (row, source) = (rows[1].join(","), &rows[1][4]);
+    let elsewhere = row
+        .replace(&format!("/{source}__"), "/nowhere__")
+        .replace(&format!(",{source},"), ",nowhere,");
+    assert_ne!(row, elsewhere);
+    std::fs::write(dir.path().join("bad.csv"), list.replace(&row, &elsewhere)).unwrap();
+    run(dir.path(), "s", &["--pairs", "bad.csv", "--method", "copy"])
+        .is_error_with(&["bad.csv", "nowhere"]);
+    assert!(!dir.path().join("s").exists());
+}
+
+#[test]
+fn dry_runs_write_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = run(dir.path(), "r", &["--method", "copy", "--dry-run"]).ends_with(0);
+    assert!(said.out.contains("units   4"), "{}", said.out);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn what_cannot_work_is_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("full")).unwrap();
+    std::fs::write(dir.path().join("full/thesis.tex"), b"x").unwrap();
+    for (args, parts) in [
+        (vec!["--method", "magic"], vec!["magic", "depth-splat"]),
+        (
+            vec!["--method", "copy", "--method", "copy"],
+            vec!["label 'copy' is taken"],
+        ),
+        (vec!["--method", "imported:dir=nowhere"], vec!["nowhere"]),
+        (vec!["--method", "copy:speed=1"], vec!["speed"]),
+    ] {
+        run(dir.path(), "r", &args).is_error_with(&parts);
+    }
+    run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);
+    let unknown = [
+        "run",
+        "--dataset",
+        "moonbase=x",
+        "--method",
+        "copy",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &unknown).is_error_with(&["moonbase", "middlebury"]);
+    let absent = [
+        "run",
+        "--dataset",
+        "middlebury=nowhere",
+        "--method",
+        "copy",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &absent).is_error_with(&["nowhere"]);
+    sharp_bench(dir.path(), &["report", "nowhere"]).is_error_with(&["nowhere", "manifest.json"]);
+}

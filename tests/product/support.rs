@@ -1,0 +1,76 @@
+//! Runs the binary and looks at what it says.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// The outcome of a command.
+pub(crate) struct Said {
+    /// Exit code.
+    pub(crate) code: i32,
+    /// Standard output.
+    pub(crate) out: String,
+    /// Standard error.
+    pub(crate) err: String,
+}
+
+impl Said {
+    /// Standard output as JSON.
+    pub(crate) fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|e| panic!("{e}: {} {}", self.out, self.err))
+    }
+
+    /// Fails unless the command ended with exit code 1 and one line that holds all parts.
+    pub(crate) fn is_error_with(&self, parts: &[&str]) {
+        assert_eq!(self.code, 1, "{}{}", self.out, self.err);
+        let errors: Vec<&str> = self
+            .err
+            .lines()
+            .filter(|l| l.starts_with("error: "))
+            .collect();
+        assert_eq!(errors.len(), 1, "{}", self.err);
+        assert_eq!(
+            self.err.lines().last(),
+            errors.first().copied(),
+            "{}",
+            self.err
+        );
+        for part in parts {
+            assert!(
+                errors[0].contains(part),
+                "'{part}' is not in: {}",
+                errors[0]
+            );
+        }
+        assert!(!self.err.contains("panicked"), "{}", self.err);
+    }
+
+    /// Fails unless the exit code is the given one.
+    pub(crate) fn ends_with(self, code: i32) -> Self {
+        assert_eq!(self.code, code, "{}{}", self.out, self.err);
+        self
+    }
+}
+
+/// Runs `sharp-bench` in a folder.
+pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
+        .args(args)
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    Said {
+        code: status.code().unwrap_or(-1),
+        out: String::from_utf8(stdout).unwrap(),
+        err: String::from_utf8(stderr).unwrap(),
+    }
+}
+
+/// The text of a file.
+pub(crate) fn read(path: impl AsRef<Path>) -> String {
+    let path = path.as_ref();
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
