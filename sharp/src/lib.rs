@@ -13,6 +13,7 @@
 //! * [`gaussians`]: the container every stage hands on.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
 //! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
+//! * `model` (feature `model`): the network, from photograph to prediction.
 //! * [`unprojection`]: the release's way from normalised to metric space.
 //! * [`ply`]: Gaussian scenes as files.
 //! * [`render`]: Gaussians to pictures (feature `render`).
@@ -22,6 +23,8 @@ pub mod color;
 pub mod composer;
 pub mod gaussians;
 pub mod initializer;
+#[cfg(feature = "model")]
+pub mod model;
 pub mod ply;
 #[cfg(feature = "render")]
 pub mod render;

@@ -74,7 +74,6 @@ impl Golden {
             .map(|(a, b)| f64::from((a - b).abs()))
             .map(|d| if d.is_nan() { f64::INFINITY } else { d })
             .fold(0.0, f64::max);
-        println!("{stage}: {:.2e}", worst / absmax);
         assert!(
             worst / absmax <= TOLERANCE,
             "{stage}: {:.2e}",

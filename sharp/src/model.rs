@@ -1,0 +1,40 @@
+//! The SHARP network: one photograph to refined Gaussians.
+//!
+//! Modules and their parameters are named as in the official checkpoint, so that it loads without
+//! renaming. Tensors are f32 in `[batch, channels, height, width]` with batch 1 unless said
+//! otherwise.
+//!
+//! # Contents, in the order of computation
+//! * [`config`]: sizes of a network, the release's preset, configurations in files.
+//! * [`params`], [`synth`]: where weights come from.
+//! * [`preprocess`]: a photograph, its orientation and focal length.
+//! * `pyramid`, `vit`: patches at three scales through two transformers, merged to five maps.
+//! * `decoder`, `monodepth`: the maps to two layers of disparity.
+//! * `alignment`: a scale map towards known depth.
+//! * `gaussian_decoder`: maps, image and depth to deltas.
+//! * [`predictor`]: all of it, with [`initializer`](crate::initializer) and
+//!   [`composer`](crate::composer).
+//! * [`recording`]: every stage written down, or compared with what another implementation wrote.
+
+mod alignment;
+pub mod config;
+mod decoder;
+mod device;
+mod error;
+mod gaussian_decoder;
+mod monodepth;
+mod observer;
+mod ops;
+pub mod params;
+pub mod predictor;
+pub mod preprocess;
+mod pyramid;
+pub mod recording;
+pub mod synth;
+mod vit;
+
+pub use config::ModelConfig;
+pub use device::DeviceChoice;
+pub use error::ModelError;
+pub use observer::{Observer, Progress, Silent, StageValue};
+pub use predictor::{Prediction, Predictor};

@@ -1,0 +1,329 @@
+//! Sizes of a network as data: the release is one preset, files describe others.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::ModelError;
+use crate::initializer::Grid;
+
+/// Depth layers and layers of Gaussians.
+pub const LAYERS: usize = 2;
+
+/// A vision transformer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VitConfig {
+    /// Channels of its input, 3.
+    pub in_chans: usize,
+    /// Width of a token.
+    pub embed_dim: usize,
+    /// Number of blocks.
+    pub depth: usize,
+    /// Attention heads, each `embed_dim / num_heads` wide.
+    pub num_heads: usize,
+    /// Initial LayerScale of training; nothing at inference.
+    #[serde(default)]
+    pub init_values: f64,
+    /// Side of the square input, pixels.
+    pub img_size: usize,
+    /// Side of a token's square, pixels.
+    pub patch_size: usize,
+    /// Outputs of the classification head, which is never used.
+    pub num_classes: usize,
+    /// Pooling of the classification head, which is never used.
+    #[serde(default)]
+    pub global_pool: String,
+}
+
+impl VitConfig {
+    /// Tokens along a side of the input.
+    pub fn tokens_per_side(&self) -> usize {
+        self.img_size / self.patch_size
+    }
+}
+
+/// A whole network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelConfig {
+    /// What people call it.
+    pub preset: String,
+    /// Both transformers: one sees patches, one the whole image.
+    pub vit: VitConfig,
+    /// Patch encoder blocks whose output is tapped (0-based); only the first two are used.
+    pub hook_ids: [usize; 4],
+    /// Channels of the projected maps, finest first; the first serves both tapped maps.
+    pub encoder_dims: [usize; 4],
+    /// Overlapping patches (5×5 + 3×3 + 1) or not (4×4 + 2×2 + 1).
+    pub use_patch_overlap: bool,
+    /// Channels of the depth decoder, level by level.
+    pub monodepth_dims_decoder: [usize; 5],
+    /// Channels of the Gaussian decoder, level by level.
+    pub gaussian_dims_decoder: [usize; 5],
+    /// Channels that the texture and geometry heads put out.
+    pub gaussian_dim_out: usize,
+    /// Groups of the heads' normalisation.
+    pub gaussian_norm_num_groups: usize,
+    /// Channels of the alignment network's finest level.
+    pub alignment_base_width: usize,
+    /// Levels below it.
+    pub alignment_steps: usize,
+    /// Side that every image is resized to, four times the transformers' input.
+    pub internal_resolution: usize,
+    /// Pixels along a Gaussian's block: 2 yields the paper's 2×768² Gaussians, 4 its 2×384², 8 its
+    /// 2×192². The skip convolution's kernel has this size, so weights of another stride are
+    /// refused.
+    #[serde(default = "release_stride")]
+    pub gaussian_stride: usize,
+}
+
+fn release_stride() -> usize {
+    2
+}
+
+impl Default for ModelConfig {
+    fn default() -> Self {
+        Self::release()
+    }
+}
+
+impl ModelConfig {
+    /// The official release: 702 305 169 parameters.
+    pub fn release() -> Self {
+        Self {
+            preset: "release".into(),
+            vit: VitConfig {
+                in_chans: 3,
+                embed_dim: 1024,
+                depth: 24,
+                num_heads: 16,
+                init_values: 1e-5,
+                img_size: 384,
+                patch_size: 16,
+                num_classes: 21841,
+                global_pool: String::new(),
+            },
+            hook_ids: [5, 11, 17, 23],
+            encoder_dims: [256, 512, 1024, 1024],
+            use_patch_overlap: true,
+            monodepth_dims_decoder: [256; 5],
+            gaussian_dims_decoder: [128; 5],
+            gaussian_dim_out: 32,
+            gaussian_norm_num_groups: 8,
+            alignment_base_width: 16,
+            alignment_steps: 4,
+            internal_resolution: 1536,
+            gaussian_stride: release_stride(),
+        }
+    }
+
+    /// Reads `FILE` or `FILE#NAME`: a JSON object with the fields of this type, or an object of
+    /// such objects of which `NAME` picks one (it may be left out where there is only one).
+    ///
+    /// # Errors
+    /// [`ModelError::File`] when the file cannot be read or is no configuration,
+    /// [`ModelError::Config`] when it describes an impossible network.
+    pub fn load(file_and_name: &str) -> Result<Self, ModelError> {
+        let (file, name) = match file_and_name.rsplit_once('#') {
+            Some((file, name)) => (file, Some(name)),
+            None => (file_and_name, None),
+        };
+        let path = Path::new(file);
+        let text = std::fs::read_to_string(path).map_err(|e| ModelError::file(path, e))?;
+        let config = Self::parse(&text, name).map_err(|reason| ModelError::file(path, reason))?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    fn parse(text: &str, name: Option<&str>) -> Result<Self, String> {
+        use serde_json::Value;
+        let whole: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;
+        let Value::Object(entries) = &whole else {
+            return Err("not a JSON object".into());
+        };
+        let chosen = match name {
+            Some(name) => entries.get(name),
+            None if entries.contains_key("vit") => Some(&whole),
+            None if entries.len() == 1 => entries.values().next(),
+            None => None,
+        };
+        let chosen = chosen.ok_or_else(|| {
+            let names: Vec<&str> = entries.keys().map(String::as_str).collect();
+            match name {
+                Some(name) => format!("no configuration `{name}`, only {}", names.join(", ")),
+                None => format!("several configurations, pick one: {}", names.join(", ")),
+            }
+        })?;
+        serde_json::from_value(chosen.clone()).map_err(|e| e.to_string())
+    }
+
+    /// Checks that the sizes fit together.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] with the first contradiction.
+    pub fn validate(&self) -> Result<(), ModelError> {
+        let vit = &self.vit;
+        let sizes = [
+            vit.embed_dim,
+            vit.depth,
+            vit.num_heads,
+            vit.img_size,
+            vit.patch_size,
+            vit.num_classes,
+            self.gaussian_dim_out,
+            self.gaussian_norm_num_groups,
+            self.alignment_base_width,
+            self.alignment_steps,
+            self.internal_resolution,
+            self.gaussian_stride,
+        ];
+        let lists = [
+            &self.encoder_dims[..],
+            &self.monodepth_dims_decoder,
+            &self.gaussian_dims_decoder,
+        ];
+        let every = [&sizes[..], &lists.concat()].concat();
+        let groups = self.gaussian_norm_num_groups.max(1);
+        let heads_width = self.gaussian_dims_decoder[0];
+        let resolution = self.internal_resolution;
+        let checks = [
+            (
+                every.iter().all(|v| (1..=1 << 16).contains(v)),
+                "a size is 0 or beyond 65536",
+            ),
+            (vit.in_chans == 3, "`vit.in_chans` is not 3"),
+            (
+                vit.depth <= 256 && self.alignment_steps <= 8,
+                "too many blocks or steps",
+            ),
+            (
+                vit.embed_dim.is_multiple_of(vit.num_heads),
+                "`vit.embed_dim` is not a multiple of `vit.num_heads`",
+            ),
+            (
+                vit.img_size.is_multiple_of(vit.patch_size),
+                "`vit.img_size` is not a multiple of `vit.patch_size`",
+            ),
+            (
+                resolution == 4 * vit.img_size,
+                "`internal_resolution` is not four times `vit.img_size`",
+            ),
+            (
+                self.hook_ids.iter().all(|&k| k < vit.depth) && self.hook_ids.is_sorted(),
+                "`hook_ids` are not ascending block numbers",
+            ),
+            (
+                !self.use_patch_overlap || vit.tokens_per_side().is_multiple_of(8),
+                "overlapping patches need a token grid that eight divides",
+            ),
+            (
+                self.monodepth_dims_decoder
+                    .iter()
+                    .all(|d| *d == self.monodepth_dims_decoder[0])
+                    && self.gaussian_dims_decoder.iter().all(|d| *d == heads_width),
+                "a decoder's levels differ in width",
+            ),
+            (
+                self.monodepth_dims_decoder[0].is_multiple_of(2),
+                "`monodepth_dims_decoder` is odd",
+            ),
+            (
+                heads_width.is_multiple_of(2 * groups),
+                "`gaussian_norm_num_groups` does not divide half of `gaussian_dims_decoder`",
+            ),
+            (
+                (self.alignment_base_width / 2).is_multiple_of(4)
+                    && resolution.is_multiple_of(1 << self.alignment_steps.min(16)),
+                "`alignment_base_width` is not a multiple of 8, or there are too many \
+                 `alignment_steps` for the resolution",
+            ),
+            (
+                [2, 4, 8].contains(&self.gaussian_stride)
+                    && resolution.is_multiple_of(self.gaussian_stride),
+                "`gaussian_stride` is not 2, 4 or 8",
+            ),
+        ];
+        match checks.iter().find(|(holds, _)| !holds) {
+            Some((_, reason)) => Err(ModelError::Config(format!("`{}`: {reason}", self.preset))),
+            None => Ok(()),
+        }
+    }
+
+    /// Shape of image, depth and Gaussians.
+    pub fn grid(&self) -> Grid {
+        Grid {
+            layers: LAYERS,
+            width: self.internal_resolution,
+            height: self.internal_resolution,
+            stride: self.gaussian_stride,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/golden/model/tiny_config.json"
+    );
+
+    #[test]
+    fn presets_are_valid() {
+        ModelConfig::release().validate().unwrap();
+        let tiny = ModelConfig::load(&format!("{FILE}#tiny")).unwrap();
+        assert_eq!(tiny.internal_resolution, 192);
+        assert_eq!(tiny.gaussian_stride, 2);
+        assert!(
+            ModelConfig::load(&format!("{FILE}#narrow"))
+                .unwrap()
+                .use_patch_overlap
+        );
+    }
+
+    #[test]
+    fn names_are_asked_for_and_checked() {
+        let message = ModelConfig::load(FILE).unwrap_err().to_string();
+        assert!(message.contains("tiny, narrow"), "{message}");
+        let message = ModelConfig::load(&format!("{FILE}#huge"))
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("no configuration `huge`"), "{message}");
+        assert!(
+            ModelConfig::load("absent.json#x")
+                .unwrap_err()
+                .to_string()
+                .contains("absent.json")
+        );
+    }
+
+    #[test]
+    fn impossible_networks_are_named() {
+        type Change = fn(&mut ModelConfig);
+        let broken: [(Change, &str); 6] = [
+            (|c| c.vit.num_heads = 0, "a size is 0"),
+            (|c| c.vit.num_heads = 7, "num_heads"),
+            (|c| c.internal_resolution = 1024, "internal_resolution"),
+            (|c| c.gaussian_stride = 3, "gaussian_stride"),
+            (|c| c.hook_ids = [5, 11, 17, 24], "hook_ids"),
+            (|c| c.encoder_dims[1] = usize::MAX, "beyond 65536"),
+        ];
+        for (change, expected) in broken {
+            let mut config = ModelConfig::release();
+            change(&mut config);
+            let message = config.validate().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_single_configuration_survives_a_round_trip() {
+        let text = serde_json::to_string(&ModelConfig::release()).unwrap();
+        assert_eq!(
+            ModelConfig::parse(&text, None).unwrap(),
+            ModelConfig::release()
+        );
+    }
+}

@@ -1,0 +1,77 @@
+//! Where the network runs.
+
+use candle_core::Device;
+
+use super::ModelError;
+
+/// A choice of device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DeviceChoice {
+    /// The first GPU that this build supports and that answers, else the CPU.
+    #[default]
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// The first CUDA device; needs a build with feature `cuda`.
+    Cuda,
+    /// The Metal device; needs a build with feature `metal`.
+    Metal,
+}
+
+impl DeviceChoice {
+    /// Opens the device.
+    ///
+    /// # Errors
+    /// [`ModelError::Device`] when a GPU was asked for by name and is not there.
+    pub fn open(self) -> Result<Device, ModelError> {
+        let cuda = || Device::new_cuda(0);
+        let metal = || Device::new_metal(0);
+        let named = |device: candle_core::Result<Device>, name: &str, built: bool| {
+            device.map_err(|e| {
+                ModelError::Device(if built {
+                    format!("no {name} device: {e}")
+                } else {
+                    format!("this build has no {name}: build with `--features {name}`")
+                })
+            })
+        };
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            Self::Cuda => named(cuda(), "cuda", cfg!(feature = "cuda")),
+            Self::Metal => named(metal(), "metal", cfg!(feature = "metal")),
+            Self::Auto => Ok(cuda().or_else(|_| metal()).unwrap_or(Device::Cpu)),
+        }
+    }
+}
+
+impl std::str::FromStr for DeviceChoice {
+    type Err = ModelError;
+
+    fn from_str(text: &str) -> Result<Self, ModelError> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            "cuda" => Ok(Self::Cuda),
+            "metal" => Ok(Self::Metal),
+            _ => Err(ModelError::Device(format!(
+                "`{text}` is no device: auto, cpu, cuda or metal"
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_parsed_and_absent_devices_are_errors() {
+        assert_eq!("auto".parse::<DeviceChoice>().unwrap(), DeviceChoice::Auto);
+        assert!("gpu".parse::<DeviceChoice>().is_err());
+        assert!(DeviceChoice::Auto.open().is_ok());
+        if !cfg!(feature = "cuda") {
+            let message = DeviceChoice::Cuda.open().unwrap_err().to_string();
+            assert!(message.contains("--features cuda"), "{message}");
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! What can go wrong around the network.
+
+use std::path::PathBuf;
+
+use sharp_checkpoint::{CheckpointError, Incomplete};
+
+use crate::composer::DeltaLength;
+use crate::initializer::InitializerError;
+
+/// An error of configuration, weights, input or computation.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// A tensor operation failed.
+    #[error("tensor operation: {0}")]
+    Tensor(#[from] candle_core::Error),
+    /// A configuration that does not describe a network.
+    #[error("configuration {0}")]
+    Config(String),
+    /// A file that cannot be read or written, or does not hold what it should.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A checkpoint that cannot be read.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A checkpoint that does not fit the configuration, with everything in which it differs.
+    #[error(transparent)]
+    Incomplete(#[from] Incomplete),
+    /// The picture is not usable.
+    #[error("{0}")]
+    Image(String),
+    /// The network's depth cannot be turned into Gaussians.
+    #[error("predicted depth: {0}")]
+    Depth(#[from] InitializerError),
+    /// The network's deltas do not fit its base Gaussians.
+    #[error(transparent)]
+    Deltas(#[from] DeltaLength),
+    /// The device asked for is not there.
+    #[error("{0}")]
+    Device(String),
+    /// An observer's own reason to stop.
+    #[error("{0}")]
+    Stopped(String),
+}
+
+impl ModelError {
+    /// An error about a file.
+    pub fn file(path: impl Into<PathBuf>, reason: impl ToString) -> Self {
+        Self::File {
+            path: path.into(),
+            reason: reason.to_string(),
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! The whole network: an image and its focal length to Gaussians.
+
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+
+use super::alignment::DepthAlignment;
+use super::config::LAYERS;
+use super::gaussian_decoder::{GaussianDecoder, PredictionHead};
+use super::monodepth::Monodepth;
+use super::observer::{Observer, StageValue};
+use super::params::{CheckpointSource, Params, Source};
+use super::{ModelConfig, ModelError};
+use crate::composer::{ComposerConfig, compose};
+use crate::gaussians::Gaussians;
+use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
+use crate::resize::{bilinear_align_corners, nearest};
+
+/// Every module with parameters, named as in the checkpoint.
+pub(super) struct Network {
+    monodepth: Monodepth,
+    feature_model: GaussianDecoder,
+    prediction_head: PredictionHead,
+    depth_alignment: DepthAlignment,
+}
+
+impl Network {
+    pub(super) fn new(config: &ModelConfig, p: &Params<'_>) -> Result<Self, ModelError> {
+        let monodepth = p.pp("monodepth_model").pp("monodepth_predictor");
+        let alignment = p.pp("depth_alignment").pp("scale_map_estimator");
+        Ok(Self {
+            monodepth: Monodepth::new(&monodepth, config)?,
+            feature_model: GaussianDecoder::new(&p.pp("feature_model"), config)?,
+            prediction_head: PredictionHead::new(&p.pp("prediction_head"), config)?,
+            depth_alignment: DepthAlignment::new(&alignment, config)?,
+        })
+    }
+}
+
+/// An image as planes, sRGB-encoded.
+#[derive(Debug, Clone, Copy)]
+pub struct Planes<'a> {
+    /// `[3, height, width]` in 0..1.
+    pub values: &'a [f32],
+    /// Width, pixels.
+    pub width: usize,
+    /// Height, pixels.
+    pub height: usize,
+}
+
+/// What the network says about an image.
+#[derive(Debug, Clone)]
+pub struct Prediction {
+    /// Layer by layer, row by row, in normalised space: x/z and y/z over [−1, 1] across the image,
+    /// z in metres.
+    pub gaussians: Gaussians,
+    /// Depth layers `[2, R, R]`, metres, aligned where known depth was given.
+    pub depth: Vec<f32>,
+    /// R, the internal resolution.
+    pub resolution: usize,
+}
+
+/// A network with its weights on a device.
+pub struct Predictor {
+    config: ModelConfig,
+    network: Network,
+    composer: ComposerConfig,
+    device: Device,
+}
+
+/// Range of disparity before it becomes depth.
+const DISPARITY: (f32, f32) = (1e-4, 1e4);
+
+impl Predictor {
+    /// Loads weights from a file; see [`CheckpointSource::check`] for what must be in it.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
+    /// [`ModelError::Config`].
+    pub fn load(
+        config: &ModelConfig,
+        checkpoint: &Path,
+        device: &Device,
+        allow_unused: &[String],
+    ) -> Result<Self, ModelError> {
+        let checkpoint = CheckpointSource::open(checkpoint, device)?;
+        checkpoint.check(config, allow_unused)?;
+        Self::from_source(config, &checkpoint, device)
+    }
+
+    /// Builds the network from any source of weights.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`], or that of the source.
+    pub fn from_source(
+        config: &ModelConfig,
+        source: &dyn Source,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        config.validate()?;
+        Ok(Self {
+            config: config.clone(),
+            network: Network::new(config, &Params::new(source))?,
+            composer: ComposerConfig::default(),
+            device: device.clone(),
+        })
+    }
+
+    /// Sizes of the network.
+    pub fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    /// Predicts Gaussians.
+    ///
+    /// `disparity_factor` is the focal length over the width, both in pixels of the original
+    /// image: it alone sets the metric scale. `known_depth` (`[height, width]` like the image,
+    /// metres) aligns predicted depth to it by the network's own map of factors.
+    ///
+    /// # Errors
+    /// [`ModelError::Image`] for an image or depth of the wrong size, values that are not finite
+    /// or a factor that is not positive; [`ModelError::Depth`] when the network's depth is not
+    /// finite; [`ModelError::Tensor`]; whatever the observer returns.
+    pub fn predict(
+        &self,
+        image: Planes<'_>,
+        disparity_factor: f32,
+        known_depth: Option<&[f32]>,
+        observer: &mut dyn Observer,
+    ) -> Result<Prediction, ModelError> {
+        check_input(image, disparity_factor, known_depth)?;
+        let side = self.config.internal_resolution;
+        let size = (image.width, image.height);
+        let resized = bilinear_align_corners(image.values, size, (side, side));
+        let shape = [1, 3, side, side];
+        observer.stage("image_resized", StageValue::Host(&shape, &resized))?;
+        observer.stage(
+            "disparity_factor",
+            StageValue::Host(&[1], &[disparity_factor]),
+        )?;
+        let normalized = (Tensor::from_slice(&resized, &shape[..], &self.device)? * 2.0)?;
+        let normalized = (normalized - 1.0)?;
+        observer.stage("image_normalized", StageValue::Tensor(&normalized))?;
+        let out = self.network.monodepth.forward(&normalized, observer)?;
+
+        let mut depth = depth_from_disparity(&out.disparity, disparity_factor)?;
+        let layers = [1, LAYERS, side, side];
+        observer.stage("monodepth", StageValue::Host(&layers, &depth))?;
+        if let Some(known) = known_depth {
+            let known = nearest(known, size, (side, side));
+            self.align(&mut depth, &known, observer)?;
+        }
+        let base = self.base(&resized, &depth, observer)?;
+        let features = [1, 3 + LAYERS, side, side];
+        let input = Tensor::from_slice(&base.1, &features[..], &self.device)?;
+        observer.stage("feature_input", StageValue::Tensor(&input))?;
+        let [texture, geometry] =
+            self.network
+                .feature_model
+                .forward(&out.features, &input, observer)?;
+        drop((input, out));
+        let deltas = self.network.prediction_head.forward(&texture, &geometry)?;
+        observer.stage("deltas", StageValue::Tensor(&deltas))?;
+        let deltas: Vec<f32> = deltas.flatten_all()?.to_vec1()?;
+        let gaussians = compose(&base.0, Some(&deltas), &self.composer)?;
+        observe_gaussians("ndc", &gaussians, observer)?;
+        Ok(Prediction {
+            gaussians,
+            depth,
+            resolution: side,
+        })
+    }
+
+    /// Base Gaussians and the decoder's input `[5, R, R]`.
+    fn base(
+        &self,
+        image: &[f32],
+        depth: &[f32],
+        observer: &mut dyn Observer,
+    ) -> Result<(BaseGaussians, Vec<f32>), ModelError> {
+        let (grid, side) = (self.config.grid(), self.config.internal_resolution);
+        let normalized = NormalizedDepth::new(depth, InvalidDepth::Refuse)?;
+        let layers = [1, LAYERS, side, side];
+        observer.stage(
+            "normalized_depth",
+            StageValue::Host(&layers, &normalized.depth),
+        )?;
+        let base = BaseGaussians::from_normalized(image, &normalized, grid)?;
+        observer.stage("global_scale", StageValue::Host(&[1], &[base.global_scale]))?;
+        observe_base(&base, observer)?;
+        Ok((base, normalized.feature_input(image)))
+    }
+
+    /// Multiplies both layers of `depth` by the map that brings the first to `known` (`[R, R]`).
+    fn align(
+        &self,
+        depth: &mut [f32],
+        known: &[f32],
+        observer: &mut dyn Observer,
+    ) -> Result<(), ModelError> {
+        let factors = self.alignment_map(&depth[..known.len()], known)?;
+        let side = self.config.internal_resolution;
+        observer.stage(
+            "alignment.map",
+            StageValue::Host(&[1, 1, side, side], &factors),
+        )?;
+        for layer in depth.chunks_mut(known.len()) {
+            for (depth, factor) in layer.iter_mut().zip(&factors) {
+                *depth *= factor;
+            }
+        }
+        Ok(())
+    }
+
+    /// The alignment network's factors `[R, R]` for a predicted and a known depth map `[R, R]`.
+    ///
+    /// # Errors
+    /// [`ModelError::Tensor`].
+    pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
+        let side = self.config.internal_resolution;
+        let tensor = |map: &[f32]| Tensor::from_slice(map, (1, 1, side, side), &self.device);
+        let factors = self
+            .network
+            .depth_alignment
+            .forward(&tensor(predicted)?, &tensor(known)?)?;
+        Ok(factors.flatten_all()?.to_vec1()?)
+    }
+}
+
+fn check_input(
+    image: Planes<'_>,
+    disparity_factor: f32,
+    known_depth: Option<&[f32]>,
+) -> Result<(), ModelError> {
+    let Planes {
+        values,
+        width,
+        height,
+    } = image;
+    let refuse = |what: String| Err(ModelError::Image(what));
+    if width < 2 || height < 2 {
+        return refuse(format!("an image of {width}x{height}: at least 2x2 needed"));
+    }
+    if values.len() != 3 * width * height {
+        return refuse(format!(
+            "{} values for three planes of {width}x{height}",
+            values.len()
+        ));
+    }
+    if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+        let (x, y) = (at % width, at / width % height);
+        return refuse(format!("the image is not finite at ({x}, {y})"));
+    }
+    if !(disparity_factor.is_finite() && disparity_factor > 0.0) {
+        return refuse(format!(
+            "focal length over width is {disparity_factor}, not a positive number"
+        ));
+    }
+    match known_depth {
+        Some(depth) if depth.len() != width * height => refuse(format!(
+            "known depth has {} values, the image {width}x{height}",
+            depth.len()
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// `factor / clamp(disparity)`, metres. NaN stays NaN.
+fn depth_from_disparity(disparity: &Tensor, factor: f32) -> Result<Vec<f32>, ModelError> {
+    let mut values: Vec<f32> = disparity.flatten_all()?.to_vec1()?;
+    for value in &mut values {
+        *value = metric_depth(*value, factor);
+    }
+    Ok(values)
+}
+
+fn metric_depth(disparity: f32, factor: f32) -> f32 {
+    factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
+}
+
+/// Shows base Gaussians in the shapes of the recordings.
+fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(), ModelError> {
+    let (layers, rows, columns) = (base.grid.layers, base.grid.rows(), base.grid.columns());
+    let shape = [1, 1, layers, rows, columns];
+    let mut see = |name: &str, shape: &[usize], values: &[f32]| {
+        observer.stage(&format!("base.{name}"), StageValue::Host(shape, values))
+    };
+    see("mean_x_ndc", &shape, &base.x.repeat(layers * rows))?;
+    let y: Vec<f32> = (0..layers)
+        .flat_map(|_| base.y.iter().flat_map(|&y| std::iter::repeat_n(y, columns)))
+        .collect();
+    see("mean_y_ndc", &shape, &y)?;
+    see("inverse_z", &shape, &base.inverse_depth)?;
+    see("scales", &shape, &base.scales)?;
+    see("quaternions", &[1, 4, 1, 1, 1], &[1.0, 0.0, 0.0, 0.0])?;
+    let colors: Vec<f32> = base
+        .colors
+        .chunks(rows * columns)
+        .flat_map(|plane| plane.repeat(layers))
+        .collect();
+    see("colors", &[1, 3, layers, rows, columns], &colors)?;
+    see("opacities", &[1], &[base.opacity])
+}
+
+/// Shows Gaussians under `space.…`.
+pub(super) fn observe_gaussians(
+    space: &str,
+    gaussians: &Gaussians,
+    observer: &mut dyn Observer,
+) -> Result<(), ModelError> {
+    let n = gaussians.len();
+    let mut see = |name: &str, width: Option<usize>, values: &[f32]| {
+        let shape = [Some(1), Some(n), width];
+        let shape: Vec<usize> = shape.into_iter().flatten().collect();
+        observer.stage(&format!("{space}.{name}"), StageValue::Host(&shape, values))
+    };
+    see("mean_vectors", Some(3), gaussians.means.as_flattened())?;
+    see("singular_values", Some(3), gaussians.scales.as_flattened())?;
+    see("quaternions", Some(4), gaussians.quaternions.as_flattened())?;
+    see("colors", Some(3), gaussians.colors.as_flattened())?;
+    see("opacities", None, &gaussians.opacities)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Silent, params, synth::Synth};
+
+    #[test]
+    fn disparity_is_clamped_on_both_sides() {
+        assert_eq!(metric_depth(0.0, 0.5), 0.5 / 1e-4);
+        assert_eq!(metric_depth(-1.0, 0.5), 0.5 / 1e-4);
+        assert_eq!(metric_depth(1e9, 0.5), 0.5 / 1e4);
+        assert_eq!(metric_depth(2.0, 0.5), 0.25);
+        assert!(metric_depth(f32::NAN, 0.5).is_nan());
+    }
+
+    fn tiny(stride: usize) -> Predictor {
+        let file = "/../tests/golden/model/tiny_config.json#tiny";
+        let file = format!("{}{file}", env!("CARGO_MANIFEST_DIR"));
+        let mut config = ModelConfig::load(&file).unwrap();
+        config.gaussian_stride = stride;
+        let synth = Synth {
+            salt: String::new(),
+            device: Device::Cpu,
+        };
+        assert!(!params::inventory(&config).unwrap().is_empty());
+        Predictor::from_source(&config, &synth, &Device::Cpu).unwrap()
+    }
+
+    fn grey(width: usize, height: usize) -> Vec<f32> {
+        vec![0.5; 3 * width * height]
+    }
+
+    #[test]
+    fn every_stride_yields_its_number_of_gaussians() {
+        for stride in [2, 4, 8] {
+            let planes = Planes {
+                values: &grey(5, 4),
+                width: 5,
+                height: 4,
+            };
+            let out = tiny(stride)
+                .predict(planes, 0.8, None, &mut Silent)
+                .unwrap();
+            assert_eq!(out.gaussians.len(), 2 * (192 / stride).pow(2));
+            assert_eq!(out.depth.len(), 2 * 192 * 192);
+        }
+    }
+
+    #[test]
+    fn unusable_input_is_named() {
+        let predictor = tiny(2);
+        let predict = |values: &[f32], width, factor, depth: Option<&[f32]>| {
+            let planes = Planes {
+                values,
+                width,
+                height: 4,
+            };
+            let result = predictor.predict(planes, factor, depth, &mut Silent);
+            result.unwrap_err().to_string()
+        };
+        let mut holed = grey(4, 4);
+        holed[17] = f32::NAN;
+        assert!(predict(&holed, 4, 1.0, None).contains("not finite at (1, 0)"));
+        assert!(predict(&grey(1, 4), 1, 1.0, None).contains("1x4"));
+        assert!(predict(&grey(4, 4)[1..], 4, 1.0, None).contains("47 values"));
+        assert!(predict(&grey(4, 4), 4, 0.0, None).contains("focal length"));
+        assert!(predict(&grey(4, 4), 4, f32::NAN, None).contains("focal length"));
+        assert!(predict(&grey(4, 4), 4, 1.0, Some(&[1.0])).contains("known depth"));
+    }
+}

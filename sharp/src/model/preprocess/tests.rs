@@ -1,0 +1,206 @@
+//! Photographs made on the spot, so that every byte is known.
+
+use super::*;
+use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, GrayAlphaImage, ImageBuffer, ImageEncoder, ImageFormat, RgbImage};
+
+fn read(bytes: &[u8]) -> Result<Photo, String> {
+    photo_from_bytes(bytes, &PhotoOptions::default())
+}
+
+fn png(image: impl Into<DynamicImage>) -> Vec<u8> {
+    let mut out = Cursor::new(Vec::new());
+    image.into().write_to(&mut out, ImageFormat::Png).unwrap();
+    out.into_inner()
+}
+
+/// Four columns, three rows; red counts columns, green rows.
+fn grid() -> RgbImage {
+    RgbImage::from_fn(4, 3, |x, y| image::Rgb([x as u8 * 50, y as u8 * 50, 7]))
+}
+
+/// A directory entry: tag, type, one value (offset for rationals).
+type Entry = (u16, u16, u32);
+
+/// A PNG of [`grid`] with Exif: orientation in the main directory, `entries` in the Exif one,
+/// rationals stored as numerator over 10.
+fn with_exif(orientation: u16, entries: &[Entry]) -> Vec<u8> {
+    let mut tiff = b"II*\0\x08\0\0\0\x02\0".to_vec();
+    let entry = |tiff: &mut Vec<u8>, (tag, kind, value): Entry| {
+        tiff.extend(tag.to_le_bytes());
+        tiff.extend(kind.to_le_bytes());
+        tiff.extend(1_u32.to_le_bytes());
+        tiff.extend(value.to_le_bytes());
+    };
+    entry(&mut tiff, (0x0112, 3, u32::from(orientation)));
+    let exif_at = 8 + 2 + 2 * 12 + 4;
+    entry(&mut tiff, (0x8769, 4, exif_at));
+    tiff.extend([0; 4]);
+    tiff.extend((entries.len() as u16).to_le_bytes());
+    let mut data_at = exif_at + 2 + 12 * entries.len() as u32 + 4;
+    let mut data = Vec::new();
+    for &(tag, kind, value) in entries {
+        if kind == 5 {
+            entry(&mut tiff, (tag, kind, data_at));
+            data.extend(value.to_le_bytes());
+            data.extend(10_u32.to_le_bytes());
+            data_at += 8;
+        } else {
+            entry(&mut tiff, (tag, kind, value));
+        }
+    }
+    tiff.extend([0; 4]);
+    tiff.extend(data);
+    let mut out = Vec::new();
+    let mut encoder = image::codecs::png::PngEncoder::new(&mut out);
+    encoder.set_exif_metadata(tiff).unwrap();
+    encoder
+        .write_image(grid().as_raw(), 4, 3, ExtendedColorType::Rgb8)
+        .unwrap();
+    out
+}
+
+const FOCAL_35MM: u16 = 0xa405;
+const FOCAL: u16 = 0x920a;
+
+#[test]
+fn a_plain_picture_becomes_planes() {
+    let photo = read(&png(grid())).unwrap();
+    assert_eq!((photo.width, photo.height), (4, 3));
+    assert_eq!(photo.values[3], 150.0 / 255.0);
+    assert_eq!(photo.values[12 + 4], 50.0 / 255.0);
+    assert_eq!(photo.values[24], 7.0 / 255.0);
+}
+
+#[test]
+fn without_exif_thirty_millimetres_are_assumed_and_said() {
+    let photo = read(&png(RgbImage::new(512, 512))).unwrap();
+    assert_eq!(photo.focal_source, FocalSource::Default);
+    assert!((photo.focal_px - 502.057_305_953_751_1).abs() < 1e-9);
+    assert_eq!(photo.disparity_factor(), 0.980_580_7);
+    assert!(photo.warnings[0].contains("30 mm"));
+}
+
+#[test]
+fn focal_length_rules() {
+    let focal = |entries: &[Entry]| {
+        let photo = read(&with_exif(1, entries)).unwrap();
+        let mm = photo.focal_px / focal_px_from_35mm(1.0, photo.width, photo.height);
+        ((mm * 1e6).round() / 1e6, photo.focal_source)
+    };
+    // The equivalent wins over the lens, from 1 mm on.
+    let both = [(FOCAL_35MM, 3, 26), (FOCAL, 5, 42)];
+    assert_eq!(focal(&both), (26.0, FocalSource::Equivalent35mm(26.0)));
+    let unknown = [(FOCAL_35MM, 3, 0), (FOCAL, 5, 420)];
+    assert_eq!(focal(&unknown), (42.0, FocalSource::Lens(42.0)));
+    // Below 10 mm: a phone.
+    assert_eq!(focal(&[(FOCAL, 5, 42)]), (35.28, FocalSource::Lens(4.2)));
+    assert_eq!(focal(&[(FOCAL, 5, 100)]), (10.0, FocalSource::Lens(10.0)));
+    assert_eq!(focal(&[(FOCAL, 5, 0)]), (30.0, FocalSource::Default));
+    assert_eq!(focal(&[]), (30.0, FocalSource::Default));
+}
+
+#[test]
+fn a_given_focal_length_wins_and_is_checked() {
+    let with = |focal_px| {
+        let options = PhotoOptions {
+            focal_px: Some(focal_px),
+            ..PhotoOptions::default()
+        };
+        photo_from_bytes(&with_exif(1, &[(FOCAL_35MM, 3, 26)]), &options)
+    };
+    let photo = with(500.0).unwrap();
+    assert_eq!(
+        (photo.focal_px, photo.focal_source),
+        (500.0, FocalSource::Given)
+    );
+    assert!(photo.warnings.is_empty());
+    assert!(with(0.0).is_err());
+    assert!(with(f64::NAN).is_err());
+    assert!(with(f64::INFINITY).is_err());
+}
+
+#[test]
+fn orientations() {
+    // The first pixel of the upright picture, as (column, row) of the stored one.
+    for (orientation, size, first) in [
+        (1, (4, 3), (0, 0)),
+        (3, (4, 3), (3, 2)),
+        (6, (3, 4), (0, 2)),
+        (8, (3, 4), (3, 0)),
+        (2, (4, 3), (0, 0)),
+        (5, (4, 3), (0, 0)),
+        (9, (4, 3), (0, 0)),
+    ] {
+        let photo = read(&with_exif(orientation, &[(FOCAL_35MM, 3, 26)])).unwrap();
+        assert_eq!((photo.width, photo.height), size, "{orientation}");
+        let at = |plane: usize| (photo.values[plane * 12] * 255.0).round() as u8 / 50;
+        assert_eq!((at(0), at(1)), first, "{orientation}");
+        assert_eq!(
+            photo.warnings.len(),
+            usize::from([2, 5].contains(&orientation))
+        );
+    }
+}
+
+#[test]
+fn every_kind_of_pixel() {
+    let first = |bytes: &[u8]| {
+        let photo = read(bytes).unwrap();
+        [0, 1, 2].map(|c| photo.values[c * 4])
+    };
+    let grey = ImageBuffer::from_pixel(2, 2, image::Luma([51_u8]));
+    assert_eq!(first(&png(grey)), [0.2; 3]);
+    let grey_alpha = GrayAlphaImage::from_pixel(2, 2, image::LumaA([51, 0]));
+    assert_eq!(first(&png(grey_alpha)), [0.2; 3]);
+    let rgba = ImageBuffer::from_pixel(2, 2, image::Rgba([255_u8, 0, 51, 0]));
+    assert_eq!(first(&png(rgba)), [1.0, 0.0, 0.2]);
+    let deep = ImageBuffer::from_pixel(2, 2, image::Rgb([65535_u16, 13107, 0]));
+    assert_eq!(first(&png(deep)), [1.0, 0.2, 0.0]);
+    let deep_grey = ImageBuffer::from_pixel(2, 2, image::Luma([13107_u16]));
+    assert_eq!(first(&png(deep_grey)), [0.2; 3]);
+}
+
+#[test]
+fn unusable_files_are_named() {
+    let refused = |bytes: &[u8], expected: &str| {
+        let message = read(bytes).unwrap_err();
+        assert!(message.contains(expected), "{message} lacks {expected}");
+    };
+    refused(b"", "not an image");
+    refused(b"<html>404</html>", "not an image");
+    refused(&png(RgbImage::new(1, 5)), "1x5");
+    let whole = png(grid());
+    refused(&whole[..whole.len() - 20], "not an image");
+    let small = PhotoOptions {
+        max_pixels: 11,
+        ..PhotoOptions::default()
+    };
+    let message = photo_from_bytes(&whole, &small).unwrap_err();
+    assert!(message.contains("4x3 has more than 11 pixels"), "{message}");
+    let message = load_photo(Path::new("absent.png"), &small)
+        .unwrap_err()
+        .to_string();
+    assert!(message.starts_with("absent.png: "), "{message}");
+}
+
+#[test]
+fn a_header_that_lies_about_its_size_is_refused_before_decoding() {
+    let mut bytes = png(grid());
+    // Width and height of a PNG follow its signature and the name of its first chunk.
+    bytes[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    assert!(read(&bytes).is_err());
+}
+
+#[test]
+fn jpegs_are_read() {
+    let mut bytes = Vec::new();
+    let picture = RgbImage::from_pixel(16, 16, image::Rgb([200, 100, 50]));
+    JpegEncoder::new_with_quality(&mut bytes, 95)
+        .encode_image(&picture)
+        .unwrap();
+    let photo = read(&bytes).unwrap();
+    for (c, expected) in [200.0, 100.0, 50.0].into_iter().enumerate() {
+        assert!((photo.values[c * 256] * 255.0 - expected).abs() < 3.0);
+    }
+}

@@ -1,0 +1,187 @@
+//! A network against a recording, stage by stage.
+
+use std::collections::BTreeSet;
+
+use super::file::{RecordedValues, Recording};
+use super::observe;
+use crate::model::observer::{Observer, StageValue};
+use crate::model::predictor::{Planes, Predictor};
+use crate::model::{ModelError, config::LAYERS};
+
+/// How far one stage is from its recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StageComparison {
+    /// Name as in the recording.
+    pub stage: String,
+    /// Largest difference over the stage's absmax; infinite where a value is not finite or the
+    /// shapes differ.
+    pub rel_error: f64,
+    /// How many values were compared.
+    pub values: usize,
+    /// Why nothing was compared, if so.
+    pub note: Option<String>,
+}
+
+/// All stages in order of computation.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Comparison {
+    /// Stages that are in the recording and were computed.
+    pub stages: Vec<StageComparison>,
+    /// Stages that are in the recording and were not computed.
+    pub not_computed: Vec<String>,
+}
+
+impl Comparison {
+    /// The first stage, in order of computation, that is further off than `tolerance`.
+    pub fn first_divergence(&self, tolerance: f64) -> Option<&StageComparison> {
+        // Not `> tolerance`, so that NaN diverges.
+        let within = |s: &&StageComparison| s.rel_error <= tolerance;
+        self.stages.iter().find(|s| !within(s))
+    }
+
+    /// True when every recorded stage was computed and lies within `tolerance`.
+    pub fn passes(&self, tolerance: f64) -> bool {
+        self.not_computed.is_empty() && self.first_divergence(tolerance).is_none()
+    }
+}
+
+/// Depends on the decomposition's signs: covariances are compared instead.
+const GAUGE: &str = "world.quaternions";
+/// The recording's known depth: what the alignment network is given, not what it yields.
+const KNOWN_DEPTH: &str = "alignment.gt_depth";
+
+/// Predicts from `image` and compares every stage recorded under `prefix`. The alignment network,
+/// where recorded, runs on the recording's own known depth.
+///
+/// # Errors
+/// [`ModelError`] of the prediction or of a recording whose parts do not fit together.
+pub fn compare(
+    predictor: &Predictor,
+    image: Planes<'_>,
+    focal_px: f64,
+    recording: &Recording,
+    prefix: &str,
+) -> Result<Comparison, ModelError> {
+    let pending = recording.stages(prefix).into_iter();
+    let pending: BTreeSet<String> = pending
+        .filter(|s| ![GAUGE, KNOWN_DEPTH].contains(s))
+        .map(str::to_owned)
+        .collect();
+    let mut comparer = Comparer {
+        recording,
+        prefix,
+        pending,
+        stages: Vec::new(),
+    };
+    let prediction = observe(predictor, image, focal_px, &mut comparer)?;
+    if recording.stages(prefix).contains(&KNOWN_DEPTH) {
+        let known = recording.stage(prefix, KNOWN_DEPTH)?;
+        let layer = prediction.depth.len() / LAYERS;
+        if let RecordedValues::Whole(known) = known.values
+            && known.len() == layer
+        {
+            let factors = predictor.alignment_map(&prediction.depth[..layer], &known)?;
+            let side = prediction.resolution;
+            let value = StageValue::Host(&[1, 1, side, side], &factors);
+            comparer.stage("alignment.map", value)?;
+        }
+    }
+    Ok(Comparison {
+        stages: comparer.stages,
+        not_computed: comparer.pending.into_iter().collect(),
+    })
+}
+
+struct Comparer<'a> {
+    recording: &'a Recording,
+    prefix: &'a str,
+    pending: BTreeSet<String>,
+    stages: Vec<StageComparison>,
+}
+
+impl Observer for Comparer<'_> {
+    fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError> {
+        if !self.pending.remove(name) {
+            return Ok(());
+        }
+        let recorded = self.recording.stage(self.prefix, name)?;
+        let mut result = StageComparison {
+            stage: name.to_owned(),
+            rel_error: f64::INFINITY,
+            values: 0,
+            note: None,
+        };
+        if recorded.shape == value.shape() {
+            let found = value.to_vec()?;
+            let difference = match &recorded.values {
+                RecordedValues::Whole(expected) => {
+                    largest_difference(found.iter().zip(expected).map(|(a, b)| (*a, *b)))
+                }
+                RecordedValues::Sampled(indices, expected) => {
+                    let pairs = indices.iter().zip(expected);
+                    largest_difference(pairs.map(|(&i, b)| (found[i], *b)))
+                }
+            };
+            result.rel_error = relative(difference.0, recorded.absmax);
+            result.values = difference.1;
+        } else {
+            result.note = Some(format!(
+                "shape {:?}, recorded {:?}",
+                value.shape(),
+                recorded.shape
+            ));
+        }
+        self.stages.push(result);
+        Ok(())
+    }
+}
+
+/// Largest |a − b|, infinite if one is not a number, and how many pairs there were.
+fn largest_difference(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, usize) {
+    pairs.fold((0.0, 0), |(largest, n), (a, b)| {
+        let difference = (f64::from(a) - f64::from(b)).abs();
+        let difference = if difference.is_nan() {
+            f64::INFINITY
+        } else {
+            difference
+        };
+        (f64::max(largest, difference), n + 1)
+    })
+}
+
+fn relative(difference: f64, absmax: f64) -> f64 {
+    if difference == 0.0 {
+        0.0
+    } else {
+        difference / absmax
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_are_not_numbers_diverge() {
+        let (largest, n) = largest_difference([(1.0, 1.0), (f32::NAN, 2.0)].into_iter());
+        assert_eq!((largest, n), (f64::INFINITY, 2));
+        assert_eq!(relative(0.0, 0.0), 0.0);
+        assert_eq!(relative(1.0, 0.0), f64::INFINITY);
+    }
+
+    #[test]
+    fn the_first_divergence_is_the_first_in_order_of_computation() {
+        let stage = |stage: &str, rel_error| StageComparison {
+            stage: stage.to_owned(),
+            rel_error,
+            values: 1,
+            note: None,
+        };
+        let comparison = Comparison {
+            stages: vec![stage("b", 1e-7), stage("c", f64::NAN), stage("a", 1.0)],
+            not_computed: Vec::new(),
+        };
+        assert_eq!(comparison.first_divergence(1e-4).unwrap().stage, "c");
+        assert!(!comparison.passes(1e-4));
+    }
+}

@@ -1,0 +1,201 @@
+//! Reading a recording.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use serde_json::Value;
+use sharp_checkpoint::{Checkpoint, DType};
+
+use crate::model::ModelError;
+
+/// An open recording.
+#[derive(Debug)]
+pub struct Recording {
+    file: Checkpoint,
+}
+
+/// What a recording was made from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedInput {
+    /// Name or path of the image.
+    pub image: String,
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Focal length, pixels of the image.
+    pub focal_px: f64,
+}
+
+/// One stage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedStage {
+    /// Dimensions of the whole.
+    pub shape: Vec<usize>,
+    /// Largest magnitude in the whole.
+    pub absmax: f64,
+    /// The values.
+    pub values: RecordedValues,
+}
+
+/// Values of a stage.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RecordedValues {
+    /// All, in C order.
+    Whole(Vec<f32>),
+    /// Some: positions in C order, below the number of values, and what is there.
+    Sampled(Vec<usize>, Vec<f32>),
+}
+
+impl Recording {
+    /// Opens a recording.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`] for a file that is no safetensors file, [`ModelError::File`] for
+    /// one without stages.
+    pub fn open(path: &Path) -> Result<Self, ModelError> {
+        let recording = Self {
+            file: Checkpoint::open(path)?,
+        };
+        if recording.prefixes().is_empty() {
+            return Err(recording.error("no stages, so not a recording"));
+        }
+        Ok(recording)
+    }
+
+    /// Prefixes, one an image, sorted.
+    pub fn prefixes(&self) -> Vec<&str> {
+        let prefix = |name: &'_ str| {
+            let (prefix, rest) = name.split_once('/')?;
+            rest.ends_with(".shape").then_some(prefix.len())
+        };
+        let found: BTreeSet<&str> = self
+            .file
+            .names()
+            .filter_map(|name| prefix(name).map(|len| &name[..len]))
+            .collect();
+        found.into_iter().collect()
+    }
+
+    /// Names of the stages under `prefix`, sorted.
+    pub fn stages(&self, prefix: &str) -> Vec<&str> {
+        self.file
+            .names()
+            .filter_map(|name| name.strip_prefix(prefix)?.strip_prefix('/'))
+            .filter_map(|name| name.strip_suffix(".shape"))
+            .collect()
+    }
+
+    /// What the stages under `prefix` were computed from, where the file says so.
+    pub fn input(&self, prefix: &str) -> Option<RecordedInput> {
+        let metadata = self.file.metadata();
+        let from_json = |text: &String| {
+            let all: Value = serde_json::from_str(text).ok()?;
+            let one = all.get(prefix)?;
+            Some(RecordedInput {
+                image: one.get("image")?.as_str()?.to_owned(),
+                width: u32::try_from(one.get("width")?.as_u64()?).ok()?,
+                height: u32::try_from(one.get("height")?.as_u64()?).ok()?,
+                focal_px: one.get("f_px")?.as_f64()?,
+            })
+        };
+        let flat = || {
+            Some(RecordedInput {
+                image: metadata.get("image")?.clone(),
+                width: metadata.get("width")?.parse().ok()?,
+                height: metadata.get("height")?.parse().ok()?,
+                focal_px: metadata.get("f_px")?.parse().ok()?,
+            })
+        };
+        metadata.get("inputs").map_or_else(flat, from_json)
+    }
+
+    /// The prefix for an image: the only one, or the one whose recorded image has the file's name,
+    /// or whose name the file's begins with.
+    ///
+    /// # Errors
+    /// [`ModelError::File`] with the prefixes there are when none or several fit.
+    pub fn prefix_for(&self, image: &Path) -> Result<&str, ModelError> {
+        let prefixes = self.prefixes();
+        if let [only] = prefixes[..] {
+            return Ok(only);
+        }
+        let file_name = image.file_name().unwrap_or_default().to_string_lossy();
+        let fits = |prefix: &&&str| {
+            let recorded = self.input(prefix).map(|input| input.image);
+            let recorded = recorded.as_deref().map(Path::new);
+            let same = recorded.and_then(Path::file_name);
+            same.is_some_and(|name| name.to_string_lossy() == file_name)
+                || file_name.starts_with(**prefix)
+        };
+        let fitting: Vec<&&str> = prefixes.iter().filter(fits).collect();
+        match fitting[..] {
+            [one] => Ok(one),
+            _ => Err(self.error(format!(
+                "which prefix belongs to {file_name}? There are {}",
+                prefixes.join(", ")
+            ))),
+        }
+    }
+
+    /// Reads a stage.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`] when it is not there, [`ModelError::File`] when its parts do not
+    /// fit together.
+    pub fn stage(&self, prefix: &str, stage: &str) -> Result<RecordedStage, ModelError> {
+        let key = format!("{prefix}/{stage}");
+        let bad = |what: &str| self.error(format!("stage {key}: {what}"));
+        let index = |v: i64| usize::try_from(v).map_err(|_| bad("a negative index"));
+        let shape: Vec<usize> = self
+            .numbers(&format!("{key}.shape"), DType::I64, i64::from_le_bytes)?
+            .into_iter()
+            .map(index)
+            .collect::<Result<_, _>>()?;
+        let count = shape.iter().try_fold(1_usize, |n, &d| n.checked_mul(d));
+        let count = count.ok_or_else(|| bad("impossible shape"))?;
+        let stats = self.numbers(&format!("{key}.stats"), DType::F64, f64::from_le_bytes)?;
+        let absmax = match stats[..] {
+            [_, _, absmax, _, _] if absmax.is_finite() && absmax >= 0.0 => absmax,
+            _ => return Err(bad("statistics are not five finite numbers")),
+        };
+        let values = if self.file.contains(&key) {
+            let values = self.file.tensor_f32(&key)?;
+            if values.len() != count {
+                return Err(bad("values do not fill the shape"));
+            }
+            RecordedValues::Whole(values)
+        } else {
+            let indices =
+                self.numbers(&format!("{key}.indices"), DType::I64, i64::from_le_bytes)?;
+            let indices: Vec<usize> = indices.into_iter().map(index).collect::<Result<_, _>>()?;
+            let values = self.file.tensor_f32(&format!("{key}.values"))?;
+            if values.len() != indices.len() || indices.iter().any(|&i| i >= count) {
+                return Err(bad("samples do not fit the shape"));
+            }
+            RecordedValues::Sampled(indices, values)
+        };
+        Ok(RecordedStage {
+            shape,
+            absmax,
+            values,
+        })
+    }
+
+    fn numbers<T>(
+        &self,
+        key: &str,
+        dtype: DType,
+        decode: impl Fn([u8; 8]) -> T,
+    ) -> Result<Vec<T>, ModelError> {
+        if self.file.dtype(key)? != dtype {
+            return Err(self.error(format!("{key} is not {}", dtype.name())));
+        }
+        let bytes = self.file.tensor_bytes(key)?;
+        Ok(bytes.as_chunks().0.iter().map(|b| decode(*b)).collect())
+    }
+
+    fn error(&self, reason: impl ToString) -> ModelError {
+        ModelError::file(self.file.path(), reason)
+    }
+}

@@ -1,0 +1,57 @@
+//! Deterministic weights as a network's source: two implementations are compared without a
+//! checkpoint.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+use sharp_checkpoint::deterministic::model_weights;
+use sharp_checkpoint::{DType, OutTensor, write_safetensors};
+
+use super::params::{Source, inventory};
+use super::{ModelConfig, ModelError};
+
+/// Makes every parameter up from its name, see [`sharp_checkpoint::deterministic`].
+#[derive(Debug, Clone)]
+pub struct Synth {
+    /// Put before every name.
+    pub salt: String,
+    /// Where tensors go.
+    pub device: Device,
+}
+
+impl Source for Synth {
+    fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor, ModelError> {
+        let values = model_weights(&self.salt, name, shape);
+        Ok(Tensor::from_vec(values, shape, &self.device)?)
+    }
+
+    fn unused(&self, _: &str, _: &[usize]) {}
+}
+
+/// Writes deterministic weights of all parameters of `config` as a safetensors file, one tensor in
+/// memory at a time.
+///
+/// # Errors
+/// [`ModelError::Config`], [`ModelError::Checkpoint`] when `path` cannot be written.
+pub fn write(config: &ModelConfig, salt: &str, path: &Path) -> Result<(), ModelError> {
+    let tensors: Vec<OutTensor> = inventory(config)?
+        .into_iter()
+        .map(|p| OutTensor {
+            name: p.name,
+            dtype: DType::F32,
+            shape: p.shape,
+        })
+        .collect();
+    let metadata = BTreeMap::from([
+        ("weights".to_owned(), "deterministic".to_owned()),
+        ("salt".to_owned(), salt.to_owned()),
+        ("preset".to_owned(), config.preset.clone()),
+    ]);
+    Ok(write_safetensors(path, &metadata, &tensors, |tensor| {
+        let values = model_weights(salt, &tensor.name, &tensor.shape);
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Ok(Cow::Owned(bytes))
+    })?)
+}
