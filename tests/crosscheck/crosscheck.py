@@ -89,6 +89,14 @@ def distortions(rng, rgb):
     yield "one_level", rgb + 1.0 / 255.0
 
 
+def write_safetensors(path, pixels):
+    """One float tensor: the header's length, the header, the values."""
+    values = pixels.astype("<f4").tobytes()
+    entry = {"dtype": "F32", "shape": pixels.shape, "data_offsets": [0, len(values)]}
+    header = json.dumps({"rgb": entry}).encode()
+    path.write_bytes(len(header).to_bytes(8, "little") + header + values)
+
+
 def write_pairs(rng, folder):
     """8-bit PNG and float pairs; returns the pictures by name, RGB in 0..1."""
     pairs = {}
@@ -110,7 +118,7 @@ def write_pairs(rng, folder):
                     if depth == "u8":
                         cv2.imwrite(str(path.with_suffix(".png")), pixels[..., ::-1])
                     else:
-                        np.save(path.with_suffix(".npy"), pixels)
+                        write_safetensors(path.with_suffix(".safetensors"), pixels)
                 pairs[name] = both
     return pairs
 
