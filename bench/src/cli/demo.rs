@@ -9,7 +9,7 @@ use super::data_args::MetricArgs;
 use super::evaluate::{Evaluation, PairOrigin, Request};
 use super::{Outcome, output, report};
 use crate::protocol::PairOptions;
-use crate::report::Published;
+use crate::report::{Options, Published};
 use crate::runs::plan::Keep;
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
@@ -65,7 +65,16 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     if !args.json {
         report::print_tables(&runs)?;
     }
-    let files = report::write(&runs, &args.out.join("report"), Published::Matching)?;
+    let files = report::write(
+        &runs,
+        &args.out.join("report"),
+        Published::Matching,
+        Options {
+            picture_side: 640,
+            picture_bytes: 4 << 20,
+            ..Options::default()
+        },
+    )?;
     let run = args.out.join("run");
     if args.json {
         output::json(&json!({

@@ -11,6 +11,7 @@ use sharp_metrics::MetricKey;
 
 use super::evaluate::Finished;
 use super::{Outcome, data_args, output};
+use crate::methods::KINDS;
 use crate::pictures::read_rgb8;
 use crate::record::Record;
 use crate::report::scores::merged;
@@ -19,7 +20,7 @@ use crate::report::{
     ReportFiles, ReportInput, text_tables, write_report,
 };
 use crate::runs::execute::Executed;
-use crate::runs::manifest::Manifest;
+use crate::runs::manifest::{Manifest, MethodFacts};
 use crate::runs::store::RunFolder;
 
 /// Write tables, plots and a browsable page from runs
@@ -118,7 +119,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         PublishedChoice::Matching => Published::Matching,
         PublishedChoice::Always => Published::Always,
     };
-    let files = write(&runs, &out, published)?;
+    let files = write(&runs, &out, published, Options::default())?;
     if args.json {
         let files: Vec<String> = files.all.iter().map(|f| f.display().to_string()).collect();
         output::json(&json!({ "out": out.display().to_string(), "files": files }))?;
@@ -133,10 +134,12 @@ pub(super) fn write(
     runs: &[LoadedRun],
     out: &Path,
     published: Published,
+    options: Options,
 ) -> anyhow::Result<ReportFiles> {
     let records = merged(runs.iter().map(|run| run.records.clone()).collect())?;
     let pictures = RunPictures { runs };
-    let input = input(runs, &records, &pictures, published)?;
+    let mut input = input(runs, &records, &pictures, published)?;
+    input.options = options;
     write_report(&input, out).with_context(|| out.display().to_string())
 }
 
@@ -173,7 +176,7 @@ fn input<'a>(
         .flat_map(|manifest| &manifest.methods)
         .map(|method| Method {
             label: method.label.clone(),
-            description: method.identity.clone(),
+            description: description(method),
             unranked: (method.identity == "target")
                 .then(|| "it is the ground truth itself".to_owned()),
         })
@@ -212,6 +215,15 @@ fn input<'a>(
         pictures,
         options: Options::default(),
     })
+}
+
+fn description(method: &MethodFacts) -> String {
+    let kind = method.spec.split(':').next().unwrap_or_default();
+    let summary = KINDS
+        .iter()
+        .find(|known| known.name == kind)
+        .map_or("", |known| known.summary);
+    format!("{summary} ({})", method.identity)
 }
 
 fn metrics(manifests: &[&Manifest]) -> anyhow::Result<Vec<Metric>> {

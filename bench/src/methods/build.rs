@@ -40,7 +40,8 @@ pub const KINDS: [KindInfo; 5] = [
     KindInfo {
         name: "depth-splat",
         options: &["resolution"],
-        summary: "the dataset's depth through SHARP's initializer, composer and renderer (resolution=1536)",
+        summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
+                  black (resolution=1536)",
     },
     KindInfo {
         name: "imported",
