@@ -1,6 +1,8 @@
 //! Overlap measured on depth maps against exact visibility in the procedural scene, decided there by
 //! casting rays.
 
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
 use sharp_bench::protocol::depth::PosedDepth;
 use sharp_bench::protocol::overlap::{OverlapOptions, OverlapTest, overlap};
 use sharp_bench::protocol::pairs::{BuildContext, build_pairs};

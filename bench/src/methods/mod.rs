@@ -5,7 +5,7 @@
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
 //! * [`imported`]: pictures that someone else's method made.
-//! * [`build`]: from specs to instances.
+//! * [`mod@build`]: from specs to instances.
 
 pub mod build;
 pub mod depth_splat;

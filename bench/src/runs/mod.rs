@@ -1,7 +1,7 @@
 //! Runs: from a plan to a folder of durable results.
 //!
 //! * [`plan`]: which pairs, which methods, which metrics.
-//! * [`unit`]: the key of a unit, a hash of all that its value depends on.
+//! * [`mod@unit`]: the key of a unit, a hash of all that its value depends on.
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
 //! * [`execute`]: predicts, scores and records what is not done yet.
