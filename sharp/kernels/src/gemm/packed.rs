@@ -6,7 +6,7 @@ use crate::workspace::Aligned;
 
 /// A `k` × `n` matrix (the weights), packed for one instruction set, with a bias per column.
 ///
-/// In runs of at most [`KC`] rows; in each run, panel after panel of `nr` columns; in each
+/// In runs of at most `KC` rows; in each run, panel after panel of `nr` columns; in each
 /// panel row after row. Columns are padded with zeros to whole panels.
 #[derive(Debug, Clone)]
 pub struct PackedMatrix {
