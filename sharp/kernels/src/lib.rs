@@ -16,12 +16,16 @@
 //! * [`gemm`]: matrix products with packed weights and fused epilogues.
 //! * [`conv`]: convolutions: direct, Winograd, transposed.
 //! * [`pool`]: max pooling and the L2 pooling of DISTS.
+//! * [`norm`]: layer and group normalisation.
+//! * [`attention`](mod@attention): multi-head self-attention.
 //!
 //! Private: `math` (exp, GELU for vectors).
 
+pub mod attention;
 pub mod conv;
 pub mod gemm;
 mod math;
+pub mod norm;
 pub mod pool;
 pub mod rows;
 pub mod simd;
@@ -29,8 +33,10 @@ pub mod simd;
 mod testing;
 pub mod workspace;
 
+pub use attention::{AttentionShape, attention};
 pub use conv::{Algorithm, Conv2d, ConvOptions, ConvSpec, TransposedConv2x2};
 pub use gemm::{Epilogue, PackedMatrix, matmul};
+pub use norm::{GroupNorm, layer_norm};
 pub use pool::{L2Pool, MaxPool};
 pub use rows::{RowOp, RowWindow};
 pub use simd::{Level, Simd};

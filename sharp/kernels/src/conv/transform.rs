@@ -24,7 +24,14 @@ const B3: f32 = (B * B * B) as f32;
 const SUM: f32 = (A * A + B * B) as f32;
 const PRODUCT: f32 = (A * A * B * B) as f32;
 
-type Lanes = [f32; LANES];
+/// Channels in step; aligned, because accesses that cross cache lines cost twice.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Lanes([f32; LANES]);
+
+impl Lanes {
+    const ZERO: Self = Self([0.0; LANES]);
+}
 
 /// One dimension of a filter's transform, in f64: `G g`.
 fn filter_1d(g: [f64; 3]) -> [f64; 6] {
@@ -58,35 +65,35 @@ pub(super) fn filter(g: &[f32]) -> [f32; PLACES] {
 /// One dimension of an input tile's transform: `Bᵀ d`.
 #[inline(always)]
 fn input_1d<const FMA: bool>(d: [&Lanes; 6]) -> [Lanes; 6] {
-    let mut out = [[0.0; LANES]; 6];
+    let mut out = [Lanes::ZERO; 6];
     for l in 0..LANES {
-        let [d0, d1, d2, d3, d4, d5] = d.map(|d| d[l]);
+        let (d0, d1, d2) = (d[0].0[l], d[1].0[l], d[2].0[l]);
+        let (d3, d4, d5) = (d[3].0[l], d[4].0[l], d[5].0[l]);
         let even_a = fma::<FMA>(-B2, d2, d4);
         let odd_a = A1 * fma::<FMA>(-B2, d1, d3);
         let even_b = fma::<FMA>(-A2, d2, d4);
         let odd_b = B1 * fma::<FMA>(-A2, d1, d3);
-        out[0][l] = fma::<FMA>(PRODUCT, d0, fma::<FMA>(-SUM, d2, d4));
-        out[1][l] = even_a + odd_a;
-        out[2][l] = even_a - odd_a;
-        out[3][l] = even_b + odd_b;
-        out[4][l] = even_b - odd_b;
-        out[5][l] = fma::<FMA>(PRODUCT, d1, fma::<FMA>(-SUM, d3, d5));
+        out[0].0[l] = fma::<FMA>(PRODUCT, d0, fma::<FMA>(-SUM, d2, d4));
+        out[1].0[l] = even_a + odd_a;
+        out[2].0[l] = even_a - odd_a;
+        out[3].0[l] = even_b + odd_b;
+        out[4].0[l] = even_b - odd_b;
+        out[5].0[l] = fma::<FMA>(PRODUCT, d1, fma::<FMA>(-SUM, d3, d5));
     }
     out
 }
 
 /// One dimension of an output tile's transform: `Aᵀ m`.
 #[inline(always)]
-fn output_1d<const FMA: bool>(m: [&Lanes; 6]) -> [Lanes; 4] {
-    let mut out = [[0.0; LANES]; 4];
+fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [Lanes; 4] {
+    let mut out = [Lanes::ZERO; 4];
     for l in 0..LANES {
-        let [m0, m1, m2, m3, m4, m5] = m.map(|m| m[l]);
-        let (sum_a, difference_a) = (m1 + m2, m1 - m2);
-        let (sum_b, difference_b) = (m3 + m4, m3 - m4);
-        out[0][l] = m0 + sum_a + sum_b;
-        out[1][l] = fma::<FMA>(A1, difference_a, B1 * difference_b);
-        out[2][l] = fma::<FMA>(A2, sum_a, B2 * sum_b);
-        out[3][l] = fma::<FMA>(A3, difference_a, fma::<FMA>(B3, difference_b, m5));
+        let (sum_a, difference_a) = (m[1][l] + m[2][l], m[1][l] - m[2][l]);
+        let (sum_b, difference_b) = (m[3][l] + m[4][l], m[3][l] - m[4][l]);
+        out[0].0[l] = m[0][l] + sum_a + sum_b;
+        out[1].0[l] = fma::<FMA>(A1, difference_a, B1 * difference_b);
+        out[2].0[l] = fma::<FMA>(A2, sum_a, B2 * sum_b);
+        out[3].0[l] = fma::<FMA>(A3, difference_a, fma::<FMA>(B3, difference_b, m[5][l]));
     }
     out
 }
@@ -123,15 +130,22 @@ fn input_body<const FMA: bool>(
     layout: InputLayout,
     index: usize,
 ) {
-    let pixels = pixels.map(|pixel| pixel.as_chunks::<LANES>().0);
-    for chunk in 0..pixels[0].len() {
+    let chunks = pixels[0].len() / LANES;
+    let mut half = [Lanes::ZERO; PLACES];
+    for chunk in 0..chunks {
         let channel = chunk * LANES;
         let start = index * layout.tile + channel / KC * layout.run + channel % KC;
-        let mut half = [[0.0; LANES]; PLACES];
         for x in 0..6 {
-            let mut column: [Lanes; 6] = std::array::from_fn(|y| pixels[6 * y + x][chunk]);
-            if relu {
-                column.iter_mut().flatten().for_each(|v| *v = v.max(0.0));
+            let mut column = [Lanes::ZERO; 6];
+            for y in 0..6 {
+                column[y]
+                    .0
+                    .copy_from_slice(&pixels[6 * y + x][channel..channel + LANES]);
+                if relu {
+                    for v in &mut column[y].0 {
+                        *v = v.max(0.0);
+                    }
+                }
             }
             let column = input_1d::<FMA>(column.each_ref());
             for y in 0..6 {
@@ -139,9 +153,11 @@ fn input_body<const FMA: bool>(
             }
         }
         for y in 0..6 {
-            let row = input_1d::<FMA>(std::array::from_fn(|x| &half[6 * y + x]));
-            for (x, lanes) in row.iter().enumerate() {
-                out[start + (6 * y + x) * layout.place..][..LANES].copy_from_slice(lanes);
+            let h = &half[6 * y..6 * y + 6];
+            let row = input_1d::<FMA>([&h[0], &h[1], &h[2], &h[3], &h[4], &h[5]]);
+            for x in 0..6 {
+                let at = start + (6 * y + x) * layout.place;
+                out[at..at + LANES].copy_from_slice(&row[x].0);
             }
         }
     }
@@ -181,31 +197,36 @@ fn output_body<const FMA: bool>(
     place: usize,
     tile: &OutputTile<'_>,
 ) {
-    let planes: [&[Lanes]; PLACES] = std::array::from_fn(|p| {
-        let len = tile.channels.next_multiple_of(LANES);
-        products[start + p * place..][..len].as_chunks().0
-    });
-    for (chunk, bias) in tile.bias.as_chunks::<LANES>().0.iter().enumerate() {
-        let channel = chunk * LANES;
-        let Some(rest) = tile.channels.checked_sub(channel).filter(|&rest| rest > 0) else {
-            break;
-        };
-        let mut half = [[0.0; LANES]; 24];
+    let mut half = [Lanes::ZERO; 24];
+    for channel in (0..tile.channels).step_by(LANES) {
+        let mut bias = [0.0; LANES];
+        bias.copy_from_slice(&tile.bias[channel..channel + LANES]);
         for x in 0..6 {
-            let column = output_1d::<FMA>(std::array::from_fn(|y| &planes[6 * y + x][chunk]));
+            let at = start + x * place + channel;
+            let column = output_1d::<FMA>([
+                lanes_at(products, at),
+                lanes_at(products, at + 6 * place),
+                lanes_at(products, at + 12 * place),
+                lanes_at(products, at + 18 * place),
+                lanes_at(products, at + 24 * place),
+                lanes_at(products, at + 30 * place),
+            ]);
             for y in 0..4 {
                 half[6 * y + x] = column[y];
             }
         }
         for y in 0..4 {
-            let row = output_1d::<FMA>(std::array::from_fn(|x| &half[6 * y + x]));
-            for (mut lanes, at) in row.into_iter().zip(&tile.at[4 * y..]) {
-                if *at == OUTSIDE {
+            let h = &half[6 * y..6 * y + 6];
+            let row = output_1d::<FMA>([&h[0].0, &h[1].0, &h[2].0, &h[3].0, &h[4].0, &h[5].0]);
+            for x in 0..4 {
+                let at = tile.at[4 * y + x];
+                if at == OUTSIDE {
                     continue;
                 }
-                let len = rest.min(LANES);
-                for (v, b) in lanes.iter_mut().zip(bias) {
-                    *v += b;
+                let len = (tile.channels - channel).min(LANES);
+                let mut lanes = row[x].0;
+                for l in 0..LANES {
+                    lanes[l] += bias[l];
                 }
                 if let Some(residual) = tile.residual {
                     for (v, r) in lanes.iter_mut().zip(&residual[at + channel..][..len]) {
@@ -213,17 +234,32 @@ fn output_body<const FMA: bool>(
                     }
                 }
                 if tile.relu {
-                    lanes.iter_mut().for_each(|v| *v = v.max(0.0));
+                    for v in &mut lanes {
+                        *v = v.max(0.0);
+                    }
                 }
-                // SAFETY: the caller owns the pixels of its tile.
-                let out = unsafe { tile.out.slice(at + channel, len) };
                 if len == LANES {
+                    // SAFETY: the caller owns the pixels of its tile.
+                    let out = unsafe { tile.out.slice(at + channel, LANES) };
                     out.copy_from_slice(&lanes);
                 } else {
-                    out.copy_from_slice(&lanes[..len]);
+                    // SAFETY: as above.
+                    let out = unsafe { tile.out.slice(at + channel, len) };
+                    for (out, v) in out.iter_mut().zip(lanes) {
+                        *out = v;
+                    }
                 }
             }
         }
+    }
+}
+
+#[inline(always)]
+fn lanes_at(products: &[f32], at: usize) -> &[f32; LANES] {
+    match products[at..].first_chunk() {
+        Some(lanes) => lanes,
+        // Out of bounds is a bug of the caller's layout, as for any index.
+        None => unreachable!("products end at {}", products.len()),
     }
 }
 
@@ -240,7 +276,7 @@ mod tests {
         let g = noise(2, 9);
         let splat = |v: f32| [v; LANES];
         let mut v = vec![0.0; PLACES * LANES];
-        let pixels: Vec<Lanes> = d.iter().map(|&v| splat(v)).collect();
+        let pixels: Vec<[f32; LANES]> = d.iter().map(|&v| splat(v)).collect();
         let refs: [&[f32]; PLACES] = std::array::from_fn(|p| &pixels[p][..]);
         let layout = InputLayout {
             tile: LANES,

@@ -2,15 +2,17 @@
 
 use std::ops::Range;
 
-use crate::gemm::Epilogue;
 use crate::gemm::micro::{KC, Tile, stride_for};
 use crate::gemm::packed::PackedView;
+use crate::gemm::{Epilogue, MOST_ROWS};
 use crate::math::gelu;
 use crate::simd::per_level;
 use crate::workspace::SharedOut;
 
 /// The most rows of a tile of any level.
 const MAX_ROWS: usize = 16;
+/// The most tiles of rows of a block, at any level.
+const MAX_TILES: usize = MOST_ROWS / 4;
 
 /// One task's share of a product: some rows of `A`, some panels of `B`.
 pub(crate) struct Block<'a> {
@@ -69,50 +71,81 @@ impl Block<'_> {
         // Later runs of k continue from what the earlier ones left in the output.
         let load = k0 > 0 || matches!(self.epilogue, Epilogue::Add);
         assert!(a.len() >= self.rows.len().next_multiple_of(mr) * stride);
+        // Where each tile's first row starts, if its rows follow each other as they should.
+        let mut starts = [None; MAX_TILES];
+        let tiles = self.rows.len().div_ceil(mr);
+        for (t, start) in starts[..tiles].iter_mut().enumerate() {
+            let first = self.rows.start + t * mr;
+            let at = offset(first);
+            *start = (first + mr <= self.rows.end
+                && (1..mr).all(|r| offset(first + r) == at + r * self.out_stride))
+            .then_some(at);
+        }
         let mut spare = [0.0_f32; Tile::MAX];
         for panel in self.panels.clone() {
             let b = self.b.panel(nr, k0, panel);
             let col = panel * nr;
+            let cols = nr.min(n - col);
             let bias = &self.b.bias[col..][..nr];
-            for first in (0..self.rows.len()).step_by(mr) {
-                let count = mr.min(self.rows.len() - first);
+            for (t, start) in starts[..tiles].iter().enumerate() {
+                let a = a[t * mr * stride..].as_ptr();
+                if let (Some(start), true) = (start, cols == nr) {
+                    let span = (mr - 1) * self.out_stride + nr;
+                    let c = self.out.pointer(start + col, span);
+                    let (init, init_stride) = if load {
+                        (c.cast_const(), self.out_stride)
+                    } else {
+                        (bias.as_ptr(), 0)
+                    };
+                    // SAFETY: `a` has `mr` rows of `kc` floats by the assertion above; `b` and
+                    // `bias` are whole panels; the tile at `c` is in bounds, and ours by the
+                    // caller's promise; a `Simd` proves that the machine has the level.
+                    unsafe { kernel(kc, a, b.as_ptr(), c, self.out_stride, init, init_stride) };
+                    if last {
+                        let at: [usize; MAX_ROWS] =
+                            std::array::from_fn(|r| start + col + r * self.out_stride);
+                        let part = Part {
+                            at: &at[..mr],
+                            cols,
+                        };
+                        self.finish(c, self.out_stride, &part, bias);
+                    }
+                    continue;
+                }
                 let mut at = [0; MAX_ROWS];
-                for (r, at) in at[..count].iter_mut().enumerate() {
-                    *at = offset(self.rows.start + first + r) + col;
+                let rows = mr.min(self.rows.len() - t * mr);
+                for (r, at) in at[..rows].iter_mut().enumerate() {
+                    *at = offset(self.rows.start + t * mr + r) + col;
                 }
                 let part = Part {
-                    at: &at[..count],
-                    cols: nr.min(n - col),
+                    at: &at[..rows],
+                    cols,
                 };
-                let whole = count == mr && part.cols == nr && part.is_regular(self.out_stride);
-                let (c, c_stride) = if whole {
-                    let span = (mr - 1) * self.out_stride + nr;
-                    (self.out.pointer(at[0], span), self.out_stride)
-                } else {
-                    if load {
-                        // SAFETY: these elements are ours by the caller's promise.
-                        unsafe { part.gather(&self.out, &mut spare, nr) };
-                    }
-                    (spare.as_mut_ptr(), nr)
-                };
+                if load {
+                    // SAFETY: these elements are ours by the caller's promise.
+                    unsafe { part.gather(&self.out, &mut spare, nr) };
+                }
+                let c = spare.as_mut_ptr();
                 let (init, init_stride) = if load {
-                    (c.cast_const(), c_stride)
+                    (c.cast_const(), nr)
                 } else {
                     (bias.as_ptr(), 0)
                 };
-                let a = a[first * stride..].as_ptr();
-                // SAFETY: `a` has `mr` rows of `kc` floats by the assertion above; `b` and
-                // `bias` are whole panels; `c` is a whole tile, in bounds and ours, or `spare`;
-                // a `Simd` proves that the machine has the kernel's level.
-                unsafe { kernel(kc, a, b.as_ptr(), c, c_stride, init, init_stride) };
-                if last && !matches!(self.epilogue, Epilogue::None) {
-                    finish(self.b.simd, c, c_stride, &part, self.epilogue, bias);
+                // SAFETY: as above, with a whole tile of our own as output.
+                unsafe { kernel(kc, a, b.as_ptr(), c, nr, init, init_stride) };
+                if last {
+                    self.finish(c, nr, &part, bias);
                 }
-                if !whole {
-                    // SAFETY: as for `gather`.
-                    unsafe { part.scatter(&spare, nr, &self.out) };
-                }
+                // SAFETY: as for `gather`.
+                unsafe { part.scatter(&spare, nr, &self.out) };
             }
+        }
+    }
+
+    /// Applies the epilogue to the tile at `c`, which has just been written.
+    fn finish(&self, c: *mut f32, c_stride: usize, part: &Part<'_>, bias: &[f32]) {
+        if !matches!(self.epilogue, Epilogue::None) {
+            finish(self.b.simd, c, c_stride, part, self.epilogue, bias);
         }
     }
 }
@@ -125,11 +158,6 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// Whether the rows are `stride` apart.
-    fn is_regular(&self, stride: usize) -> bool {
-        self.at.windows(2).all(|w| w[1] == w[0] + stride)
-    }
-
     /// # Safety
     /// Nobody else may touch these elements of `out`.
     unsafe fn gather(&self, out: &SharedOut<'_>, tile: &mut [f32], nr: usize) {

@@ -129,6 +129,10 @@ unsafe fn portable<const STRIDE: usize>(
 mod x86 {
     use std::arch::x86_64::*;
 
+    /// How many steps ahead `B` is fetched: the next panel follows this one, so that fetching
+    /// beyond the end is of use. Worth a tenth of the time where `B` comes from the last cache.
+    const AHEAD: usize = 32;
+
     /// 14 × 32: 28 accumulators, two vectors of `B`, one broadcast of `A`.
     ///
     /// # Safety
@@ -144,7 +148,14 @@ mod x86 {
         init_stride: usize,
     ) {
         let mut acc = [[_mm512_setzero_ps(); 2]; 14];
+        // The output is touched at the very end; its lines can arrive meanwhile.
+        for r in 0..14 {
+            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride).cast());
+            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride + 16).cast());
+        }
         for i in 0..k {
+            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 32).cast());
+            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 32 + 16).cast());
             // SAFETY: `b` has `k` steps of 32.
             let (b0, b1) = unsafe {
                 let at = b.add(i * 32);
@@ -184,7 +195,11 @@ mod x86 {
         init_stride: usize,
     ) {
         let mut acc = [[_mm256_setzero_ps(); 2]; 6];
+        for r in 0..6 {
+            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride).cast());
+        }
         for i in 0..k {
+            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 16).cast());
             // SAFETY: `b` has `k` steps of 16.
             let (b0, b1) = unsafe {
                 let at = b.add(i * 16);

@@ -11,6 +11,8 @@ pub(crate) mod packed;
 
 pub use packed::PackedMatrix;
 
+use std::ops::Range;
+
 use block::{Block, scratch_len};
 use micro::Tile;
 
@@ -33,54 +35,76 @@ pub enum Epilogue<'a> {
     ResidualRelu(&'a [f32]),
 }
 
-/// How a product is cut into tasks: equal numbers of whole tiles, at most about 112 rows and
-/// 512 columns each. Only speed depends on it.
+/// Rows of a task: their runs of k fill a good part of a second cache of 1 MiB, and the weights
+/// are read once for all of them.
+pub(crate) const MOST_ROWS: usize = 296;
+/// Columns of a task: each task copies the rows it needs, which should not be done too often.
+const MOST_COLUMNS: usize = 2048;
+/// Columns of a task that are worth splitting off to keep all threads busy.
+const FEWEST_COLUMNS: usize = 128;
+
+/// How a product is cut into tasks: equal numbers of whole tiles. Only speed depends on it.
 pub(crate) struct Tasks {
-    rows_per_task: usize,
-    panels_per_task: usize,
-    row_tasks: usize,
-    panel_tasks: usize,
+    rows: Cut,
+    panels: Cut,
+    mr: usize,
     m: usize,
-    panels: usize,
+}
+
+/// A number of things, cut into equal shares.
+struct Cut {
+    total: usize,
+    share: usize,
+}
+
+impl Cut {
+    fn new(total: usize, most: usize) -> Self {
+        let shares = total.div_ceil(most.max(1)).max(1);
+        let share = total.div_ceil(shares).max(1);
+        Self { total, share }
+    }
+
+    fn count(&self) -> usize {
+        self.total.div_ceil(self.share)
+    }
+
+    fn get(&self, index: usize) -> Range<usize> {
+        let start = index * self.share;
+        start..self.total.min(start + self.share)
+    }
 }
 
 impl Tasks {
     pub(crate) fn new(tile: &Tile, m: usize, n: usize) -> Self {
-        let equal = |count: usize, most: usize| {
-            let tasks = count.div_ceil(most).max(1);
-            let each = count.div_ceil(tasks).max(1);
-            (each, count.div_ceil(each))
-        };
-        let panels = n.div_ceil(tile.nr);
-        let (tiles, row_tasks) = equal(m.div_ceil(tile.mr), (112 / tile.mr).max(1));
-        let (panels_per_task, panel_tasks) = equal(panels, (512 / tile.nr).max(1));
+        let rows = Cut::new(m.div_ceil(tile.mr), MOST_ROWS / tile.mr);
+        let enough = 3 * rayon::current_num_threads();
+        let mut columns = MOST_COLUMNS;
+        let mut panels = Cut::new(n.div_ceil(tile.nr), columns / tile.nr);
+        while rows.count() * panels.count() < enough && columns > FEWEST_COLUMNS {
+            columns /= 2;
+            panels = Cut::new(panels.total, columns / tile.nr);
+        }
         Self {
-            rows_per_task: tiles * tile.mr,
-            panels_per_task,
-            row_tasks,
-            panel_tasks,
-            m,
+            rows,
             panels,
+            mr: tile.mr,
+            m,
         }
     }
 
     pub(crate) fn count(&self) -> usize {
-        self.row_tasks * self.panel_tasks
+        self.rows.count() * self.panels.count()
     }
 
     pub(crate) fn rows_per_task(&self) -> usize {
-        self.rows_per_task
+        self.rows.share * self.mr
     }
 
     /// Rows and panels of task `index`.
-    pub(crate) fn get(&self, index: usize) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
-        let (r, p) = (index / self.panel_tasks, index % self.panel_tasks);
-        let rows = r * self.rows_per_task;
-        let panels = p * self.panels_per_task;
-        (
-            rows..self.m.min(rows + self.rows_per_task),
-            panels..self.panels.min(panels + self.panels_per_task),
-        )
+    pub(crate) fn get(&self, index: usize) -> (Range<usize>, Range<usize>) {
+        let rows = self.rows.get(index / self.panels.count());
+        let panels = self.panels.get(index % self.panels.count());
+        (rows.start * self.mr..self.m.min(rows.end * self.mr), panels)
     }
 }
 

@@ -1,0 +1,312 @@
+//! Layer normalisation of tokens, group normalisation of images.
+
+use rayon::prelude::*;
+
+use crate::math::fma;
+use crate::simd::{Simd, per_level};
+
+/// Lanes of the sums over a token, whatever the instruction set has.
+const LANES: usize = 16;
+
+/// Normalises every row of `x` (`[rows][dim]`, `dim` the length of `gamma`) to mean 0 and
+/// variance 1, then scales by `gamma` and shifts by `beta`:
+/// `(x - mean) / sqrt(variance + eps) · gamma + beta`, population variance.
+///
+/// # Panics
+/// When a length is wrong.
+pub fn layer_norm(simd: Simd, x: &[f32], gamma: &[f32], beta: &[f32], eps: f32, out: &mut [f32]) {
+    const ROWS_PER_TASK: usize = 16;
+    let dim = gamma.len();
+    assert!(dim > 0 && x.len().is_multiple_of(dim), "rows of {dim}");
+    assert_eq!(beta.len(), dim, "as many shifts as scales");
+    assert_eq!(out.len(), x.len(), "output");
+    out.par_chunks_mut(ROWS_PER_TASK * dim)
+        .zip(x.par_chunks(ROWS_PER_TASK * dim))
+        .for_each(|(out, x)| normalise_rows(simd, x, gamma, beta, eps, out));
+}
+
+per_level! {
+    /// Layer normalisation of some rows.
+    fn normalise_rows(
+        x: &[f32],
+        gamma: &[f32],
+        beta: &[f32],
+        eps: f32,
+        out: &mut [f32],
+    ) = normalise_rows_body
+}
+
+#[inline(always)]
+fn normalise_rows_body<const FMA: bool>(
+    x: &[f32],
+    gamma: &[f32],
+    beta: &[f32],
+    eps: f32,
+    out: &mut [f32],
+) {
+    let dim = gamma.len();
+    for (x, out) in x.chunks_exact(dim).zip(out.chunks_exact_mut(dim)) {
+        let mut sums = [0.0_f32; LANES];
+        for chunk in x.chunks(LANES) {
+            for (sum, v) in sums.iter_mut().zip(chunk) {
+                *sum += v;
+            }
+        }
+        // The mean in two parts, lest its rounding be multiplied where the variance is small.
+        let exact = total(&sums) / dim as f64;
+        let mean = exact as f32;
+        let rest = (exact - f64::from(mean)) as f32;
+        let mut squares = [0.0_f32; LANES];
+        for chunk in x.chunks(LANES) {
+            for (sum, v) in squares.iter_mut().zip(chunk) {
+                let v = v - mean - rest;
+                *sum = fma::<FMA>(v, v, *sum);
+            }
+        }
+        let variance = total(&squares) / dim as f64;
+        let factor = (1.0 / (variance + f64::from(eps)).sqrt()) as f32;
+        for i in 0..dim {
+            out[i] = fma::<FMA>((x[i] - mean - rest) * factor, gamma[i], beta[i]);
+        }
+    }
+}
+
+fn total(lanes: &[f32; LANES]) -> f64 {
+    let mut sum = 0.0;
+    for &lane in lanes {
+        sum += f64::from(lane);
+    }
+    sum
+}
+
+/// Group normalisation of an NHWC image: each group of neighbouring channels is brought to
+/// mean 0 and variance 1 over all pixels, then channels are scaled and shifted.
+#[derive(Debug, Clone)]
+pub struct GroupNorm {
+    groups: usize,
+    gamma: Vec<f32>,
+    beta: Vec<f32>,
+    eps: f32,
+}
+
+/// Pixels whose sums are made by one task: a constant, so that sums do not depend on threads.
+const PIXELS_PER_TASK: usize = 4096;
+
+impl GroupNorm {
+    /// `groups` groups of the channels that `gamma` and `beta` are given for.
+    ///
+    /// # Panics
+    /// When the groups do not divide the channels, or lengths differ.
+    pub fn new(groups: usize, gamma: &[f32], beta: &[f32], eps: f32) -> Self {
+        assert!(
+            groups > 0 && gamma.len().is_multiple_of(groups) && !gamma.is_empty(),
+            "{groups} groups of {} channels",
+            gamma.len()
+        );
+        assert_eq!(gamma.len(), beta.len(), "as many shifts as scales");
+        Self {
+            groups,
+            gamma: gamma.to_vec(),
+            beta: beta.to_vec(),
+            eps,
+        }
+    }
+
+    /// Normalises `x` (`[pixels][channels]`) to `out`, rectified if `relu`.
+    ///
+    /// Sums are made in f64: over the millions of values of a group, f32 would lose digits.
+    ///
+    /// # Panics
+    /// When a length is wrong.
+    pub fn run(&self, simd: Simd, x: &[f32], relu: bool, out: &mut [f32]) {
+        let channels = self.gamma.len();
+        assert!(x.len().is_multiple_of(channels), "pixels of {channels}");
+        assert_eq!(out.len(), x.len(), "output");
+        let affine = self.affine(simd, x);
+        out.par_chunks_mut(PIXELS_PER_TASK * channels)
+            .zip(x.par_chunks(PIXELS_PER_TASK * channels))
+            .for_each(|(out, x)| apply(simd, x, &affine, relu, out));
+    }
+
+    /// What normalisation comes down to for this image.
+    fn affine(&self, simd: Simd, x: &[f32]) -> Affine {
+        let channels = self.gamma.len();
+        let parts: Vec<Vec<[f64; 2]>> = x
+            .par_chunks(PIXELS_PER_TASK * channels)
+            .map(|x| {
+                let mut sums = vec![[0.0; 2]; channels];
+                moments(simd, x, &mut sums);
+                sums
+            })
+            .collect();
+        let width = channels / self.groups;
+        let count = (x.len() / self.groups) as f64;
+        let mut affine = Affine::default();
+        for group in 0..self.groups {
+            let range = group * width..(group + 1) * width;
+            let [mut sum, mut square] = [0.0; 2];
+            for [s, q] in parts.iter().flat_map(|part| &part[range.clone()]) {
+                sum += s;
+                square += q;
+            }
+            let mean = sum / count;
+            let variance = (square / count - mean * mean).max(0.0);
+            let factor = 1.0 / (variance + f64::from(self.eps)).sqrt();
+            for c in range {
+                let scale = f64::from(self.gamma[c]) * factor;
+                let rounded = mean as f32;
+                let rest = mean - f64::from(rounded);
+                affine.mean.push(rounded);
+                affine.scale.push(scale as f32);
+                affine
+                    .shift
+                    .push((f64::from(self.beta[c]) - rest * scale) as f32);
+            }
+        }
+        affine
+    }
+}
+
+/// `(x - mean) · scale + shift` for every channel. The shift takes up what rounding the mean
+/// has lost.
+#[derive(Default)]
+struct Affine {
+    mean: Vec<f32>,
+    scale: Vec<f32>,
+    shift: Vec<f32>,
+}
+
+per_level! {
+    /// Adds every channel's sum and sum of squares over the pixels of `x`.
+    fn moments(x: &[f32], sums: &mut [[f64; 2]]) = moments_body
+}
+
+#[inline(always)]
+fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
+    let channels = sums.len();
+    for first in (0..channels).step_by(LANES) {
+        let lanes = LANES.min(channels - first);
+        let (mut sum, mut square) = ([0.0_f64; LANES], [0.0_f64; LANES]);
+        for pixel in x.chunks_exact(channels) {
+            let pixel = &pixel[first..first + lanes];
+            for ((sum, square), v) in sum.iter_mut().zip(&mut square).zip(pixel) {
+                let v = f64::from(*v);
+                *sum += v;
+                // Exact in f64 before the addition, fused or not.
+                *square += v * v;
+            }
+        }
+        for lane in 0..lanes {
+            sums[first + lane][0] += sum[lane];
+            sums[first + lane][1] += square[lane];
+        }
+    }
+}
+
+per_level! {
+    /// Applies an [`Affine`] to some pixels.
+    fn apply(x: &[f32], affine: &Affine, relu: bool, out: &mut [f32]) = apply_body
+}
+
+#[inline(always)]
+fn apply_body<const FMA: bool>(x: &[f32], affine: &Affine, relu: bool, out: &mut [f32]) {
+    let channels = affine.scale.len();
+    let (mean, scale) = (&affine.mean[..channels], &affine.scale[..channels]);
+    let shift = &affine.shift[..channels];
+    let floor = if relu { 0.0 } else { f32::NEG_INFINITY };
+    for (x, out) in x.chunks_exact(channels).zip(out.chunks_exact_mut(channels)) {
+        for c in 0..channels {
+            let v = fma::<FMA>(x[c] - mean[c], scale[c], shift[c]);
+            out[c] = if v < floor { floor } else { v };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{noise, relative_error, with_threads};
+
+    fn standardised(values: &[f64], eps: f64) -> Vec<f64> {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        values
+            .iter()
+            .map(|v| (v - mean) / (variance + eps).sqrt())
+            .collect()
+    }
+
+    #[test]
+    fn layer_norm_matches_its_definition_at_every_level() {
+        for dim in [1, 7, 16, 96, 1024] {
+            let rows = 37;
+            let x: Vec<f32> = noise(1, rows * dim)
+                .iter()
+                .map(|v| v * 3.0 + 10.0)
+                .collect();
+            let (gamma, beta) = (noise(2, dim), noise(3, dim));
+            let exact: Vec<f64> = x
+                .chunks_exact(dim)
+                .flat_map(|row| {
+                    let row: Vec<f64> = row.iter().map(|v| f64::from(*v)).collect();
+                    let row = standardised(&row, 1e-6);
+                    (0..dim)
+                        .map(|c| row[c] * f64::from(gamma[c]) + f64::from(beta[c]))
+                        .collect::<Vec<_>>()
+                })
+                .collect();
+            for simd in Simd::available() {
+                let mut out = vec![f32::NAN; x.len()];
+                layer_norm(simd, &x, &gamma, &beta, 1e-6, &mut out);
+                let error = relative_error(&out, &exact);
+                assert!(error < 1e-6, "{simd:?} {dim}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_epsilon_is_visible() {
+        let x = [1e-3, -1e-3];
+        let mut out = [0.0; 2];
+        layer_norm(Simd::detect(), &x, &[1.0; 2], &[0.0; 2], 1e-6, &mut out);
+        assert!((out[0] - 0.5_f32.sqrt()).abs() < 1e-6, "{out:?}");
+    }
+
+    #[test]
+    fn group_norm_matches_its_definition_at_every_level_and_thread_count() {
+        for (pixels, channels, groups) in [(5000, 32, 8), (9000, 12, 3), (1, 8, 4), (10, 24, 1)] {
+            let x: Vec<f32> = noise(1, pixels * channels)
+                .iter()
+                .map(|v| v + 5.0)
+                .collect();
+            let (gamma, beta) = (noise(2, channels), noise(3, channels));
+            let width = channels / groups;
+            let mut exact = vec![0.0; x.len()];
+            for group in 0..groups {
+                let places: Vec<usize> = (0..x.len())
+                    .filter(|i| i % channels / width == group)
+                    .collect();
+                let values: Vec<f64> = places.iter().map(|&i| f64::from(x[i])).collect();
+                for (i, v) in places.iter().zip(standardised(&values, 1e-5)) {
+                    let c = i % channels;
+                    exact[*i] = v * f64::from(gamma[c]) + f64::from(beta[c]);
+                }
+            }
+            let norm = GroupNorm::new(groups, &gamma, &beta, 1e-5);
+            for simd in Simd::available() {
+                let run = |relu, threads| {
+                    let mut out = vec![f32::NAN; x.len()];
+                    with_threads(threads, || norm.run(simd, &x, relu, &mut out));
+                    out
+                };
+                let plain = run(false, 1);
+                let error = relative_error(&plain, &exact);
+                assert!(error < 1e-6, "{simd:?} {channels}/{groups}: {error}");
+                assert_eq!(plain, run(false, 3));
+                let relu: Vec<f32> = plain.iter().map(|v| v.max(0.0)).collect();
+                assert_eq!(relu, run(true, 2));
+            }
+        }
+    }
+}
