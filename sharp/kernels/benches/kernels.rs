@@ -1,15 +1,82 @@
 //! Rates of the kernels at the shapes of the network and of the metrics' backbones.
 //!
-//! `cargo bench -p sharp-kernels`; criterion's throughput is in multiply-adds, counted as the
-//! direct sum has them: twice that is the FLOP/s that others print.
+//! `cargo bench -p sharp-kernels`. Times are CPU time of the process, all threads together;
+//! rates are floating-point operations per second of CPU time, counted as the direct sum has
+//! them, so that Winograd may exceed the machine's peak.
 
 use std::hint::black_box;
 use std::time::Duration;
 
+use cpu_time::ProcessTime;
+use criterion::measurement::{Measurement, ValueFormatter};
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use sharp_kernels::{
-    Algorithm, Conv2d, ConvSpec, Epilogue, PackedMatrix, RowOp, RowWindow, Simd, Workspace, matmul,
+    Algorithm, AttentionShape, Conv2d, ConvSpec, Epilogue, GroupNorm, PackedMatrix, RowOp,
+    RowWindow, Simd, Workspace, attention, matmul,
 };
+
+/// CPU time of the process, in seconds.
+struct CpuTime;
+
+impl Measurement for CpuTime {
+    type Intermediate = ProcessTime;
+    type Value = Duration;
+
+    fn start(&self) -> ProcessTime {
+        ProcessTime::now()
+    }
+
+    fn end(&self, start: ProcessTime) -> Duration {
+        start.elapsed()
+    }
+
+    fn add(&self, a: &Duration, b: &Duration) -> Duration {
+        *a + *b
+    }
+
+    fn zero(&self) -> Duration {
+        Duration::ZERO
+    }
+
+    fn to_f64(&self, value: &Duration) -> f64 {
+        value.as_secs_f64()
+    }
+
+    fn formatter(&self) -> &dyn ValueFormatter {
+        &Format
+    }
+}
+
+/// Milliseconds of CPU time, and GFLOP per second of it.
+struct Format;
+
+impl ValueFormatter for Format {
+    fn scale_values(&self, _typical: f64, values: &mut [f64]) -> &'static str {
+        values.iter_mut().for_each(|v| *v *= 1e3);
+        "ms CPU"
+    }
+
+    fn scale_throughputs(
+        &self,
+        _typical: f64,
+        throughput: &Throughput,
+        values: &mut [f64],
+    ) -> &'static str {
+        let (Throughput::Elements(count) | Throughput::Bytes(count)) = throughput else {
+            return "";
+        };
+        values
+            .iter_mut()
+            .for_each(|v| *v = *count as f64 / *v / 1e9);
+        "GFLOP/s of CPU time"
+    }
+
+    fn scale_for_machines(&self, _values: &mut [f64]) -> &'static str {
+        "s"
+    }
+}
+
+type Group<'a> = BenchmarkGroup<'a, CpuTime>;
 
 fn values(len: usize) -> Vec<f32> {
     (0..len)
@@ -17,20 +84,25 @@ fn values(len: usize) -> Vec<f32> {
         .collect()
 }
 
-fn short(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>) {
+fn short(group: &mut Group<'_>) {
     group
         .sample_size(10)
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(2));
 }
 
-fn products(c: &mut Criterion) {
+/// What a kernel has to do, as [`Format`] counts it.
+fn flop(multiply_adds: usize) -> Throughput {
+    Throughput::Elements(2 * multiply_adds as u64)
+}
+
+fn products(c: &mut Criterion<CpuTime>) {
     let mut group = c.benchmark_group("matmul");
     short(&mut group);
     for (m, k, n) in [(577, 1024, 3072), (577, 4096, 1024)] {
         let (a, w) = (values(m * k), values(n * k));
         let mut out = vec![0.0; m * n];
-        group.throughput(Throughput::Elements((m * k * n) as u64));
+        group.throughput(flop(m * k * n));
         for simd in Simd::available() {
             let packed = PackedMatrix::from_out_in(simd, &w, None, n, k);
             let mut workspace = Workspace::new();
@@ -81,7 +153,7 @@ fn products(c: &mut Criterion) {
     group.finish();
 }
 
-fn convolutions(c: &mut Criterion) {
+fn convolutions(c: &mut Criterion<CpuTime>) {
     let mut group = c.benchmark_group("conv3x3");
     short(&mut group);
     for (channels, height, width) in [(64, 64, 1752), (256, 48, 438), (512, 40, 219)] {
@@ -95,7 +167,7 @@ fn convolutions(c: &mut Criterion) {
         let (image, weight) = (values(height * width * channels), values(spec.weight_len()));
         let mut out = vec![0.0; image.len()];
         let window = RowWindow::whole(&image, height, width, channels);
-        group.throughput(Throughput::Elements((9 * channels * image.len()) as u64));
+        group.throughput(flop(9 * channels * image.len()));
         for simd in Simd::available() {
             for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
                 let conv = Conv2d::new(simd, spec, &weight, None, true, algorithm);
@@ -112,5 +184,53 @@ fn convolutions(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, products, convolutions);
+fn transformer(c: &mut Criterion<CpuTime>) {
+    let mut group = c.benchmark_group("attention");
+    short(&mut group);
+    let shape = AttentionShape {
+        batch: 1,
+        tokens: 577,
+        heads: 16,
+        head_dim: 64,
+    };
+    let qkv = values(3 * shape.tokens * shape.dim());
+    let mut out = vec![0.0; shape.tokens * shape.dim()];
+    group.throughput(flop(2 * shape.tokens * shape.tokens * shape.dim()));
+    for simd in Simd::available() {
+        let mut workspace = Workspace::new();
+        group.bench_function(format!("{}", simd.level()), |b| {
+            b.iter(|| {
+                attention(
+                    simd,
+                    black_box(&qkv),
+                    &mut out,
+                    shape,
+                    0.125,
+                    &mut workspace,
+                )
+            });
+        });
+    }
+    group.finish();
+
+    let mut group = c.benchmark_group("group_norm");
+    short(&mut group);
+    let (pixels, channels) = (384 * 384, 128);
+    let x = values(pixels * channels);
+    let mut out = vec![0.0; x.len()];
+    let norm = GroupNorm::new(8, &vec![1.0; channels], &vec![0.0; channels], 1e-5);
+    group.throughput(flop(x.len()));
+    for simd in Simd::available() {
+        group.bench_function(format!("{}", simd.level()), |b| {
+            b.iter(|| norm.run(simd, black_box(&x), true, &mut out));
+        });
+    }
+    group.finish();
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().with_measurement(CpuTime);
+    targets = products, convolutions, transformer
+}
 criterion_main!(benches);

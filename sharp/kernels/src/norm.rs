@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::math::fma;
+use crate::math::{fma, relu};
 use crate::simd::{Simd, per_level};
 
 /// Lanes of the sums over a token, whatever the instruction set has.
@@ -205,19 +205,18 @@ fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
 
 per_level! {
     /// Applies an [`Affine`] to some pixels.
-    fn apply(x: &[f32], affine: &Affine, relu: bool, out: &mut [f32]) = apply_body
+    fn apply(x: &[f32], affine: &Affine, rectified: bool, out: &mut [f32]) = apply_body
 }
 
 #[inline(always)]
-fn apply_body<const FMA: bool>(x: &[f32], affine: &Affine, relu: bool, out: &mut [f32]) {
+fn apply_body<const FMA: bool>(x: &[f32], affine: &Affine, rectified: bool, out: &mut [f32]) {
     let channels = affine.scale.len();
     let (mean, scale) = (&affine.mean[..channels], &affine.scale[..channels]);
     let shift = &affine.shift[..channels];
-    let floor = if relu { 0.0 } else { f32::NEG_INFINITY };
     for (x, out) in x.chunks_exact(channels).zip(out.chunks_exact_mut(channels)) {
         for c in 0..channels {
             let v = fma::<FMA>(x[c] - mean[c], scale[c], shift[c]);
-            out[c] = if v < floor { floor } else { v };
+            out[c] = if rectified { relu(v) } else { v };
         }
     }
 }

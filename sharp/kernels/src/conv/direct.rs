@@ -9,6 +9,7 @@ use crate::conv::{ConvOptions, ConvSpec};
 use crate::gemm::block::{Block, scratch_len};
 use crate::gemm::micro::Tile;
 use crate::gemm::{Epilogue, PackedMatrix, Tasks};
+use crate::math::relu;
 use crate::rows::RowWindow;
 use crate::simd::Simd;
 use crate::workspace::{SharedOut, Workspace};
@@ -76,7 +77,7 @@ impl Direct {
             let copy = |pixel: usize, ks: Range<usize>, dst: &mut [f32]| {
                 self.copy_patch(input, out.start + pixel / width, pixel % width, ks, dst);
                 if options.relu_input {
-                    dst.iter_mut().for_each(|v| *v = v.max(0.0));
+                    dst.iter_mut().for_each(|v| *v = relu(*v));
                 }
             };
             // SAFETY: every task has pixels or panels of channels of its own.

@@ -30,7 +30,7 @@ fn cases() -> Vec<Case> {
         case([9, 30], [64, 48], [3, 1, 1]),
         case([4, 4], [16, 16], [3, 1, 1]),
         case([1, 1], [16, 20], [3, 1, 1]),
-        case([22, 7], [272, 33], [3, 1, 1]),
+        case([22, 7], [528, 33], [3, 1, 1]),
         case([31, 45], [3, 64], [11, 4, 2]),
         case([11, 8], [64, 40], [5, 1, 2]),
         case([17, 20], [3, 64], [3, 2, 0]),
@@ -284,4 +284,26 @@ fn missing_input_rows_are_refused() {
     let data = vec![0.0; 4 * 8 * 16];
     let window = RowWindow::new(&data, 0..4, 8, 8, 16);
     conv.run_rows(&window, 0..4, &mut [0.0; 4 * 8 * 16], &mut Workspace::new());
+}
+
+#[test]
+fn nan_is_not_rectified_away() {
+    let case = case([6, 6], [16, 16], [3, 1, 1]);
+    let mut image = case.image();
+    image[0] = f32::NAN;
+    let (weight, _) = case.weights();
+    let window = RowWindow::whole(&image, 6, 6, 16);
+    for simd in Simd::available() {
+        for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
+            let conv = Conv2d::new(simd, case.spec, &weight, None, true, algorithm);
+            let mut out = vec![0.0; 6 * 6 * 16];
+            let options = ConvOptions {
+                relu_input: true,
+                relu: true,
+                ..ConvOptions::default()
+            };
+            conv.run_rows_with(&window, 0..6, &mut out, options, &mut Workspace::new());
+            assert!(out[0].is_nan(), "{simd:?} {algorithm:?}");
+        }
+    }
 }

@@ -4,7 +4,7 @@
 //! 0, ±1, ±2, ∞, for a few multiplications more. All constants are dyadic, hence exact in f32.
 
 use crate::gemm::micro::KC;
-use crate::math::fma;
+use crate::math::{fma, relu as rectify};
 use crate::simd::per_level;
 use crate::workspace::SharedOut;
 
@@ -143,7 +143,7 @@ fn input_body<const FMA: bool>(
                     .copy_from_slice(&pixels[6 * y + x][channel..channel + LANES]);
                 if relu {
                     for v in &mut column[y].0 {
-                        *v = v.max(0.0);
+                        *v = rectify(*v);
                     }
                 }
             }
@@ -235,7 +235,7 @@ fn output_body<const FMA: bool>(
                 }
                 if tile.relu {
                     for v in &mut lanes {
-                        *v = v.max(0.0);
+                        *v = rectify(*v);
                     }
                 }
                 if len == LANES {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::gemm::micro::{KC, Tile, stride_for};
 use crate::gemm::packed::PackedView;
 use crate::gemm::{Epilogue, MOST_ROWS};
-use crate::math::gelu;
+use crate::math::{gelu, relu};
 use crate::simd::per_level;
 use crate::workspace::SharedOut;
 
@@ -201,8 +201,16 @@ fn finish_body<const FMA: bool>(
         let row = unsafe { std::slice::from_raw_parts_mut(c.add(r * c_stride), part.cols) };
         match epilogue {
             Epilogue::None => {}
-            Epilogue::Relu => row.iter_mut().for_each(|v| *v = v.max(0.0)),
-            Epilogue::Gelu => row.iter_mut().for_each(|v| *v = gelu::<FMA>(*v)),
+            Epilogue::Relu => {
+                for v in row {
+                    *v = relu(*v);
+                }
+            }
+            Epilogue::Gelu => {
+                for v in row {
+                    *v = gelu::<FMA>(*v);
+                }
+            }
             Epilogue::Add => {
                 for (v, b) in row.iter_mut().zip(bias) {
                     *v += b;
@@ -215,7 +223,7 @@ fn finish_body<const FMA: bool>(
             }
             Epilogue::ResidualRelu(residual) => {
                 for (v, x) in row.iter_mut().zip(&residual[at..]) {
-                    *v = (*v + x).max(0.0);
+                    *v = relu(*v + x);
                 }
             }
         }

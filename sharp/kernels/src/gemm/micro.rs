@@ -8,10 +8,10 @@ use crate::simd::{Level, Simd};
 
 /// The longest run of k that is summed in one go. Longer sums are made of such runs, which
 /// also keeps the rounding error of long sums down.
-pub(crate) const KC: usize = 256;
+pub(crate) const KC: usize = 512;
 
 /// The distances between rows of `A` that kernels exist for.
-const STRIDES: [usize; 3] = [64 + 16, 128 + 16, KC + 16];
+const STRIDES: [usize; 4] = [64 + 16, 128 + 16, 256 + 16, KC + 16];
 
 /// The smallest row distance for runs of `k`.
 pub(crate) fn stride_for(k: usize) -> usize {
@@ -22,7 +22,8 @@ fn index_for(k: usize) -> usize {
     match k {
         0..=64 => 0,
         65..=128 => 1,
-        _ => 2,
+        129..=256 => 2,
+        _ => 3,
     }
 }
 
@@ -41,7 +42,7 @@ pub(crate) type Micro =
 pub(crate) struct Tile {
     pub(crate) mr: usize,
     pub(crate) nr: usize,
-    kernels: [Micro; 3],
+    kernels: [Micro; 4],
 }
 
 impl Tile {
@@ -58,6 +59,7 @@ impl Tile {
                     x86::avx512::<{ STRIDES[0] }>,
                     x86::avx512::<{ STRIDES[1] }>,
                     x86::avx512::<{ STRIDES[2] }>,
+                    x86::avx512::<{ STRIDES[3] }>,
                 ],
             },
             #[cfg(target_arch = "x86_64")]
@@ -68,6 +70,7 @@ impl Tile {
                     x86::avx2::<{ STRIDES[0] }>,
                     x86::avx2::<{ STRIDES[1] }>,
                     x86::avx2::<{ STRIDES[2] }>,
+                    x86::avx2::<{ STRIDES[3] }>,
                 ],
             },
             _ => Self {
@@ -77,6 +80,7 @@ impl Tile {
                     portable::<{ STRIDES[0] }>,
                     portable::<{ STRIDES[1] }>,
                     portable::<{ STRIDES[2] }>,
+                    portable::<{ STRIDES[3] }>,
                 ],
             },
         }
