@@ -11,6 +11,8 @@
 //! * [`bundled`]: the dataset that comes with the program.
 //! * [`format`](mod@format): file formats, one a file.
 //! * [`files`]: bounded reads and listings that cannot leave a dataset's folder.
+//! * [`lens`]: camera models with distortion.
+//! * [`undistort`]: pictures and depth resampled to a pinhole camera.
 //! * [`natural`]: the order of frames.
 //! * [`error`]: what every reader may fail with.
 
@@ -20,9 +22,11 @@ mod content;
 pub mod error;
 pub mod files;
 pub mod format;
+pub mod lens;
 mod middlebury;
 pub mod natural;
 pub mod synthetic;
+pub mod undistort;
 pub mod view;
 
 pub use catalog::{DatasetSpec, open};

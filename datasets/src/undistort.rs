@@ -1,0 +1,310 @@
+//! Pictures and depth of a camera with a lens, resampled to a pinhole camera.
+
+use glam::{DVec2, DVec3};
+use image::{GrayImage, Luma, RgbImage};
+use rayon::prelude::*;
+use sharp::camera::Intrinsics;
+
+use crate::DepthMap;
+use crate::lens::Lens;
+
+/// A lens and the pinhole camera its pictures are resampled to; both look along the same axis.
+#[derive(Debug, Clone, Copy)]
+pub struct Undistortion {
+    lens: Lens,
+    pinhole: Intrinsics,
+}
+
+impl Undistortion {
+    /// Resamples `lens` to a given pinhole camera, of any size.
+    pub fn new(lens: Lens, pinhole: Intrinsics) -> Self {
+        Self { lens, pinhole }
+    }
+
+    /// Resamples to the pinhole camera of the same size and principal point with the widest field
+    /// of view that shows nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
+    ///
+    /// # Errors
+    /// The reason, when no field of view is narrow enough.
+    pub fn without_blank_pixels(lens: Lens) -> Result<Self, String> {
+        let scaled = |zoom: f64| Intrinsics {
+            fx: lens.intrinsics().fx * zoom,
+            fy: lens.intrinsics().fy * zoom,
+            ..lens.intrinsics()
+        };
+        // In steps of 1/4096, so that the last bits of atan do not reach the result.
+        let (mut narrow, mut wide) = (16 * 4096_u32, 512_u32);
+        if !shows_only_the_picture(&lens, &scaled(f64::from(narrow) / 4096.0)) {
+            return Err("the lens distorts so strongly that no pinhole view of it is whole".into());
+        }
+        while narrow - wide > 1 {
+            let middle = wide.midpoint(narrow);
+            if shows_only_the_picture(&lens, &scaled(f64::from(middle) / 4096.0)) {
+                narrow = middle;
+            } else {
+                wide = middle;
+            }
+        }
+        Ok(Self::new(lens, scaled(f64::from(narrow) / 4096.0)))
+    }
+
+    /// The pinhole camera that ScanNet++'s toolbox resamples its fisheye pictures to: OpenCV's
+    /// `estimateNewCameraMatrixForUndistortRectify` with balance 0, and the principal point moved
+    /// to the middle of the picture.
+    ///
+    /// # Errors
+    /// The reason, when the lens does not see the middles of the picture's edges.
+    pub fn like_scannetpp(lens: Lens) -> Result<Self, String> {
+        let k = lens.intrinsics();
+        let (w, h) = (f64::from(k.width), f64::from(k.height));
+        // OpenCV halves the size in whole numbers.
+        let (middle_x, middle_y) = (f64::from(k.width / 2), f64::from(k.height / 2));
+        let aspect = k.fx / k.fy;
+        let mut edges = [DVec2::ZERO; 4];
+        for (edge, pixel) in edges.iter_mut().zip([
+            DVec2::new(middle_x, 0.0),
+            DVec2::new(w, middle_y),
+            DVec2::new(middle_x, h),
+            DVec2::new(0.0, middle_y),
+        ]) {
+            let ray = lens
+                .unproject(pixel)
+                .ok_or("the lens does not see the middles of the picture's edges")?;
+            *edge = DVec2::new(ray.x, ray.y * aspect);
+        }
+        let center = edges.iter().sum::<DVec2>() / 4.0;
+        let low = edges.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+        let high = edges.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+        let half = DVec2::new(w, h * aspect) * 0.5;
+        let focal = (half / (center - low))
+            .max_element()
+            .max((half / (high - center)).max_element());
+        let pinhole = Intrinsics::new(
+            (focal, focal / aspect),
+            (w / 2.0, h / 2.0),
+            (k.width, k.height),
+        )
+        .map_err(|e| e.to_string())?;
+        Ok(Self::new(lens, pinhole))
+    }
+
+    /// The camera that the resampled pictures have.
+    pub fn pinhole(&self) -> &Intrinsics {
+        &self.pinhole
+    }
+
+    /// The camera that the stored pictures have.
+    pub fn lens(&self) -> &Lens {
+        &self.lens
+    }
+
+    /// Resamples a photograph bilinearly; beyond its border it is mirrored about the outermost
+    /// pixels (OpenCV's `BORDER_REFLECT_101`). Pixels the lens does not see are black.
+    pub fn image(&self, stored: &RgbImage) -> RgbImage {
+        let mut image = RgbImage::new(self.pinhole.width, self.pinhole.height);
+        let size = (i64::from(stored.width()), i64::from(stored.height()));
+        image
+            .par_chunks_exact_mut(self.pinhole.width as usize * 3)
+            .zip(0..self.pinhole.height)
+            .for_each(|(row, y)| {
+                for (pixel, x) in row.chunks_exact_mut(3).zip(0..) {
+                    let Some(place) = self.stored_place(x, y) else {
+                        continue;
+                    };
+                    let floor = (place - 0.5).floor();
+                    let blend = place - 0.5 - floor;
+                    let xs = [0, 1].map(|i| mirror(floor.x as i64 + i, size.0));
+                    let ys = [0, 1].map(|i| mirror(floor.y as i64 + i, size.1));
+                    let at = |i: usize, j: usize| stored.get_pixel(xs[i], ys[j]).0;
+                    let corners = [
+                        (at(0, 0), (1.0 - blend.x) * (1.0 - blend.y)),
+                        (at(1, 0), blend.x * (1.0 - blend.y)),
+                        (at(0, 1), (1.0 - blend.x) * blend.y),
+                        (at(1, 1), blend.x * blend.y),
+                    ];
+                    for (c, value) in pixel.iter_mut().enumerate() {
+                        let sum: f64 = corners.iter().map(|(p, w)| f64::from(p[c]) * w).sum();
+                        *value = (sum + 0.5) as u8;
+                    }
+                }
+            });
+        image
+    }
+
+    /// Resamples a dense depth map to the nearest stored value; never blends depths. z-depth does
+    /// not change: both cameras look along the same axis.
+    pub fn depth_nearest(&self, stored: &DepthMap) -> DepthMap {
+        self.nearest(stored, 0.0)
+    }
+
+    /// Resamples a mask to the nearest stored value; beyond it, 0.
+    pub fn mask_nearest(&self, stored: &GrayImage) -> GrayImage {
+        self.nearest(stored, 0)
+    }
+
+    /// Carries each valid pixel of a sparse depth map to where it lands, the nearer one winning.
+    /// Unlike [`Self::depth_nearest`] this loses no sample where the picture shrinks.
+    pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
+        let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
+        for (x, y, &Luma([z])) in stored.enumerate_pixels() {
+            if z <= 0.0 {
+                continue;
+            }
+            let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let Some(pixel) = self
+                .lens
+                .unproject(center)
+                .and_then(|ray| self.pinhole.project(ray))
+                .filter(|p| self.pinhole.contains(*p))
+            else {
+                continue;
+            };
+            let into = depth.get_pixel_mut(pixel.x as u32, pixel.y as u32);
+            if into.0[0] == 0.0 || z < into.0[0] {
+                into.0[0] = z;
+            }
+        }
+        depth
+    }
+
+    fn nearest<T: Copy + Send + Sync + image::Primitive>(
+        &self,
+        stored: &image::ImageBuffer<Luma<T>, Vec<T>>,
+        outside: T,
+    ) -> image::ImageBuffer<Luma<T>, Vec<T>>
+    where
+        Luma<T>: image::Pixel<Subpixel = T> + Send,
+    {
+        let (w, h) = stored.dimensions();
+        let inside =
+            |p: &DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) && p.y < f64::from(h);
+        let values = (0..self.pinhole.height)
+            .into_par_iter()
+            .flat_map_iter(|y| (0..self.pinhole.width).map(move |x| (x, y)))
+            .map(|(x, y)| {
+                self.stored_place(x, y)
+                    .filter(inside)
+                    .map_or(outside, |p| stored.get_pixel(p.x as u32, p.y as u32).0[0])
+            })
+            .collect();
+        image::ImageBuffer::from_vec(self.pinhole.width, self.pinhole.height, values)
+            .unwrap_or_default()
+    }
+
+    /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);
+    /// `None` where the lens does not see.
+    fn stored_place(&self, x: u32, y: u32) -> Option<DVec2> {
+        let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        self.lens
+            .project_unfolded(self.pinhole.unproject(center, 1.0))
+    }
+}
+
+/// An index mirrored about the first and last pixel, as often as needed.
+fn mirror(i: i64, size: i64) -> u32 {
+    let period = (2 * (size - 1)).max(1);
+    let i = i.rem_euclid(period);
+    u32::try_from(i.min(period - i).min(size - 1)).unwrap_or(0)
+}
+
+/// Whether every point of the pinhole picture's border lies inside the stored picture.
+fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
+    let (w, h) = (f64::from(pinhole.width), f64::from(pinhole.height));
+    (0..=256).all(|i| {
+        let t = f64::from(i) / 256.0;
+        [
+            DVec2::new(t * w, 0.0),
+            DVec2::new(t * w, h),
+            DVec2::new(0.0, t * h),
+            DVec2::new(w, t * h),
+        ]
+        .into_iter()
+        .all(|pixel| {
+            let ray: DVec3 = pinhole.unproject(pixel, 1.0);
+            lens.project_unfolded(ray).is_some_and(|p| {
+                // A border that maps onto itself must not fail by rounding.
+                (-1e-9..=w + 1e-9).contains(&p.x) && (-1e-9..=h + 1e-9).contains(&p.y)
+            })
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::Distortion;
+
+    fn fisheye() -> Lens {
+        let k = [-0.03, -0.008, -9e-4, 3e-4];
+        let distortion = Distortion::OpenCvFisheye { k };
+        Lens::new((79.0, 79.2), (88.0, 58.6), (175, 117), distortion).unwrap()
+    }
+
+    #[test]
+    fn a_pinhole_resampled_to_itself_does_not_change() {
+        let lens = Lens::new((50.0, 60.0), (11.0, 7.0), (21, 15), Distortion::None).unwrap();
+        let whole = Undistortion::without_blank_pixels(lens).unwrap();
+        assert_eq!(whole.pinhole(), &lens.intrinsics());
+        let stored = RgbImage::from_fn(21, 15, |x, y| image::Rgb([x as u8 * 9, y as u8, 77]));
+        assert_eq!(whole.image(&stored), stored);
+        let depth = DepthMap::from_fn(21, 15, |x, y| Luma([(x * y) as f32]));
+        assert_eq!(whole.depth_nearest(&depth), depth);
+        assert_eq!(whole.depth_splat(&depth), depth);
+    }
+
+    #[test]
+    fn no_blank_pixel_appears_and_no_view_is_wasted() {
+        let lens = fisheye();
+        let whole = Undistortion::without_blank_pixels(lens).unwrap();
+        let white = RgbImage::from_pixel(175, 117, image::Rgb([255; 3]));
+        assert!(whole.image(&white).iter().all(|v| *v == 255));
+        let wider = Intrinsics {
+            fx: whole.pinhole().fx * 0.999,
+            fy: whole.pinhole().fy * 0.999,
+            ..*whole.pinhole()
+        };
+        assert!(!shows_only_the_picture(&lens, &wider));
+    }
+
+    #[test]
+    fn a_resampled_picture_shows_what_the_lens_saw() {
+        // A picture whose colour is the place itself: resampling must give the place of the ray.
+        let lens = fisheye();
+        let stored = RgbImage::from_fn(175, 117, |x, y| image::Rgb([x as u8, y as u8, 0]));
+        let view = Undistortion::like_scannetpp(lens).unwrap();
+        let image = view.image(&stored);
+        for (x, y) in [(87, 58), (20, 20), (150, 100), (5, 110)] {
+            let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let place = lens.project(view.pinhole().unproject(center, 2.0)).unwrap() - 0.5;
+            let found = image.get_pixel(x, y).0;
+            assert!(
+                (f64::from(found[0]) - place.x).abs() <= 0.51,
+                "{place} {found:?}"
+            );
+            assert!(
+                (f64::from(found[1]) - place.y).abs() <= 0.51,
+                "{place} {found:?}"
+            );
+        }
+        assert_eq!((view.pinhole().cx, view.pinhole().cy), (87.5, 58.5));
+    }
+
+    #[test]
+    fn splatting_keeps_the_nearer_sample() {
+        let lens = Lens::new((40.0, 40.0), (10.0, 10.0), (20, 20), Distortion::None).unwrap();
+        let half = Undistortion::new(lens, lens.intrinsics().resized(10, 10));
+        let mut stored = DepthMap::new(20, 20);
+        stored.put_pixel(4, 6, Luma([3.0]));
+        stored.put_pixel(5, 7, Luma([2.0]));
+        let depth = half.depth_splat(&stored);
+        assert_eq!(depth.get_pixel(2, 3).0[0], 2.0);
+        assert_eq!(depth.iter().filter(|z| **z > 0.0).count(), 1);
+    }
+
+    #[test]
+    fn mirroring_repeats() {
+        let found: Vec<u32> = (-4..8).map(|i| mirror(i, 4)).collect();
+        assert_eq!(found, [2, 3, 2, 1, 0, 1, 2, 3, 2, 1, 0, 1]);
+        assert_eq!(mirror(-3, 1), 0);
+    }
+}
