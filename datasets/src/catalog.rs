@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::{DatasetError, Scene, middlebury, synthetic};
+use crate::{
+    DatasetError, Scene, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
+    synthetic, tanks_and_temples, wildrgbd,
+};
 
 /// One dataset format.
 #[derive(Debug)]
@@ -91,7 +94,18 @@ impl Choice {
 
 /// Every format, in the order of the paper's tables, then one's own data, then the procedural.
 pub fn formats() -> &'static [Format] {
-    &[middlebury::FORMAT, synthetic::FORMAT]
+    &[
+        middlebury::FORMAT,
+        booster::FORMAT,
+        scannetpp::FORMAT,
+        wildrgbd::FORMAT,
+        tanks_and_temples::FORMAT,
+        eth3d::FORMAT,
+        nerfstudio::FORMAT,
+        colmap::FORMAT,
+        stereo::FORMAT,
+        synthetic::FORMAT,
+    ]
 }
 
 /// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:

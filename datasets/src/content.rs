@@ -1,30 +1,26 @@
 //! The content of views whose pixels lie in files.
 
-use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 
-use crate::format::{FloatMap, picture};
+use crate::depth::DepthSource;
+use crate::format::picture;
+use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
-/// Where a view's depth comes from.
-pub(crate) trait DepthSource: Send + Sync + Debug {
-    /// Reads the depth map; it has the size that the view's intrinsics state.
-    fn load(&self) -> Result<DepthMap, DatasetError>;
-
-    /// The files it is made of.
-    fn files(&self) -> Vec<PathBuf>;
-}
-
-/// A photograph in a file, used as it is.
+/// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
 #[derive(Debug)]
 pub(crate) struct FileContent {
     /// The photograph.
     pub(crate) image: PathBuf,
-    /// Its size according to the camera.
+    /// Its size as stored, according to the camera.
     pub(crate) size: (u32, u32),
+    /// Pixels to black out.
+    pub(crate) mask: Option<Mask>,
+    /// From the lens to the pinhole camera of the view.
+    pub(crate) undistortion: Option<Undistortion>,
     /// Depth, where the dataset has it.
     pub(crate) depth: Option<Arc<dyn DepthSource>>,
     /// The files that the camera was read from.
@@ -33,9 +29,15 @@ pub(crate) struct FileContent {
 
 impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
-        let image = picture::read(&self.image)?;
+        let mut image = picture::read(&self.image)?;
         check_size(&self.image, image.dimensions(), self.size)?;
-        Ok(image)
+        if let Some(mask) = &self.mask {
+            mask.blacken(&mut image)?;
+        }
+        Ok(match &self.undistortion {
+            Some(undistortion) => undistortion.image(&image),
+            None => image,
+        })
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
@@ -48,13 +50,41 @@ impl ViewContent for FileContent {
 
     fn files(&self) -> Vec<PathBuf> {
         let mut files = vec![self.image.clone()];
+        files.extend(self.mask.iter().map(|mask| mask.file.clone()));
         files.extend(self.depth.iter().flat_map(|depth| depth.files()));
         files.extend(self.cameras.iter().cloned());
+        files.sort();
+        files.dedup();
         files
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {
         files::sha256(&self.image)
+    }
+}
+
+/// A gray picture that says which pixels count: those at full brightness.
+#[derive(Debug, Clone)]
+pub(crate) struct Mask {
+    pub(crate) file: PathBuf,
+}
+
+impl Mask {
+    /// Reads it; it must have the stored picture's size.
+    pub(crate) fn read(&self, size: (u32, u32)) -> Result<GrayImage, DatasetError> {
+        let mask = picture::read_mask(&self.file)?;
+        check_size(&self.file, mask.dimensions(), size)?;
+        Ok(mask)
+    }
+
+    fn blacken(&self, image: &mut RgbImage) -> Result<(), DatasetError> {
+        let mask = self.read(image.dimensions())?;
+        for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
+            if *keep < 255 {
+                pixel.fill(0);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -74,102 +104,4 @@ pub(crate) fn check_size(
             found.0, found.1, expected.0, expected.1
         ),
     ))
-}
-
-/// What turns disparity into depth: `Z = baseline · f / (d + doffs)`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct StereoGeometry {
-    /// Focal length, pixels.
-    pub(crate) focal: f64,
-    /// Distance of the two cameras, metres.
-    pub(crate) baseline_m: f64,
-    /// Difference of the principal points, pixels.
-    pub(crate) doffs: f64,
-}
-
-impl StereoGeometry {
-    /// Depth in metres; 0 where the disparity is not finite, not positive, or stands for a point
-    /// behind the cameras.
-    pub(crate) fn depth(&self, disparity: f32) -> f32 {
-        let shifted = f64::from(disparity) + self.doffs;
-        if !disparity.is_finite() || disparity <= 0.0 || shifted <= 0.0 {
-            return 0.0;
-        }
-        let depth = (self.baseline_m * self.focal / shifted) as f32;
-        if depth.is_finite() { depth } else { 0.0 }
-    }
-
-    /// Converts a whole disparity map.
-    ///
-    /// A map without one disparity inside the picture, though it holds values, is refused: read
-    /// in the wrong byte order, disparities become denormal or astronomical.
-    pub(crate) fn depth_map(
-        &self,
-        path: &Path,
-        disparity: &FloatMap,
-    ) -> Result<DepthMap, DatasetError> {
-        let widest = f64::from(disparity.width());
-        let (mut sane, mut strange) = (0_u64, 0_u64);
-        let depth: Vec<f32> = disparity
-            .as_raw()
-            .iter()
-            .map(|&d| {
-                // Zero and -1 are common marks of an invalid pixel and prove nothing.
-                let magnitude = f64::from(d.abs());
-                if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
-                    strange += 1;
-                } else if d.is_finite() && d > 0.0 {
-                    sane += 1;
-                }
-                self.depth(d)
-            })
-            .collect();
-        if sane == 0 && strange > 0 {
-            return Err(DatasetError::malformed(
-                path,
-                format!(
-                    "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels (wrong byte order or unit?)"
-                ),
-            ));
-        }
-        DepthMap::from_vec(disparity.width(), disparity.height(), depth)
-            .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const RIG: StereoGeometry = StereoGeometry {
-        focal: 1000.0,
-        baseline_m: 0.2,
-        doffs: 30.0,
-    };
-
-    #[test]
-    fn disparity_becomes_metric_depth() {
-        assert_eq!(RIG.depth(20.0), 4.0);
-        for invalid in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            assert_eq!(RIG.depth(invalid), 0.0);
-        }
-        let negative_offset = StereoGeometry {
-            doffs: -30.0,
-            ..RIG
-        };
-        assert_eq!(negative_offset.depth(20.0), 0.0);
-    }
-
-    #[test]
-    fn disparities_in_the_wrong_byte_order_are_noticed() {
-        let path = Path::new("d.pfm");
-        let swapped = |v: f32| f32::from_bits(v.to_bits().swap_bytes());
-        let map =
-            FloatMap::from_vec(3, 1, vec![swapped(1.7), swapped(2.2), f32::INFINITY]).unwrap();
-        let error = RIG.depth_map(path, &map).unwrap_err().to_string();
-        assert!(error.contains("byte order"), "{error}");
-        let unknown = FloatMap::from_vec(2, 1, vec![f32::INFINITY, 0.0]).unwrap();
-        assert_eq!(RIG.depth_map(path, &unknown).unwrap().as_raw(), &[0.0, 0.0]);
-    }
 }

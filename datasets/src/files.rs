@@ -1,6 +1,6 @@
 //! A dataset's folder: bounded reads, ordered listings, and no way out of it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;
@@ -16,6 +16,7 @@ use crate::{DatasetError, natural};
 pub struct Root {
     canonical: PathBuf,
     given: PathBuf,
+    outside_allowed: bool,
 }
 
 impl Root {
@@ -31,7 +32,16 @@ impl Root {
         Ok(Self {
             canonical,
             given: path.to_owned(),
+            outside_allowed: false,
         })
+    }
+
+    /// Lets names and links lead out of the folder, for files their user trusts.
+    pub(crate) fn allowing_outside(self, outside_allowed: bool) -> Self {
+        Self {
+            outside_allowed,
+            ..self
+        }
     }
 
     /// The folder as it was named.
@@ -56,6 +66,9 @@ impl Root {
     pub fn resolve(&self, base: &Path, name: &str) -> Result<PathBuf, DatasetError> {
         let name = name.replace('\\', "/");
         let relative = Path::new(&name);
+        if self.outside_allowed {
+            return Ok(base.join(relative));
+        }
         let absolute = relative
             .components()
             .any(|c| matches!(c, Component::RootDir | Component::Prefix(_)))
@@ -83,14 +96,16 @@ impl Root {
     /// [`DatasetError::Malformed`] when it does.
     pub fn check(&self, path: &Path) -> Result<(), DatasetError> {
         match path.canonicalize() {
-            Ok(target) if !target.starts_with(&self.canonical) => Err(DatasetError::malformed(
-                path,
-                format!(
-                    "leads out of the dataset's folder {}, to {}",
-                    self.given.display(),
-                    target.display()
-                ),
-            )),
+            Ok(target) if !self.outside_allowed && !target.starts_with(&self.canonical) => {
+                Err(DatasetError::malformed(
+                    path,
+                    format!(
+                        "leads out of the dataset's folder {}, to {}",
+                        self.given.display(),
+                        target.display()
+                    ),
+                ))
+            }
             // A file that does not exist is reported by whoever opens it.
             _ => Ok(()),
         }
@@ -140,6 +155,26 @@ impl Root {
         let mut seen = BTreeSet::new();
         walk(self, &self.given, depth, is_scene, &mut seen, &mut found)?;
         Ok(found)
+    }
+
+    /// The files of a folder by name, without asking the system about each: only symbolic links
+    /// are followed, and those that lead elsewhere are left out. Empty for a folder that is not
+    /// there.
+    pub(crate) fn files_in(&self, folder: &Path) -> BTreeMap<String, PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries
+            .filter(|entry| {
+                let is_link = entry.file_type().is_ok_and(|kind| kind.is_symlink());
+                !is_link || self.check(&entry.path()).is_ok()
+            })
+            .map(|entry| {
+                (
+                    entry.file_name().to_string_lossy().into_owned(),
+                    entry.path(),
+                )
+            })
+            .filter(|(name, _)| !name.starts_with('.'))
+            .collect()
     }
 
     /// A path below the root as an identifier: its components joined by `/`, and the root's own

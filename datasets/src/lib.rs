@@ -16,18 +16,30 @@
 //! * [`natural`]: the order of frames.
 //! * [`error`]: what every reader may fail with.
 
+mod booster;
 pub mod bundled;
 pub mod catalog;
+mod colmap;
 mod content;
+mod depth;
 pub mod error;
+mod eth3d;
 pub mod files;
 pub mod format;
 pub mod lens;
 mod middlebury;
 pub mod natural;
+mod nerfstudio;
+mod posed;
+mod rig;
+mod scan;
+mod scannetpp;
+mod stereo;
 pub mod synthetic;
+mod tanks_and_temples;
 pub mod undistort;
 pub mod view;
+mod wildrgbd;
 
 pub use catalog::{DatasetSpec, open};
 pub use error::DatasetError;

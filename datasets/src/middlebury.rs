@@ -9,17 +9,13 @@
 //! on the difference of the two, which this leaves alone.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-
-use glam::{DMat3, DVec3};
-use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::catalog::{Choice, DatasetSpec, Format, Setting};
-use crate::content::{DepthSource, FileContent, StereoGeometry, check_size};
+use crate::depth::StereoGeometry;
 use crate::files::Root;
-use crate::format::calib::{self, StereoCalibration};
-use crate::format::{pfm, picture};
-use crate::{DatasetError, DepthMap, Pairing, Scene, View};
+use crate::format::{calib, picture};
+use crate::rig::Side;
+use crate::{DatasetError, Pairing, Scene, View};
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -92,17 +88,15 @@ fn read_scene(
     id: String,
     right: &str,
 ) -> Result<Scene, DatasetError> {
-    let calibration_file = root.resolve(folder, "calib.txt")?;
-    let rig = calib::read(&calibration_file)?;
-    let mut notes = Vec::new();
-    let mut view = |side: usize, name: &str| -> Result<View, DatasetError> {
+    let calibration = root.resolve(folder, "calib.txt")?;
+    let rig = calib::read(&calibration)?;
+    let geometry = StereoGeometry {
+        focal: rig.focal,
+        baseline_m: rig.baseline_m,
+        doffs: rig.doffs,
+    };
+    let view = |side: usize, name: &str| -> Result<View, DatasetError> {
         let image = root.resolve(folder, &format!("{name}.png"))?;
-        let depth = find_disparity(root, folder, side)?;
-        if side == 0 && depth.is_none() {
-            notes.push(format!(
-                "{id}: no disp0.pfm or disp0GT.pfm, so the left view has no depth"
-            ));
-        }
         let (center, x_m) = match side {
             0 => (rig.left_center, 0.0),
             _ => (rig.right_center, rig.baseline_m),
@@ -111,30 +105,28 @@ fn read_scene(
             Some(size) => size,
             None => picture::dimensions(&image)?,
         };
-        let camera_error = |source| DatasetError::Camera {
-            path: calibration_file.clone(),
-            source,
-        };
-        Ok(View {
+        let side = Side {
             id: name.to_owned(),
-            intrinsics: Intrinsics::new(
-                (rig.focal, rig.focal),
-                (center.0 + 0.5, center.1 + 0.5),
-                size,
-            )
-            .map_err(camera_error)?,
-            camera_from_world: RigidTransform::new(DMat3::IDENTITY, DVec3::new(-x_m, 0.0, 0.0))
-                .map_err(camera_error)?,
-            content: Arc::new(FileContent {
-                image,
-                size,
-                depth: depth
-                    .map(|file| Arc::new(Disparity::new(file, &rig, size)) as Arc<dyn DepthSource>),
-                cameras: vec![calibration_file.clone()],
-            }),
-        })
+            image,
+            disparity: find_disparity(root, folder, side)?.map(|file| (file, 1.0)),
+            focal: (rig.focal, rig.focal),
+            center: (center.0 + 0.5, center.1 + 0.5),
+            size,
+            x_m,
+        };
+        side.into_view(geometry, vec![calibration.clone()])
+            .map_err(|source| DatasetError::Camera {
+                path: calibration.clone(),
+                source,
+            })
     };
     let views = vec![view(0, "im0")?, view(1, right)?];
+    let mut notes = Vec::new();
+    if find_disparity(root, folder, 0)?.is_none() {
+        notes.push(format!(
+            "{id}: no disp0.pfm or disp0GT.pfm, so the left view has no depth"
+        ));
+    }
     Ok(Scene {
         dataset: dataset.to_owned(),
         cluster: physical_scene(&id),
@@ -174,39 +166,6 @@ fn physical_scene(id: &str) -> String {
     let stem = name.strip_suffix(['E', 'L', 'P']).unwrap_or(name);
     let is_variant = stem.ends_with(|c: char| c.is_ascii_lowercase());
     (if is_variant { stem } else { name }).to_owned()
-}
-
-#[derive(Debug)]
-struct Disparity {
-    file: PathBuf,
-    geometry: StereoGeometry,
-    size: (u32, u32),
-}
-
-impl Disparity {
-    fn new(file: PathBuf, rig: &StereoCalibration, size: (u32, u32)) -> Self {
-        Self {
-            file,
-            geometry: StereoGeometry {
-                focal: rig.focal,
-                baseline_m: rig.baseline_m,
-                doffs: rig.doffs,
-            },
-            size,
-        }
-    }
-}
-
-impl DepthSource for Disparity {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let disparity = pfm::read(&self.file)?;
-        check_size(&self.file, disparity.dimensions(), self.size)?;
-        self.geometry.depth_map(&self.file, &disparity)
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.file.clone()]
-    }
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
+use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
 
 use super::jpeg_markers;
 use crate::{DatasetError, files};
@@ -47,6 +47,16 @@ pub fn parse(bytes: &[u8]) -> Result<RgbImage, String> {
         }
         other => return Err(format!("pixels of kind {:?} are not read", other.color())),
     })
+}
+
+/// Decodes a mask: 8-bit gray, whatever the file has.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
+    decode(&files::read(path)?)
+        .map(|image| image.into_luma8())
+        .map_err(|reason| DatasetError::malformed(path, reason))
 }
 
 /// Decodes PNG or JPEG without converting the pixels.

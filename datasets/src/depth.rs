@@ -1,0 +1,340 @@
+//! Ground-truth depth from files: disparity, metric maps, raw floats.
+
+use std::fmt::Debug;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use image::Luma;
+use image::imageops::{FilterType, resize};
+
+use crate::content::{Mask, check_size};
+use crate::format::{self, FloatMap, raw_floats};
+use crate::undistort::Undistortion;
+use crate::{DatasetError, DepthMap};
+
+/// Where a view's depth comes from.
+pub(crate) trait DepthSource: Send + Sync + Debug {
+    /// Reads the depth map; it has the size that the view's intrinsics state.
+    fn load(&self) -> Result<DepthMap, DatasetError>;
+
+    /// The files it is made of.
+    fn files(&self) -> Vec<PathBuf>;
+}
+
+/// What turns disparity into depth: `Z = baseline · f / (d + doffs)`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StereoGeometry {
+    /// Focal length, pixels.
+    pub(crate) focal: f64,
+    /// Distance of the two cameras, metres.
+    pub(crate) baseline_m: f64,
+    /// Difference of the principal points, pixels.
+    pub(crate) doffs: f64,
+}
+
+impl StereoGeometry {
+    /// Depth in metres; 0 where the disparity is not finite, not positive, or stands for a point
+    /// behind the cameras.
+    fn depth(&self, disparity: f32) -> f32 {
+        let shifted = f64::from(disparity) + self.doffs;
+        if !disparity.is_finite() || disparity <= 0.0 || shifted <= 0.0 {
+            return 0.0;
+        }
+        valid_depth(self.baseline_m * self.focal / shifted)
+    }
+
+    /// Converts a whole disparity map.
+    ///
+    /// A map without one disparity inside the picture, though it holds values, is refused: read
+    /// in the wrong byte order, disparities become denormal or astronomical.
+    fn depth_map(&self, path: &Path, disparity: &FloatMap) -> Result<DepthMap, DatasetError> {
+        let widest = f64::from(disparity.width());
+        let (mut sane, mut strange) = (0_u64, 0_u64);
+        let depth = disparity
+            .as_raw()
+            .iter()
+            .map(|&d| {
+                // Zero and -1 are common marks of an invalid pixel and prove nothing.
+                let magnitude = f64::from(d.abs());
+                if d.is_finite() && (magnitude >= widest || (magnitude > 0.0 && magnitude < 1e-6)) {
+                    strange += 1;
+                } else if d.is_finite() && d > 0.0 {
+                    sane += 1;
+                }
+                self.depth(d)
+            })
+            .collect();
+        if sane == 0 && strange > 0 {
+            return Err(DatasetError::malformed(
+                path,
+                format!(
+                    "none of {strange} disparities lies within the picture's width of {widest} \
+                     pixels (wrong byte order or unit?)"
+                ),
+            ));
+        }
+        DepthMap::from_vec(disparity.width(), disparity.height(), depth)
+            .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
+    }
+}
+
+/// A disparity map of one of a rectified pair's views, in any format of [`format::read_map`].
+#[derive(Debug)]
+pub(crate) struct Disparity {
+    pub(crate) file: PathBuf,
+    pub(crate) geometry: StereoGeometry,
+    pub(crate) size: (u32, u32),
+    /// Disparity in pixels of one stored unit: 1, or 1/256 in a 16-bit PNG.
+    pub(crate) unit: f64,
+}
+
+impl DepthSource for Disparity {
+    fn load(&self) -> Result<DepthMap, DatasetError> {
+        let mut disparity = format::read_map(&self.file)?;
+        check_size(&self.file, disparity.dimensions(), self.size)?;
+        if self.unit != 1.0 {
+            for d in disparity.iter_mut() {
+                *d = (f64::from(*d) * self.unit) as f32;
+            }
+        }
+        self.geometry.depth_map(&self.file, &disparity)
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.file.clone()]
+    }
+}
+
+/// How a stored depth map is encoded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Encoding {
+    /// A self-describing file; one unit is this many metres. 65535 in a whole-numbered map means
+    /// no depth, as 0 does.
+    Units(f64),
+    /// Bare f32 metres.
+    RawFloats,
+}
+
+/// How a depth map follows its picture to the pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Resampling {
+    /// Dense depth: each pixel looks up the nearest stored one.
+    Nearest,
+    /// Sparse depth: each stored sample is carried to where it lands.
+    Splat,
+}
+
+/// A z-depth map beside a photograph.
+#[derive(Debug)]
+pub(crate) struct StoredDepth {
+    pub(crate) file: PathBuf,
+    pub(crate) encoding: Encoding,
+    /// Size of the photograph as stored. A map of another size but the same shape is resized to
+    /// the nearest value (phones store depth at a fraction of the picture's size).
+    pub(crate) size: (u32, u32),
+    pub(crate) undistortion: Option<(Undistortion, Resampling)>,
+}
+
+impl DepthSource for StoredDepth {
+    fn load(&self) -> Result<DepthMap, DatasetError> {
+        let (stored, unit_m) = match self.encoding {
+            Encoding::Units(unit_m) => (format::read_map(&self.file)?, unit_m),
+            Encoding::RawFloats => (raw_floats::read(&self.file, self.size)?, 1.0),
+        };
+        let whole_numbered = stored.iter().all(|v| *v >= 0.0 && v.fract() == 0.0);
+        let mut depth = fit(&self.file, stored, self.size)?;
+        for z in depth.iter_mut() {
+            let saturated = whole_numbered && *z == 65535.0;
+            *z = if saturated {
+                0.0
+            } else {
+                valid_depth(f64::from(*z) * unit_m)
+            };
+        }
+        Ok(match &self.undistortion {
+            None => depth,
+            Some((undistortion, Resampling::Nearest)) => undistortion.depth_nearest(&depth),
+            Some((undistortion, Resampling::Splat)) => undistortion.depth_splat(&depth),
+        })
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.file.clone()]
+    }
+}
+
+/// Depth without the pixels that a mask in the stored picture's geometry excludes.
+#[derive(Debug)]
+pub(crate) struct MaskedDepth {
+    pub(crate) depth: Arc<dyn DepthSource>,
+    pub(crate) mask: Mask,
+    /// Size of the photograph as stored.
+    pub(crate) size: (u32, u32),
+    pub(crate) undistortion: Option<Undistortion>,
+}
+
+impl DepthSource for MaskedDepth {
+    fn load(&self) -> Result<DepthMap, DatasetError> {
+        let mut depth = self.depth.load()?;
+        let mut mask = self.mask.read(self.size)?;
+        if let Some(undistortion) = &self.undistortion {
+            mask = undistortion.mask_nearest(&mask);
+        }
+        for (z, keep) in depth.iter_mut().zip(mask.iter()) {
+            if *keep < 255 {
+                *z = 0.0;
+            }
+        }
+        Ok(depth)
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        let mut files = self.depth.files();
+        files.push(self.mask.file.clone());
+        files
+    }
+}
+
+/// Resizes a map of the picture's shape to the picture's size; refuses one of another shape.
+fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
+    if map.dimensions() == size {
+        return Ok(map);
+    }
+    let (w, h) = (f64::from(map.width()), f64::from(map.height()));
+    // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
+    let other = w * f64::from(size.1) / f64::from(size.0);
+    if (other - h).abs() > 1.0 {
+        check_size(path, map.dimensions(), size)?;
+    }
+    Ok(resize(&map, size.0, size.1, FilterType::Nearest))
+}
+
+/// A depth as the map holds it: 0 unless finite and positive.
+pub(crate) fn valid_depth(z: f64) -> f32 {
+    let z = z as f32;
+    if z.is_finite() && z > 0.0 { z } else { 0.0 }
+}
+
+/// Depth of scattered points by z-buffer: each point marks the pixels within `radius` of where it
+/// lands, the nearest winning.
+pub(crate) fn z_buffer(
+    size: (u32, u32),
+    radius: u32,
+    places: impl Iterator<Item = (glam::DVec2, f64)>,
+) -> DepthMap {
+    let mut depth = DepthMap::new(size.0, size.1);
+    for (place, z) in places {
+        let z = valid_depth(z);
+        if z == 0.0 || !place.is_finite() {
+            continue;
+        }
+        let (x, y) = (place.x.floor() as i64, place.y.floor() as i64);
+        let reach = i64::from(radius);
+        if x < -reach
+            || y < -reach
+            || x > i64::from(size.0) + reach
+            || y > i64::from(size.1) + reach
+        {
+            continue;
+        }
+        for v in (y - reach).max(0)..=(y + reach).min(i64::from(size.1) - 1) {
+            for u in (x - reach).max(0)..=(x + reach).min(i64::from(size.0) - 1) {
+                let Luma([into]) = depth.get_pixel_mut(u as u32, v as u32);
+                if *into == 0.0 || z < *into {
+                    *into = z;
+                }
+            }
+        }
+    }
+    depth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::{depth_png, npy};
+
+    const RIG: StereoGeometry = StereoGeometry {
+        focal: 1000.0,
+        baseline_m: 0.2,
+        doffs: 30.0,
+    };
+
+    #[test]
+    fn disparity_becomes_metric_depth() {
+        assert_eq!(RIG.depth(20.0), 4.0);
+        for invalid in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(RIG.depth(invalid), 0.0);
+        }
+        let negative_offset = StereoGeometry {
+            doffs: -30.0,
+            ..RIG
+        };
+        assert_eq!(negative_offset.depth(20.0), 0.0);
+    }
+
+    #[test]
+    fn disparities_in_the_wrong_byte_order_are_noticed() {
+        let path = Path::new("d.pfm");
+        let swapped = |v: f32| f32::from_bits(v.to_bits().swap_bytes());
+        let map =
+            FloatMap::from_vec(3, 1, vec![swapped(1.7), swapped(2.2), f32::INFINITY]).unwrap();
+        let error = RIG.depth_map(path, &map).unwrap_err().to_string();
+        assert!(error.contains("byte order"), "{error}");
+        let unknown = FloatMap::from_vec(3, 1, vec![f32::INFINITY, 0.0, -1.0]).unwrap();
+        assert_eq!(
+            RIG.depth_map(path, &unknown).unwrap().as_raw(),
+            &[0.0, 0.0, 0.0]
+        );
+    }
+
+    fn stored(file: PathBuf, size: (u32, u32)) -> StoredDepth {
+        StoredDepth {
+            file,
+            encoding: Encoding::Units(0.001),
+            size,
+            undistortion: None,
+        }
+    }
+
+    #[test]
+    fn units_invalid_marks_and_small_maps() {
+        let folder = tempfile::tempdir().unwrap();
+        let png = folder.path().join("d.png");
+        let map = FloatMap::from_vec(2, 2, vec![0.0, 1500.0, 65535.0, 65534.0]).unwrap();
+        depth_png::write(&png, &map).unwrap();
+        let depth = stored(png.clone(), (2, 2)).load().unwrap();
+        assert_eq!(depth.as_raw(), &[0.0, 1.5, 0.0, 65.534]);
+        let larger = stored(png.clone(), (4, 4)).load().unwrap();
+        assert_eq!(larger.get_pixel(3, 1).0[0], 1.5);
+        let error = stored(png, (4, 2)).load().unwrap_err().to_string();
+        assert!(error.contains("2x2"), "{error}");
+
+        let npy = folder.path().join("d.npy");
+        let map = FloatMap::from_vec(2, 2, vec![f32::NAN, -1.0, f32::INFINITY, 250.5]).unwrap();
+        npy::write(&npy, &map).unwrap();
+        let depth = stored(npy, (2, 2)).load().unwrap();
+        assert_eq!(depth.as_raw(), &[0.0, 0.0, 0.0, 0.2505]);
+    }
+
+    #[test]
+    fn the_nearest_point_wins() {
+        let places = [
+            (glam::DVec2::new(1.9, 1.1), 3.0),
+            (glam::DVec2::new(1.2, 1.8), 2.0),
+            (glam::DVec2::new(-0.5, 0.5), 1.0),
+            (glam::DVec2::new(f64::NAN, 0.5), 1.0),
+            (glam::DVec2::new(2.5, 2.5), -1.0),
+        ];
+        let depth = z_buffer((3, 3), 0, places.into_iter());
+        assert_eq!(
+            depth.as_raw(),
+            &[0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0]
+        );
+        let wide = z_buffer((3, 3), 1, places.into_iter());
+        assert_eq!(
+            wide.as_raw(),
+            &[1.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0]
+        );
+    }
+}

@@ -1,0 +1,185 @@
+//! ETH3D's high-resolution multi-view training set.
+//!
+//! `dslr_calibration_undistorted` and `dslr_calibration_jpg` are COLMAP text models in metres;
+//! picture names are relative to `images/`. Ground-truth depth is bare f32 metres in the geometry
+//! of the *distorted* pictures and semi-sparse, so its samples are carried to the pinhole camera
+//! one by one instead of being looked up.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::catalog::{Choice, DatasetSpec, Format, Setting};
+use crate::depth::{Encoding, Resampling, StoredDepth};
+use crate::files::Root;
+use crate::format::colmap::{self, Image, Model};
+use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::undistort::Undistortion;
+use crate::{DatasetError, Pairing, Scene};
+
+/// The catalogue's entry.
+pub(crate) const FORMAT: Format = Format {
+    name: "eth3d",
+    summary: "ETH3D high-resolution multi-view: <scene>/images/dslr_images_undistorted, \
+              dslr_calibration_undistorted, ground_truth_depth",
+    settings: &[Setting::choice(
+        "images",
+        "which photographs",
+        &[
+            Choice::new(
+                "undistorted",
+                "as published: 6198x4129 to 6214x4138, a size a camera",
+            ),
+            Choice::new(
+                "distorted",
+                "as taken, 6048x4032 (the size the paper names), undistorted by us",
+            ),
+        ],
+    )],
+    open,
+};
+
+fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let root = Root::open(&spec.path)?;
+    let distorted = spec.setting("images") == "distorted";
+    let calibration = if distorted {
+        "dslr_calibration_jpg"
+    } else {
+        "dslr_calibration_undistorted"
+    };
+    let folders = root.find_folders(3, &|folder| colmap::is_model(&folder.join(calibration)))?;
+    if folders.is_empty() {
+        return Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: FORMAT.name,
+            expected: if distorted {
+                "<scene>/dslr_calibration_jpg and <scene>/images"
+            } else {
+                "<scene>/dslr_calibration_undistorted and <scene>/images"
+            },
+        });
+    }
+    folders
+        .iter()
+        .map(|folder| read_scene(spec, &root, folder, calibration, distorted))
+        .collect()
+}
+
+fn read_scene(
+    spec: &DatasetSpec,
+    root: &Root,
+    folder: &Path,
+    calibration: &str,
+    distorted: bool,
+) -> Result<Scene, DatasetError> {
+    let model_folder = root.resolve(folder, calibration)?;
+    let model = colmap::read_model(&model_folder)?;
+    let id = root.id_of(folder);
+    let mut notes = Vec::new();
+    // Only the distorted cameras say where a depth sample lies.
+    let stored_folder = root.resolve(folder, "dslr_calibration_jpg")?;
+    let stored = if colmap::is_model(&stored_folder) {
+        Some(colmap::read_model(&stored_folder)?)
+    } else {
+        notes.push(format!(
+            "{id}: no dslr_calibration_jpg, without which the published depth cannot be placed"
+        ));
+        None
+    };
+    let pictures = root.resolve(folder, "images")?;
+    let maps = root.resolve(folder, "ground_truth_depth/dslr_images")?;
+    let mut finder = Finder::new(root);
+    let mut skipped = Skipped::default();
+    let mut views = Vec::new();
+    for image in &model.images {
+        let Some(camera_from_world) = image.camera_from_world else {
+            skipped.add(
+                "the pose is not finite or its quaternion is zero",
+                &image.name,
+            );
+            continue;
+        };
+        let Some(path) = finder.picture(&pictures, &image.name)? else {
+            skipped.add("the picture does not exist", &image.name);
+            continue;
+        };
+        let lens = lens_of(&model, image)?;
+        let name = image.name.rsplit('/').next().unwrap_or(&image.name);
+        let plain = maps.join(name);
+        let map = [plain.clone(), maps.join(format!("{name}.gz"))]
+            .into_iter()
+            .find(|p| p.is_file());
+        let depth = match (map, &stored) {
+            (Some(map), Some(stored)) => {
+                root.check(&map)?;
+                let stored_lens = lens_of(stored, &same_picture(stored, image, name))?;
+                let k = stored_lens.intrinsics();
+                if distorted {
+                    Depth::Map(map, Encoding::RawFloats, Resampling::Splat)
+                } else {
+                    let undistortion = Undistortion::new(stored_lens, lens.intrinsics());
+                    Depth::Ready(Arc::new(StoredDepth {
+                        file: map,
+                        encoding: Encoding::RawFloats,
+                        size: (k.width, k.height),
+                        undistortion: Some((undistortion, Resampling::Splat)),
+                    }))
+                }
+            }
+            _ => Depth::None,
+        };
+        views.push(
+            Posed {
+                id: frame_id(&image.name),
+                image: path,
+                lens,
+                pinhole: Pinhole::WithoutBlankPixels,
+                camera_from_world,
+                mask: None,
+                depth,
+                cameras: model.files.clone(),
+            }
+            .into_view()?,
+        );
+    }
+    posed::finish(&mut views);
+    notes.extend(skipped.notes(&model_folder));
+    if views.is_empty() {
+        return Err(DatasetError::malformed(
+            model_folder,
+            format!("no usable picture; {}", notes.join("; ")),
+        ));
+    }
+    Ok(Scene {
+        dataset: spec.name.clone(),
+        cluster: id.clone(),
+        id,
+        views,
+        pairing: Pairing::MultiView,
+        notes,
+    })
+}
+
+/// The entry of the same photograph in another model: by file name, else as if by camera id.
+fn same_picture(stored: &Model, image: &Image, name: &str) -> Image {
+    stored
+        .images
+        .iter()
+        .find(|other| other.name.rsplit('/').next() == Some(name))
+        .unwrap_or(image)
+        .clone()
+}
+
+fn lens_of(model: &Model, image: &Image) -> Result<crate::lens::Lens, DatasetError> {
+    let malformed = |reason: String| {
+        DatasetError::malformed(
+            model.files[0].clone(),
+            format!("camera {}: {reason}", image.camera_id),
+        )
+    };
+    model
+        .cameras
+        .get(&image.camera_id)
+        .ok_or_else(|| malformed(format!("does not exist, but '{}' names it", image.name)))?
+        .lens()
+        .map_err(malformed)
+}

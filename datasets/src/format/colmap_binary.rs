@@ -1,0 +1,211 @@
+//! COLMAP's binary files: little-endian, packed.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::colmap::{Camera, Image, Point, pose, size};
+use crate::lens::colmap_parameters;
+
+/// Model names by COLMAP's id.
+const MODELS: [&str; 12] = [
+    "SIMPLE_PINHOLE",
+    "PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "OPENCV",
+    "OPENCV_FISHEYE",
+    "FULL_OPENCV",
+    "FOV",
+    "SIMPLE_RADIAL_FISHEYE",
+    "RADIAL_FISHEYE",
+    "THIN_PRISM_FISHEYE",
+    "RAD_TAN_THIN_PRISM_FISHEYE",
+];
+
+/// `cameras.bin`.
+pub(super) fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
+    let mut reader = Reader { rest: bytes };
+    let count = reader.count(24)?;
+    let mut cameras = BTreeMap::new();
+    for _ in 0..count {
+        let id = reader.u32()?;
+        let model_id = reader.u32()? as i32;
+        let (width, height) = (reader.u64()?, reader.u64()?);
+        let model = usize::try_from(model_id)
+            .ok()
+            .and_then(|i| MODELS.get(i))
+            .ok_or_else(|| format!("camera {id} is of unknown model {model_id}"))?;
+        // The file does not say how many follow, so a model we do not know ends the reading.
+        let params = colmap_parameters(model)
+            .ok_or_else(|| format!("camera model '{model}' is not supported"))?;
+        let camera = Camera {
+            model: (*model).to_owned(),
+            size: size(width, height)?,
+            params: (0..params)
+                .map(|_| reader.f64())
+                .collect::<Result<_, _>>()?,
+        };
+        cameras.insert(id, camera);
+    }
+    Ok(cameras)
+}
+
+/// `images.bin`.
+pub(super) fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
+    let mut reader = Reader { rest: bytes };
+    let count = reader.count(73)?;
+    (0..count)
+        .map(|_| {
+            let id = reader.u32()?;
+            let mut values = [0.0; 7];
+            for value in &mut values {
+                *value = reader.f64()?;
+            }
+            let [w, x, y, z, tx, ty, tz] = values;
+            let camera_id = reader.u32()?;
+            let name = reader.name()?;
+            let observations = reader.count(24)?;
+            reader.take(24 * observations)?;
+            Ok(Image {
+                id,
+                camera_id,
+                name,
+                camera_from_world: pose([w, x, y, z], [tx, ty, tz]),
+            })
+        })
+        .collect()
+}
+
+/// `points3D.bin`.
+pub(super) fn points(bytes: &[u8]) -> Result<Vec<Point>, String> {
+    let mut reader = Reader { rest: bytes };
+    let count = reader.count(51)?;
+    (0..count)
+        .map(|_| {
+            reader.u64()?;
+            let position = DVec3::new(reader.f64()?, reader.f64()?, reader.f64()?);
+            reader.take(3 + 8)?;
+            let track = reader.count(8)?;
+            let seen_by = (0..track)
+                .map(|_| {
+                    let image = reader.u32()?;
+                    reader.u32()?;
+                    Ok(image)
+                })
+                .collect::<Result<_, String>>()?;
+            Ok(Point { position, seen_by })
+        })
+        .collect()
+}
+
+struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, n: usize) -> Result<&'a [u8], String> {
+        let (taken, rest) = self
+            .rest
+            .split_at_checked(n)
+            .ok_or("the file ends early (truncated?)")?;
+        self.rest = rest;
+        Ok(taken)
+    }
+
+    /// A count of records of at least `smallest` bytes, which the rest of the file must hold.
+    fn count(&mut self, smallest: usize) -> Result<usize, String> {
+        let n = self.u64()?;
+        match usize::try_from(n) {
+            Ok(count) if count <= self.rest.len() / smallest => Ok(count),
+            _ => Err(format!(
+                "{n} records do not fit the {} bytes that follow",
+                self.rest.len()
+            )),
+        }
+    }
+
+    fn u32(&mut self) -> Result<u32, String> {
+        let b = self.take(4)?;
+        Ok(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    }
+
+    fn u64(&mut self) -> Result<u64, String> {
+        let b = self.take(8)?;
+        Ok(u64::from_le_bytes([
+            b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7],
+        ]))
+    }
+
+    fn f64(&mut self) -> Result<f64, String> {
+        self.u64().map(f64::from_bits)
+    }
+
+    /// A name that ends with a zero byte.
+    fn name(&mut self) -> Result<String, String> {
+        let end = self
+            .rest
+            .iter()
+            .position(|b| *b == 0)
+            .ok_or("the file ends within an image's name")?;
+        let name = String::from_utf8_lossy(&self.rest[..end]).into_owned();
+        self.rest = &self.rest[end + 1..];
+        Ok(name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image_bytes() -> Vec<u8> {
+        let mut b = 1_u64.to_le_bytes().to_vec();
+        b.extend(7_u32.to_le_bytes());
+        for v in [2.0_f64, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0] {
+            b.extend(v.to_le_bytes());
+        }
+        b.extend(0_u32.to_le_bytes());
+        b.extend(b"sub dir/a b.JPG\0");
+        b.extend(1_u64.to_le_bytes());
+        b.extend([0; 24]);
+        b
+    }
+
+    #[test]
+    fn images_are_read_and_every_truncation_is_noticed() {
+        let bytes = image_bytes();
+        let images = images(&bytes).unwrap();
+        assert_eq!(images[0].name, "sub dir/a b.JPG");
+        assert_eq!((images[0].id, images[0].camera_id), (7, 0));
+        let pose = images[0].camera_from_world.unwrap();
+        assert_eq!(pose.rotation, glam::DMat3::IDENTITY);
+        assert_eq!(pose.translation, DVec3::new(1.0, 2.0, 3.0));
+        for cut in 0..bytes.len() {
+            assert!(super::images(&bytes[..cut]).is_err(), "{cut}");
+        }
+    }
+
+    #[test]
+    fn huge_counts_allocate_nothing() {
+        let bytes = [u64::MAX.to_le_bytes().as_slice(), &[0; 100]].concat();
+        assert!(cameras(&bytes).unwrap_err().contains("do not fit"));
+        assert!(images(&bytes).unwrap_err().contains("do not fit"));
+        assert!(points(&bytes).unwrap_err().contains("do not fit"));
+    }
+
+    #[test]
+    fn unknown_models_are_named() {
+        let camera = |model: i32| {
+            let mut b = 1_u64.to_le_bytes().to_vec();
+            b.extend(1_u32.to_le_bytes());
+            b.extend(model.to_le_bytes());
+            b.extend(640_u64.to_le_bytes());
+            b.extend(480_u64.to_le_bytes());
+            b.extend([0; 96]);
+            b
+        };
+        assert!(cameras(&camera(7)).unwrap_err().contains("'FOV'"));
+        assert!(cameras(&camera(-1)).unwrap_err().contains("model -1"));
+        assert_eq!(cameras(&camera(10)).unwrap()[&1].params.len(), 12);
+    }
+}

@@ -1,0 +1,159 @@
+//! COLMAP's text files.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+use glam::DVec3;
+
+use super::colmap::{Camera, Image, Point, pose, size};
+
+/// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
+pub(super) fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
+    let mut cameras = BTreeMap::new();
+    for (number, line) in records(text) {
+        let mut line = Line::new(number, line);
+        let id = line.next("camera id")?;
+        let camera = Camera {
+            model: line.word("camera model")?.to_owned(),
+            size: size(line.next("width")?, line.next("height")?)?,
+            params: line.rest("parameter")?,
+        };
+        cameras.insert(id, camera);
+    }
+    Ok(cameras)
+}
+
+/// `images.txt`: two lines an image, of which the second may be empty, or missing at the end.
+pub(super) fn images(text: &str) -> Result<Vec<Image>, String> {
+    let mut images = Vec::new();
+    let mut lines = text.lines().enumerate();
+    while let Some((number, line)) = lines.next() {
+        if is_void(line) {
+            continue;
+        }
+        let mut line = Line::new(number, line);
+        let id = line.next("image id")?;
+        let mut values = [0.0; 7];
+        for value in &mut values {
+            *value = line.next("pose")?;
+        }
+        let [w, x, y, z, tx, ty, tz] = values;
+        let camera_id = line.next("camera id")?;
+        let name = line.remainder();
+        if name.is_empty() {
+            return Err(format!("line {}: the image has no name", number + 1));
+        }
+        images.push(Image {
+            id,
+            camera_id,
+            name: name.to_owned(),
+            camera_from_world: pose([w, x, y, z], [tx, ty, tz]),
+        });
+        // The observations belong to this image even when the line is blank.
+        lines.next();
+    }
+    Ok(images)
+}
+
+/// `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
+pub(super) fn points(text: &str) -> Result<Vec<Point>, String> {
+    records(text)
+        .map(|(number, line)| {
+            let mut line = Line::new(number, line);
+            line.word("point id")?;
+            let position = DVec3::new(
+                line.next("coordinate")?,
+                line.next("coordinate")?,
+                line.next("coordinate")?,
+            );
+            for what in ["color", "color", "color", "error"] {
+                line.word(what)?;
+            }
+            let track: Vec<u32> = line.rest("track entry")?;
+            Ok(Point {
+                position,
+                seen_by: track.into_iter().step_by(2).collect(),
+            })
+        })
+        .collect()
+}
+
+fn is_void(line: &str) -> bool {
+    let line = line.trim();
+    line.is_empty() || line.starts_with('#')
+}
+
+fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().filter(|(_, line)| !is_void(line))
+}
+
+/// One line, word by word; errors carry its number.
+struct Line<'a> {
+    number: usize,
+    rest: &'a str,
+}
+
+impl<'a> Line<'a> {
+    fn new(number: usize, text: &'a str) -> Self {
+        Self { number, rest: text }
+    }
+
+    fn word(&mut self, what: &str) -> Result<&'a str, String> {
+        let rest = self.rest.trim_start();
+        let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
+        let (word, rest) = rest.split_at(end);
+        self.rest = rest;
+        if word.is_empty() {
+            return Err(format!("line {}: no {what}", self.number + 1));
+        }
+        Ok(word)
+    }
+
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
+        let word = self.word(what)?;
+        word.parse()
+            .map_err(|_| format!("line {}: {what} is '{word}'", self.number + 1))
+    }
+
+    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, String> {
+        let mut values = Vec::new();
+        while !self.rest.trim().is_empty() {
+            values.push(self.next(what)?);
+        }
+        Ok(values)
+    }
+
+    fn remainder(&self) -> &'a str {
+        self.rest.trim()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tracks_are_read_without_their_indices() {
+        let text = "# comment\n500 -28.4 10.1 153.5 107 107 99 2.9 100 0 200 0 300 1\n";
+        let points = points(text).unwrap();
+        assert_eq!(points[0].position, DVec3::new(-28.4, 10.1, 153.5));
+        assert_eq!(points[0].seen_by, [100, 200, 300]);
+    }
+
+    #[test]
+    fn errors_carry_the_line() {
+        for (error, reason) in [
+            (cameras("\n1 PINHOLE 640").unwrap_err(), "line 2: no height"),
+            (cameras("1 PINHOLE 640 x").unwrap_err(), "height is 'x'"),
+            (cameras("1 PINHOLE 0 4 1").unwrap_err(), "0x4"),
+            (images("1 1 0 0 0 0 0 0 1\n").unwrap_err(), "no name"),
+            (
+                images("1 1 0 0 0 0 0 zero 1 a").unwrap_err(),
+                "pose is 'zero'",
+            ),
+            (points("1 2 3").unwrap_err(), "no coordinate"),
+        ] {
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

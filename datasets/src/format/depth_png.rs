@@ -1,0 +1,46 @@
+//! 16-bit PNG maps: depth in units such as millimetres, as whole numbers.
+
+use std::path::Path;
+
+use image::DynamicImage;
+
+use super::{FloatMap, picture};
+use crate::{DatasetError, files};
+
+/// Reads a 16-bit gray PNG as it is: 0 to 65535, never rescaled.
+///
+/// # Errors
+/// Names the file: as for a picture, or not 16-bit gray.
+pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
+    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from bytes; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
+    match picture::decode(bytes)? {
+        DynamicImage::ImageLuma16(map) => {
+            let (width, height) = map.dimensions();
+            let values = map.iter().map(|v| f32::from(*v)).collect();
+            FloatMap::from_vec(width, height, values).ok_or_else(|| "too large".into())
+        }
+        other => Err(format!(
+            "a depth map must be 16-bit gray; this picture's pixels are {:?}",
+            other.color()
+        )),
+    }
+}
+
+/// Writes whole numbers as a 16-bit gray PNG; values are rounded and clamped.
+///
+/// # Errors
+/// [`DatasetError::Malformed`] when it cannot be written.
+pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    let values = map.iter().map(|v| v.round() as u16).collect();
+    image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_vec(map.width(), map.height(), values)
+        .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))?
+        .save(path)
+        .map_err(|e| DatasetError::malformed(path, e.to_string()))
+}

@@ -1,0 +1,113 @@
+//! Depth in OpenEXR files: a channel named Z, depth, V or Y, or the only one there is.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::prelude::{
+    FlatSamples, MetaData, ReadChannels as _, ReadLayers as _, f16, read as exr_reader,
+};
+
+use super::FloatMap;
+use crate::{DatasetError, files};
+
+/// Reads the first layer that has a depth channel, values as stored.
+///
+/// # Errors
+/// Names the file: not EXR, no such channel, damaged, larger than a file of its length can hold.
+pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
+    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from bytes; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| e.to_string())?;
+    for header in &meta.headers {
+        let (width, height) = (header.layer_size.width(), header.layer_size.height());
+        let samples = width
+            .saturating_mul(height)
+            .saturating_mul(header.channels.list.len());
+        // The strongest of its compressions is deflate's.
+        if samples / 1032 > bytes.len() {
+            return Err(format!(
+                "the header promises {width}x{height} pixels, which {} bytes cannot hold",
+                bytes.len()
+            ));
+        }
+    }
+    let image = exr_reader()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(|e| e.to_string())?;
+    for layer in &image.layer_data {
+        let channels = &layer.channel_data.list;
+        let named = |name: &str| {
+            channels
+                .iter()
+                .find(|c| c.name.to_string().eq_ignore_ascii_case(name))
+        };
+        let channel = ["Z", "depth", "V", "Y"]
+            .iter()
+            .find_map(|name| named(name))
+            .or_else(|| channels.first().filter(|_| channels.len() == 1));
+        let Some(channel) = channel else { continue };
+        let values: Vec<f32> = match &channel.sample_data {
+            FlatSamples::F16(v) => v.iter().copied().map(f16::to_f32).collect(),
+            FlatSamples::F32(v) => v.clone(),
+            FlatSamples::U32(v) => v.iter().map(|v| *v as f32).collect(),
+        };
+        let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
+        return side(layer.size.width())
+            .zip(side(layer.size.height()))
+            .and_then(|(w, h)| FloatMap::from_vec(w, h, values))
+            .ok_or_else(|| "the depth channel is subsampled".into());
+    }
+    Err("no channel named Z, depth, V or Y, and more than one channel".into())
+}
+
+/// Writes a map as the channel Z of an EXR file.
+///
+/// # Errors
+/// [`DatasetError::Malformed`] when it cannot be written.
+pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    use exr::prelude::{
+        AnyChannel, AnyChannels, Encoding, Image, Layer, LayerAttributes, SmallVec,
+        WritableImage as _,
+    };
+    let channel = AnyChannel::new("Z", FlatSamples::F32(map.as_raw().clone()));
+    let layer = Layer::new(
+        (map.width() as usize, map.height() as usize),
+        LayerAttributes::named("depth"),
+        Encoding::SMALL_FAST_LOSSLESS,
+        AnyChannels::sort(SmallVec::from_vec(vec![channel])),
+    );
+    Image::from_layer(layer)
+        .write()
+        .to_file(path)
+        .map_err(|e| DatasetError::malformed(path, e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let map = FloatMap::from_fn(19, 7, |x, y| image::Luma([x as f32 * 0.1 + y as f32]));
+        write(&path, &map).unwrap();
+        assert_eq!(read(&path).unwrap(), map);
+        let bytes = std::fs::read(&path).unwrap();
+        for cut in [0, 4, 40, bytes.len() / 2, bytes.len() - 1] {
+            assert!(parse(&bytes[..cut]).is_err(), "{cut}");
+        }
+    }
+}

@@ -1,0 +1,338 @@
+//! NumPy's `.npy` arrays and `.npz` archives of them, numeric types only.
+
+use std::path::Path;
+
+use half::f16;
+
+use super::{FloatMap, zip};
+use crate::{DatasetError, files};
+
+/// An array in row-major (C) order, whatever order and type the file has.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NpyArray {
+    /// Extent of each dimension.
+    pub shape: Vec<usize>,
+    /// As many values as the product of the extents.
+    pub values: Vec<f32>,
+}
+
+impl NpyArray {
+    /// The array as a map; dimensions of extent 1 before and after height and width are dropped.
+    ///
+    /// # Errors
+    /// The reason, when more than two dimensions are left, or a side is zero or too large.
+    pub fn into_map(self) -> Result<FloatMap, String> {
+        let mut sides = self.shape.as_slice();
+        while sides.len() > 2 && sides.first() == Some(&1) {
+            sides = &sides[1..];
+        }
+        while sides.len() > 2 && sides.last() == Some(&1) {
+            sides = &sides[..sides.len() - 1];
+        }
+        let &[height, width] = sides else {
+            return Err(format!(
+                "the array's shape is {:?}; a map has height and width",
+                self.shape
+            ));
+        };
+        let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
+        side(width)
+            .zip(side(height))
+            .and_then(|(w, h)| FloatMap::from_vec(w, h, self.values))
+            .ok_or_else(|| format!("the array's shape is {:?}, without a pixel", self.shape))
+    }
+}
+
+/// Reads an `.npy` file, or the one array of an `.npz` (its `arr_0`, `depth` or `disp` if there
+/// are several), as a map.
+///
+/// # Errors
+/// Names the file: unreadable, not NumPy's format, an object array (which would have to be
+/// unpickled and is never read), fewer values than the shape promises, not a map.
+pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
+    parse(&files::read(path)?)
+        .and_then(NpyArray::into_map)
+        .map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// Reads an array of any shape from the bytes of an `.npy` or `.npz`; the error is the bare
+/// reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
+    if bytes.starts_with(b"PK") {
+        parse_archive(bytes)
+    } else {
+        parse_array(bytes)
+    }
+}
+
+fn parse_archive(bytes: &[u8]) -> Result<NpyArray, String> {
+    let archive = zip::Archive::open(bytes)?;
+    let arrays: Vec<_> = archive
+        .entries()
+        .iter()
+        .filter(|e| e.name.ends_with(".npy"))
+        .collect();
+    let chosen = match arrays.as_slice() {
+        [] => return Err("the archive holds no array".into()),
+        [only] => *only,
+        several => *["arr_0.npy", "depth.npy", "disp.npy"]
+            .iter()
+            .find_map(|name| several.iter().find(|e| e.name == *name))
+            .ok_or_else(|| {
+                let names: Vec<_> = several.iter().take(8).map(|e| e.name.as_str()).collect();
+                format!("the archive holds several arrays: {}", names.join(", "))
+            })?,
+    };
+    parse_array(&archive.extract(chosen)?)
+}
+
+fn parse_array(bytes: &[u8]) -> Result<NpyArray, String> {
+    let rest = bytes
+        .strip_prefix(b"\x93NUMPY")
+        .ok_or("not a NumPy array: the first bytes are not its magic")?;
+    let short = || "the header ends early".to_owned();
+    let (length, start) = match *rest.first().ok_or_else(short)? {
+        1 => {
+            let b = rest.get(2..4).ok_or_else(short)?;
+            (usize::from(u16::from_le_bytes([b[0], b[1]])), 4)
+        }
+        2 | 3 => {
+            let b = rest.get(2..6).ok_or_else(short)?;
+            (u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize, 6)
+        }
+        other => return Err(format!("version {other} of NumPy's format is not known")),
+    };
+    let header = rest
+        .get(start..)
+        .and_then(|r| r.get(..length))
+        .ok_or_else(short)?;
+    let data = &rest[start + length..];
+    let header = String::from_utf8_lossy(header);
+
+    let kind = text_of(&header, "descr").ok_or("the header has no simple 'descr'")?;
+    let fortran = match value_of(&header, "fortran_order") {
+        Some(v) if v.starts_with("False") => false,
+        Some(v) if v.starts_with("True") => true,
+        _ => return Err("the header has no 'fortran_order'".into()),
+    };
+    let shape = shape_of(&header).ok_or("the header has no 'shape'")?;
+    let element = Element::parse(kind)?;
+    let count = shape
+        .iter()
+        .try_fold(1_usize, |n, side| n.checked_mul(*side));
+    let size = count.and_then(|n| n.checked_mul(element.size));
+    let data = size.and_then(|size| data.get(..size)).ok_or_else(|| {
+        format!(
+            "an array of shape {shape:?} and type '{kind}' does not fit the {} bytes that follow \
+             the header (truncated?)",
+            data.len()
+        )
+    })?;
+    let values: Vec<f32> = data
+        .chunks_exact(element.size)
+        .map(|b| element.decode(b))
+        .collect();
+    Ok(NpyArray {
+        values: if fortran {
+            row_major(&shape, &values)
+        } else {
+            values
+        },
+        shape,
+    })
+}
+
+/// Reorders values whose first index runs fastest.
+fn row_major(shape: &[usize], values: &[f32]) -> Vec<f32> {
+    let mut index = vec![0; shape.len()];
+    let mut strides = vec![1; shape.len()];
+    for i in 1..shape.len() {
+        strides[i] = strides[i - 1] * shape[i - 1];
+    }
+    (0..values.len())
+        .map(|_| {
+            let at: usize = index.iter().zip(&strides).map(|(i, s)| i * s).sum();
+            for (i, side) in index.iter_mut().zip(shape).rev() {
+                *i += 1;
+                if *i < *side {
+                    break;
+                }
+                *i = 0;
+            }
+            values[at]
+        })
+        .collect()
+}
+
+/// What follows `'key':` in the header's Python dictionary.
+fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let at = header
+        .find(&format!("'{key}'"))
+        .or_else(|| header.find(&format!("\"{key}\"")))?;
+    let rest = header[at + key.len() + 2..].trim_start();
+    Some(rest.strip_prefix(':')?.trim_start())
+}
+
+fn text_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let value = value_of(header, key)?;
+    let quote = value.chars().next().filter(|c| *c == '\'' || *c == '"')?;
+    value[1..].split(quote).next()
+}
+
+fn shape_of(header: &str) -> Option<Vec<usize>> {
+    let value = value_of(header, "shape")?;
+    let inner = value.strip_prefix('(')?.split_once(')')?.0;
+    inner
+        .split(',')
+        .map(str::trim)
+        .filter(|side| !side.is_empty())
+        .map(|side| side.parse().ok())
+        .collect()
+}
+
+#[derive(Clone, Copy)]
+struct Element {
+    kind: u8,
+    size: usize,
+    big_endian: bool,
+}
+
+impl Element {
+    fn parse(text: &str) -> Result<Self, String> {
+        let unknown = || format!("arrays of type '{text}' are not read");
+        let (order, rest) = text.split_at_checked(1).ok_or_else(unknown)?;
+        let (kind, size) = rest.split_at_checked(1).ok_or_else(unknown)?;
+        if kind == "O" || text == "O" {
+            return Err(
+                "an array of Python objects; it would have to be unpickled, which is never done"
+                    .into(),
+            );
+        }
+        let size: usize = size.parse().map_err(|_| unknown())?;
+        let big_endian = match order {
+            "<" | "|" | "=" => false,
+            ">" => true,
+            _ => return Err(unknown()),
+        };
+        let kind = kind.as_bytes()[0];
+        match (kind, size) {
+            (b'f', 2 | 4 | 8) | (b'u' | b'i', 1 | 2 | 4 | 8) | (b'b', 1) => Ok(Self {
+                kind,
+                size,
+                big_endian,
+            }),
+            _ => Err(unknown()),
+        }
+    }
+
+    fn decode(self, bytes: &[u8]) -> f32 {
+        let mut b = [0; 8];
+        b[..self.size].copy_from_slice(bytes);
+        if self.big_endian {
+            b[..self.size].reverse();
+        }
+        let whole = u64::from_le_bytes(b);
+        match (self.kind, self.size) {
+            (b'f', 2) => f16::from_bits(whole as u16).to_f32(),
+            (b'f', 4) => f32::from_bits(whole as u32),
+            (b'f', _) => f64::from_bits(whole) as f32,
+            (b'i', size) => {
+                let unused = 64 - 8 * size as u32;
+                ((whole << unused) as i64 >> unused) as f32
+            }
+            _ => whole as f32,
+        }
+    }
+}
+
+/// Writes a map as a little-endian f32 `.npy` of shape (height, width).
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    let mut bytes = header("<f4", map).into_bytes();
+    bytes.splice(0..0, preamble(bytes.len()));
+    bytes.extend(map.iter().flat_map(|v| v.to_le_bytes()));
+    std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
+}
+
+/// Padded so that the data begins at a multiple of 64 bytes.
+fn header(kind: &str, map: &FloatMap) -> String {
+    let mut text = format!(
+        "{{'descr': '{kind}', 'fortran_order': False, 'shape': ({}, {}), }}",
+        map.height(),
+        map.width()
+    );
+    while !(text.len() + 1 + 10).is_multiple_of(64) {
+        text.push(' ');
+    }
+    text.push('\n');
+    text
+}
+
+fn preamble(header_length: usize) -> Vec<u8> {
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header_length as u16).to_le_bytes());
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn array(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+        let fortran = if fortran { "True" } else { "False" };
+        let text = format!("{{'descr': {descr}, 'fortran_order': {fortran}, 'shape': {shape}}}");
+        [preamble(text.len()), text.into_bytes(), data.to_vec()].concat()
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let map = FloatMap::from_vec(3, 2, vec![1.0, f32::INFINITY, -0.5, 4.0, 5.0, 6.0]).unwrap();
+        write(&path, &map).unwrap();
+        assert_eq!(read(&path).unwrap(), map);
+        assert_eq!(std::fs::read(&path).unwrap().len(), 128 + 24);
+    }
+
+    #[test]
+    fn orders_and_types_are_honoured() {
+        let fortran = parse(&array("'|u1'", true, "(2, 3)", &[1, 4, 2, 5, 3, 6])).unwrap();
+        assert_eq!(fortran.values, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let big = parse(&array("'>i2'", false, "(2,)", &[0xFF, 0xFE, 1, 0])).unwrap();
+        assert_eq!(big.values, [-2.0, 256.0]);
+        let half = parse(&array("'<f2'", false, "(1,)", &[0x00, 0x3E])).unwrap();
+        assert_eq!(half.values, [1.5]);
+        let scalar = parse(&array("'<f8'", false, "()", &2.5_f64.to_le_bytes())).unwrap();
+        assert_eq!(scalar.values, [2.5]);
+    }
+
+    #[test]
+    fn broken_arrays_are_refused() {
+        for (bytes, reason) in [
+            (b"\x93NUMPX".to_vec(), "magic"),
+            (b"\x93NUMPY\x01\x00\xff\xff".to_vec(), "ends early"),
+            (b"\x93NUMPY\x07\x00\x00\x00".to_vec(), "version 7"),
+            (array("'|O'", false, "(1,)", &[0; 8]), "unpickled"),
+            (array("[('a', '<f4')]", false, "(1,)", &[0; 8]), "simple"),
+            (array("'<c8'", false, "(1,)", &[0; 8]), "'<c8' are not read"),
+            (array("'<f4'", false, "(2,)", &[0; 7]), "truncated"),
+            (
+                array("'<f4'", false, "(9999999999, 9999999999)", &[0; 8]),
+                "truncated",
+            ),
+            (array("'é'", false, "(1,)", &[0; 8]), "not read"),
+        ] {
+            let error = parse(&bytes).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+        let cube = parse(&array("'|u1'", false, "(2, 1, 2)", &[0; 4])).unwrap();
+        assert!(cube.into_map().is_err());
+        let empty = parse(&array("'|u1'", false, "(0, 4)", &[])).unwrap();
+        assert!(empty.into_map().is_err());
+    }
+}

@@ -1,0 +1,45 @@
+//! Bare little-endian f32 values, row by row from the top: ETH3D's depth maps, which carry the
+//! name of the photograph (`.JPG`) but are no JPEG. The size is known only from the camera.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::FloatMap;
+use crate::{DatasetError, files};
+
+/// Reads `width · height` values; a gzip-packed file is unpacked. +inf means no depth.
+///
+/// # Errors
+/// Names the file and the expected length when it has another one.
+pub fn read(path: &Path, size: (u32, u32)) -> Result<FloatMap, DatasetError> {
+    parse(&files::read(path)?, size).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from bytes; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, String> {
+    let expected = u64::from(width) * u64::from(height) * 4;
+    let mut unpacked = Vec::new();
+    let bytes = if bytes.starts_with(&[0x1F, 0x8B]) && bytes.len() as u64 != expected {
+        flate2::read::GzDecoder::new(bytes)
+            .take(expected + 1)
+            .read_to_end(&mut unpacked)
+            .map_err(|e| format!("cannot be unpacked: {e}"))?;
+        &unpacked
+    } else {
+        bytes
+    };
+    if bytes.len() as u64 != expected {
+        return Err(format!(
+            "holds {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
+            bytes.len()
+        ));
+    }
+    let values = bytes
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+        .collect();
+    FloatMap::from_vec(width, height, values).ok_or_else(|| "the size overflows".into())
+}

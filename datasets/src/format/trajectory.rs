@@ -1,0 +1,209 @@
+//! Trajectory files: Tanks and Temples' `.log` and `_trans.txt`, WildRGB-D's `cam_poses.txt`.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3};
+use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
+
+use crate::{DatasetError, files};
+
+/// A pose by frame number, camera to world in OpenCV's axes; or why it is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NumberedPose {
+    /// As written.
+    pub frame: i64,
+    /// In the file's units.
+    pub world_from_camera: Result<RigidTransform, CameraError>,
+}
+
+/// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix. Blocks whose second number is
+/// −1 stand for pictures without a pose and are left out; blanks and tabs do not matter. The frame
+/// number is the position of the block, 0 for the first.
+///
+/// # Errors
+/// Names the file: a block that ends early, or something that is not a number.
+pub fn read_log(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
+    parse_log(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read_log`], from text; the error is the bare reason.
+///
+/// # Errors
+/// See [`read_log`].
+pub fn parse_log(text: &str) -> Result<Vec<NumberedPose>, String> {
+    let numbers = numbers(text)?;
+    let mut poses = Vec::new();
+    for (i, block) in numbers.chunks(19).enumerate() {
+        let block = <[f64; 19]>::try_from(block).map_err(|_| {
+            format!(
+                "block {i} has {} numbers instead of 19 (truncated?)",
+                block.len()
+            )
+        })?;
+        if block[..3].iter().any(|n| n.fract() != 0.0) {
+            return Err(format!("block {i} does not begin with three whole numbers"));
+        }
+        if block[1] != -1.0 {
+            poses.push(NumberedPose {
+                frame: i as i64,
+                world_from_camera: pose(&block[3..]),
+            });
+        }
+    }
+    Ok(poses)
+}
+
+/// Reads a `cam_poses.txt`: a frame number and a 4×4 matrix a row.
+///
+/// # Errors
+/// Names the file and the row that has not 17 numbers.
+pub fn read_rows(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
+    parse_rows(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read_rows`], from text; the error is the bare reason.
+///
+/// # Errors
+/// See [`read_rows`].
+pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, String> {
+    text.lines()
+        .enumerate()
+        .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
+        .map(|(i, line)| {
+            let row = numbers(line).map_err(|e| format!("row {}: {e}", i + 1))?;
+            if row.len() != 17 || row[0].fract() != 0.0 {
+                return Err(format!(
+                    "row {} has {} numbers; expected a frame number and 16 of its pose",
+                    i + 1,
+                    row.len()
+                ));
+            }
+            Ok(NumberedPose {
+                frame: row[0] as i64,
+                world_from_camera: pose(&row[1..]),
+            })
+        })
+        .collect()
+}
+
+/// Reads one 4×4 pose on its own (`pose.txt` of ScanNet and 7-Scenes).
+///
+/// # Errors
+/// Names the file: not 16 numbers, or no rigid pose (ScanNet marks lost frames by −inf).
+pub fn read_pose(path: &Path) -> Result<RigidTransform, DatasetError> {
+    let malformed = |reason: String| DatasetError::malformed(path, reason);
+    let row = numbers(&files::read_text(path)?).map_err(malformed)?;
+    if row.len() != 16 {
+        return Err(malformed(format!("{} numbers instead of 16", row.len())));
+    }
+    pose(&row).map_err(|source| DatasetError::Camera {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// A similarity between two worlds: `x' = scale · rotation · x + translation`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Similarity {
+    /// Metres of one unit.
+    pub scale: f64,
+    affine: DAffine3,
+}
+
+impl Similarity {
+    /// Takes a row-major 4×4 matrix.
+    ///
+    /// # Errors
+    /// The reason: not finite, not affine, mirroring, or not a rotation times a scale.
+    pub fn from_row_major(m: &[f64; 16]) -> Result<Self, String> {
+        let affine = affine_from_row_major(m).map_err(|e| e.to_string())?;
+        let determinant = affine.matrix3.determinant();
+        if determinant <= 0.0 || !determinant.is_finite() {
+            return Err(format!(
+                "the determinant of the similarity is {determinant}, not above zero"
+            ));
+        }
+        let scale = determinant.cbrt();
+        RigidTransform::new(affine.matrix3 * (1.0 / scale), affine.translation)
+            .map_err(|e| e.to_string())?;
+        Ok(Self { scale, affine })
+    }
+
+    /// Carries a camera-to-world pose over: its centre is transformed, its axes are turned, and
+    /// the scale does not touch them.
+    ///
+    /// # Errors
+    /// [`CameraError`], when the result is not rigid.
+    pub fn apply_to_pose(
+        &self,
+        world_from_camera: &RigidTransform,
+    ) -> Result<RigidTransform, CameraError> {
+        let rotation: DMat3 = self.affine.matrix3 * (1.0 / self.scale) * world_from_camera.rotation;
+        RigidTransform::new(
+            rotation,
+            self.affine.transform_point3(world_from_camera.translation),
+        )
+    }
+}
+
+/// Reads a `_trans.txt`: a 4×4 similarity.
+///
+/// # Errors
+/// Names the file: not 16 numbers, no similarity.
+pub fn read_similarity(path: &Path) -> Result<Similarity, DatasetError> {
+    let malformed = |reason: String| DatasetError::malformed(path, reason);
+    let row = numbers(&files::read_text(path)?).map_err(malformed)?;
+    let row = <[f64; 16]>::try_from(row)
+        .map_err(|row| malformed(format!("{} numbers instead of 16", row.len())))?;
+    Similarity::from_row_major(&row).map_err(malformed)
+}
+
+fn pose(row: &[f64]) -> Result<RigidTransform, CameraError> {
+    let mut m = [0.0; 16];
+    m.copy_from_slice(row);
+    RigidTransform::from_row_major(&m)
+}
+
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    text.split_ascii_whitespace()
+        .map(|t| t.parse().map_err(|_| format!("'{t}' is not a number")))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn a_similarity_scales_centres_and_only_turns_axes() {
+        // 2 · (a quarter turn about z), then a shift.
+        let m = [
+            0.0, -2.0, 0.0, 10.0, 2.0, 0.0, 0.0, 20.0, 0.0, 0.0, 2.0, 30.0, 0.0, 0.0, 0.0, 1.0,
+        ];
+        let similarity = Similarity::from_row_major(&m).unwrap();
+        assert!((similarity.scale - 2.0).abs() < 1e-15);
+        let camera = RigidTransform {
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::new(1.0, 0.0, 0.0),
+        };
+        let moved = similarity.apply_to_pose(&camera).unwrap();
+        assert!((moved.translation - DVec3::new(10.0, 22.0, 30.0)).length() < 1e-14);
+        assert!((moved.rotation.x_axis - DVec3::Y).length() < 1e-15);
+        let mut mirrored = m;
+        mirrored[10] = -2.0;
+        assert!(Similarity::from_row_major(&mirrored).is_err());
+        let mut sheared = m;
+        sheared[0] = 1.0;
+        assert!(Similarity::from_row_major(&sheared).is_err());
+    }
+
+    #[test]
+    fn rows_are_matched_by_their_numbers() {
+        let identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+        let poses = parse_rows(&format!("5 {identity}\n\n7 {identity}\n")).unwrap();
+        assert_eq!(poses.iter().map(|p| p.frame).collect::<Vec<_>>(), [5, 7]);
+        assert!(parse_rows("5 1 0 0").unwrap_err().contains("row 1 has 4"));
+        assert!(parse_rows(&format!("x {identity}")).is_err());
+    }
+}

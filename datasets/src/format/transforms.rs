@@ -1,0 +1,402 @@
+//! `transforms.json` of nerfstudio, instant-ngp, Blender and ScanNet++: intrinsics and
+//! camera-to-world poses in OpenGL's axes (x right, y up, z backwards).
+
+use std::path::Path;
+
+use glam::DVec3;
+use serde_json::{Map, Value};
+use sharp::camera::{CameraError, RigidTransform};
+
+use super::lenient_json;
+use crate::lens::{Distortion, Lens};
+use crate::{DatasetError, files};
+
+/// A `transforms.json`.
+#[derive(Debug)]
+pub struct Transforms {
+    /// `frames`, in the file's order.
+    pub frames: Vec<Frame>,
+    /// `test_frames` (ScanNet++), in the file's order.
+    pub test_frames: Vec<Frame>,
+    /// `applied_scale`: what translations were multiplied by; 1 when absent.
+    pub applied_scale: f64,
+    /// `applied_transform`, row by row, when it is there: the change of world axes that the
+    /// poses went through.
+    pub applied_transform: Option<[f64; 12]>,
+}
+
+/// One picture.
+#[derive(Debug)]
+pub struct Frame {
+    /// As written; may begin with `./` and lack its extension.
+    pub file_path: String,
+    /// As written.
+    pub depth_file_path: Option<String>,
+    /// As written.
+    pub mask_path: Option<String>,
+    /// ScanNet++: the pose is unreliable.
+    pub is_bad: bool,
+    /// Camera to world in OpenCV's axes, translation as written; or why it is none.
+    pub world_from_camera: Result<RigidTransform, CameraError>,
+    intrinsics: RawIntrinsics,
+    /// True when the frame states intrinsics that differ from the file's own.
+    pub overrides_file: bool,
+}
+
+/// Intrinsics as stated, before the picture's size is known.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct RawIntrinsics {
+    numbers: Map<String, Value>,
+}
+
+const INTRINSIC_KEYS: [&str; 18] = [
+    "fl_x",
+    "fl_y",
+    "cx",
+    "cy",
+    "w",
+    "h",
+    "camera_angle_x",
+    "camera_angle_y",
+    "camera_model",
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+    "p1",
+    "p2",
+    "is_fisheye",
+];
+
+/// Reads a `transforms.json`.
+///
+/// # Errors
+/// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
+/// A pose that is not finite or not rigid is no error here: it stays in its frame.
+pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
+    parse(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+}
+
+/// As [`read`], from text; the error is the bare reason.
+///
+/// # Errors
+/// See [`read`].
+pub fn parse(text: &str) -> Result<Transforms, String> {
+    let document = lenient_json::parse(text)?;
+    let top = document
+        .as_object()
+        .ok_or("the document is not an object")?;
+    let frames = top
+        .get("frames")
+        .and_then(Value::as_array)
+        .ok_or("there is no list of 'frames'")?;
+    let test_frames = top.get("test_frames").and_then(Value::as_array);
+    let shared = RawIntrinsics::of(top);
+    let read = |list: &[Value]| {
+        list.iter()
+            .enumerate()
+            .map(|(i, frame)| frame_of(frame, &shared).map_err(|e| format!("frame {i}: {e}")))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let applied_scale = match top.get("applied_scale") {
+        None | Some(Value::Null) => 1.0,
+        Some(value) => value
+            .as_f64()
+            .filter(|s| *s > 0.0)
+            .ok_or_else(|| format!("applied_scale is {value}"))?,
+    };
+    let applied_transform = match top.get("applied_transform") {
+        None | Some(Value::Null) => None,
+        Some(value) => {
+            let rows = matrix(value).ok_or("applied_transform is no 3x4 matrix")?;
+            rows[..12].try_into().ok()
+        }
+    };
+    Ok(Transforms {
+        frames: read(frames)?,
+        test_frames: read(test_frames.map_or(&[], Vec::as_slice))?,
+        applied_scale,
+        applied_transform,
+    })
+}
+
+fn frame_of(value: &Value, shared: &RawIntrinsics) -> Result<Frame, String> {
+    let object = value.as_object().ok_or("is not an object")?;
+    let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
+    let file_path = text("file_path").ok_or("has no 'file_path'")?;
+    let written = object
+        .get("transform_matrix")
+        .ok_or("has no 'transform_matrix'")?;
+    let rows = matrix(written).ok_or("its 'transform_matrix' is neither 4x4 nor 3x4")?;
+    let own = RawIntrinsics::of(object);
+    Ok(Frame {
+        overrides_file: own
+            .numbers
+            .iter()
+            .any(|(key, v)| shared.numbers.get(key).is_some_and(|s| s != v)),
+        intrinsics: shared.overridden_by(&own),
+        file_path,
+        depth_file_path: text("depth_file_path"),
+        mask_path: text("mask_path"),
+        is_bad: object
+            .get("is_bad")
+            .and_then(Value::as_bool)
+            .unwrap_or(false),
+        world_from_camera: pose(&rows),
+    })
+}
+
+/// 16 numbers from nested lists of 4×4 or 3×4; `null` (a NaN) stays NaN.
+fn matrix(value: &Value) -> Option<[f64; 16]> {
+    let rows = value.as_array()?;
+    if rows.len() != 3 && rows.len() != 4 {
+        return None;
+    }
+    let mut out = [0.0; 16];
+    out[15] = 1.0;
+    for (i, row) in rows.iter().enumerate() {
+        let row = row.as_array().filter(|row| row.len() == 4)?;
+        for (j, entry) in row.iter().enumerate() {
+            out[4 * i + j] = match entry {
+                Value::Null => f64::NAN,
+                other => other.as_f64()?,
+            };
+        }
+    }
+    Some(out)
+}
+
+/// From OpenGL's camera axes to OpenCV's: y and z change their sign.
+fn pose(rows: &[f64; 16]) -> Result<RigidTransform, CameraError> {
+    let mut flipped = *rows;
+    for row in 0..3 {
+        flipped[4 * row + 1] = -flipped[4 * row + 1];
+        flipped[4 * row + 2] = -flipped[4 * row + 2];
+    }
+    RigidTransform::from_row_major(&flipped)
+}
+
+impl RawIntrinsics {
+    fn of(object: &Map<String, Value>) -> Self {
+        let numbers = INTRINSIC_KEYS
+            .iter()
+            .filter_map(|key| Some(((*key).to_owned(), object.get(*key)?.clone())))
+            .collect();
+        Self { numbers }
+    }
+
+    fn overridden_by(&self, own: &Self) -> Self {
+        let mut numbers = self.numbers.clone();
+        numbers.extend(own.numbers.iter().map(|(k, v)| (k.clone(), v.clone())));
+        Self { numbers }
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>, String> {
+        match self.numbers.get(key) {
+            None => Ok(None),
+            Some(value) => match value.as_f64() {
+                Some(number) => Ok(Some(number)),
+                None => Err(format!("'{key}' is {value}, not a number")),
+            },
+        }
+    }
+}
+
+impl Frame {
+    /// Width and height as stated, if they are.
+    ///
+    /// # Errors
+    /// The reason, when they are no numbers of pixels (whole numbers may be written as floats).
+    pub fn size(&self) -> Result<Option<(u32, u32)>, String> {
+        let side = |key: &str| match self.intrinsics.number(key)? {
+            None => Ok(None),
+            Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) && n.fract() == 0.0 => {
+                Ok(Some(n as u32))
+            }
+            Some(n) => Err(format!("'{key}' is {n}, not a number of pixels")),
+        };
+        Ok(side("w")?.zip(side("h")?))
+    }
+
+    /// The camera of a picture of this size.
+    ///
+    /// # Errors
+    /// The reason: no focal length, an unknown camera model, degenerate intrinsics.
+    pub fn lens(&self, size: (u32, u32)) -> Result<Lens, String> {
+        let raw = &self.intrinsics;
+        let (w, h) = (f64::from(size.0), f64::from(size.1));
+        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, String> {
+            Ok(raw
+                .number(key)?
+                .map(|angle| 0.5 * side / (0.5 * angle).tan()))
+        };
+        let first = |a: Option<f64>, b: Option<f64>| a.or(b);
+        let fx = first(raw.number("fl_x")?, from_angle("camera_angle_x", w)?);
+        let fy = first(raw.number("fl_y")?, from_angle("camera_angle_y", h)?);
+        let (fx, fy) = match (fx, fy) {
+            (Some(fx), Some(fy)) => (fx, fy),
+            (Some(f), None) | (None, Some(f)) => (f, f),
+            (None, None) => {
+                return Err("neither 'fl_x' nor 'camera_angle_x': no focal length".into());
+            }
+        };
+        let center = (
+            raw.number("cx")?.unwrap_or(w / 2.0),
+            raw.number("cy")?.unwrap_or(h / 2.0),
+        );
+        Lens::new((fx, fy), center, size, self.distortion()?).map_err(|e| e.to_string())
+    }
+
+    fn distortion(&self) -> Result<Distortion, String> {
+        let k = |key: &str| Ok::<f64, String>(self.intrinsics.number(key)?.unwrap_or(0.0));
+        let [k1, k2, k3, k4] = [k("k1")?, k("k2")?, k("k3")?, k("k4")?];
+        let p = [k("p1")?, k("p2")?];
+        let fisheye = self.intrinsics.numbers.get("is_fisheye") == Some(&Value::Bool(true));
+        let model = match self.intrinsics.numbers.get("camera_model") {
+            Some(Value::String(model)) => model.as_str(),
+            _ if fisheye => "OPENCV_FISHEYE",
+            _ => "OPENCV",
+        };
+        let distortion = match model {
+            "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => Distortion::None,
+            "SIMPLE_RADIAL" | "RADIAL" => Distortion::Radial { k: [k1, k2] },
+            // nerfstudio's k3 and k4 continue the radial polynomial of OPENCV.
+            "OPENCV" if k3 == 0.0 && k4 == 0.0 => Distortion::OpenCv { k: [k1, k2], p },
+            "OPENCV" if k4 == 0.0 => Distortion::FullOpenCv {
+                k: [k1, k2, k3, 0.0, 0.0, 0.0],
+                p,
+            },
+            "OPENCV" => return Err("camera model OPENCV with k4 is not supported".into()),
+            "FULL_OPENCV" => Distortion::FullOpenCv {
+                k: [k1, k2, k3, k4, k("k5")?, k("k6")?],
+                p,
+            },
+            "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
+                k: [k1, k2, k3, k4],
+            },
+            other => return Err(format!("camera model '{other}' is not supported")),
+        };
+        let all = [k1, k2, k3, k4, p[0], p[1]];
+        if all.iter().all(|v| v.is_finite()) {
+            Ok(distortion)
+        } else {
+            Err("a distortion parameter is not finite".into())
+        }
+    }
+}
+
+/// The change of world axes that COLMAP models go through on their way into nerfstudio's files
+/// (and ScanNet++'s, which do not record it): undoes it for a camera-to-world pose.
+pub fn undo_colmap_axes(world_from_camera: &RigidTransform) -> RigidTransform {
+    // (x, y, z) was written as (y, x, −z), which is its own inverse.
+    let swap = |v: DVec3| DVec3::new(v.y, v.x, -v.z);
+    let mut rotation = world_from_camera.rotation;
+    rotation.x_axis = swap(rotation.x_axis);
+    rotation.y_axis = swap(rotation.y_axis);
+    rotation.z_axis = swap(rotation.z_axis);
+    RigidTransform {
+        rotation,
+        translation: swap(world_from_camera.translation),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDENTITY: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn one(keys: &str, frame_keys: &str) -> Transforms {
+        let text = format!(
+            "{{{keys}\"frames\": [{{\"file_path\": \"a.png\", {frame_keys}\"transform_matrix\": {IDENTITY}}}]}}"
+        );
+        parse(&text).unwrap()
+    }
+
+    #[test]
+    fn opengl_axes_become_opencvs() {
+        let file = one("", "");
+        let pose = file.frames[0].world_from_camera.as_ref().unwrap();
+        // What lies in front of an OpenCV camera (z > 0) lies behind an OpenGL one's back.
+        assert_eq!(
+            pose.apply(DVec3::new(0.5, 1.0, 2.0)),
+            DVec3::new(1.5, 1.0, 1.0)
+        );
+    }
+
+    #[test]
+    fn focal_lengths_come_from_angles_and_floats_are_sizes() {
+        let file = one(
+            "\"camera_angle_x\": 1.5707963267948966, \"w\": 1080.0, \"h\": 720,",
+            "",
+        );
+        assert_eq!(file.frames[0].size(), Ok(Some((1080, 720))));
+        let lens = file.frames[0].lens((1080, 720)).unwrap();
+        assert!((lens.intrinsics().fx - 540.0).abs() < 1e-9);
+        assert_eq!(lens.intrinsics().fy, lens.intrinsics().fx);
+        assert_eq!(lens.intrinsics().cx, 540.0);
+        assert!(one("\"w\": 10.5, \"h\": 1,", "").frames[0].size().is_err());
+        assert!(one("", "").frames[0].lens((2, 2)).is_err());
+    }
+
+    #[test]
+    fn distortion_follows_the_model() {
+        let of = |keys: &str| {
+            let file = one(&format!("\"fl_x\": 5, {keys}"), "");
+            file.frames[0].lens((8, 8)).map(|lens| lens.distortion())
+        };
+        assert_eq!(of("\"k1\": 0,"), Ok(Distortion::None));
+        assert_eq!(
+            of("\"k1\": 0.1, \"p2\": 0.2,"),
+            Ok(Distortion::OpenCv {
+                k: [0.1, 0.0],
+                p: [0.0, 0.2]
+            })
+        );
+        assert_eq!(
+            of("\"camera_model\": \"OPENCV_FISHEYE\", \"k4\": 0.1,"),
+            Ok(Distortion::OpenCvFisheye {
+                k: [0.0, 0.0, 0.0, 0.1]
+            })
+        );
+        assert!(of("\"camera_model\": \"EQUIRECTANGULAR\",").is_err());
+        assert!(of("\"k1\": \"x\",").is_err());
+    }
+
+    #[test]
+    fn the_axis_swap_undoes_itself() {
+        let file = one("", "");
+        let pose = file.frames[0].world_from_camera.as_ref().unwrap();
+        let twice = undo_colmap_axes(&undo_colmap_axes(pose));
+        assert_eq!(&twice, pose);
+        let once = undo_colmap_axes(pose);
+        assert_eq!(once.translation, DVec3::new(2.0, 1.0, -3.0));
+        assert!((once.rotation.determinant() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn broken_files_are_explained() {
+        for (text, reason) in [
+            ("[]", "not an object"),
+            ("{}", "no list of 'frames'"),
+            ("{\"frames\": [{}]}", "frame 0: has no 'file_path'"),
+            (
+                "{\"frames\": [{\"file_path\": \"a\"}]}",
+                "no 'transform_matrix'",
+            ),
+            (
+                "{\"frames\": [{\"file_path\": \"a\", \"transform_matrix\": [[1]]}]}",
+                "neither 4x4 nor 3x4",
+            ),
+            (
+                "{\"frames\": [], \"applied_scale\": 0}",
+                "applied_scale is 0",
+            ),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

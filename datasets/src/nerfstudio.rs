@@ -1,0 +1,208 @@
+//! Anyone's own pictures with a `transforms.json`.
+//!
+//! The format's conventions are nerfstudio's: OpenGL camera-to-world poses, pixel centres at half
+//! integers, paths relative to the JSON. Its centring and rescaling of poses is not applied: the
+//! file's units, times `scale`, are metres.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use sharp::camera::RigidTransform;
+
+use crate::catalog::{Choice, DatasetSpec, Format, Setting};
+use crate::content::Mask;
+use crate::depth::{Encoding, Resampling};
+use crate::files::Root;
+use crate::format::picture;
+use crate::format::transforms::{self, Frame};
+use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::{DatasetError, Pairing, Scene};
+
+/// The catalogue's entry.
+pub(crate) const FORMAT: Format = Format {
+    name: "nerfstudio",
+    summary: "your own pictures with a transforms.json (nerfstudio, instant-ngp, Blender)",
+    settings: &[
+        Setting::free("scale", "metres of one unit of the poses", "1"),
+        Setting::free(
+            "depth-unit",
+            "metres of one unit of the depth maps, whatever their format (nerfstudio's rule)",
+            "0.001",
+        ),
+        Setting::choice(
+            "masks",
+            "what becomes of pixels that a mask excludes",
+            &[
+                Choice::new("ignore", "masks are not read"),
+                Choice::new("apply", "the picture is black and the depth invalid there"),
+            ],
+        ),
+        OUTSIDE,
+    ],
+    open,
+};
+
+/// Whether files outside the dataset's folder may be named.
+pub(crate) const OUTSIDE: Setting = Setting::choice(
+    "outside",
+    "files that `..`, an absolute path or a symbolic link puts outside the folder",
+    &[
+        Choice::new("refuse", "are an error"),
+        Choice::new("allow", "are read; only for files you trust"),
+    ],
+);
+
+/// A setting that is a number above zero.
+pub(crate) fn positive(spec: &DatasetSpec, key: &str) -> Result<f64, DatasetError> {
+    let text = spec.setting(key);
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        _ => Err(DatasetError::Spec {
+            text: spec.to_string(),
+            reason: format!("'{key}' cannot be '{text}'; it is a number above zero"),
+        }),
+    }
+}
+
+const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+
+fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let (folder, only) = if spec.path.is_file() {
+        let folder = spec.path.parent().filter(|p| !p.as_os_str().is_empty());
+        (folder.unwrap_or(Path::new(".")), Some(spec.path.clone()))
+    } else {
+        (spec.path.as_path(), None)
+    };
+    let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
+    let jsons: Vec<PathBuf> = match only {
+        Some(json) => vec![json],
+        None => root
+            .find_folders(3, &|f| NAMES.iter().any(|n| f.join(n).is_file()))?
+            .iter()
+            .filter_map(|f| NAMES.iter().map(|n| f.join(n)).find(|p| p.is_file()))
+            .collect(),
+    };
+    if jsons.is_empty() {
+        return Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: FORMAT.name,
+            expected: "transforms.json, up to three levels down",
+        });
+    }
+    jsons
+        .iter()
+        .map(|json| read_scene(spec, &root, json))
+        .collect()
+}
+
+fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, DatasetError> {
+    root.check(json)?;
+    let file = transforms::read(json)?;
+    let folder = json.parent().unwrap_or(Path::new("."));
+    let options = Options {
+        metres: positive(spec, "scale")? / file.applied_scale,
+        depth_unit: positive(spec, "depth-unit")?,
+        masks: spec.setting("masks") == "apply",
+    };
+    let mut finder = Finder::new(root);
+    let (mut skipped, mut seen) = (Skipped::default(), BTreeSet::new());
+    let mut views = Vec::new();
+    for frame in &file.frames {
+        let name = &frame.file_path;
+        // Names that leave the folder are refused before anything else is made of them.
+        let image = finder.picture(folder, name)?;
+        let Ok(world_from_camera) = &frame.world_from_camera else {
+            skipped.add("the pose is not finite or not rigid", name);
+            continue;
+        };
+        let Some(image) = image else {
+            skipped.add("the picture does not exist", name);
+            continue;
+        };
+        if !seen.insert(image.clone()) {
+            skipped.add("the picture was listed before", name);
+            continue;
+        }
+        let posed = options.posed(frame, image, world_from_camera, json, folder, &mut finder)?;
+        views.push(posed.into_view()?);
+    }
+    posed::finish(&mut views);
+    let mut notes = skipped.notes(json);
+    let overriding = file.frames.iter().filter(|f| f.overrides_file).count();
+    if overriding > 0 {
+        notes.push(format!(
+            "{}: {overriding} frame(s) state intrinsics that differ from the file's; the frames' \
+             are used (nerfstudio would use the file's)",
+            json.display()
+        ));
+    }
+    if views.is_empty() {
+        return Err(DatasetError::malformed(
+            json,
+            format!("no usable frame; {}", notes.join("; ")),
+        ));
+    }
+    let id = root.id_of(folder);
+    Ok(Scene {
+        dataset: spec.name.clone(),
+        cluster: id.clone(),
+        id,
+        views,
+        pairing: Pairing::MultiView,
+        notes,
+    })
+}
+
+struct Options {
+    metres: f64,
+    depth_unit: f64,
+    masks: bool,
+}
+
+impl Options {
+    fn posed(
+        &self,
+        frame: &Frame,
+        image: PathBuf,
+        world_from_camera: &RigidTransform,
+        json: &Path,
+        folder: &Path,
+        finder: &mut Finder<'_>,
+    ) -> Result<Posed, DatasetError> {
+        let malformed = |reason: String| {
+            DatasetError::malformed(json, format!("frame '{}': {reason}", frame.file_path))
+        };
+        let size = match frame.size().map_err(malformed)? {
+            Some(size) => size,
+            None => picture::dimensions(&image)?,
+        };
+        let mut named = |name: &Option<String>, what: &str| match name {
+            None => Ok(None),
+            Some(name) => match finder.map(folder, name)? {
+                Some(path) => Ok(Some(path)),
+                None => Err(malformed(format!("its {what} '{name}' does not exist"))),
+            },
+        };
+        let depth = match named(&frame.depth_file_path, "depth map")? {
+            Some(path) => Depth::Map(path, Encoding::Units(self.depth_unit), Resampling::Nearest),
+            None => Depth::None,
+        };
+        let mask = if self.masks {
+            named(&frame.mask_path, "mask")?.map(|file| Mask { file })
+        } else {
+            None
+        };
+        let mut pose = *world_from_camera;
+        pose.translation *= self.metres;
+        Ok(Posed {
+            id: frame_id(&frame.file_path),
+            image,
+            lens: frame.lens(size).map_err(malformed)?,
+            pinhole: Pinhole::WithoutBlankPixels,
+            camera_from_world: pose.inverse(),
+            mask,
+            depth,
+            cameras: vec![json.to_owned()],
+        })
+    }
+}

@@ -1,0 +1,310 @@
+//! A posed photograph in a file, with its lens, as a view: what every multi-view reader produces.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec3;
+use sharp::camera::RigidTransform;
+
+use crate::content::{FileContent, Mask};
+use crate::depth::{DepthSource, Encoding, MaskedDepth, Resampling, StoredDepth};
+use crate::files::{self, Root};
+use crate::lens::Lens;
+use crate::scan::{PointDepth, Scan, ScanDepth};
+use crate::undistort::Undistortion;
+use crate::{DatasetError, View, natural};
+
+/// Which pinhole camera a picture with lens distortion is resampled to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pinhole {
+    /// The widest that shows nothing beyond the stored picture.
+    WithoutBlankPixels,
+    /// The one ScanNet++'s toolbox uses.
+    LikeScanNetPp,
+}
+
+/// What a reader knows about one photograph.
+#[derive(Debug)]
+pub(crate) struct Posed {
+    pub(crate) id: String,
+    pub(crate) image: PathBuf,
+    pub(crate) lens: Lens,
+    pub(crate) pinhole: Pinhole,
+    pub(crate) camera_from_world: RigidTransform,
+    pub(crate) mask: Option<Mask>,
+    pub(crate) depth: Depth,
+    pub(crate) cameras: Vec<PathBuf>,
+}
+
+/// Where its depth comes from.
+#[derive(Debug)]
+pub(crate) enum Depth {
+    None,
+    /// A map in the geometry of the stored picture.
+    Map(PathBuf, Encoding, Resampling),
+    /// In the geometry of the view's pinhole camera.
+    Ready(Arc<dyn DepthSource>),
+    /// A laser scan or mesh in world coordinates.
+    Scan(Scan),
+    /// Points in world coordinates that this view sees, and the file they are from.
+    Points(PathBuf, Vec<DVec3>),
+}
+
+impl Posed {
+    /// The view, resampled to a pinhole camera if the lens asks for it.
+    ///
+    /// # Errors
+    /// Names the picture, when its lens cannot be resampled to a pinhole.
+    pub(crate) fn into_view(self) -> Result<View, DatasetError> {
+        let undistortion = if self.lens.is_pinhole() {
+            None
+        } else {
+            let made = match self.pinhole {
+                Pinhole::WithoutBlankPixels => Undistortion::without_blank_pixels(self.lens),
+                Pinhole::LikeScanNetPp => Undistortion::like_scannetpp(self.lens),
+            };
+            Some(made.map_err(|reason| DatasetError::malformed(&self.image, reason))?)
+        };
+        let stored = self.lens.intrinsics();
+        let intrinsics = undistortion.map_or(stored, |u| *u.pinhole());
+        let size = (stored.width, stored.height);
+        let depth = match self.depth {
+            Depth::None => None,
+            Depth::Map(file, encoding, resampling) => Some(Arc::new(StoredDepth {
+                file,
+                encoding,
+                size,
+                undistortion: undistortion.map(|u| (u, resampling)),
+            }) as Arc<dyn DepthSource>),
+            Depth::Ready(source) => Some(source),
+            Depth::Scan(scan) => Some(Arc::new(ScanDepth {
+                scan,
+                pinhole: intrinsics,
+                camera_from_world: self.camera_from_world,
+            }) as Arc<dyn DepthSource>),
+            Depth::Points(file, points) => Some(Arc::new(PointDepth {
+                file,
+                points,
+                pinhole: intrinsics,
+                camera_from_world: self.camera_from_world,
+            }) as Arc<dyn DepthSource>),
+        };
+        let depth = match (depth, &self.mask) {
+            (Some(depth), Some(mask)) => Some(Arc::new(MaskedDepth {
+                depth,
+                mask: mask.clone(),
+                size,
+                undistortion,
+            }) as Arc<dyn DepthSource>),
+            (depth, _) => depth,
+        };
+        Ok(View {
+            id: self.id,
+            intrinsics,
+            camera_from_world: self.camera_from_world,
+            content: Arc::new(FileContent {
+                image: self.image,
+                size,
+                mask: self.mask,
+                undistortion,
+                depth,
+                cameras: self.cameras,
+            }),
+        })
+    }
+}
+
+/// Sorts views naturally and shortens their ids by the folders they all share.
+pub(crate) fn finish(views: &mut [View]) {
+    let shared = views
+        .iter()
+        .map(|v| v.id.rsplit_once('/').map_or("", |(folder, _)| folder))
+        .reduce(common_folders)
+        .unwrap_or("")
+        .len();
+    for view in views.iter_mut() {
+        let id = view.id[shared..].trim_start_matches('/').to_owned();
+        view.id = id;
+    }
+    views.sort_by(|a, b| natural::compare(&a.id, &b.id));
+}
+
+/// The leading path components that two folders share.
+fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
+    let mut length = 0;
+    for (i, (x, y)) in a.split('/').zip(b.split('/')).enumerate() {
+        if x != y {
+            break;
+        }
+        length += x.len() + usize::from(i > 0);
+    }
+    &a[..length]
+}
+
+/// A picture's name without its extension, `./` and with `/` between folders.
+pub(crate) fn frame_id(name: &str) -> String {
+    let name = name.replace('\\', "/");
+    let name = name.trim_start_matches("./");
+    match name.rsplit_once('.') {
+        Some((stem, extension)) if is_picture_extension(extension) => stem.to_owned(),
+        _ => name.to_owned(),
+    }
+}
+
+fn is_picture_extension(extension: &str) -> bool {
+    matches!(
+        extension.to_ascii_lowercase().as_str(),
+        "png" | "jpg" | "jpeg"
+    )
+}
+
+/// Finds pictures and maps whose names in lists and on disk do not quite agree: another case,
+/// another extension, none at all. Each folder is listed once.
+#[derive(Debug)]
+pub(crate) struct Finder<'a> {
+    root: &'a Root,
+    listed: BTreeMap<PathBuf, Vec<String>>,
+}
+
+impl<'a> Finder<'a> {
+    pub(crate) fn new(root: &'a Root) -> Self {
+        Self {
+            root,
+            listed: BTreeMap::new(),
+        }
+    }
+
+    /// The file of that name below `base`: exactly, else in another case, else of the same stem
+    /// with one of the extensions. `None` when there is none or no such folder.
+    ///
+    /// # Errors
+    /// When the name leads out of the dataset's folder.
+    pub(crate) fn find(
+        &mut self,
+        base: &Path,
+        name: &str,
+        extensions: &[&str],
+    ) -> Result<Option<PathBuf>, DatasetError> {
+        let path = self.root.resolve(base, name)?;
+        if path.is_file() {
+            return Ok(Some(path));
+        }
+        let (Some(folder), Some(wanted)) = (path.parent(), path.file_name()) else {
+            return Ok(None);
+        };
+        let wanted = wanted.to_string_lossy().to_ascii_lowercase();
+        let stem = match wanted.rsplit_once('.') {
+            Some((stem, extension)) if is_picture_extension(extension) => stem,
+            _ => wanted.as_str(),
+        };
+        let names =
+            self.listed
+                .entry(folder.to_owned())
+                .or_insert_with(|| match files::list(folder) {
+                    Ok(entries) => entries.into_iter().map(|e| e.0).collect(),
+                    Err(_) => Vec::new(),
+                });
+        let fits = |name: &&String| {
+            let name = name.to_ascii_lowercase();
+            name == wanted
+                || name
+                    .rsplit_once('.')
+                    .is_some_and(|(s, e)| s == stem && extensions.contains(&e))
+        };
+        let Some(name) = names.iter().find(fits) else {
+            return Ok(None);
+        };
+        let found = folder.join(name);
+        self.root.check(&found)?;
+        Ok(found.is_file().then_some(found))
+    }
+
+    /// A picture: PNG or JPEG.
+    ///
+    /// # Errors
+    /// See [`Finder::find`].
+    pub(crate) fn picture(
+        &mut self,
+        base: &Path,
+        name: &str,
+    ) -> Result<Option<PathBuf>, DatasetError> {
+        self.find(base, name, &["png", "jpg", "jpeg"])
+    }
+
+    /// A depth map of any kind.
+    ///
+    /// # Errors
+    /// See [`Finder::find`].
+    pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
+        self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
+    }
+}
+
+/// Frames that were left out, by reason, as one note a reason.
+#[derive(Debug, Default)]
+pub(crate) struct Skipped(BTreeMap<&'static str, Vec<String>>);
+
+impl Skipped {
+    pub(crate) fn add(&mut self, reason: &'static str, frame: &str) {
+        self.0.entry(reason).or_default().push(frame.to_owned());
+    }
+
+    pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
+        self.0
+            .iter()
+            .map(|(reason, frames)| {
+                let first: Vec<_> = frames.iter().take(3).map(String::as_str).collect();
+                let more = if frames.len() > first.len() {
+                    ", …"
+                } else {
+                    ""
+                };
+                format!(
+                    "{}: {} frame(s) left out, {reason}: {}{more}",
+                    file.display(),
+                    frames.len(),
+                    first.join(", ")
+                )
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shared_folders_are_counted_by_component() {
+        assert_eq!(common_folders("images/left", "images/left_2"), "images");
+        assert_eq!(common_folders("images", "images"), "images");
+        assert_eq!(common_folders("", "images"), "");
+        assert_eq!(common_folders("a/b/c", "a/b"), "a/b");
+    }
+
+    #[test]
+    fn names_are_found_in_another_case_and_without_extension() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("images")).unwrap();
+        std::fs::write(folder.path().join("images/DSC_1.JPG"), "").unwrap();
+        std::fs::write(folder.path().join("images/r_0.png"), "").unwrap();
+        let root = Root::open(folder.path()).unwrap();
+        let mut finder = Finder::new(&root);
+        for (name, found) in [
+            ("images/DSC_1.JPG", Some("images/DSC_1.JPG")),
+            ("./images/dsc_1.jpg", Some("images/DSC_1.JPG")),
+            ("images/DSC_1.png", Some("images/DSC_1.JPG")),
+            ("./images/r_0", Some("images/r_0.png")),
+            ("images\\r_0.png", Some("images/r_0.png")),
+            ("images/r_00", None),
+            ("nowhere/r_0", None),
+        ] {
+            let path = finder.picture(root.path(), name).unwrap();
+            assert_eq!(path, found.map(|f| folder.path().join(f)), "{name}");
+        }
+        assert!(finder.picture(root.path(), "../r_0.png").is_err());
+        assert_eq!(frame_id("./images/a.b.JPG"), "images/a.b");
+        assert_eq!(frame_id("images\\r_0"), "images/r_0");
+    }
+}

@@ -1,0 +1,201 @@
+//! Depth of laser scans, meshes and triangulated points, seen by a pinhole camera.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::{DVec2, DVec3};
+use sharp::camera::{Intrinsics, RigidTransform};
+
+use crate::depth::{DepthSource, valid_depth, z_buffer};
+use crate::format::ply_points::{self, Geometry};
+use crate::{DatasetError, DepthMap};
+
+/// Nothing closer to the camera is drawn, metres (the near plane of ScanNet++'s toolbox).
+const NEAR_M: f64 = 0.05;
+
+/// The scan that was used last, so that the views of a scene read it once; shared by the scenes of
+/// a dataset, of which only one is in memory at a time.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct ScanCache(Arc<Mutex<Option<Held>>>);
+
+#[derive(Debug)]
+struct Held {
+    file: PathBuf,
+    geometry: Arc<Geometry>,
+}
+
+impl ScanCache {
+    fn get(&self, file: &Path) -> Result<Arc<Geometry>, DatasetError> {
+        // A panic elsewhere cannot leave the slot half written.
+        let mut slot = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*slot {
+            Some(held) if held.file == file => Ok(Arc::clone(&held.geometry)),
+            _ => {
+                *slot = None;
+                let geometry = Arc::new(ply_points::read(file)?);
+                *slot = Some(Held {
+                    file: file.to_owned(),
+                    geometry: Arc::clone(&geometry),
+                });
+                Ok(geometry)
+            }
+        }
+    }
+}
+
+/// A scan or mesh in world coordinates, metres.
+#[derive(Debug, Clone)]
+pub(crate) struct Scan {
+    pub(crate) file: PathBuf,
+    pub(crate) cache: ScanCache,
+    /// Points mark the pixels within this distance; triangles are filled and need none.
+    pub(crate) splat_radius: u32,
+}
+
+/// A scan as one view sees it.
+#[derive(Debug)]
+pub(crate) struct ScanDepth {
+    pub(crate) scan: Scan,
+    pub(crate) pinhole: Intrinsics,
+    pub(crate) camera_from_world: RigidTransform,
+}
+
+impl DepthSource for ScanDepth {
+    fn load(&self) -> Result<DepthMap, DatasetError> {
+        let geometry = self.scan.cache.get(&self.scan.file)?;
+        let camera = |p: &glam::Vec3| self.camera_from_world.apply(p.as_dvec3());
+        if geometry.triangles.is_empty() {
+            let places = geometry
+                .points
+                .iter()
+                .filter_map(|p| place(&self.pinhole, camera(p)));
+            return Ok(z_buffer(
+                size(&self.pinhole),
+                self.scan.splat_radius,
+                places,
+            ));
+        }
+        let points: Vec<DVec3> = geometry.points.iter().map(camera).collect();
+        let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
+        for triangle in &geometry.triangles {
+            fill(
+                &self.pinhole,
+                triangle.map(|i| points[i as usize]),
+                &mut depth,
+            );
+        }
+        Ok(depth)
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.scan.file.clone()]
+    }
+}
+
+/// Triangulated points that one view is known to see.
+#[derive(Debug)]
+pub(crate) struct PointDepth {
+    pub(crate) file: PathBuf,
+    pub(crate) points: Vec<DVec3>,
+    pub(crate) pinhole: Intrinsics,
+    pub(crate) camera_from_world: RigidTransform,
+}
+
+impl DepthSource for PointDepth {
+    fn load(&self) -> Result<DepthMap, DatasetError> {
+        let places = self
+            .points
+            .iter()
+            .filter_map(|p| place(&self.pinhole, self.camera_from_world.apply(*p)));
+        Ok(z_buffer(size(&self.pinhole), 0, places))
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.file.clone()]
+    }
+}
+
+fn size(pinhole: &Intrinsics) -> (u32, u32) {
+    (pinhole.width, pinhole.height)
+}
+
+fn place(pinhole: &Intrinsics, point: DVec3) -> Option<(DVec2, f64)> {
+    (point.z > NEAR_M).then(|| Some((pinhole.project(point)?, point.z)))?
+}
+
+/// Draws a triangle into a z-buffer at the pixels' centres; 1/z is linear in the picture.
+fn fill(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
+    let places = corners.map(|c| place(pinhole, c));
+    let [Some((a, za)), Some((b, zb)), Some((c, zc))] = places else {
+        return;
+    };
+    let area = (b - a).perp_dot(c - a);
+    if area == 0.0 || !area.is_finite() {
+        return;
+    }
+    let low = a.min(b).min(c);
+    let high = a.max(b).max(c);
+    // Pixels whose centre may lie inside.
+    let range = |low: f64, high: f64, side: u32| {
+        let first = (low - 0.5).ceil().max(0.0);
+        let last = (high - 0.5).floor().min(f64::from(side) - 1.0);
+        (first <= last).then_some(first as u32..=last as u32)
+    };
+    let (Some(xs), Some(ys)) = (
+        range(low.x, high.x, pinhole.width),
+        range(low.y, high.y, pinhole.height),
+    ) else {
+        return;
+    };
+    for y in ys {
+        for x in xs.clone() {
+            let p = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let wa = (b - p).perp_dot(c - p) / area;
+            let wb = (c - p).perp_dot(a - p) / area;
+            let wc = 1.0 - wa - wb;
+            if wa < 0.0 || wb < 0.0 || wc < 0.0 {
+                continue;
+            }
+            let z = valid_depth(1.0 / (wa / za + wb / zb + wc / zc));
+            let into = &mut depth.get_pixel_mut(x, y).0[0];
+            if z > 0.0 && (*into == 0.0 || z < *into) {
+                *into = z;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slanted_triangle_has_the_planes_depth() {
+        let pinhole = Intrinsics::new((50.0, 50.0), (20.0, 15.0), (40, 30)).unwrap();
+        // The plane z = 2 + x/2.
+        let at = |x: f64, y: f64| DVec3::new(x, y, 2.0 + 0.5 * x);
+        let mut depth = DepthMap::new(40, 30);
+        fill(
+            &pinhole,
+            [at(-3.0, -3.0), at(3.0, -3.0), at(0.0, 4.0)],
+            &mut depth,
+        );
+        let mut filled = 0;
+        for (x, y, z) in depth.enumerate_pixels().filter(|(_, _, z)| z.0[0] > 0.0) {
+            let ray = pinhole.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), 1.0);
+            let expected = 2.0 / (1.0 - 0.5 * ray.x);
+            assert!((f64::from(z.0[0]) - expected).abs() < 1e-6 * expected);
+            filled += 1;
+        }
+        assert!(filled > 700, "{filled}");
+        // Something nearer wins, something behind the camera is not drawn.
+        fill(
+            &pinhole,
+            [at(-9.0, -9.0), at(9.0, -9.0), DVec3::new(0.0, 9.0, -1.0)],
+            &mut depth,
+        );
+        let near = [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)].map(|(x, y)| DVec3::new(x, y, 1.0));
+        fill(&pinhole, near, &mut depth);
+        assert_eq!(depth.get_pixel(20, 15).0[0], 1.0);
+    }
+}

@@ -1,0 +1,198 @@
+//! A plain rectified stereo pair: `left.*`, `right.*` and `rig.txt`.
+//!
+//! `rig.txt` has one `key=value` a line: `fx`, `fy` (fx unless given), `cx_left`, `cx_right`
+//! (cx_left unless given), `cy` in pixels with the centre of the first pixel at (0.5, 0.5), and
+//! `baseline_m`. Optional: `disparity_unit`, the pixels that one stored unit stands for (1; for
+//! KITTI's 16-bit PNG 1/256 = 0.00390625). `disparity_left.*` and `disparity_right.*` (PFM, npy,
+//! npz, EXR, 16-bit PNG) are optional.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::catalog::{DatasetSpec, Format};
+use crate::depth::StereoGeometry;
+use crate::files::{self, Root};
+use crate::format::picture;
+use crate::rig::Side;
+use crate::{DatasetError, Pairing, Scene};
+
+const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
+const PICTURES: &[&str] = &["png", "jpg", "jpeg"];
+
+/// The catalogue's entry.
+pub(crate) const FORMAT: Format = Format {
+    name: "stereo",
+    summary: "your own rectified pairs: folders with left.png, right.png, rig.txt, and \
+              disparity_left.pfm if there is one",
+    settings: &[],
+    open,
+};
+
+fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let root = Root::open(&spec.path)?;
+    let folders = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
+    if folders.is_empty() {
+        return Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: FORMAT.name,
+            expected: "folders with left.png, right.png and rig.txt, up to four levels down",
+        });
+    }
+    folders
+        .iter()
+        .map(|folder| read_scene(&spec.name, &root, folder))
+        .collect()
+}
+
+fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {
+    let file = root.resolve(folder, "rig.txt")?;
+    let rig = Rig::parse(&files::read_text(&file)?)
+        .map_err(|reason| DatasetError::malformed(&file, reason))?;
+    let mut views = Vec::new();
+    for (name, cx, x_m) in [
+        ("left", rig.cx_left, 0.0),
+        ("right", rig.cx_right, rig.baseline_m),
+    ] {
+        let image = find(root, folder, name, PICTURES)?.ok_or_else(|| {
+            DatasetError::malformed(folder, format!("no {name}.png, .jpg or .jpeg"))
+        })?;
+        let side = Side {
+            id: name.to_owned(),
+            size: picture::dimensions(&image)?,
+            image,
+            disparity: find(root, folder, &format!("disparity_{name}"), MAPS)?
+                .map(|path| (path, rig.disparity_unit)),
+            focal: (rig.fx, rig.fy),
+            center: (cx, rig.cy),
+            x_m,
+        };
+        let geometry = StereoGeometry {
+            focal: rig.fx,
+            baseline_m: rig.baseline_m,
+            doffs: rig.cx_right - rig.cx_left,
+        };
+        let view = side.into_view(geometry, vec![file.clone()]);
+        views.push(view.map_err(|source| DatasetError::Camera {
+            path: file.clone(),
+            source,
+        })?);
+    }
+    let id = root.id_of(folder);
+    Ok(Scene {
+        dataset: dataset.to_owned(),
+        cluster: id.clone(),
+        id,
+        views,
+        pairing: Pairing::Stereo {
+            source: 0,
+            target: 1,
+        },
+        notes: Vec::new(),
+    })
+}
+
+/// The file of that stem, whatever the case of its extension.
+fn find(
+    root: &Root,
+    folder: &Path,
+    stem: &str,
+    extensions: &[&str],
+) -> Result<Option<PathBuf>, DatasetError> {
+    for (name, path) in files::list(folder)? {
+        let fits = name.rsplit_once('.').is_some_and(|(s, e)| {
+            s == stem && extensions.contains(&e.to_ascii_lowercase().as_str())
+        });
+        if fits {
+            root.check(&path)?;
+            return Ok(Some(path));
+        }
+    }
+    Ok(None)
+}
+
+#[derive(Debug)]
+struct Rig {
+    fx: f64,
+    fy: f64,
+    cx_left: f64,
+    cx_right: f64,
+    cy: f64,
+    baseline_m: f64,
+    disparity_unit: f64,
+}
+
+impl Rig {
+    fn parse(text: &str) -> Result<Self, String> {
+        const KEYS: [&str; 7] = [
+            "fx",
+            "fy",
+            "cx_left",
+            "cx_right",
+            "cy",
+            "baseline_m",
+            "disparity_unit",
+        ];
+        let mut values = BTreeMap::new();
+        for line in text.lines().map(str::trim) {
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let (key, value) = line
+                .split_once('=')
+                .ok_or_else(|| format!("'{line}' is not key=value"))?;
+            let (key, value) = (key.trim(), value.trim());
+            if !KEYS.contains(&key) {
+                return Err(format!("unknown key '{key}'; known: {}", KEYS.join(", ")));
+            }
+            match value.parse::<f64>() {
+                Ok(number) if number.is_finite() => values.insert(key, number),
+                _ => return Err(format!("{key} is '{value}', not a finite number")),
+            };
+        }
+        let needed = |key: &str| {
+            values
+                .get(key)
+                .copied()
+                .ok_or_else(|| format!("the key '{key}' is missing"))
+        };
+        let or = |key: &str, default: f64| values.get(key).copied().unwrap_or(default);
+        let (fx, cx_left) = (needed("fx")?, needed("cx_left")?);
+        let rig = Self {
+            fx,
+            fy: or("fy", fx),
+            cx_left,
+            cx_right: or("cx_right", cx_left),
+            cy: needed("cy")?,
+            baseline_m: needed("baseline_m")?,
+            disparity_unit: or("disparity_unit", 1.0),
+        };
+        if rig.baseline_m <= 0.0 || rig.disparity_unit <= 0.0 {
+            return Err("baseline_m and disparity_unit must be above zero".into());
+        }
+        Ok(rig)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rigs_have_defaults_and_mistakes_are_named() {
+        let rig = Rig::parse("fx=500\n# left\ncx_left = 320\ncy=240\nbaseline_m=0.1\n").unwrap();
+        assert_eq!(
+            (rig.fy, rig.cx_right, rig.disparity_unit),
+            (500.0, 320.0, 1.0)
+        );
+        for (text, reason) in [
+            ("fx=500", "'cx_left' is missing"),
+            ("focal=5", "unknown key 'focal'"),
+            ("fx=nan", "not a finite number"),
+            ("fx", "not key=value"),
+            ("fx=1\ncx_left=1\ncy=1\nbaseline_m=0", "above zero"),
+        ] {
+            let error = Rig::parse(text).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! WildRGB-D: phone captures of objects, with LiDAR depth in millimetres.
+//!
+//! A category has `nvs_list.json` and `scenes/scene_000/` with `rgb/00000.png`, `depth/00000.png`,
+//! `metadata` (JSON) and `cam_poses.txt` (frame number and camera-to-world matrix, metres, OpenCV
+//! axes). K in `metadata` is column-major and puts the first pixel's centre at (0, 0), so 0.5 is
+//! added to the principal point. The dataset has terabytes: the lists are read first, and only the
+//! folders they name are looked at.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::catalog::{Choice, DatasetSpec, Format, Setting};
+use crate::depth::{Encoding, Resampling};
+use crate::files::{self, Root};
+use crate::format::{lenient_json, trajectory};
+use crate::lens::{Distortion, Lens};
+use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
+use crate::{DatasetError, Pairing, Scene};
+
+/// The catalogue's entry.
+pub(crate) const FORMAT: Format = Format {
+    name: "wildrgbd",
+    summary: "WildRGB-D: <category>/nvs_list.json and <category>/scenes/scene_*",
+    settings: &[Setting::choice(
+        "split",
+        "which scenes and frames of the nvs list",
+        &[
+            Choice::new("val-scenes", "all frames of the scenes in 'val'"),
+            Choice::new(
+                "val-frames",
+                "the frames in 'val' of a nvs_list.json inside each scene's own folder",
+            ),
+            Choice::proxy("train-scenes", "all frames of the scenes in 'train'"),
+            Choice::proxy("all-scenes", "every scene folder, without a list"),
+        ],
+    )],
+    open,
+};
+
+const LIST: &str = "nvs_list.json";
+
+fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    let root = Root::open(&spec.path)?;
+    let split = spec.setting("split");
+    let by_list = matches!(split, "val-scenes" | "train-scenes");
+    let categories = root.find_folders(1, &|folder| {
+        folder.join(LIST).is_file() || folder.join("scenes").is_dir()
+    })?;
+    let mut scenes = Vec::new();
+    let mut missing = Skipped::default();
+    for category in &categories {
+        let folders = if by_list {
+            listed_scenes(&root, category, split, &mut missing)?
+        } else {
+            every_scene(category)?
+        };
+        for folder in folders {
+            scenes.push(read_scene(spec, &root, &folder, split == "val-frames")?);
+        }
+    }
+    if let Some(first) = scenes.first_mut() {
+        first.notes.extend(missing.notes(&spec.path));
+        Ok(scenes)
+    } else {
+        Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: FORMAT.name,
+            expected: "<category>/nvs_list.json and the scenes that it names, or split=all-scenes",
+        })
+    }
+}
+
+/// The folders of the scenes that the category's list names, in natural order.
+fn listed_scenes(
+    root: &Root,
+    category: &Path,
+    split: &str,
+    missing: &mut Skipped,
+) -> Result<Vec<PathBuf>, DatasetError> {
+    let file = root.resolve(category, LIST)?;
+    let key = split.trim_end_matches("-scenes");
+    let mut names = names_in(&file, key)?;
+    names.sort_by(|a, b| crate::natural::compare(a, b));
+    let mut folders = Vec::new();
+    for name in names {
+        let direct = root.resolve(category, &name)?;
+        let nested = root.resolve(category, &format!("scenes/{name}"))?;
+        match [direct, nested].into_iter().find(|f| f.is_dir()) {
+            Some(folder) => folders.push(folder),
+            None => missing.add(
+                "the list names scenes that are not there",
+                &format!("{}/{name}", root.id_of(category)),
+            ),
+        }
+    }
+    Ok(folders)
+}
+
+/// A list of names in a JSON object; numbers count as names.
+fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
+    let malformed = |reason: String| DatasetError::malformed(file, reason);
+    let list = lenient_json::parse(&files::read_text(file)?).map_err(malformed)?;
+    let names = list
+        .get(key)
+        .and_then(Value::as_array)
+        .ok_or_else(|| malformed(format!("there is no list '{key}'")))?;
+    names
+        .iter()
+        .map(|name| match name {
+            Value::String(name) => Ok(name.clone()),
+            Value::Number(n) => Ok(n.to_string()),
+            other => Err(malformed(format!("'{key}' holds {other}, not a name"))),
+        })
+        .collect()
+}
+
+fn every_scene(category: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let folder = category.join("scenes");
+    let folder = if folder.is_dir() {
+        folder
+    } else {
+        category.to_owned()
+    };
+    Ok(files::list(&folder)?
+        .into_iter()
+        .filter(|(name, _)| name.starts_with("scene_") || name.starts_with("scenes_"))
+        .map(|(_, path)| path)
+        .collect())
+}
+
+fn read_scene(
+    spec: &DatasetSpec,
+    root: &Root,
+    folder: &Path,
+    by_frame: bool,
+) -> Result<Scene, DatasetError> {
+    let metadata = root.resolve(folder, "metadata")?;
+    let lens = read_lens(&metadata)?;
+    let poses_file = root.resolve(folder, "cam_poses.txt")?;
+    let poses = trajectory::read_rows(&poses_file)?;
+    let wanted = if by_frame {
+        let frames = names_in(&root.resolve(folder, LIST)?, "val")?;
+        Some(
+            frames
+                .iter()
+                .filter_map(|n| number_of(n))
+                .collect::<Vec<_>>(),
+        )
+    } else {
+        None
+    };
+    let by_number = |name: &str| -> Result<Vec<(i64, PathBuf)>, DatasetError> {
+        let folder = root.resolve(folder, name)?;
+        let mut files: Vec<_> = root
+            .files_in(&folder)
+            .into_iter()
+            .filter_map(|(name, path)| Some((number_of(&name)?, path)))
+            .collect();
+        files.sort();
+        Ok(files)
+    };
+    let (pictures, maps) = (by_number("rgb")?, by_number("depth")?);
+    let find = |files: &[(i64, PathBuf)], frame: i64| {
+        let i = files.binary_search_by_key(&frame, |f| f.0).ok()?;
+        Some(files[i].1.clone())
+    };
+    let mut skipped = Skipped::default();
+    let mut views = Vec::new();
+    for pose in &poses {
+        let id = format!("{:05}", pose.frame);
+        if wanted.as_ref().is_some_and(|w| !w.contains(&pose.frame)) {
+            continue;
+        }
+        let Some(image) = find(&pictures, pose.frame) else {
+            skipped.add("the picture does not exist", &id);
+            continue;
+        };
+        let Ok(world_from_camera) = &pose.world_from_camera else {
+            skipped.add("the pose is not finite or not rigid", &id);
+            continue;
+        };
+        let depth = find(&maps, pose.frame).map_or(Depth::None, |map| {
+            Depth::Map(map, Encoding::Units(0.001), Resampling::Nearest)
+        });
+        views.push(
+            Posed {
+                id,
+                image,
+                lens,
+                pinhole: Pinhole::WithoutBlankPixels,
+                camera_from_world: world_from_camera.inverse(),
+                mask: None,
+                depth,
+                cameras: vec![metadata.clone(), poses_file.clone()],
+            }
+            .into_view()?,
+        );
+    }
+    posed::finish(&mut views);
+    let id = root.id_of(folder);
+    Ok(Scene {
+        dataset: spec.name.clone(),
+        cluster: id.clone(),
+        id,
+        views,
+        pairing: Pairing::MultiView,
+        notes: skipped.notes(&poses_file),
+    })
+}
+
+/// The number that a frame's name is, with or without an extension.
+fn number_of(name: &str) -> Option<i64> {
+    let stem = name.rsplit('/').next().unwrap_or(name);
+    stem.split('.').next()?.parse().ok()
+}
+
+fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
+    let malformed = |reason: String| DatasetError::malformed(file, reason);
+    let metadata = lenient_json::parse(&files::read_text(file)?).map_err(malformed)?;
+    let side = |key: &str| {
+        metadata
+            .get(key)
+            .and_then(Value::as_u64)
+            .and_then(|n| u32::try_from(n).ok())
+            .ok_or_else(|| malformed(format!("'{key}' is not a number of pixels")))
+    };
+    let k: Vec<f64> = metadata
+        .get("K")
+        .and_then(Value::as_array)
+        .map(|k| k.iter().filter_map(Value::as_f64).collect())
+        .unwrap_or_default();
+    let k = <[f64; 9]>::try_from(k).map_err(|_| malformed("'K' is not nine numbers".into()))?;
+    // Column by column: the principal point stands where a row-major K has zeros.
+    if k[2] != 0.0 || k[5] != 0.0 {
+        return Err(malformed(
+            "'K' is not column-major: its third and sixth numbers are not zero".into(),
+        ));
+    }
+    Lens::new(
+        (k[0], k[4]),
+        (k[6] + 0.5, k[7] + 0.5),
+        (side("w")?, side("h")?),
+        Distortion::None,
+    )
+    .map_err(|source| DatasetError::Camera {
+        path: file.to_owned(),
+        source,
+    })
+}
