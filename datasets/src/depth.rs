@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use image::Luma;
-use image::imageops::{FilterType, resize};
 
 use crate::content::{Mask, check_size};
 use crate::format::{self, FloatMap, raw_floats};
@@ -206,7 +205,18 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
     if (other - h).abs() > 1.0 {
         check_size(path, map.dimensions(), size)?;
     }
-    Ok(resize(&map, size.0, size.1, FilterType::Nearest))
+    // By hand: `image::imageops::resize` clamps floats to 0..1.
+    let nearest = |i: u32, from: u32, to: u32| {
+        let place = (u64::from(i) * 2 + 1) * u64::from(from) / (u64::from(to) * 2);
+        (place as u32).min(from - 1)
+    };
+    Ok(DepthMap::from_fn(size.0, size.1, |x, y| {
+        let (u, v) = (
+            nearest(x, map.width(), size.0),
+            nearest(y, map.height(), size.1),
+        );
+        *map.get_pixel(u, v)
+    }))
 }
 
 /// A depth as the map holds it: 0 unless finite and positive.
@@ -307,7 +317,7 @@ mod tests {
         assert_eq!(depth.as_raw(), &[0.0, 1.5, 0.0, 65.534]);
         let larger = stored(png.clone(), (4, 4)).load().unwrap();
         assert_eq!(larger.get_pixel(3, 1).0[0], 1.5);
-        let error = stored(png, (4, 2)).load().unwrap_err().to_string();
+        let error = stored(png, (8, 2)).load().unwrap_err().to_string();
         assert!(error.contains("2x2"), "{error}");
 
         let npy = folder.path().join("d.npy");

@@ -138,6 +138,20 @@ fn middeval3_layout_warps_as_published() {
     check_warp(&middeval3_scene());
 }
 
+/// The same pixels in Booster's layout, whose right view has a disparity map of its own, made by
+/// carrying the left one over: it has holes where the left view sees nothing.
+#[test]
+fn booster_layout_warps_in_both_directions() {
+    let folder = repository().join("tests/fixtures/booster");
+    let spec = DatasetSpec::parse(&format!("booster={}", folder.display())).unwrap();
+    let scenes = open(&spec).unwrap();
+    let (left, right) = (&scenes[0].views[0], &scenes[0].views[1]);
+    let there = psnr(warp_error(left, right, Outside::LeftOut, |_, _| true));
+    assert!((there - 22.42).abs() < 0.005, "{there}");
+    let back = psnr(warp_error(right, left, Outside::LeftOut, |_, _| true));
+    assert!((back - 27.59).abs() < 0.005, "{back}");
+}
+
 #[test]
 fn unwarped_pictures_are_far_apart() {
     let scene = bundled_scene();

@@ -27,6 +27,7 @@ pub mod opencv_xml;
 pub mod pfm;
 pub mod picture;
 pub mod ply_points;
+mod png_chunks;
 pub mod raw_floats;
 pub mod trajectory;
 pub mod transforms;

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
 
-use super::jpeg_markers;
+use super::{jpeg_markers, png_chunks};
 use crate::{DatasetError, files};
 
 /// Decodes a photograph.
@@ -65,6 +65,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     if format == ImageFormat::Jpeg {
         // The decoder fills what is missing with gray; a truncated file must not be scored.
         jpeg_markers::check_complete(bytes)?;
+    } else {
+        png_chunks::check_complete(bytes)?;
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     // The bound below is tighter than any fixed limit, and lets a 50-megapixel picture pass.

@@ -6,10 +6,11 @@ use std::sync::{Arc, OnceLock};
 use glam::{DVec2, DVec3};
 use image::RgbImage;
 use rayon::prelude::*;
-use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::camera::RigidTransform;
 
 use super::arithmetic::srgb_level;
 use super::world::World;
+use crate::lens::Lens;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
 /// Rays a pixel and side: colour is averaged over 3×3 in linear light, depth is that of the one
@@ -20,33 +21,34 @@ const SAMPLES: u32 = 3;
 #[derive(Debug)]
 pub(super) struct ProceduralContent {
     world: Arc<World>,
-    intrinsics: Intrinsics,
+    lens: Lens,
     world_from_camera: RigidTransform,
     image: OnceLock<RgbImage>,
 }
 
 impl ProceduralContent {
-    pub(super) fn new(
-        world: Arc<World>,
-        intrinsics: Intrinsics,
-        camera_from_world: RigidTransform,
-    ) -> Self {
+    pub(super) fn new(world: Arc<World>, lens: Lens, camera_from_world: RigidTransform) -> Self {
         Self {
             world,
-            intrinsics,
+            lens,
             world_from_camera: camera_from_world.inverse(),
             image: OnceLock::new(),
         }
     }
 
     /// The ray through a point of the picture; its direction has z = 1 in camera space, so that
-    /// distances along it are z-depths.
-    fn ray(&self, x: f64, y: f64) -> (DVec3, DVec3) {
-        let direction = self.intrinsics.unproject(DVec2::new(x, y), 1.0);
-        (
+    /// distances along it are z-depths. `None` where the lens sees nothing.
+    fn ray(&self, x: f64, y: f64) -> Option<(DVec3, DVec3)> {
+        let direction = self.lens.unproject(DVec2::new(x, y))?;
+        Some((
             self.world_from_camera.translation,
             self.world_from_camera.rotation * direction,
-        )
+        ))
+    }
+
+    fn size(&self) -> (u32, u32) {
+        let k = self.lens.intrinsics();
+        (k.width, k.height)
     }
 
     fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
@@ -54,11 +56,13 @@ impl ProceduralContent {
         let mut sum = DVec3::ZERO;
         for j in 0..SAMPLES {
             for i in 0..SAMPLES {
-                let (origin, direction) = self.ray(
+                let ray = self.ray(
                     f64::from(x) + (f64::from(i) + 0.5) * step,
                     f64::from(y) + (f64::from(j) + 0.5) * step,
                 );
-                sum += self.world.radiance(origin, direction);
+                if let Some((origin, direction)) = ray {
+                    sum += self.world.radiance(origin, direction);
+                }
             }
         }
         let mean = sum / f64::from(SAMPLES * SAMPLES);
@@ -67,10 +71,10 @@ impl ProceduralContent {
 
     fn picture(&self) -> &RgbImage {
         self.image.get_or_init(|| {
-            let mut image = RgbImage::new(self.intrinsics.width, self.intrinsics.height);
+            let mut image = RgbImage::new(self.size().0, self.size().1);
             image
-                .par_chunks_exact_mut(self.intrinsics.width as usize * 3)
-                .zip(0..self.intrinsics.height)
+                .par_chunks_exact_mut(self.size().0 as usize * 3)
+                .zip(0..self.size().1)
                 .for_each(|(row, y)| {
                     for (pixel, x) in row.chunks_exact_mut(3).zip(0..) {
                         pixel.copy_from_slice(&self.pixel(x, y));
@@ -87,14 +91,16 @@ impl ViewContent for ProceduralContent {
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-        let mut depth = DepthMap::new(self.intrinsics.width, self.intrinsics.height);
+        let mut depth = DepthMap::new(self.size().0, self.size().1);
         depth
-            .par_chunks_exact_mut(self.intrinsics.width as usize)
-            .zip(0..self.intrinsics.height)
+            .par_chunks_exact_mut(self.size().0 as usize)
+            .zip(0..self.size().1)
             .for_each(|(row, y)| {
-                for (value, x) in row.iter_mut().zip(0..self.intrinsics.width) {
-                    let (origin, direction) = self.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                    if let Some(hit) = self.world.first_hit(origin, direction) {
+                for (value, x) in row.iter_mut().zip(0..self.size().0) {
+                    let hit = self
+                        .ray(f64::from(x) + 0.5, f64::from(y) + 0.5)
+                        .and_then(|(origin, direction)| self.world.first_hit(origin, direction));
+                    if let Some(hit) = hit {
                         *value = hit.distance as f32;
                     }
                 }

@@ -25,8 +25,10 @@ mod world;
 use std::sync::Arc;
 
 use glam::DVec2;
+use sharp::camera::RigidTransform;
 
 use crate::catalog::{DatasetSpec, Format, Setting};
+use crate::lens::{Distortion, Lens};
 use crate::{DatasetError, Pairing, Scene, View};
 use content::ProceduralContent;
 use world::World;
@@ -100,20 +102,18 @@ impl SyntheticScene {
             )));
         }
         let world = Arc::new(World::new(options.seed));
-        let intrinsics = rig::intrinsics(options.width, options.height);
+        let k = rig::intrinsics(options.width, options.height);
+        let lens = Lens::new(
+            (k.fx, k.fy),
+            (k.cx, k.cy),
+            (k.width, k.height),
+            Distortion::None,
+        )
+        .map_err(|e| refuse(e.to_string()))?;
         let views = rig::poses(options.views)
             .into_iter()
             .enumerate()
-            .map(|(i, camera_from_world)| View {
-                id: format!("view_{i:02}"),
-                intrinsics,
-                camera_from_world,
-                content: Arc::new(ProceduralContent::new(
-                    Arc::clone(&world),
-                    intrinsics,
-                    camera_from_world,
-                )),
-            })
+            .map(|(i, pose)| view_of(&world, format!("view_{i:02}"), lens, pose))
             .collect();
         Ok(Self {
             world,
@@ -125,6 +125,12 @@ impl SyntheticScene {
     /// The cameras, with their pictures and depth.
     pub fn views(&self) -> &[View] {
         &self.views
+    }
+
+    /// The same world through any camera. With a lens that distorts, picture and depth are those
+    /// of the lens, not of the pinhole that the view's intrinsics describe.
+    pub fn view_through(&self, id: &str, lens: Lens, camera_from_world: RigidTransform) -> View {
+        view_of(&self.world, id.to_owned(), lens, camera_from_world)
     }
 
     /// As any reader would hand it on.
@@ -186,6 +192,19 @@ impl SyntheticScene {
             }
         }
         (with_depth > 0).then(|| seen as f64 / with_depth as f64)
+    }
+}
+
+fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidTransform) -> View {
+    View {
+        id,
+        intrinsics: lens.intrinsics(),
+        camera_from_world,
+        content: Arc::new(ProceduralContent::new(
+            Arc::clone(world),
+            lens,
+            camera_from_world,
+        )),
     }
 }
 

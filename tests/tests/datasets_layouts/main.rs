@@ -1,0 +1,131 @@
+//! The procedural scene, written in the layout of every dataset and read back: cameras to 1e-9,
+//! pictures byte for byte, depth to what the layout's files can hold.
+
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
+mod multi_view;
+mod stereo;
+mod write;
+
+use std::path::Path;
+
+use sharp_datasets::lens::{Distortion, Lens};
+use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
+use sharp_datasets::{DatasetSpec, DepthMap, Scene, View, open};
+
+/// How closely depth must come back.
+#[derive(Clone, Copy)]
+enum Depth {
+    /// Stored as f32 metres.
+    Exact,
+    /// Stored in millimetres: half of one, and rounding.
+    Millimetres,
+    /// Not written.
+    Absent,
+}
+
+fn scene() -> SyntheticScene {
+    SyntheticScene::new(SyntheticOptions {
+        seed: 11,
+        width: 96,
+        height: 72,
+        views: 5,
+    })
+    .unwrap()
+}
+
+fn read(spec: &str, folder: &Path) -> Scene {
+    let (format, settings) = spec.split_once(',').unwrap_or((spec, ""));
+    let comma = if settings.is_empty() { "" } else { "," };
+    let text = format!("{format}={}{comma}{settings}", folder.display());
+    let mut scenes = open(&DatasetSpec::parse(&text).unwrap()).unwrap();
+    assert_eq!(scenes.len(), 1);
+    scenes.remove(0)
+}
+
+/// Cameras, pictures and depth of what was read against what was written.
+fn compare(found: &[View], written: &[View], depth: Depth) {
+    assert_eq!(found.len(), written.len());
+    for (a, b) in found.iter().zip(written) {
+        compare_cameras(a, b);
+        assert_eq!(
+            a.content.image().unwrap(),
+            b.content.image().unwrap(),
+            "{}",
+            a.id
+        );
+        let (found, truth) = (a.content.depth().unwrap(), b.content.depth().unwrap());
+        match depth {
+            Depth::Absent => assert!(found.is_none()),
+            _ => compare_depth(&found.unwrap(), &truth.unwrap(), depth),
+        }
+    }
+}
+
+fn compare_cameras(a: &View, b: &View) {
+    let (k, l) = (a.intrinsics, b.intrinsics);
+    assert_eq!((k.width, k.height), (l.width, l.height));
+    let pairs = [(k.fx, l.fx), (k.fy, l.fy), (k.cx, l.cx), (k.cy, l.cy)];
+    let poses = a
+        .camera_from_world
+        .to_row_major()
+        .into_iter()
+        .zip(b.camera_from_world.to_row_major());
+    for (x, y) in pairs.into_iter().chain(poses) {
+        assert!((x - y).abs() <= 1e-9, "{}: {x} instead of {y}", a.id);
+    }
+}
+
+fn compare_depth(found: &DepthMap, truth: &DepthMap, depth: Depth) {
+    assert_eq!(found.dimensions(), truth.dimensions());
+    for (x, y, z) in truth.enumerate_pixels() {
+        let (z, w) = (f64::from(z.0[0]), f64::from(found.get_pixel(x, y).0[0]));
+        let tolerance = match depth {
+            Depth::Millimetres => 0.5e-3 + 1e-6 * z,
+            Depth::Exact | Depth::Absent => 0.0,
+        };
+        assert!((z - w).abs() <= tolerance, "({x}, {y}): {w} instead of {z}");
+    }
+}
+
+/// A fisheye like ScanNet++'s, at the scene's size.
+fn fisheye() -> Lens {
+    let distortion = Distortion::OpenCvFisheye {
+        k: [-0.0295, -0.0076, -0.00093, 0.00031],
+    };
+    Lens::new((62.0, 62.2), (48.3, 35.8), (96, 72), distortion).unwrap()
+}
+
+/// What resampling a lens's picture must come close to: the pinhole picture itself.
+fn psnr(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
+    let sum: f64 = a
+        .iter()
+        .zip(b.iter())
+        .map(|(p, q)| (f64::from(*p) - f64::from(*q)).powi(2))
+        .sum();
+    10.0 * (255.0 * 255.0 * a.len() as f64 / sum).log10()
+}
+
+/// The share of pixels with depth in both maps whose depth is one that the other map has at the
+/// pixel or next to it: looking up the nearest stored value moves it by up to a pixel.
+fn agreement(found: &DepthMap, truth: &DepthMap) -> f64 {
+    let (mut both, mut close) = (0, 0);
+    for (x, y, z) in found.enumerate_pixels() {
+        if z.0[0] <= 0.0 || truth.get_pixel(x, y).0[0] <= 0.0 {
+            continue;
+        }
+        let (mut low, mut high) = (f32::MAX, 0.0_f32);
+        for v in y.saturating_sub(1)..=(y + 1).min(truth.height() - 1) {
+            for u in x.saturating_sub(1)..=(x + 1).min(truth.width() - 1) {
+                let near = truth.get_pixel(u, v).0[0];
+                if near > 0.0 {
+                    (low, high) = (low.min(near), high.max(near));
+                }
+            }
+        }
+        both += 1;
+        close += u32::from((low * 0.995..=high * 1.005).contains(&z.0[0]));
+    }
+    assert!(both > found.width() * found.height() / 4, "{both}");
+    f64::from(close) / f64::from(both)
+}

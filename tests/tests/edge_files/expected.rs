@@ -1,0 +1,157 @@
+//! The files with an entry in `EXPECTED.json`.
+
+use libtest_mimic::Trial;
+use serde_json::Value;
+use sharp_datasets::format::{FloatMap, depth_png, npy, pfm, picture, raw_floats, read_map};
+
+use crate::{Outcome, check, fixture, folder, refused};
+
+/// Why the broken ones are refused.
+const REASONS: [(&str, &str); 9] = [
+    ("bad_crc.png", "CRC"),
+    ("empty.pfm", "empty"),
+    ("html_error.jpg", "HTML"),
+    ("huge_dims.pfm", "truncated"),
+    ("lfs_pointer.png", "LFS pointer"),
+    ("object_pickle.npy", "unpickled"),
+    ("truncated.pfm", "truncated"),
+    ("truncated.png", "truncated"),
+    ("zero_bytes.png", "empty"),
+];
+
+pub fn trials() -> Vec<Trial> {
+    let text = std::fs::read_to_string(folder().join("EXPECTED.json")).unwrap();
+    let expected: Value = serde_json::from_str(&text).unwrap();
+    let entries = expected.as_object().unwrap().clone();
+    entries
+        .into_iter()
+        .map(|(name, entry)| Trial::test(name.clone(), move || one(&name, &entry)))
+        .collect()
+}
+
+fn one(name: &str, entry: &Value) -> Outcome {
+    let path = fixture(name);
+    if entry.get("error").is_some() {
+        let reason = REASONS.iter().find(|r| r.0 == name).ok_or("no reason")?.1;
+        return if name.ends_with(".pfm") || name.ends_with(".npy") {
+            refused(read_map(&path), name, reason)
+        } else {
+            refused(picture::read(&path), name, reason)
+        };
+    }
+    if entry.get("bytes").is_some() {
+        return raw(name);
+    }
+    if name == "gray16_depth_mm.png" {
+        return sixteen_bits(name, entry);
+    }
+    if entry.get("format").is_some() {
+        return photograph(name, entry);
+    }
+    if name.ends_with(".npy") || name.ends_with(".npz") {
+        let array = npy::parse(&std::fs::read(&path)?)?;
+        let shape: Vec<u64> = array.shape.iter().map(|n| *n as u64).collect();
+        check(entry["shape"] == serde_json::json!(shape), || {
+            format!("{shape:?}")
+        })?;
+    }
+    let map = if name.ends_with(".pfm") {
+        pfm::read(&path)?
+    } else {
+        npy::read(&path)?
+    };
+    check(read_map(&path).is_ok(), || {
+        "not recognised by content".into()
+    })?;
+    values(&map, entry)
+}
+
+/// First, last, count and sum of the finite values, without any tolerance but the sum's rounding.
+fn values(map: &FloatMap, entry: &Value) -> Outcome {
+    check(map.dimensions() == (80, 60), || {
+        format!("{:?}", map.dimensions())
+    })?;
+    let same = |value: f32, key: &str| {
+        let value = f64::from(value);
+        let holds = match entry[key].as_f64() {
+            Some(number) => number == value,
+            None => entry[key] == "nan" && value.is_nan(),
+        };
+        check(holds, || {
+            format!("{key}: {value} instead of {}", entry[key])
+        })
+    };
+    same(map.get_pixel(0, 0).0[0], "first")?;
+    same(map.get_pixel(79, 59).0[0], "last")?;
+    let finite: Vec<f64> = map
+        .iter()
+        .filter(|v| v.is_finite())
+        .map(|v| f64::from(*v))
+        .collect();
+    check(entry["finite"] == finite.len(), || {
+        format!("{} finite", finite.len())
+    })?;
+    let (sum, expected) = (
+        finite.iter().sum::<f64>(),
+        entry["sum_finite"].as_f64().unwrap(),
+    );
+    check((sum - expected).abs() <= 1e-12 * expected.abs(), || {
+        format!("{sum}")
+    })
+}
+
+fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
+    let map = depth_png::read(&fixture(name))?;
+    check(map.dimensions() == (80, 60), || {
+        format!("{:?}", map.dimensions())
+    })?;
+    let first = f64::from(map.get_pixel(0, 0).0[0]);
+    check(entry["first_px"][0] == first as u64, || format!("{first}"))?;
+    let mean = map.iter().map(|v| f64::from(*v)).sum::<f64>() / 4800.0;
+    check(
+        (mean - entry["mean"].as_f64().unwrap()).abs() < 1e-9,
+        || format!("{mean}"),
+    )?;
+    // As a photograph it is gray, scaled from 16 bits: never mistaken for 8-bit values.
+    let first = picture::read(&fixture(name))?.get_pixel(0, 0).0;
+    check(first == [9, 9, 9], || format!("{first:?}"))
+}
+
+/// Lossless files exactly, JPEG to 2 levels and a mean to 0.5: decoders differ.
+fn photograph(name: &str, entry: &Value) -> Outcome {
+    let image = picture::read(&fixture(name))?;
+    let lossy = entry["format"] == "JPEG";
+    let (levels, mean_tolerance) = if lossy { (2, 0.5) } else { (0, 1e-9) };
+    check(image.dimensions() == (80, 60), || {
+        format!("{:?}", image.dimensions())
+    })?;
+    check(picture::dimensions(&fixture(name))? == (80, 60), || {
+        "header".into()
+    })?;
+    let first = image.get_pixel(0, 0).0;
+    for (found, expected) in first.iter().zip(entry["first_px"].as_array().unwrap()) {
+        let difference = i64::from(*found) - expected.as_i64().unwrap();
+        check(difference.abs() <= levels, || format!("{first:?}"))?;
+    }
+    let mean = image.iter().map(|v| f64::from(*v)).sum::<f64>() / (3.0 * 4800.0);
+    let expected = entry["mean"].as_f64().unwrap();
+    check((mean - expected).abs() <= mean_tolerance, || {
+        format!("mean {mean}, {expected}")
+    })
+}
+
+/// ETH3D's depth under a photograph's name: no pixel has depth, which is no error; a file of
+/// another length is one.
+fn raw(name: &str) -> Outcome {
+    let found = raw_floats::read(&fixture(name), (6, 4));
+    if name.contains("wrong_size") {
+        return refused(
+            found,
+            name,
+            "holds 92 bytes; the depth of a 6x4 picture takes exactly 96",
+        );
+    }
+    check(found?.iter().all(|v| *v == f32::INFINITY), || {
+        "not all infinite".into()
+    })
+}

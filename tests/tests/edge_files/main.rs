@@ -1,0 +1,55 @@
+//! Malformed and odd files (`tests/fixtures/edge`), one named test a file: 35 against what NumPy
+//! and Pillow read (`EXPECTED.json`), 22 against what is written down here.
+
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
+mod described;
+mod expected;
+
+use std::path::{Path, PathBuf};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+
+type Outcome = Result<(), Failed>;
+
+fn main() {
+    let arguments = Arguments::from_args();
+    let mut trials = expected::trials();
+    trials.extend(described::trials());
+    let mut named: Vec<_> = trials.iter().map(|t| t.name().to_owned()).collect();
+    trials.push(Trial::test("every_file_has_its_test", move || {
+        named.sort();
+        let mut files: Vec<_> = std::fs::read_dir(folder())?
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .filter(|name| name != "EXPECTED.json")
+            .collect();
+        files.sort();
+        check(files == named, || format!("{files:?}\n{named:?}"))?;
+        check(files.len() == 57, || format!("{} files", files.len()))
+    }));
+    libtest_mimic::run(&arguments, trials).exit();
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/edge")
+}
+
+fn fixture(name: &str) -> PathBuf {
+    folder().join(name)
+}
+
+fn check(holds: bool, what: impl Fn() -> String) -> Outcome {
+    if holds { Ok(()) } else { Err(what().into()) }
+}
+
+/// An error must name the file and say why.
+fn refused<T>(
+    result: Result<T, sharp_datasets::DatasetError>,
+    file: &str,
+    reason: &str,
+) -> Outcome {
+    let error = result.err().ok_or("was read without an error")?.to_string();
+    check(error.contains(file) && error.contains(reason), || {
+        format!("'{error}' names not both '{file}' and '{reason}'")
+    })
+}
