@@ -8,6 +8,7 @@
 //! * [`config`]: sizes of a network, the release's preset, configurations in files.
 //! * [`params`], [`synth`]: where weights come from.
 //! * [`preprocess`]: a photograph, its orientation and focal length.
+//! * [`engine`], `map`, `layers`: our CPU kernels or tensors on any device, behind one set of layers.
 //! * `pyramid`, `vit`: patches at three scales through two transformers, merged to five maps.
 //! * `decoder`, `monodepth`: the maps to two layers of disparity.
 //! * `alignment`: a scale map towards known depth.
@@ -20,11 +21,13 @@ mod alignment;
 pub mod config;
 mod decoder;
 mod device;
+pub mod engine;
 mod error;
 mod gaussian_decoder;
+mod layers;
+mod map;
 mod monodepth;
 mod observer;
-mod ops;
 pub mod params;
 pub mod predictor;
 pub mod preprocess;
@@ -35,6 +38,7 @@ mod vit;
 
 pub use config::ModelConfig;
 pub use device::DeviceChoice;
+pub use engine::{Engine, Precision};
 pub use error::ModelError;
 pub use observer::{Observer, Progress, Silent, StageValue};
 pub use predictor::{Prediction, Predictor};

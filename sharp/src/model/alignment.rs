@@ -1,9 +1,9 @@
 //! A map of factors that brings predicted depth to known depth: a small U-Net. It was trained
 //! along with the network; at inference it runs only where depth is given.
 
-use candle_core::Tensor;
-
-use super::ops::{Conv1x1, Conv3x3, GroupNorm};
+use super::engine::Runtime;
+use super::layers::{Conv, Fused, GroupNorm};
+use super::map::Map;
 use super::params::Params;
 use super::{ModelConfig, ModelError};
 
@@ -11,128 +11,151 @@ use super::{ModelConfig, ModelError};
 const GROUPS: usize = 4;
 
 /// Nearest depth that the network sees, metres.
-const MIN_DEPTH: f64 = 1e-4;
+const MIN_DEPTH: f32 = 1e-4;
+
+/// A convolution of the rectified input.
+const RECTIFIED: Fused<'_> = Fused {
+    relu_input: true,
+    residual: None,
+    relu: false,
+};
 
 /// `relu(norm(x))`, then a convolution, twice, beside a shortcut.
 pub(super) struct NormResidualBlock {
     norm0: GroupNorm,
-    conv2: Conv3x3,
+    conv2: Conv,
     norm3: GroupNorm,
-    conv5: Conv3x3,
-    shortcut: Option<Conv1x1>,
+    conv5: Conv,
+    shortcut: Option<Conv>,
 }
 
 impl NormResidualBlock {
     /// The inner width is half of `output`; a block that changes the width has a 1×1 shortcut.
-    pub(super) fn new(
-        p: &Params<'_>,
-        input: usize,
-        output: usize,
-        groups: usize,
-    ) -> Result<Self, ModelError> {
+    pub(super) fn new(p: &Params<'_>, input: usize, output: usize, groups: usize) -> Self {
         let (residual, inner) = (p.pp("residual"), output / 2);
-        Ok(Self {
-            norm0: GroupNorm::new(&residual.pp(0), input, groups)?,
-            conv2: Conv3x3::new(&residual.pp(2), input, inner, true)?,
-            norm3: GroupNorm::new(&residual.pp(3), inner, groups)?,
-            conv5: Conv3x3::new(&residual.pp(5), inner, output, true)?,
+        Self {
+            norm0: GroupNorm::new(&residual.pp(0), input, groups),
+            conv2: Conv::spatial(&residual.pp(2), input, inner, true),
+            norm3: GroupNorm::new(&residual.pp(3), inner, groups),
+            conv5: Conv::spatial(&residual.pp(5), inner, output, true),
             shortcut: (input != output)
-                .then(|| Conv1x1::new(&p.pp("shortcut"), input, output, true))
-                .transpose()?,
-        })
+                .then(|| Conv::point(&p.pp("shortcut"), input, output, true)),
+        }
     }
 
-    /// `[1, input, h, w]` to `[1, output, h, w]`; `see` is shown the first normalisation.
+    /// `[input, h, w]` to `[output, h, w]`; `see` is shown the first normalisation.
     pub(super) fn forward(
         &self,
-        x: &Tensor,
-        see: impl FnOnce(&Tensor) -> Result<(), ModelError>,
-    ) -> Result<Tensor, ModelError> {
-        let normal = self.norm0.forward(x)?;
-        see(&normal)?;
-        let inner = self.conv2.forward(&normal.relu()?)?;
-        drop(normal);
-        let inner = self.norm3.forward(&inner)?.relu()?;
-        let residual = self.conv5.forward(&inner)?;
-        Ok(match &self.shortcut {
-            Some(shortcut) => (residual + shortcut.forward(x)?)?,
-            None => (residual + x)?,
-        })
+        rt: &Runtime,
+        x: &Map,
+        see: impl FnOnce(&Map) -> Result<(), ModelError>,
+    ) -> Result<Map, ModelError> {
+        let mut y = self.norm0.forward(rt, x)?;
+        see(&y)?;
+        y = self.conv2.forward(rt, &y, RECTIFIED)?;
+        y = self.norm3.forward(rt, &y)?;
+        let through = match &self.shortcut {
+            Some(shortcut) => Some(shortcut.forward(rt, x, Fused::default())?),
+            None => None,
+        };
+        let residual = Some(through.as_ref().unwrap_or(x));
+        self.conv5.forward(
+            rt,
+            &y,
+            Fused {
+                residual,
+                ..RECTIFIED
+            },
+        )
     }
 
-    fn silent(&self, x: &Tensor) -> Result<Tensor, ModelError> {
-        self.forward(x, |_| Ok(()))
+    fn silent(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
+        self.forward(rt, x, |_| Ok(()))
     }
 }
 
 /// The U-Net.
 pub(super) struct DepthAlignment {
-    conv_in: Conv3x3,
+    conv_in: Conv,
     norm_in: GroupNorm,
     down: Vec<[NormResidualBlock; 2]>,
     up: Vec<[NormResidualBlock; 2]>,
     norm_out0: GroupNorm,
-    conv_out2: Conv1x1,
+    conv_out2: Conv,
     norm_out3: GroupNorm,
-    conv_out: Conv1x1,
+    conv_out: Conv,
+    side: usize,
 }
 
 impl DepthAlignment {
-    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Result<Self, ModelError> {
+    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
         let (encoder, decoder) = (p.pp("encoder"), p.pp("decoder"));
         let (base, steps) = (config.alignment_base_width, config.alignment_steps);
         let width = |level: usize| base << level;
         let pair = |p: Params<'_>, input, output| {
-            Ok::<_, ModelError>([
-                NormResidualBlock::new(&p.pp(1), input, output, GROUPS)?,
-                NormResidualBlock::new(&p.pp(2), output, output, GROUPS)?,
-            ])
+            [
+                NormResidualBlock::new(&p.pp(1), input, output, GROUPS),
+                NormResidualBlock::new(&p.pp(2), output, output, GROUPS),
+            ]
+        };
+        let down = |k: usize| {
+            let p = encoder.pp("convs_down").pp(k);
+            pair(p, width(k), width(k + 1))
+        };
+        let up = |k: usize| {
+            // All but the first step see their predecessor beside the encoder's map.
+            let input = width(steps - k) * if k == 0 { 1 } else { 2 };
+            let p = decoder.pp("convs_up").pp(k);
+            pair(p, input, width(steps - k - 1))
         };
         let (conv_in, conv_out) = (encoder.pp("conv_in"), decoder.pp("conv_out"));
-        Ok(Self {
-            conv_in: Conv3x3::new(&conv_in.pp(0), 2, base, true)?,
-            norm_in: GroupNorm::new(&conv_in.pp(1), base, GROUPS)?,
-            down: (0..steps)
-                .map(|k| pair(encoder.pp("convs_down").pp(k), width(k), width(k + 1)))
-                .collect::<Result<_, _>>()?,
-            up: (0..steps)
-                .map(|k| {
-                    // All but the first step see their predecessor beside the encoder's map.
-                    let input = width(steps - k) * if k == 0 { 1 } else { 2 };
-                    pair(decoder.pp("convs_up").pp(k), input, width(steps - k - 1))
-                })
-                .collect::<Result<_, _>>()?,
-            norm_out0: GroupNorm::new(&conv_out.pp(0), 2 * base, GROUPS)?,
-            conv_out2: Conv1x1::new(&conv_out.pp(2), 2 * base, base, true)?,
-            norm_out3: GroupNorm::new(&conv_out.pp(3), base, GROUPS)?,
-            conv_out: Conv1x1::new(&p.pp("conv_out"), base, 1, true)?,
-        })
+        Self {
+            conv_in: Conv::spatial(&conv_in.pp(0), 2, base, true),
+            norm_in: GroupNorm::new(&conv_in.pp(1), base, GROUPS),
+            down: (0..steps).map(down).collect(),
+            up: (0..steps).map(up).collect(),
+            norm_out0: GroupNorm::new(&conv_out.pp(0), 2 * base, GROUPS),
+            conv_out2: Conv::point(&conv_out.pp(2), 2 * base, base, true),
+            norm_out3: GroupNorm::new(&conv_out.pp(3), base, GROUPS),
+            conv_out: Conv::point(&p.pp("conv_out"), base, 1, true),
+            side: config.internal_resolution,
+        }
     }
 
-    /// Factors > 0 `[1, 1, R, R]` from the first layer of predicted depth and known depth, both
-    /// `[1, 1, R, R]` in metres.
-    pub(super) fn forward(&self, predicted: &Tensor, known: &Tensor) -> Result<Tensor, ModelError> {
-        let inverse = |depth: &Tensor| depth.maximum(MIN_DEPTH)?.recip();
-        let input = Tensor::cat(&[&inverse(predicted)?, &inverse(known)?], 1)?;
-        let first = self.norm_in.forward(&self.conv_in.forward(&input)?)?;
-        let mut maps = vec![first.relu()?];
-        let mut x = maps[0].clone();
+    /// Factors > 0 `[R, R]` from the first layer of predicted depth and known depth, both `[R, R]`
+    /// in metres.
+    pub(super) fn forward(
+        &self,
+        rt: &Runtime,
+        predicted: &[f32],
+        known: &[f32],
+    ) -> Result<Vec<f32>, ModelError> {
+        let depths = predicted.iter().chain(known);
+        let input: Vec<f32> = depths.map(|d| 1.0 / d.max(MIN_DEPTH)).collect();
+        let input = Map::from_planes(&rt.engine, &input, (2, self.side, self.side))?;
+        let first = self.conv_in.forward(rt, &input, Fused::default())?;
+        let mut maps = vec![self.norm_in.forward(rt, &first)?.relu()?];
         for [widen, refine] in &self.down {
-            x = refine.silent(&widen.silent(&x.avg_pool2d(2)?)?)?;
-            maps.push(x.clone());
+            let x = maps[maps.len() - 1].avg_pool(2)?;
+            maps.push(refine.silent(rt, &widen.silent(rt, &x)?)?);
         }
-        for (k, [narrow, refine]) in self.up.iter().enumerate() {
-            if k > 0 {
-                x = Tensor::cat(&[&x, &maps[maps.len() - 1 - k]], 1)?;
-            }
-            let (_, _, h, w) = x.dims4()?;
-            x = refine.silent(&narrow.silent(&x.upsample_nearest2d(2 * h, 2 * w)?)?)?;
+        let mut x: Option<Map> = None;
+        for [narrow, refine] in &self.up {
+            let skip = maps.pop().ok_or_else(super::map::mixed)?;
+            let joined = match &x {
+                Some(x) => x.cat(&skip)?,
+                None => skip,
+            };
+            let joined = joined.double_nearest()?;
+            x = Some(refine.silent(rt, &narrow.silent(rt, &joined)?)?);
         }
-        let x = Tensor::cat(&[&x, &maps[0]], 1)?;
-        let x = self
-            .conv_out2
-            .forward(&self.norm_out0.forward(&x)?.relu()?)?;
-        let x = self.norm_out3.forward(&x)?.relu()?;
-        Ok(self.conv_out.forward(&x)?.exp()?)
+        let (Some(x), Some(finest)) = (x, maps.pop()) else {
+            return Err(super::map::mixed());
+        };
+        let mut x = self.norm_out0.forward(rt, &x.cat(&finest)?)?;
+        x = self.conv_out2.forward(rt, &x, RECTIFIED)?;
+        x = self.norm_out3.forward(rt, &x)?;
+        let log = self.conv_out.forward(rt, &x, RECTIFIED)?.to_planes()?;
+        Ok(log.into_iter().map(f32::exp).collect())
     }
 }

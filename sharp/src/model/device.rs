@@ -3,6 +3,7 @@
 use candle_core::Device;
 
 use super::ModelError;
+use super::engine::{Engine, Precision};
 
 /// A choice of device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -19,15 +20,15 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// Opens the device.
+    /// Opens the device; `precision` matters on the CPU.
     ///
     /// # Errors
     /// [`ModelError::Device`] when a GPU was asked for by name and is not there.
-    pub fn open(self) -> Result<Device, ModelError> {
+    pub fn open(self, precision: Precision) -> Result<Engine, ModelError> {
         let cuda = || Device::new_cuda(0);
         let metal = || Device::new_metal(0);
         let named = |device: candle_core::Result<Device>, name: &str, built: bool| {
-            device.map_err(|e| {
+            device.map(Engine::Tensors).map_err(|e| {
                 ModelError::Device(if built {
                     format!("no {name} device: {e}")
                 } else {
@@ -36,10 +37,12 @@ impl DeviceChoice {
             })
         };
         match self {
-            Self::Cpu => Ok(Device::Cpu),
+            Self::Cpu => Ok(Engine::cpu(precision)),
             Self::Cuda => named(cuda(), "cuda", cfg!(feature = "cuda")),
             Self::Metal => named(metal(), "metal", cfg!(feature = "metal")),
-            Self::Auto => Ok(cuda().or_else(|_| metal()).unwrap_or(Device::Cpu)),
+            Self::Auto => Ok(cuda()
+                .or_else(|_| metal())
+                .map_or_else(|_| Engine::cpu(precision), Engine::Tensors)),
         }
     }
 }
@@ -68,10 +71,17 @@ mod tests {
     fn names_are_parsed_and_absent_devices_are_errors() {
         assert_eq!("auto".parse::<DeviceChoice>().unwrap(), DeviceChoice::Auto);
         assert!("gpu".parse::<DeviceChoice>().is_err());
-        assert!(DeviceChoice::Auto.open().is_ok());
+        assert!(DeviceChoice::Auto.open(Precision::Fast).is_ok());
         if !cfg!(feature = "cuda") {
-            let message = DeviceChoice::Cuda.open().unwrap_err().to_string();
-            assert!(message.contains("--features cuda"), "{message}");
+            let refused = DeviceChoice::Cuda.open(Precision::Fast).err().unwrap();
+            assert!(refused.to_string().contains("--features cuda"), "{refused}");
         }
+    }
+
+    #[test]
+    fn engines_say_what_they_are() {
+        let name = DeviceChoice::Cpu.open(Precision::Exact).unwrap().name();
+        assert!(name.starts_with("cpu-"), "{name}");
+        assert_eq!(Engine::Tensors(Device::Cpu).name(), "candle-cpu");
     }
 }

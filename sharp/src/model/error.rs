@@ -30,6 +30,16 @@ pub enum ModelError {
     /// A checkpoint that does not fit the configuration, with everything in which it differs.
     #[error(transparent)]
     Incomplete(#[from] Incomplete),
+    /// A source that gives a parameter another number of values than it has.
+    #[error("parameter {name} has {expected} values, its source gives {found}")]
+    Weights {
+        /// Full name.
+        name: String,
+        /// By its shape.
+        expected: usize,
+        /// Given.
+        found: usize,
+    },
     /// The picture is not usable.
     #[error("{0}")]
     Image(String),

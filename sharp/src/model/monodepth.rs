@@ -1,11 +1,11 @@
 //! Two layers of disparity from an image.
 
-use candle_core::Tensor;
-
 use super::config::LAYERS;
 use super::decoder::MultiresConvDecoder;
+use super::engine::Runtime;
+use super::layers::{Conv, Deconv, Fused};
+use super::map::Map;
 use super::observer::{Observer, StageValue};
-use super::ops::{Conv1x1, Conv3x3, Deconv2x2};
 use super::params::Params;
 use super::pyramid::Encoder;
 use super::{ModelConfig, ModelError};
@@ -20,70 +20,79 @@ pub(super) struct Monodepth {
 /// What the rest of the network needs of the depth network.
 pub(super) struct MonodepthOutput {
     /// The encoder's five maps.
-    pub(super) features: [Tensor; 5],
-    /// `[1, 2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are
-    /// not sorted.
-    pub(super) disparity: Tensor,
+    pub(super) features: [Map; 5],
+    /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not
+    /// sorted.
+    pub(super) disparity: Vec<f32>,
 }
 
 impl Monodepth {
-    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Result<Self, ModelError> {
+    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
         let [d0, d1, d2, d3] = config.encoder_dims;
         let dim = config.monodepth_dims_decoder[0];
-        Ok(Self {
-            encoder: Encoder::new(&p.pp("encoder"), config)?,
-            decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim)?,
-            head: Head::new(&p.pp("head"), dim)?,
-        })
+        Self {
+            encoder: Encoder::new(&p.pp("encoder"), config),
+            decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
+            head: Head::new(&p.pp("head"), dim),
+        }
     }
 
-    /// `image` is `[1, 3, R, R]` in −1..1.
+    /// `image` is `[3, R, R]` in −1..1.
     pub(super) fn forward(
         &self,
-        image: &Tensor,
+        rt: &Runtime,
+        image: &[f32],
         observer: &mut dyn Observer,
     ) -> Result<MonodepthOutput, ModelError> {
-        let features = self.encoder.forward(image, observer)?;
-        let decoded = self.decoder.forward(&features, "depth_decoder", observer)?;
-        let disparity = self.head.forward(decoded, observer)?;
-        observer.stage("disparity", StageValue::Tensor(&disparity))?;
+        let features = self.encoder.forward(rt, image, observer)?;
+        let decoded = self
+            .decoder
+            .forward(rt, &features, "depth_decoder", observer)?;
+        let disparity = self.head.forward(rt, decoded, observer)?;
+        observer.stage("disparity", StageValue::map(&disparity))?;
         Ok(MonodepthOutput {
             features,
-            disparity,
+            disparity: disparity.to_planes()?,
         })
     }
 }
 
 /// Doubles the resolution and reduces to one channel a layer.
 struct Head {
-    conv0: Conv3x3,
-    deconv1: Deconv2x2,
-    conv2: Conv3x3,
-    conv4: Conv1x1,
+    conv0: Conv,
+    deconv1: Deconv,
+    conv2: Conv,
+    conv4: Conv,
 }
 
 impl Head {
-    fn new(p: &Params<'_>, dim: usize) -> Result<Self, ModelError> {
-        Ok(Self {
-            conv0: Conv3x3::new(&p.pp(0), dim, dim / 2, true)?,
-            deconv1: Deconv2x2::new(&p.pp(1), dim / 2, dim / 2, true)?,
-            conv2: Conv3x3::new(&p.pp(2), dim / 2, 32, true)?,
-            conv4: Conv1x1::new(&p.pp(4), 32, LAYERS, true)?,
-        })
+    fn new(p: &Params<'_>, dim: usize) -> Self {
+        Self {
+            conv0: Conv::spatial(&p.pp(0), dim, dim / 2, true),
+            deconv1: Deconv::new(&p.pp(1), dim / 2, dim / 2, true),
+            conv2: Conv::spatial(&p.pp(2), dim / 2, 32, true),
+            conv4: Conv::point(&p.pp(4), 32, LAYERS, true),
+        }
     }
 
-    /// `[1, dim, R/2, R/2]` to `[1, 2, R, R]`.
-    fn forward(&self, x: Tensor, observer: &mut dyn Observer) -> Result<Tensor, ModelError> {
-        let mut see = |index: usize, value: Tensor| {
+    /// `[dim, R/2, R/2]` to `[2, R, R]`.
+    fn forward(
+        &self,
+        rt: &Runtime,
+        mut x: Map,
+        observer: &mut dyn Observer,
+    ) -> Result<Map, ModelError> {
+        let mut see = |index: usize, value: Map| {
             let name = format!("depth_head.{index}");
-            observer.stage(&name, StageValue::Tensor(&value))?;
+            observer.stage(&name, StageValue::map(&value))?;
             Ok::<_, ModelError>(value)
         };
-        let x = see(0, self.conv0.forward(&x)?)?;
-        let x = see(1, self.deconv1.forward(&x)?)?;
-        let x = see(2, self.conv2.forward(&x)?)?;
-        let x = see(3, x.relu()?)?;
-        let x = see(4, self.conv4.forward(&x)?)?;
-        Ok(x.relu()?)
+        // Assigned rather than shadowed: a map is a gigabyte, and gone when the next is there.
+        x = see(0, self.conv0.forward(rt, &x, Fused::default())?)?;
+        x = see(1, self.deconv1.forward(rt, &x)?)?;
+        x = see(2, self.conv2.forward(rt, &x, Fused::default())?)?;
+        x = see(3, x.relu()?)?;
+        x = see(4, self.conv4.forward(rt, &x, Fused::default())?)?;
+        x.relu()
     }
 }

@@ -3,34 +3,72 @@
 use candle_core::Tensor;
 
 use super::ModelError;
+use super::map::Map;
 
-/// The value of a stage, on its device or already on the host.
-#[derive(Debug, Clone, Copy)]
-pub enum StageValue<'a> {
-    /// A tensor.
+/// The value of a stage, wherever it lies. Reading it costs a copy.
+#[derive(Clone, Copy)]
+pub struct StageValue<'a>(Value<'a>);
+
+#[derive(Clone, Copy)]
+enum Value<'a> {
     Tensor(&'a Tensor),
     /// Values in C order with their shape.
     Host(&'a [usize], &'a [f32]),
+    /// One image's map.
+    Map(&'a Map),
+    /// One map an image.
+    Maps(&'a [Map]),
 }
 
-impl StageValue<'_> {
-    /// Dimensions.
-    pub fn shape(&self) -> &[usize] {
-        match self {
-            Self::Tensor(tensor) => tensor.dims(),
-            Self::Host(shape, _) => shape,
+impl<'a> StageValue<'a> {
+    /// Values in C order with their shape.
+    pub fn host(shape: &'a [usize], values: &'a [f32]) -> Self {
+        Self(Value::Host(shape, values))
+    }
+
+    pub(super) fn tensor(tensor: &'a Tensor) -> Self {
+        Self(Value::Tensor(tensor))
+    }
+
+    pub(super) fn map(map: &'a Map) -> Self {
+        Self(Value::Map(map))
+    }
+
+    pub(super) fn maps(maps: &'a [Map]) -> Self {
+        Self(Value::Maps(maps))
+    }
+
+    /// Dimensions, in PyTorch's order.
+    ///
+    /// # Errors
+    /// [`ModelError::Tensor`].
+    pub fn shape(&self) -> Result<Vec<usize>, ModelError> {
+        let of_maps = |count: usize, map: Option<&Map>| {
+            let (c, h, w) = map.map_or(Ok((0, 0, 0)), Map::dims)?;
+            Ok(vec![count, c, h, w])
+        };
+        match self.0 {
+            Value::Tensor(tensor) => Ok(tensor.dims().to_vec()),
+            Value::Host(shape, _) => Ok(shape.to_vec()),
+            Value::Map(map) => of_maps(1, Some(map)),
+            Value::Maps(maps) => of_maps(maps.len(), maps.first()),
         }
     }
 
-    /// The values in C order, copied.
+    /// The values in C order.
     ///
     /// # Errors
     /// [`ModelError::Tensor`].
     pub fn to_vec(&self) -> Result<Vec<f32>, ModelError> {
-        Ok(match self {
-            Self::Tensor(tensor) => tensor.flatten_all()?.to_vec1()?,
-            Self::Host(_, values) => values.to_vec(),
-        })
+        match self.0 {
+            Value::Tensor(tensor) => Ok(tensor.flatten_all()?.to_vec1()?),
+            Value::Host(_, values) => Ok(values.to_vec()),
+            Value::Map(map) => map.to_planes(),
+            Value::Maps(maps) => {
+                let planes = maps.iter().map(Map::to_planes);
+                Ok(planes.collect::<Result<Vec<_>, _>>()?.concat())
+            }
+        }
     }
 }
 
@@ -111,7 +149,7 @@ mod tests {
         let mut progress = Progress::new(2, |part, done| seen.push((part, done)));
         let blocks = ["patch_encoder.block0", "patch_encoder.block1", "merged.x0"];
         for stage in blocks.into_iter().chain(MILESTONES.map(|m| m.0)) {
-            progress.stage(stage, StageValue::Host(&[0], &[])).unwrap();
+            progress.stage(stage, StageValue::host(&[0], &[])).unwrap();
         }
         assert!(seen.is_sorted_by(|a, b| a.1 <= b.1));
         assert_eq!(seen[0], ("patch encoder", 0.31));

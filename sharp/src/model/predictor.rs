@@ -1,17 +1,17 @@
 //! The whole network: an image and its focal length to Gaussians.
 
+use std::cell::RefCell;
 use std::path::Path;
-
-use candle_core::{Device, Tensor};
 
 use super::alignment::DepthAlignment;
 use super::config::LAYERS;
+use super::engine::{Engine, Runtime};
 use super::gaussian_decoder::{GaussianDecoder, PredictionHead};
 use super::monodepth::Monodepth;
 use super::observer::{Observer, StageValue};
 use super::params::{CheckpointSource, Params, Source};
 use super::{ModelConfig, ModelError};
-use crate::composer::{ComposerConfig, compose};
+use crate::composer::{ATTRIBUTES, ComposerConfig, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::resize::{bilinear_align_corners, nearest};
@@ -25,15 +25,15 @@ pub(super) struct Network {
 }
 
 impl Network {
-    pub(super) fn new(config: &ModelConfig, p: &Params<'_>) -> Result<Self, ModelError> {
+    pub(super) fn new(config: &ModelConfig, p: &Params<'_>) -> Self {
         let monodepth = p.pp("monodepth_model").pp("monodepth_predictor");
         let alignment = p.pp("depth_alignment").pp("scale_map_estimator");
-        Ok(Self {
-            monodepth: Monodepth::new(&monodepth, config)?,
-            feature_model: GaussianDecoder::new(&p.pp("feature_model"), config)?,
-            prediction_head: PredictionHead::new(&p.pp("prediction_head"), config)?,
-            depth_alignment: DepthAlignment::new(&alignment, config)?,
-        })
+        Self {
+            monodepth: Monodepth::new(&monodepth, config),
+            feature_model: GaussianDecoder::new(&p.pp("feature_model"), config),
+            prediction_head: PredictionHead::new(&p.pp("prediction_head"), config),
+            depth_alignment: DepthAlignment::new(&alignment, config),
+        }
     }
 }
 
@@ -60,19 +60,20 @@ pub struct Prediction {
     pub resolution: usize,
 }
 
-/// A network with its weights on a device.
+/// A network, its weights and the engine that computes it.
 pub struct Predictor {
     config: ModelConfig,
     network: Network,
     composer: ComposerConfig,
-    device: Device,
+    runtime: Runtime,
 }
 
 /// Range of disparity before it becomes depth.
 const DISPARITY: (f32, f32) = (1e-4, 1e4);
 
 impl Predictor {
-    /// Loads weights from a file; see [`CheckpointSource::check`] for what must be in it.
+    /// Opens weights in a file; see [`CheckpointSource::check`] for what must be in it. Values are
+    /// read from the file when they are needed, so it must not change meanwhile.
     ///
     /// # Errors
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
@@ -80,30 +81,35 @@ impl Predictor {
     pub fn load(
         config: &ModelConfig,
         checkpoint: &Path,
-        device: &Device,
+        engine: Engine,
         allow_unused: &[String],
     ) -> Result<Self, ModelError> {
-        let checkpoint = CheckpointSource::open(checkpoint, device)?;
+        let checkpoint = CheckpointSource::open(checkpoint)?;
         checkpoint.check(config, allow_unused)?;
-        Self::from_source(config, &checkpoint, device)
+        Self::from_source(config, checkpoint, engine)
     }
 
-    /// Builds the network from any source of weights.
+    /// Builds the network over any source of weights.
     ///
     /// # Errors
-    /// [`ModelError::Config`], or that of the source.
+    /// [`ModelError::Config`].
     pub fn from_source(
         config: &ModelConfig,
-        source: &dyn Source,
-        device: &Device,
+        source: impl Source + 'static,
+        engine: Engine,
     ) -> Result<Self, ModelError> {
         config.validate()?;
         Ok(Self {
             config: config.clone(),
-            network: Network::new(config, &Params::new(source))?,
+            network: Network::new(config, &Params::new(&RefCell::default())),
             composer: ComposerConfig::default(),
-            device: device.clone(),
+            runtime: Runtime::new(engine, Box::new(source)),
         })
+    }
+
+    /// What computes.
+    pub fn engine(&self) -> &Engine {
+        &self.runtime.engine
     }
 
     /// Sizes of the network.
@@ -133,36 +139,44 @@ impl Predictor {
         let size = (image.width, image.height);
         let resized = bilinear_align_corners(image.values, size, (side, side));
         let shape = [1, 3, side, side];
-        observer.stage("image_resized", StageValue::Host(&shape, &resized))?;
+        observer.stage("image_resized", StageValue::host(&shape, &resized))?;
         observer.stage(
             "disparity_factor",
-            StageValue::Host(&[1], &[disparity_factor]),
+            StageValue::host(&[1], &[disparity_factor]),
         )?;
-        let normalized = (Tensor::from_slice(&resized, &shape[..], &self.device)? * 2.0)?;
-        let normalized = (normalized - 1.0)?;
-        observer.stage("image_normalized", StageValue::Tensor(&normalized))?;
-        let out = self.network.monodepth.forward(&normalized, observer)?;
+        let rt = &self.runtime;
+        let normalized: Vec<f32> = resized.iter().map(|v| v * 2.0 - 1.0).collect();
+        observer.stage("image_normalized", StageValue::host(&shape, &normalized))?;
+        let out = self.network.monodepth.forward(rt, &normalized, observer)?;
+        drop(normalized);
 
-        let mut depth = depth_from_disparity(&out.disparity, disparity_factor)?;
+        let mut depth = out.disparity;
+        for value in &mut depth {
+            *value = metric_depth(*value, disparity_factor);
+        }
         let layers = [1, LAYERS, side, side];
-        observer.stage("monodepth", StageValue::Host(&layers, &depth))?;
+        observer.stage("monodepth", StageValue::host(&layers, &depth))?;
         if let Some(known) = known_depth {
             let known = nearest(known, size, (side, side));
             self.align(&mut depth, &known, observer)?;
         }
-        let base = self.base(&resized, &depth, observer)?;
+        let (base, input) = self.base(&resized, &depth, observer)?;
         let features = [1, 3 + LAYERS, side, side];
-        let input = Tensor::from_slice(&base.1, &features[..], &self.device)?;
-        observer.stage("feature_input", StageValue::Tensor(&input))?;
+        observer.stage("feature_input", StageValue::host(&features, &input))?;
         let [texture, geometry] =
             self.network
                 .feature_model
-                .forward(&out.features, &input, observer)?;
-        drop((input, out));
-        let deltas = self.network.prediction_head.forward(&texture, &geometry)?;
-        observer.stage("deltas", StageValue::Tensor(&deltas))?;
-        let deltas: Vec<f32> = deltas.flatten_all()?.to_vec1()?;
-        let gaussians = compose(&base.0, Some(&deltas), &self.composer)?;
+                .forward(rt, out.features, &input, observer)?;
+        let deltas = self
+            .network
+            .prediction_head
+            .forward(rt, &texture, &geometry)?;
+        let (rows, columns) = (base.grid.rows(), base.grid.columns());
+        observer.stage(
+            "deltas",
+            StageValue::host(&[1, ATTRIBUTES, LAYERS, rows, columns], &deltas),
+        )?;
+        let gaussians = compose(&base, Some(&deltas), &self.composer)?;
         observe_gaussians("ndc", &gaussians, observer)?;
         Ok(Prediction {
             gaussians,
@@ -183,10 +197,10 @@ impl Predictor {
         let layers = [1, LAYERS, side, side];
         observer.stage(
             "normalized_depth",
-            StageValue::Host(&layers, &normalized.depth),
+            StageValue::host(&layers, &normalized.depth),
         )?;
         let base = BaseGaussians::from_normalized(image, &normalized, grid)?;
-        observer.stage("global_scale", StageValue::Host(&[1], &[base.global_scale]))?;
+        observer.stage("global_scale", StageValue::host(&[1], &[base.global_scale]))?;
         observe_base(&base, observer)?;
         Ok((base, normalized.feature_input(image)))
     }
@@ -202,7 +216,7 @@ impl Predictor {
         let side = self.config.internal_resolution;
         observer.stage(
             "alignment.map",
-            StageValue::Host(&[1, 1, side, side], &factors),
+            StageValue::host(&[1, 1, side, side], &factors),
         )?;
         for layer in depth.chunks_mut(known.len()) {
             for (depth, factor) in layer.iter_mut().zip(&factors) {
@@ -215,15 +229,19 @@ impl Predictor {
     /// The alignment network's factors `[R, R]` for a predicted and a known depth map `[R, R]`.
     ///
     /// # Errors
-    /// [`ModelError::Tensor`].
+    /// [`ModelError::Image`] when a map is not `[R, R]`, [`ModelError::Tensor`].
     pub fn alignment_map(&self, predicted: &[f32], known: &[f32]) -> Result<Vec<f32>, ModelError> {
-        let side = self.config.internal_resolution;
-        let tensor = |map: &[f32]| Tensor::from_slice(map, (1, 1, side, side), &self.device);
-        let factors = self
-            .network
+        let pixels = self.config.grid().pixels();
+        if [predicted.len(), known.len()] != [pixels; 2] {
+            return Err(ModelError::Image(format!(
+                "depth maps of {} and {} values where {pixels} belong",
+                predicted.len(),
+                known.len()
+            )));
+        }
+        self.network
             .depth_alignment
-            .forward(&tensor(predicted)?, &tensor(known)?)?;
-        Ok(factors.flatten_all()?.to_vec1()?)
+            .forward(&self.runtime, predicted, known)
     }
 }
 
@@ -266,14 +284,6 @@ fn check_input(
 }
 
 /// `factor / clamp(disparity)`, metres. NaN stays NaN.
-fn depth_from_disparity(disparity: &Tensor, factor: f32) -> Result<Vec<f32>, ModelError> {
-    let mut values: Vec<f32> = disparity.flatten_all()?.to_vec1()?;
-    for value in &mut values {
-        *value = metric_depth(*value, factor);
-    }
-    Ok(values)
-}
-
 fn metric_depth(disparity: f32, factor: f32) -> f32 {
     factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
 }
@@ -283,7 +293,7 @@ fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(),
     let (layers, rows, columns) = (base.grid.layers, base.grid.rows(), base.grid.columns());
     let shape = [1, 1, layers, rows, columns];
     let mut see = |name: &str, shape: &[usize], values: &[f32]| {
-        observer.stage(&format!("base.{name}"), StageValue::Host(shape, values))
+        observer.stage(&format!("base.{name}"), StageValue::host(shape, values))
     };
     see("mean_x_ndc", &shape, &base.x.repeat(layers * rows))?;
     let y: Vec<f32> = (0..layers)
@@ -312,7 +322,7 @@ pub(super) fn observe_gaussians(
     let mut see = |name: &str, width: Option<usize>, values: &[f32]| {
         let shape = [Some(1), Some(n), width];
         let shape: Vec<usize> = shape.into_iter().flatten().collect();
-        observer.stage(&format!("{space}.{name}"), StageValue::Host(&shape, values))
+        observer.stage(&format!("{space}.{name}"), StageValue::host(&shape, values))
     };
     see("mean_vectors", Some(3), gaussians.means.as_flattened())?;
     see("singular_values", Some(3), gaussians.scales.as_flattened())?;
@@ -324,7 +334,7 @@ pub(super) fn observe_gaussians(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Silent, params, synth::Synth};
+    use crate::model::{Precision, Silent, params, synth::Synth};
 
     #[test]
     fn disparity_is_clamped_on_both_sides() {
@@ -340,12 +350,9 @@ mod tests {
         let file = format!("{}{file}", env!("CARGO_MANIFEST_DIR"));
         let mut config = ModelConfig::load(&file).unwrap();
         config.gaussian_stride = stride;
-        let synth = Synth {
-            salt: String::new(),
-            device: Device::Cpu,
-        };
         assert!(!params::inventory(&config).unwrap().is_empty());
-        Predictor::from_source(&config, &synth, &Device::Cpu).unwrap()
+        let engine = Engine::cpu(Precision::Fast);
+        Predictor::from_source(&config, Synth::default(), engine).unwrap()
     }
 
     fn grey(width: usize, height: usize) -> Vec<f32> {

@@ -1,9 +1,9 @@
 //! The sliding-pyramid encoder: patches at three scales, merged into five feature maps.
 
-use candle_core::Tensor;
-
+use super::engine::Runtime;
+use super::layers::{Conv, Deconv, Fused};
+use super::map::Map;
 use super::observer::{Observer, StageValue};
-use super::ops::{Conv1x1, Deconv2x2};
 use super::params::Params;
 use super::vit::Vit;
 use super::{ModelConfig, ModelError};
@@ -36,23 +36,21 @@ impl Tiling {
         }
     }
 
-    /// `[1, 3, size, size]` to its patches, row by row.
-    fn split(&self, image: &Tensor) -> Result<Vec<Tensor>, ModelError> {
-        debug_assert_eq!((self.steps - 1) * self.stride + self.patch, self.size);
-        let mut patches = Vec::with_capacity(self.steps * self.steps);
-        for row in 0..self.steps {
-            let rows = image.narrow(2, row * self.stride, self.patch)?;
-            for column in 0..self.steps {
-                patches.push(rows.narrow(3, column * self.stride, self.patch)?);
+    /// Appends the patches of `image` `[3, size, size]`, row by row, each `[3, patch, patch]`.
+    fn split(&self, image: &[f32], patches: &mut Vec<f32>) {
+        for (row, column) in (0..self.steps).flat_map(|r| (0..self.steps).map(move |c| (r, c))) {
+            for plane in image.chunks_exact(self.size * self.size) {
+                let rows = plane.chunks_exact(self.size).skip(row * self.stride);
+                for line in rows.take(self.patch) {
+                    patches.extend(&line[column * self.stride..][..self.patch]);
+                }
             }
         }
-        Ok(patches)
     }
 
-    /// Maps of all patches `[steps², dim, tokens, tokens]` to one map `[1, dim, side, side]`.
-    fn merge(&self, patches: &Tensor) -> Result<Tensor, ModelError> {
-        let tokens = patches.dim(2)?;
-        let span = |index: usize| {
+    /// Maps of all patches, `tokens` along a side, to one map.
+    fn merge(&self, patches: &[Map], tokens: usize) -> Result<Map, ModelError> {
+        Map::mosaic(patches, self.steps, |index| {
             let start = if index > 0 { self.padding } else { 0 };
             let end = if index + 1 < self.steps {
                 tokens - self.padding
@@ -60,45 +58,31 @@ impl Tiling {
                 tokens
             };
             (start, end - start)
-        };
-        let rows = (0..self.steps)
-            .map(|row| {
-                let (top, height) = span(row);
-                let cells = (0..self.steps)
-                    .map(|column| {
-                        let (left, width) = span(column);
-                        let patch = patches.narrow(0, row * self.steps + column, 1)?;
-                        patch.narrow(2, top, height)?.narrow(3, left, width)
-                    })
-                    .collect::<Result<Vec<_>, _>>()?;
-                Tensor::cat(&cells, 3)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        Ok(Tensor::cat(&rows, 2)?)
+        })
     }
 }
 
 /// A projection to other channels and `n` doublings of the resolution.
 struct Upsample {
-    project: Conv1x1,
-    double: Vec<Deconv2x2>,
+    project: Conv,
+    double: Vec<Deconv>,
 }
 
 impl Upsample {
-    fn new(p: &Params<'_>, input: usize, output: usize, n: usize) -> Result<Self, ModelError> {
-        Ok(Self {
-            project: Conv1x1::new(&p.pp(0), input, output, false)?,
+    fn new(p: &Params<'_>, input: usize, output: usize, n: usize) -> Self {
+        Self {
+            project: Conv::point(&p.pp(0), input, output, false),
             double: (1..=n)
-                .map(|k| Deconv2x2::new(&p.pp(k), output, output, false))
-                .collect::<Result<_, _>>()?,
-        })
+                .map(|k| Deconv::new(&p.pp(k), output, output, false))
+                .collect(),
+        }
     }
 
-    /// `[1, input, s, s]` to `[1, output, 2ⁿ s, 2ⁿ s]`.
-    fn forward(&self, x: &Tensor) -> Result<Tensor, ModelError> {
-        let mut x = self.project.forward(x)?;
+    /// `[input, s, s]` to `[output, 2ⁿ s, 2ⁿ s]`.
+    fn forward(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
+        let mut x = self.project.forward(rt, x, Fused::default())?;
         for double in &self.double {
-            x = double.forward(&x)?;
+            x = double.forward(rt, &x)?;
         }
         Ok(x)
     }
@@ -113,14 +97,15 @@ pub(super) struct Encoder {
     upsample0: Upsample,
     upsample1: Upsample,
     upsample2: Upsample,
-    upsample_lowres: Deconv2x2,
-    fuse_lowres: Conv1x1,
+    upsample_lowres: Deconv,
+    fuse_lowres: Conv,
     taps: [usize; 2],
     tilings: [Tiling; 2],
+    tokens: usize,
 }
 
 impl Encoder {
-    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Result<Self, ModelError> {
+    pub(super) fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
         let (vit, dim) = (&config.vit, config.vit.embed_dim);
         let [d0, d1, d2, d3] = config.encoder_dims;
         let size = config.internal_resolution;
@@ -131,63 +116,58 @@ impl Encoder {
         } else {
             [0, 0]
         };
-        Ok(Self {
-            patch_encoder: Vit::new(&p.pp("patch_encoder"), vit)?,
-            image_encoder: Vit::new(&p.pp("image_encoder"), vit)?,
-            upsample_latent0: Upsample::new(&p.pp("upsample_latent0"), dim, d0, 3)?,
-            upsample_latent1: Upsample::new(&p.pp("upsample_latent1"), dim, d0, 2)?,
-            upsample0: Upsample::new(&p.pp("upsample0"), dim, d1, 1)?,
-            upsample1: Upsample::new(&p.pp("upsample1"), dim, d2, 1)?,
-            upsample2: Upsample::new(&p.pp("upsample2"), dim, d3, 1)?,
-            upsample_lowres: Deconv2x2::new(&p.pp("upsample_lowres"), dim, d3, true)?,
-            fuse_lowres: Conv1x1::new(&p.pp("fuse_lowres"), 2 * d3, d3, true)?,
+        Self {
+            patch_encoder: Vit::new(&p.pp("patch_encoder"), vit),
+            image_encoder: Vit::new(&p.pp("image_encoder"), vit),
+            upsample_latent0: Upsample::new(&p.pp("upsample_latent0"), dim, d0, 3),
+            upsample_latent1: Upsample::new(&p.pp("upsample_latent1"), dim, d0, 2),
+            upsample0: Upsample::new(&p.pp("upsample0"), dim, d1, 1),
+            upsample1: Upsample::new(&p.pp("upsample1"), dim, d2, 1),
+            upsample2: Upsample::new(&p.pp("upsample2"), dim, d3, 1),
+            upsample_lowres: Deconv::new(&p.pp("upsample_lowres"), dim, d3, true),
+            fuse_lowres: Conv::point(&p.pp("fuse_lowres"), 2 * d3, d3, true),
             taps: [config.hook_ids[0], config.hook_ids[1]],
             tilings: [
                 Tiling::new(size, vit.img_size, tokens, overlaps[0]),
                 Tiling::new(size / 2, vit.img_size, tokens, overlaps[1]),
             ],
-        })
+            tokens,
+        }
     }
 
-    /// `image` is `[1, 3, R, R]` in −1..1. Five maps, finest first; for the release
+    /// `image` is `[3, R, R]` in −1..1. Five maps, finest first; for the release
     /// 256×768², 256×384², 512×192², 1024×96², 1024×48².
     pub(super) fn forward(
         &self,
-        image: &Tensor,
+        rt: &Runtime,
+        image: &[f32],
         observer: &mut dyn Observer,
-    ) -> Result<[Tensor; 5], ModelError> {
+    ) -> Result<[Map; 5], ModelError> {
         let [fine, coarse] = self.tilings;
-        let (half, quarter) = (half_size(image)?, quarter_size(image)?);
-        let mut patches = fine.split(image)?;
-        patches.extend(coarse.split(&half)?);
-        patches.push(quarter.clone());
-        let patches = Tensor::cat(&patches, 0)?;
-        let seen = self
-            .patch_encoder
-            .forward(&patches, &self.taps, "patch_encoder", observer)?;
+        let quarter = quarter_size(image, fine.size);
+        let mut patches = Vec::new();
+        fine.split(image, &mut patches);
+        coarse.split(&half_size(image, fine.size), &mut patches);
+        patches.extend(&quarter);
         let (n0, n1) = (fine.steps.pow(2), coarse.steps.pow(2));
-        let tap = |k: usize| {
-            // A tap that is named twice is one tap.
-            let map = seen.taps.get(k).or(seen.taps.last()).unwrap_or(&seen.last);
-            fine.merge(&map.narrow(0, 0, n0)?)
-        };
-        let (latent0, latent1) = (tap(0)?, tap(1)?);
-        let x0 = fine.merge(&seen.last.narrow(0, 0, n0)?)?;
-        let x1 = coarse.merge(&seen.last.narrow(0, n0, n1)?)?;
-        let x2 = seen.last.narrow(0, n0 + n1, 1)?.contiguous()?;
+        let mut seen =
+            self.patch_encoder
+                .forward(rt, &patches, &self.taps, "patch_encoder", observer)?;
+        drop(patches);
+        // A tap that is named twice is one tap.
+        let tap = |k: usize| &seen.taps[k.min(seen.taps.len() - 1)][..n0];
+        let latent0 = fine.merge(tap(0), self.tokens)?;
+        let latent1 = fine.merge(tap(1), self.tokens)?;
+        let x0 = fine.merge(&seen.last[..n0], self.tokens)?;
+        let x1 = coarse.merge(&seen.last[n0..n0 + n1], self.tokens)?;
+        let x2 = seen.last.swap_remove(n0 + n1);
+        drop(seen);
         let whole = self
             .image_encoder
-            .forward(&quarter, &[], "image_encoder", observer)?;
-        let x2_up = self.upsample2.forward(&x2)?;
-        let lowres_up = self.upsample_lowres.forward(&whole.last)?;
-        let features = [
-            self.upsample_latent0.forward(&latent0)?,
-            self.upsample_latent1.forward(&latent1)?,
-            self.upsample0.forward(&x0)?,
-            self.upsample1.forward(&x1)?,
-            self.fuse_lowres
-                .forward(&Tensor::cat(&[&x2_up, &lowres_up], 1)?)?,
-        ];
+            .forward(rt, &quarter, &[], "image_encoder", observer)?;
+        let x2_up = self.upsample2.forward(rt, &x2)?;
+        let lowres_up = self.upsample_lowres.forward(rt, &whole.last[0])?;
+        let lowest = x2_up.cat(&lowres_up)?;
         for (stage, value) in [
             ("merged.latent0", &latent0),
             ("merged.latent1", &latent1),
@@ -197,36 +177,51 @@ impl Encoder {
             ("encoder.x2_up", &x2_up),
             ("encoder.lowres_up", &lowres_up),
         ] {
-            observer.stage(stage, StageValue::Tensor(value))?;
+            observer.stage(stage, StageValue::map(value))?;
         }
+        let features = [
+            self.upsample_latent0.forward(rt, &latent0)?,
+            self.upsample_latent1.forward(rt, &latent1)?,
+            self.upsample0.forward(rt, &x0)?,
+            self.upsample1.forward(rt, &x1)?,
+            self.fuse_lowres.forward(rt, &lowest, Fused::default())?,
+        ];
         for (k, feature) in features.iter().enumerate() {
-            observer.stage(&format!("encoder.feature{k}"), StageValue::Tensor(feature))?;
+            observer.stage(&format!("encoder.feature{k}"), StageValue::map(feature))?;
         }
         Ok(features)
     }
 }
 
-/// Means of 2×2 blocks.
-fn half_size(image: &Tensor) -> Result<Tensor, ModelError> {
-    Ok(image.avg_pool2d(2)?)
+/// Means of 2×2 blocks of planes `[…, side, side]`.
+fn half_size(planes: &[f32], side: usize) -> Vec<f32> {
+    sample(planes, side, 2, 0)
 }
 
 /// Means of the central 2×2 pixels of 4×4 blocks: bilinear sampling without a filter.
-fn quarter_size(image: &Tensor) -> Result<Tensor, ModelError> {
-    let (batch, c, h, w) = image.dims4()?;
-    let centers = image
-        .reshape(&[batch, c, h / 4, 4, w / 4, 4][..])?
-        .narrow(3, 1, 2)?
-        .narrow(5, 1, 2)?
-        .contiguous()?
-        .reshape((batch, c, h / 2, w / 2))?;
-    half_size(&centers)
+fn quarter_size(planes: &[f32], side: usize) -> Vec<f32> {
+    sample(planes, side, 4, 1)
+}
+
+/// Means of the 2×2 pixels from `offset` in every `step × step` block.
+fn sample(planes: &[f32], side: usize, step: usize, offset: usize) -> Vec<f32> {
+    let mut out = Vec::with_capacity(planes.len() / (step * step));
+    for rows in planes.chunks_exact(step * side) {
+        let top = &rows[offset * side..][..side];
+        let bottom = &rows[(offset + 1) * side..][..side];
+        let pairs = top.chunks_exact(step).zip(bottom.chunks_exact(step));
+        out.extend(pairs.map(|(t, b)| {
+            let (t, b) = (&t[offset..], &b[offset..]);
+            0.25 * ((t[0] + t[1]) + (b[0] + b[1]))
+        }));
+    }
+    out
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use candle_core::Device;
+    use crate::model::engine::{Engine, Precision};
 
     #[test]
     fn the_release_has_25_and_9_overlapping_patches() {
@@ -241,25 +236,29 @@ mod tests {
     #[test]
     fn merging_undoes_splitting() {
         // One token a pixel: what is split and merged is the image itself.
-        let values: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
-        let image = Tensor::from_vec(values, (1, 3, 48, 48), &Device::Cpu).unwrap();
+        let image: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
+        let engine = Engine::cpu(Precision::Exact);
         for overlap in [0, 4] {
             let tiling = Tiling::new(48, 24, 24, overlap);
-            let patches = Tensor::cat(&tiling.split(&image).unwrap(), 0).unwrap();
-            let merged = tiling.merge(&patches).unwrap();
-            let off = (merged - &image).unwrap().abs().unwrap().sum_all().unwrap();
-            assert_eq!(off.to_scalar::<f32>().unwrap(), 0.0);
+            let mut patches = Vec::new();
+            tiling.split(&image, &mut patches);
+            let maps: Vec<Map> = patches
+                .chunks(3 * 24 * 24)
+                .map(|patch| Map::from_planes(&engine, patch, (3, 24, 24)).unwrap())
+                .collect();
+            assert_eq!(maps.len(), tiling.steps.pow(2));
+            let merged = tiling.merge(&maps, 24).unwrap();
+            assert_eq!(merged.to_planes().unwrap(), image);
         }
     }
 
     #[test]
     fn the_quarter_scale_sees_only_the_middle_of_a_block() {
-        let mut values = vec![100.0_f32; 16];
+        let mut block = vec![100.0_f32; 16];
         for (at, v) in [(5, 1.0), (6, 2.0), (9, 3.0), (10, 6.0)] {
-            values[at] = v;
+            block[at] = v;
         }
-        let image = Tensor::from_vec(values, (1, 1, 4, 4), &Device::Cpu).unwrap();
-        let quarter = quarter_size(&image).unwrap().flatten_all().unwrap();
-        assert_eq!(quarter.to_vec1::<f32>().unwrap(), [3.0]);
+        assert_eq!(quarter_size(&block, 4), [3.0]);
+        assert_eq!(half_size(&[1.0, 2.0, 3.0, 6.0], 2), [3.0]);
     }
 }

@@ -38,7 +38,7 @@ fn observe(
     observe_gaussians("world", &world, observer)?;
     let covariances = covariance6(&world);
     let shape = [1, world.len(), 6];
-    observer.stage("world.covariance6", StageValue::Host(&shape, &covariances))?;
+    observer.stage("world.covariance6", StageValue::host(&shape, &covariances))?;
     Ok(prediction)
 }
 
@@ -56,16 +56,13 @@ fn covariance6(gaussians: &Gaussians) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{DeviceChoice, ModelConfig, synth::Synth};
+    use crate::model::{Engine, ModelConfig, Precision, synth::Synth};
 
     fn tiny(salt: &str) -> Predictor {
         let file = "/../tests/golden/model/tiny_config.json#tiny";
         let config = ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap();
-        let source = Synth {
-            salt: salt.into(),
-            device: DeviceChoice::Cpu.open().unwrap(),
-        };
-        Predictor::from_source(&config, &source, &source.device).unwrap()
+        let source = Synth { salt: salt.into() };
+        Predictor::from_source(&config, source, Engine::cpu(Precision::Exact)).unwrap()
     }
 
     #[test]

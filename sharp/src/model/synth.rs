@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use candle_core::{Device, Tensor};
 use sharp_checkpoint::deterministic::model_weights;
 use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
@@ -13,21 +12,16 @@ use super::params::{Source, inventory};
 use super::{ModelConfig, ModelError};
 
 /// Makes every parameter up from its name, see [`sharp_checkpoint::deterministic`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Synth {
     /// Put before every name.
     pub salt: String,
-    /// Where tensors go.
-    pub device: Device,
 }
 
 impl Source for Synth {
-    fn tensor(&self, name: &str, shape: &[usize]) -> Result<Tensor, ModelError> {
-        let values = model_weights(&self.salt, name, shape);
-        Ok(Tensor::from_vec(values, shape, &self.device)?)
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
+        Ok(Cow::Owned(model_weights(&self.salt, name, shape)))
     }
-
-    fn unused(&self, _: &str, _: &[usize]) {}
 }
 
 /// Writes deterministic weights of all parameters of `config` as a safetensors file, one tensor in

@@ -82,8 +82,8 @@ pub fn compare(
         {
             let factors = predictor.alignment_map(&prediction.depth[..layer], &known)?;
             let side = prediction.resolution;
-            let value = StageValue::Host(&[1, 1, side, side], &factors);
-            comparer.stage("alignment.map", value)?;
+            let shape = [1, 1, side, side];
+            comparer.stage("alignment.map", StageValue::host(&shape, &factors))?;
         }
     }
     Ok(Comparison {
@@ -111,7 +111,8 @@ impl Observer for Comparer<'_> {
             values: 0,
             note: None,
         };
-        if recorded.shape == value.shape() {
+        let shape = value.shape()?;
+        if recorded.shape == shape {
             let found = value.to_vec()?;
             let difference = match &recorded.values {
                 RecordedValues::Whole(expected) => {
@@ -125,11 +126,7 @@ impl Observer for Comparer<'_> {
             result.rel_error = relative(difference.0, recorded.absmax);
             result.values = difference.1;
         } else {
-            result.note = Some(format!(
-                "shape {:?}, recorded {:?}",
-                value.shape(),
-                recorded.shape
-            ));
+            result.note = Some(format!("shape {shape:?}, recorded {:?}", recorded.shape));
         }
         self.stages.push(result);
         Ok(())

@@ -84,7 +84,7 @@ struct Recorder<'a> {
 
 impl Observer for Recorder<'_> {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError> {
-        let shape = value.shape().to_vec();
+        let shape = value.shape()?;
         let values = value.to_vec()?;
         let key = format!("{}/{name}", self.options.prefix);
         let mut put = |suffix: &str, dtype, shape: Vec<usize>, bytes: Vec<u8>| {

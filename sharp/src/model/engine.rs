@@ -1,0 +1,121 @@
+//! What computes: our kernels on the CPU, or tensors on any device.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
+
+use candle_core::{Device, Tensor};
+use sharp_kernels::{Algorithm, Simd, Workspace};
+
+use super::ModelError;
+use super::params::{Parameter, Source};
+
+/// What computes a network.
+pub enum Engine {
+    /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
+    Kernels(Kernels),
+    /// Tensors on a device, weights resident there. On the CPU it is slower and larger than the
+    /// kernels, and serves as their reference.
+    Tensors(Device),
+}
+
+/// The kernels and how they compute.
+#[derive(Debug, Clone, Copy)]
+pub struct Kernels {
+    pub(super) simd: Simd,
+    pub(super) convolution: Algorithm,
+}
+
+/// How 3×3 convolutions are computed on the CPU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Precision {
+    /// With a quarter of the multiplications (Winograd); rounding errors are about five times
+    /// those of the plain sum.
+    #[default]
+    Fast,
+    /// As the plain sum of products.
+    Exact,
+}
+
+impl Engine {
+    /// Kernels for this CPU.
+    pub fn cpu(precision: Precision) -> Self {
+        Self::Kernels(Kernels {
+            simd: Simd::detect(),
+            convolution: match precision {
+                Precision::Fast => Algorithm::Winograd,
+                Precision::Exact => Algorithm::Direct,
+            },
+        })
+    }
+
+    /// What a run should say about it: kind and instruction set or device.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Kernels(kernels) => format!("cpu-{}", kernels.simd.level().name()),
+            Self::Tensors(device) => format!("candle-{:?}", device.location()).to_lowercase(),
+        }
+    }
+}
+
+/// An engine at work on one network.
+pub(super) struct Runtime {
+    pub(super) engine: Engine,
+    source: Box<dyn Source>,
+    /// Tensors that are on the device already; the kernels keep nothing.
+    resident: Mutex<HashMap<String, Tensor>>,
+    workspace: Mutex<Workspace>,
+}
+
+impl Runtime {
+    pub(super) fn new(engine: Engine, source: Box<dyn Source>) -> Self {
+        Self {
+            engine,
+            source,
+            resident: Mutex::default(),
+            workspace: Mutex::default(),
+        }
+    }
+
+    /// A parameter's values.
+    pub(super) fn values(
+        &self,
+        parameter: &Parameter,
+    ) -> Result<std::borrow::Cow<'_, [f32]>, ModelError> {
+        let values = self.source.values(&parameter.name, &parameter.shape)?;
+        if values.len() == parameter.len() {
+            Ok(values)
+        } else {
+            Err(ModelError::Weights {
+                name: parameter.name.clone(),
+                expected: parameter.len(),
+                found: values.len(),
+            })
+        }
+    }
+
+    /// A parameter as a tensor on `device`.
+    pub(super) fn tensor(
+        &self,
+        parameter: &Parameter,
+        device: &Device,
+    ) -> Result<Tensor, ModelError> {
+        let mut resident = lock(&self.resident);
+        if let Some(tensor) = resident.get(&parameter.name) {
+            return Ok(tensor.clone());
+        }
+        let values = self.values(parameter)?;
+        let tensor = Tensor::from_slice(&values, &parameter.shape[..], device)?;
+        resident.insert(parameter.name.clone(), tensor.clone());
+        Ok(tensor)
+    }
+
+    /// Runs `f` with the kernels' scratch memory.
+    pub(super) fn with_workspace<R>(&self, f: impl FnOnce(&mut Workspace) -> R) -> R {
+        f(&mut lock(&self.workspace))
+    }
+}
+
+/// Nothing that a panic could have left half done matters here.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,397 @@
+//! Layers of feature maps, on either engine.
+//!
+//! Convolutions whose kernel equals their stride, or is 1, are matrix products on tensors.
+
+use candle_core::{DType, Tensor};
+use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow};
+
+use super::ModelError;
+use super::engine::{Engine, Kernels, Runtime};
+use super::map::{HostMap, Map, mixed};
+use super::params::{Parameter, Params};
+
+/// A convolution with what is fused into it.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Fused<'a> {
+    /// The input is rectified first.
+    pub(super) relu_input: bool,
+    /// Added to the result.
+    pub(super) residual: Option<&'a Map>,
+    /// The result is rectified, last.
+    pub(super) relu: bool,
+}
+
+/// A convolution: 3×3 with one pixel of padding, 1×1, or blocks that do not overlap.
+pub(super) struct Conv {
+    weight: Parameter,
+    bias: Option<Parameter>,
+    spec: ConvSpec,
+}
+
+impl Conv {
+    /// 3×3, stride 1, one pixel of zero padding.
+    pub(super) fn spatial(p: &Params<'_>, input: usize, output: usize, bias: bool) -> Self {
+        Self::new(p, (input, output), (3, 1, 1), bias)
+    }
+
+    /// 1×1.
+    pub(super) fn point(p: &Params<'_>, input: usize, output: usize, bias: bool) -> Self {
+        Self::new(p, (input, output), (1, 1, 0), bias)
+    }
+
+    /// `size × size` with that stride.
+    pub(super) fn blocks(p: &Params<'_>, input: usize, output: usize, size: usize) -> Self {
+        Self::new(p, (input, output), (size, size, 0), true)
+    }
+
+    fn new(
+        p: &Params<'_>,
+        (in_channels, out_channels): (usize, usize),
+        (kernel, stride, padding): (usize, usize, usize),
+        bias: bool,
+    ) -> Self {
+        Self {
+            weight: p.get("weight", &[out_channels, in_channels, kernel, kernel]),
+            bias: bias.then(|| p.get("bias", &[out_channels])),
+            spec: ConvSpec {
+                in_channels,
+                out_channels,
+                kernel,
+                stride,
+                padding,
+            },
+        }
+    }
+
+    /// `[input, h, w]` to `[output, h / stride, w / stride]`.
+    pub(super) fn forward(
+        &self,
+        rt: &Runtime,
+        x: &Map,
+        fused: Fused<'_>,
+    ) -> Result<Map, ModelError> {
+        match (&rt.engine, x) {
+            (Engine::Kernels(kernels), Map::Host(x)) => {
+                let residual = match fused.residual {
+                    None => None,
+                    Some(Map::Host(map)) => Some(map.data.as_slice()),
+                    Some(Map::Tensor(_)) => return Err(mixed()),
+                };
+                let options = ConvOptions {
+                    relu_input: fused.relu_input,
+                    residual,
+                    relu: fused.relu,
+                };
+                Ok(Map::Host(self.on_host(rt, kernels, x, options)?))
+            }
+            (Engine::Tensors(_), Map::Tensor(x)) => Ok(Map::Tensor(self.on_tensors(rt, x, fused)?)),
+            _ => Err(mixed()),
+        }
+    }
+
+    fn on_host(
+        &self,
+        rt: &Runtime,
+        kernels: &Kernels,
+        x: &HostMap,
+        options: ConvOptions<'_>,
+    ) -> Result<HostMap, ModelError> {
+        let bias = self.bias.as_ref().map(|bias| rt.values(bias)).transpose()?;
+        let conv = Conv2d::new(
+            kernels.simd,
+            self.spec,
+            &rt.values(&self.weight)?,
+            bias.as_deref(),
+            false,
+            kernels.convolution,
+        );
+        let (height, width) = conv.out_size(x.height, x.width);
+        let mut out = HostMap::new(height, width, self.spec.out_channels);
+        let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
+        rt.with_workspace(|workspace| {
+            conv.run_rows_with(&window, 0..height, &mut out.data, options, workspace);
+        });
+        Ok(out)
+    }
+
+    fn on_tensors(&self, rt: &Runtime, x: &Tensor, fused: Fused<'_>) -> Result<Tensor, ModelError> {
+        let weight = rt.tensor(&self.weight, x.device())?;
+        let x = if fused.relu_input { &x.relu()? } else { x };
+        let mut y = if self.spec.kernel == self.spec.stride {
+            self.blocks_on_tensors(x, &weight)?
+        } else {
+            x.conv2d(&weight, self.spec.padding, self.spec.stride, 1, 1)?
+        };
+        if let Some(bias) = &self.bias {
+            let bias = rt.tensor(bias, x.device())?;
+            y = y.broadcast_add(&bias.reshape((1, (), 1, 1))?)?;
+        }
+        match fused.residual {
+            None => {}
+            Some(Map::Tensor(residual)) => y = (y + residual)?,
+            Some(Map::Host(_)) => return Err(mixed()),
+        }
+        Ok(if fused.relu { y.relu()? } else { y })
+    }
+
+    fn blocks_on_tensors(&self, x: &Tensor, weight: &Tensor) -> Result<Tensor, ModelError> {
+        let (_, c, h, w) = x.dims4()?;
+        let size = self.spec.kernel;
+        let (rows, columns) = (h / size, w / size);
+        // [channel, dy, dx, row, column], the order of the weights' columns.
+        let blocks = match size {
+            1 => x.reshape((c, h * w))?,
+            _ => x
+                .reshape((c, rows, size, columns, size))?
+                .permute((0, 2, 4, 1, 3))?
+                .reshape((c * size * size, rows * columns))?,
+        };
+        let weight = weight.reshape((self.spec.out_channels, c * size * size))?;
+        Ok(weight.matmul(&blocks)?.reshape((1, (), rows, columns))?)
+    }
+}
+
+/// A transposed 2×2 convolution with stride 2: every pixel becomes a block of four.
+pub(super) struct Deconv {
+    weight: Parameter,
+    bias: Option<Parameter>,
+    input: usize,
+    output: usize,
+}
+
+impl Deconv {
+    pub(super) fn new(p: &Params<'_>, input: usize, output: usize, bias: bool) -> Self {
+        Self {
+            weight: p.get("weight", &[input, output, 2, 2]),
+            bias: bias.then(|| p.get("bias", &[output])),
+            input,
+            output,
+        }
+    }
+
+    /// `[input, h, w]` to `[output, 2h, 2w]`.
+    pub(super) fn forward(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
+        match (&rt.engine, x) {
+            (Engine::Kernels(kernels), Map::Host(x)) => {
+                let bias = self.bias.as_ref().map(|bias| rt.values(bias)).transpose()?;
+                let deconv = sharp_kernels::TransposedConv2x2::new(
+                    kernels.simd,
+                    self.input,
+                    self.output,
+                    &rt.values(&self.weight)?,
+                    bias.as_deref(),
+                );
+                let mut out = HostMap::new(2 * x.height, 2 * x.width, self.output);
+                let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
+                rt.with_workspace(|workspace| {
+                    deconv.run_rows(&window, 0..2 * x.height, &mut out.data, workspace);
+                });
+                Ok(Map::Host(out))
+            }
+            (Engine::Tensors(_), Map::Tensor(x)) => {
+                let (_, c, h, w) = x.dims4()?;
+                let weight = rt.tensor(&self.weight, x.device())?;
+                let weight = weight.reshape((c, 4 * self.output))?.t()?;
+                let y = weight.matmul(&x.reshape((c, h * w))?)?;
+                // [output, dy, dx, y, x] to [output, y, dy, x, dx].
+                let y = y
+                    .reshape((self.output, 2, 2, h, w))?
+                    .permute((0, 3, 1, 4, 2))?
+                    .reshape((1, self.output, 2 * h, 2 * w))?;
+                Ok(Map::Tensor(match &self.bias {
+                    Some(bias) => {
+                        let bias = rt.tensor(bias, x.device())?;
+                        y.broadcast_add(&bias.reshape((1, (), 1, 1))?)?
+                    }
+                    None => y,
+                }))
+            }
+            _ => Err(mixed()),
+        }
+    }
+}
+
+/// Normalisation over groups of channels and all pixels, then a learned scale and shift.
+pub(super) struct GroupNorm {
+    weight: Parameter,
+    bias: Parameter,
+    groups: usize,
+}
+
+impl GroupNorm {
+    const EPS: f32 = 1e-5;
+
+    pub(super) fn new(p: &Params<'_>, width: usize, groups: usize) -> Self {
+        Self {
+            weight: p.get("weight", &[width]),
+            bias: p.get("bias", &[width]),
+            groups,
+        }
+    }
+
+    /// `[width, h, w]` to the same shape.
+    pub(super) fn forward(&self, rt: &Runtime, x: &Map) -> Result<Map, ModelError> {
+        match (&rt.engine, x) {
+            (Engine::Kernels(kernels), Map::Host(x)) => {
+                let norm = sharp_kernels::GroupNorm::new(
+                    self.groups,
+                    &rt.values(&self.weight)?,
+                    &rt.values(&self.bias)?,
+                    Self::EPS,
+                );
+                let mut out = HostMap::new(x.height, x.width, x.channels);
+                norm.run(kernels.simd, &x.data, false, &mut out.data);
+                Ok(Map::Host(out))
+            }
+            (Engine::Tensors(_), Map::Tensor(x)) => Ok(Map::Tensor(self.on_tensors(rt, x)?)),
+            _ => Err(mixed()),
+        }
+    }
+
+    /// Sums in f64 where the device has it: over the millions of values of a group, f32 would be
+    /// off by 1e-5.
+    fn on_tensors(&self, rt: &Runtime, x: &Tensor) -> Result<Tensor, ModelError> {
+        let (_, c, h, w) = x.dims4()?;
+        let wide = if x.device().is_metal() {
+            DType::F32
+        } else {
+            DType::F64
+        };
+        let grouped = x.reshape((self.groups, c / self.groups * h, w))?;
+        let mean = |t: &Tensor| {
+            let t = t.to_dtype(wide)?;
+            t.mean_keepdim(2)?.mean_keepdim(1)?.to_dtype(DType::F32)
+        };
+        let centered = grouped.broadcast_sub(&mean(&grouped)?)?;
+        let variance = mean(&centered.sqr()?)?;
+        let deviation = (variance + f64::from(Self::EPS))?.sqrt()?;
+        let normal = centered.broadcast_div(&deviation)?;
+        let per_channel = |parameter: &Parameter| {
+            Ok::<_, ModelError>(rt.tensor(parameter, x.device())?.reshape((1, c, 1, 1))?)
+        };
+        Ok(normal
+            .reshape((1, c, h, w))?
+            .broadcast_mul(&per_channel(&self.weight)?)?
+            .broadcast_add(&per_channel(&self.bias)?)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    use crate::model::engine::Precision;
+    use crate::model::synth::Synth;
+    use candle_core::Device;
+    use sharp_checkpoint::deterministic::model_weights;
+    use sharp_kernels::Algorithm;
+
+    fn runtimes() -> [Runtime; 3] {
+        [
+            Engine::Tensors(Device::Cpu),
+            Engine::cpu(Precision::Exact),
+            Engine::cpu(Precision::Fast),
+        ]
+        .map(|engine| Runtime::new(engine, Box::new(Synth::default())))
+    }
+
+    /// Runs a layer on every engine; the planes must agree with the first's.
+    fn agree(shape: (usize, usize, usize), layer: impl Fn(&Runtime, &Map) -> Map) -> Vec<f32> {
+        let (c, h, w) = shape;
+        let planes = model_weights("", "x.weight", &[c, h, w, 1]);
+        let mut reference = Vec::new();
+        for rt in runtimes() {
+            let x = Map::from_planes(&rt.engine, &planes, shape).unwrap();
+            let found = layer(&rt, &x).to_planes().unwrap();
+            if reference.is_empty() {
+                reference = found;
+                continue;
+            }
+            let exact =
+                matches!(&rt.engine, Engine::Kernels(k) if k.convolution == Algorithm::Direct);
+            let tolerance = if exact { 2e-6 } else { 1e-5 };
+            assert_eq!(found.len(), reference.len());
+            for (a, b) in found.iter().zip(&reference) {
+                assert!((a - b).abs() < tolerance, "{a} against {b}");
+            }
+        }
+        reference
+    }
+
+    fn declare<T>(build: impl FnOnce(&Params<'_>) -> T) -> T {
+        build(&Params::new(&RefCell::default()))
+    }
+
+    #[test]
+    fn convolutions_agree_with_everything_fused() {
+        let convs = [
+            declare(|p| Conv::spatial(p, 16, 16, true)),
+            declare(|p| Conv::point(p, 16, 16, false)),
+        ];
+        for conv in convs {
+            for (relu_input, relu, with_residual) in [
+                (false, false, false),
+                (true, false, true),
+                (false, true, true),
+            ] {
+                agree((16, 9, 7), |rt, x| {
+                    let fused = Fused {
+                        relu_input,
+                        residual: with_residual.then_some(x),
+                        relu,
+                    };
+                    conv.forward(rt, x, fused).unwrap()
+                });
+            }
+        }
+        let blocks = declare(|p| Conv::blocks(p, 5, 6, 2));
+        agree((5, 8, 6), |rt, x| {
+            blocks.forward(rt, x, Fused::default()).unwrap()
+        });
+    }
+
+    #[test]
+    fn blocks_are_the_general_convolution() {
+        let blocks = declare(|p| Conv::blocks(p, 3, 4, 2));
+        let found = agree((3, 4, 6), |rt, x| {
+            blocks.forward(rt, x, Fused::default()).unwrap()
+        });
+        let tensor = |name: &str, shape: &[usize]| {
+            Tensor::from_vec(model_weights("", name, shape), shape, &Device::Cpu).unwrap()
+        };
+        let x = model_weights("", "x.weight", &[3, 4, 6, 1]);
+        let x = Tensor::from_vec(x, (1, 3, 4, 6), &Device::Cpu).unwrap();
+        let general = x
+            .conv2d(&tensor("weight", &[4, 3, 2, 2]), 0, 2, 1, 1)
+            .unwrap();
+        let bias = tensor("bias", &[4]).reshape((1, 4, 1, 1)).unwrap();
+        let general = general.broadcast_add(&bias).unwrap().flatten_all().unwrap();
+        for (a, b) in found.iter().zip(general.to_vec1::<f32>().unwrap()) {
+            assert!((a - b).abs() < 2e-6, "{a} against {b}");
+        }
+    }
+
+    #[test]
+    fn deconvolutions_agree_with_the_general_one() {
+        let deconv = declare(|p| Deconv::new(p, 3, 2, false));
+        let found = agree((3, 4, 5), |rt, x| deconv.forward(rt, x).unwrap());
+        let with_bias = declare(|p| Deconv::new(p, 8, 6, true));
+        agree((8, 3, 5), |rt, x| with_bias.forward(rt, x).unwrap());
+        let weight = model_weights("", "weight", &[3, 2, 2, 2]);
+        let weight = Tensor::from_vec(weight, (3, 2, 2, 2), &Device::Cpu).unwrap();
+        let x = model_weights("", "x.weight", &[3, 4, 5, 1]);
+        let x = Tensor::from_vec(x, (1, 3, 4, 5), &Device::Cpu).unwrap();
+        let general = x.conv_transpose2d(&weight, 0, 0, 2, 1).unwrap();
+        let general = general.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        for (a, b) in found.iter().zip(general) {
+            assert!((a - b).abs() < 2e-6, "{a} against {b}");
+        }
+    }
+
+    #[test]
+    fn group_norms_agree() {
+        let norm = declare(|p| GroupNorm::new(p, 8, 4));
+        agree((8, 16, 12), |rt, x| norm.forward(rt, x).unwrap());
+    }
+}
