@@ -4,7 +4,9 @@
 //!
 //! * [`durable`]: files that are whole or absent, and their hashes.
 //! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
-//! * [`pictures`], [`picture_pairs`], [`render_file`]: pictures and renderings as files.
+//! * [`pictures`], [`picture_pairs`], [`render_file`], [`scene_file`], [`model_files`]: pictures, renderings, scenes and
+//!   checkpoints as files.
+//! * [`process_memory`]: how much memory this process has used.
 //! * [`protocol`]: which pairs are evaluated, and the geometry that decides it.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`runs`]: plans, units and the folder that keeps their results.
@@ -14,10 +16,13 @@
 pub mod cli;
 pub mod durable;
 pub mod methods;
+pub mod model_files;
 pub mod picture_pairs;
 pub mod pictures;
+pub mod process_memory;
 pub mod protocol;
 pub mod record;
 pub mod render_file;
 pub mod report;
 pub mod runs;
+pub mod scene_file;

@@ -42,25 +42,38 @@ pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
 /// # Errors
 /// Names the file and the reason.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
-    let color = |channel: usize| {
-        FlatSamples::F32(rendered.rgb_linear.iter().map(|rgb| rgb[channel]).collect())
-    };
-    let channels = AnyChannels::sort(
-        [
-            AnyChannel::new("R", color(0)),
-            AnyChannel::new("G", color(1)),
-            AnyChannel::new("B", color(2)),
-            AnyChannel::new("A", FlatSamples::F32(rendered.alpha.clone())),
-            AnyChannel::new("Z", FlatSamples::F32(rendered.depth_acc.clone())),
-        ]
-        .into_iter()
-        .collect(),
-    );
+    let [r, g, b] = [0, 1, 2].map(|channel| {
+        let values = rendered.rgb_linear.iter().map(|rgb| rgb[channel]);
+        values.collect::<Vec<f32>>()
+    });
+    let size = (rendered.width as usize, rendered.height as usize);
+    let channels = [
+        ("R".to_owned(), r.as_slice()),
+        ("G".to_owned(), &g),
+        ("B".to_owned(), &b),
+        ("A".to_owned(), &rendered.alpha),
+        ("Z".to_owned(), &rendered.depth_acc),
+    ];
+    write_exr_channels(path, size, &channels)
+}
+
+/// Writes planes `[height, width]` as named f32 channels, without loss.
+///
+/// # Errors
+/// Names the file and the reason.
+pub fn write_exr_channels(
+    path: &Path,
+    (width, height): (usize, usize),
+    channels: &[(String, &[f32])],
+) -> Result<(), FileError> {
+    let channels = channels
+        .iter()
+        .map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.to_vec())));
     let layer = Layer::new(
-        (rendered.width as usize, rendered.height as usize),
+        (width, height),
         LayerAttributes::default(),
         Encoding::FAST_LOSSLESS,
-        channels,
+        AnyChannels::sort(channels.collect()),
     );
     let mut bytes = std::io::Cursor::new(Vec::new());
     Image::from_layer(layer)

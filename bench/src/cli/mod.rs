@@ -7,6 +7,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod metrics;
+mod model;
 mod outcome;
 mod output;
 mod pairs;
@@ -14,7 +15,6 @@ mod progress;
 mod render;
 mod report;
 mod run;
-mod scene_file;
 
 use clap::{Parser, Subcommand};
 
@@ -42,7 +42,11 @@ enum Command {
     Report(report::ReportArgs),
     Pairs(pairs::PairsArgs),
     Metrics(metrics::MetricsArgs),
+    Predict(model::predict::PredictArgs),
     Render(render::RenderArgs),
+    Gaussians(model::gaussians::GaussiansArgs),
+    Record(model::record::RecordArgs),
+    Parity(model::parity::ParityArgs),
     Doctor(doctor::DoctorArgs),
     Completions(completions::CompletionsArgs),
 }
@@ -59,6 +63,10 @@ impl Cli {
             Command::Report(args) => report::execute(&args),
             Command::Pairs(args) => pairs::execute(&args),
             Command::Metrics(args) => metrics::execute(&args),
+            Command::Predict(args) => model::predict::execute(&args),
+            Command::Gaussians(args) => model::gaussians::execute(&args),
+            Command::Record(args) => model::record::execute(&args),
+            Command::Parity(args) => model::parity::execute(&args),
             Command::Render(args) => render::execute(&args),
             Command::Doctor(args) => doctor::execute(&args),
             Command::Completions(args) => completions::execute(&args),

@@ -9,8 +9,8 @@ use sharp::color::Quantization;
 use sharp::render::{Background, RenderOutput, RenderView, render_cpu};
 
 use super::camera_file::CameraFile;
-use super::{Outcome, output, scene_file};
-use crate::render_file;
+use super::{Outcome, output};
+use crate::{render_file, scene_file};
 
 /// Render 3D Gaussians to a picture
 ///

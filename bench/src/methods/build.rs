@@ -4,8 +4,10 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::depth_splat::DepthSplat;
+use super::gaussians::GaussianFiles;
 use super::imported::Imported;
 use super::method::Method;
+use super::sharp::Sharp;
 use super::spec::{MethodSpec, SpecError};
 use super::trivial::{Copy, Mean, Target};
 
@@ -21,7 +23,7 @@ pub struct KindInfo {
 }
 
 /// Every kind there is.
-pub const KINDS: [KindInfo; 5] = [
+pub const KINDS: [KindInfo; 7] = [
     KindInfo {
         name: "target",
         options: &[],
@@ -42,6 +44,16 @@ pub const KINDS: [KindInfo; 5] = [
         options: &["resolution"],
         summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
                   black (resolution=1536)",
+    },
+    KindInfo {
+        name: "sharp",
+        options: &Sharp::OPTIONS,
+        summary: "the SHARP network (checkpoint=FILE, config=FILE#NAME, depth=none|privileged, device=cpu)",
+    },
+    KindInfo {
+        name: "gaussians",
+        options: &["dir"],
+        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR)",
     },
     KindInfo {
         name: "imported",
@@ -82,14 +94,24 @@ fn build_one(spec: &MethodSpec) -> Result<Box<dyn Method>, SpecError> {
         "copy" => Box::new(Copy { label }),
         "mean" => Box::new(Mean { label }),
         "depth-splat" => Box::new(DepthSplat::from_spec(spec)?),
-        _ => {
-            let Some(dir) = spec.options.get("dir").map(PathBuf::from) else {
-                return Err(spec.error("needs dir=FOLDER"));
-            };
-            if !dir.is_dir() {
-                return Err(spec.error(format!("{} is not a folder", dir.display())));
-            }
-            Box::new(Imported { label, dir })
-        }
+        "sharp" => Box::new(Sharp::from_spec(spec)?),
+        "gaussians" => Box::new(GaussianFiles {
+            label,
+            dir: folder(spec)?,
+        }),
+        _ => Box::new(Imported {
+            label,
+            dir: folder(spec)?,
+        }),
     })
+}
+
+fn folder(spec: &MethodSpec) -> Result<PathBuf, SpecError> {
+    let Some(dir) = spec.options.get("dir").map(PathBuf::from) else {
+        return Err(spec.error("needs dir=FOLDER"));
+    };
+    if !dir.is_dir() {
+        return Err(spec.error(format!("{} is not a folder", dir.display())));
+    }
+    Ok(dir)
 }

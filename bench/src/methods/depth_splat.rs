@@ -1,20 +1,15 @@
 //! The dataset's own depth, splatted: what SHARP's representation can do when depth is perfect and nothing is
 //! learned.
 
-use std::collections::BTreeMap;
-
 use image::RgbImage;
-use sharp::camera::target_camera_from_source_ndc;
-use sharp::color::Quantization;
 use sharp::composer::{ComposerConfig, compose};
 use sharp::initializer::{BaseGaussians, Grid, InvalidDepth};
-use sharp::render::{Background, RenderView, render_cpu};
 use sharp::resize::{bilinear_align_corners, nearest};
 use sharp_datasets::DepthMap;
-use sharp_metrics::Picture;
 
 use super::method::{Method, MethodError, PairInput, Prediction};
 use super::spec::{MethodSpec, SpecError};
+use super::splat::{planes, render_from_ndc};
 
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
@@ -34,9 +29,6 @@ pub struct DepthSplat {
 }
 
 impl DepthSplat {
-    /// Below this alpha a pixel counts as a hole: more background than surface.
-    pub const HOLE_ALPHA: f32 = 0.5;
-
     /// Reads `resolution=N`.
     ///
     /// # Errors
@@ -112,40 +104,11 @@ impl Method for DepthSplat {
         let base = self.base_gaussians(pair.source_image, &depth, &pair.source.id)?;
         let gaussians = compose(&base, None, &ComposerConfig::default())
             .map_err(|error| unsuitable(error.to_string()))?;
-        let placement =
-            target_camera_from_source_ndc(&pair.source.intrinsics, &pair.target_from_source());
-        let view = RenderView::new(placement, pair.target.intrinsics);
-        let output = render_cpu(&gaussians, &view)
-            .map_err(|error| MethodError::Render(error.to_string()))?;
-
-        let n = output.alpha.len() as f64;
-        let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
-        let holes = output
-            .alpha
-            .iter()
-            .filter(|&&a| a < Self::HOLE_ALPHA)
-            .count();
-        Ok(Prediction {
-            picture: Picture::Rgb8(output.srgb8(Background::Black, Quantization::Round)),
-            extras: BTreeMap::from([
-                ("mean_alpha".to_owned(), covered / n),
-                ("hole_share".to_owned(), holes as f64 / n),
-                ("dropped_blocks".to_owned(), base.dropped() as f64),
-            ]),
-        })
+        let mut prediction = render_from_ndc(&gaussians, pair)?;
+        let dropped = base.dropped() as f64;
+        prediction
+            .extras
+            .insert("dropped_blocks".to_owned(), dropped);
+        Ok(prediction)
     }
-}
-
-/// `[3, height, width]` in 0..1 from interleaved bytes.
-fn planes(image: &RgbImage) -> Vec<f32> {
-    let bytes = image.as_raw();
-    (0..3)
-        .flat_map(|channel| {
-            bytes
-                .iter()
-                .skip(channel)
-                .step_by(3)
-                .map(|&v| f32::from(v) / 255.0)
-        })
-        .collect()
 }

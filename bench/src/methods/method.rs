@@ -76,6 +76,9 @@ pub enum MethodError {
         /// What is wrong with it.
         reason: String,
     },
+    /// The network or the file of Gaussians.
+    #[error("{0}")]
+    Model(String),
     /// The renderer refused.
     #[error("render: {0}")]
     Render(String),

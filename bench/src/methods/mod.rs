@@ -4,14 +4,19 @@
 //! * [`method`]: the trait, its input and its output.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
+//! * [`sharp`]: the SHARP network.
+//! * [`gaussians`]: Gaussians that someone else's method predicted, rendered by us.
 //! * [`imported`]: pictures that someone else's method made.
 //! * [`mod@build`]: from specs to instances.
 
 pub mod build;
 pub mod depth_splat;
+pub mod gaussians;
 pub mod imported;
 pub mod method;
+pub mod sharp;
 pub mod spec;
+mod splat;
 pub mod trivial;
 
 pub use build::{KINDS, KindInfo, build};

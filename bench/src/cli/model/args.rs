@@ -1,0 +1,116 @@
+//! Options that select a network and its weights.
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use clap::{Args, ValueEnum};
+use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
+use sharp::model::{DeviceChoice, ModelConfig, Predictor};
+
+use super::super::output;
+use crate::model_files::find_checkpoint;
+
+/// Which network.
+#[derive(Debug, Args)]
+pub(crate) struct ModelArgs {
+    /// The weights: .pt or .safetensors. Without it, a release checkpoint in its own or our cache folder
+    #[arg(long, value_name = "FILE")]
+    pub(crate) checkpoint: Option<PathBuf>,
+    /// Sizes of the network, FILE.json or FILE.json#NAME; the release's without it
+    #[arg(long, value_name = "FILE[#NAME]")]
+    pub(crate) config: Option<String>,
+    /// Accept tensors of this name prefix that the network does not have; repeatable
+    #[arg(long, value_name = "PREFIX")]
+    pub(crate) allow_unused: Vec<String>,
+    /// Where to compute
+    #[arg(long, value_enum, default_value_t = DeviceArg::Auto)]
+    pub(crate) device: DeviceArg,
+}
+
+/// As [`DeviceChoice`], for the command line.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum DeviceArg {
+    /// CUDA or Metal where this build has it, else the CPU
+    Auto,
+    /// The CPU
+    Cpu,
+    /// An NVIDIA GPU (needs a build with --features cuda; untested)
+    Cuda,
+    /// An Apple GPU (needs a build with --features metal; untested)
+    Metal,
+}
+
+impl From<DeviceArg> for DeviceChoice {
+    fn from(arg: DeviceArg) -> Self {
+        match arg {
+            DeviceArg::Auto => Self::Auto,
+            DeviceArg::Cpu => Self::Cpu,
+            DeviceArg::Cuda => Self::Cuda,
+            DeviceArg::Metal => Self::Metal,
+        }
+    }
+}
+
+impl ModelArgs {
+    /// The configuration: that of the file, or the release's.
+    pub(crate) fn config(&self) -> anyhow::Result<ModelConfig> {
+        Ok(match &self.config {
+            Some(file) => ModelConfig::load(file)?,
+            None => ModelConfig::release(),
+        })
+    }
+
+    /// Loads the network.
+    pub(crate) fn load(&self) -> anyhow::Result<Predictor> {
+        let config = self.config()?;
+        let checkpoint = match &self.checkpoint {
+            Some(file) => file.clone(),
+            None if self.config.is_some() => bail!("--config needs --checkpoint FILE"),
+            None => find_checkpoint()?,
+        };
+        let device = DeviceChoice::from(self.device).open()?;
+        Ok(Predictor::load(
+            &config,
+            &checkpoint,
+            &device,
+            &self.allow_unused,
+        )?)
+    }
+}
+
+/// How to read a photograph.
+#[derive(Debug, Args)]
+pub(crate) struct PhotoArgs {
+    /// Focal length in pixels of the upright photograph, instead of what the file says
+    #[arg(long, value_name = "F")]
+    pub(crate) focal_px: Option<f64>,
+    /// Refuse larger photographs before they are decoded
+    #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
+    pub(crate) max_pixels: u64,
+}
+
+impl PhotoArgs {
+    /// Reads a photograph and says what the user should know about it.
+    pub(crate) fn load(&self, path: &std::path::Path) -> anyhow::Result<Photo> {
+        let options = PhotoOptions {
+            focal_px: self.focal_px,
+            max_pixels: self.max_pixels,
+        };
+        let photo = sharp::model::preprocess::load_photo(path, &options)?;
+        for warning in &photo.warnings {
+            output::remark(format!("warning: {}: {warning}", path.display()));
+        }
+        Ok(photo)
+    }
+}
+
+/// Where a focal length comes from, in words.
+pub(crate) fn focal_text(photo: &Photo) -> String {
+    let source = match photo.focal_source {
+        FocalSource::Given => "given".to_owned(),
+        FocalSource::Equivalent35mm(mm) => format!("{mm} mm on 35 mm film, from the file"),
+        FocalSource::Lens(mm) => format!("{mm} mm lens, from the file"),
+        FocalSource::Default => "the default of 30 mm on 35 mm film".to_owned(),
+    };
+    format!("{:.2} px ({source})", photo.focal_px)
+}

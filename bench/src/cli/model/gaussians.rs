@@ -1,0 +1,225 @@
+//! `gaussians info` and `gaussians convert`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand, ValueEnum};
+use serde::Serialize;
+use sharp::gaussians::Gaussians;
+use sharp::ply::{GaussianScene, PlyForm, ReadOptions, load, to_bytes};
+
+use super::super::{Outcome, output};
+use crate::durable::write_atomic;
+
+/// Look into a PLY file of Gaussians, or rewrite it
+#[derive(Debug, Args)]
+pub(crate) struct GaussiansArgs {
+    #[command(subcommand)]
+    command: GaussiansCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum GaussiansCommand {
+    /// Counts, and histograms of opacity, scale and depth
+    Info {
+        /// The file
+        ply: PathBuf,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Rewrite a file for other viewers, or without its nearly invisible Gaussians
+    #[command(
+        after_help = "Example:\n  sharp-bench gaussians convert photo.ply plain.ply --to plain --min-opacity 0.005"
+    )]
+    Convert {
+        /// The file to read
+        ply: PathBuf,
+        /// The file to write
+        out: PathBuf,
+        /// Which elements the result has
+        #[arg(long, value_enum, default_value_t = Form::Plain)]
+        to: Form,
+        /// Drop Gaussians of lower opacity, 0..1
+        #[arg(long, value_name = "X", default_value_t = 0.0)]
+        min_opacity: f32,
+    },
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Form {
+    /// Only the Gaussians, for any viewer
+    Plain,
+    /// With the release's extra elements
+    Release,
+}
+
+pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
+    match &args.command {
+        GaussiansCommand::Info { ply, json } => info(ply, *json),
+        GaussiansCommand::Convert {
+            ply,
+            out,
+            to,
+            min_opacity,
+        } => convert(ply, out, *to, *min_opacity),
+    }
+}
+
+/// Share of values at or below a bound, as ten equal parts of the range.
+#[derive(Debug, Serialize)]
+struct Distribution {
+    /// Smallest, 10 %, 25 %, 50 %, 75 %, 90 % and largest value.
+    quantiles: [f64; 7],
+    /// Counts in ten bins of equal width from the smallest to the largest value.
+    histogram: [usize; 10],
+}
+
+impl Distribution {
+    fn of(values: impl Iterator<Item = f32>) -> Option<Self> {
+        let mut sorted: Vec<f32> = values.filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f32::total_cmp);
+        let (&low, &high) = (sorted.first()?, sorted.last()?);
+        let at = |q: f64| f64::from(sorted[((sorted.len() - 1) as f64 * q).round() as usize]);
+        let mut histogram = [0; 10];
+        for &value in &sorted {
+            let place = 10.0 * (value - low) / (high - low).max(f32::MIN_POSITIVE);
+            histogram[(place as usize).min(9)] += 1;
+        }
+        Some(Self {
+            quantiles: [0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0].map(at),
+            histogram,
+        })
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Info {
+    gaussians: usize,
+    /// SHARP writes two layers of equal size, one after the other.
+    per_layer: Option<usize>,
+    not_finite: usize,
+    below_visibility: usize,
+    image_size: Option<[u32; 2]>,
+    focal_px: Option<[f64; 2]>,
+    opacity: Option<Distribution>,
+    scale: Option<Distribution>,
+    depth: Option<Distribution>,
+}
+
+fn describe(scene: &GaussianScene) -> Info {
+    let Gaussians {
+        means,
+        scales,
+        opacities,
+        ..
+    } = &scene.gaussians;
+    let n = scene.gaussians.len();
+    Info {
+        gaussians: n,
+        per_layer: (scene.version.is_some() && n > 0 && n.is_multiple_of(2)).then_some(n / 2),
+        not_finite: (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count(),
+        below_visibility: opacities.iter().filter(|&&o| o < 1.0 / 255.0).count(),
+        image_size: scene.intrinsics.map(|k| [k.width, k.height]),
+        focal_px: scene.intrinsics.map(|k| [k.fx, k.fy]),
+        opacity: Distribution::of(opacities.iter().copied()),
+        scale: Distribution::of(scales.iter().flatten().copied()),
+        depth: Distribution::of(means.iter().map(|m| m[2])),
+    }
+}
+
+fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
+    let scene = load(ply, ReadOptions::default())?;
+    let info = describe(&scene);
+    if json {
+        output::json(&info)?;
+        return Ok(Outcome::Done);
+    }
+    output::line(format!("Gaussians        {}", info.gaussians))?;
+    if let Some(n) = info.per_layer {
+        output::line(format!("per layer        {n} (two layers)"))?;
+    }
+    output::line(format!(
+        "not finite       {} (the renderer drops them)",
+        info.not_finite
+    ))?;
+    output::line(format!(
+        "opacity < 1/255  {} (never visible)",
+        info.below_visibility
+    ))?;
+    if let (Some([w, h]), Some([fx, fy])) = (info.image_size, info.focal_px) {
+        output::line(format!(
+            "photograph       {w}x{h}, focal length {fx:.2} {fy:.2} px"
+        ))?;
+    }
+    output::line(
+        "                 least      10 %      25 %      50 %      75 %      90 %      most"
+            .to_owned(),
+    )?;
+    for (name, distribution) in [
+        ("opacity", &info.opacity),
+        ("scale (m)", &info.scale),
+        ("depth (m)", &info.depth),
+    ] {
+        if let Some(Distribution {
+            quantiles,
+            histogram,
+        }) = distribution
+        {
+            let numbers: String = quantiles.iter().map(|q| format!("{q:>10.4}")).collect();
+            output::line(format!("{name:<12}{numbers}"))?;
+            output::line(format!("{:<12}  {}", "", bars(histogram)))?;
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// Ten bins as bars of eighths.
+fn bars(histogram: &[usize; 10]) -> String {
+    const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+    let most = histogram.iter().copied().max().unwrap_or(0).max(1);
+    histogram
+        .iter()
+        .map(|&count| BARS[(count * 8).div_ceil(most)])
+        .collect()
+}
+
+fn convert(ply: &Path, out: &Path, to: Form, min_opacity: f32) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        (0.0..=1.0).contains(&min_opacity),
+        "--min-opacity {min_opacity}: a number from 0 to 1 is needed"
+    );
+    let mut scene = load(ply, ReadOptions::default())?;
+    let before = scene.gaussians.len();
+    if min_opacity > 0.0 {
+        let opacities = scene.gaussians.opacities.clone();
+        scene.gaussians = scene.gaussians.filtered(|k| opacities[k] >= min_opacity);
+    }
+    let form = match to {
+        Form::Plain => PlyForm::Plain,
+        Form::Release => PlyForm::Release,
+    };
+    write_atomic(out, &to_bytes(&scene, form))?;
+    output::line(format!(
+        "{}  {} of {before} Gaussians",
+        out.display(),
+        scene.gaussians.len()
+    ))?;
+    Ok(Outcome::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distributions_count_every_finite_value_once() {
+        let values = (0..100).map(|k| k as f32).chain([f32::NAN]);
+        let found = Distribution::of(values).unwrap();
+        assert_eq!(found.histogram.iter().sum::<usize>(), 100);
+        assert_eq!((found.quantiles[0], found.quantiles[6]), (0.0, 99.0));
+        assert!(Distribution::of([f32::NAN].into_iter()).is_none());
+        let constant = Distribution::of([2.0_f32; 4].into_iter()).unwrap();
+        assert_eq!(constant.histogram.iter().sum::<usize>(), 4);
+        assert_eq!(bars(&[0, 1, 8, 4, 0, 0, 0, 0, 0, 0]), " ▁█▄      ");
+    }
+}

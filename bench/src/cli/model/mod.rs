@@ -1,0 +1,7 @@
+//! Commands around the network and its Gaussians.
+
+pub(super) mod args;
+pub(super) mod gaussians;
+pub(super) mod parity;
+pub(super) mod predict;
+pub(super) mod record;

@@ -1,0 +1,118 @@
+//! `parity`: a network against a recording, stage by stage.
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use clap::Args;
+use serde_json::json;
+use sharp::model::recording::{Comparison, Recording, compare};
+
+use super::super::{Outcome, output};
+use super::args::{ModelArgs, PhotoArgs};
+
+/// Compare a network with a recording, stage by stage, and name the first stage that diverges
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  sharp-bench parity --checkpoint tiny_model.pt --config tiny_config.json#tiny \\
+      --image main_640x480.png --focal-px 500 --golden golden_tiny.safetensors
+
+The error of a stage is the largest difference over the stage's largest absolute value. Exit code 1 when a stage is
+further off than --tolerance or is missing.")]
+pub(crate) struct ParityArgs {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// The photograph that was recorded
+    #[arg(long, value_name = "IMG")]
+    image: PathBuf,
+    #[command(flatten)]
+    photo: PhotoArgs,
+    /// The recording
+    #[arg(long, value_name = "REC.safetensors")]
+    golden: PathBuf,
+    /// Which recording of the file; found by the photograph without it
+    #[arg(long, value_name = "P")]
+    prefix: Option<String>,
+    /// Largest error of a stage that passes
+    #[arg(long, value_name = "X", default_value_t = 1e-4)]
+    tolerance: f64,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
+    let recording = Recording::open(&args.golden)?;
+    let prefix = match &args.prefix {
+        Some(prefix) => prefix.as_str(),
+        None => recording.prefix_for(&args.image)?,
+    };
+    let photo = args.photo.load(&args.image)?;
+    let predictor = args.model.load()?;
+    let comparison = compare(
+        &predictor,
+        photo.planes(),
+        photo.focal_px,
+        &recording,
+        prefix,
+    )?;
+    let first = comparison.first_divergence(args.tolerance);
+    if args.json {
+        output::json(&to_json(&comparison, args.tolerance))?;
+    } else {
+        for stage in &comparison.stages {
+            let mark = if stage.rel_error <= args.tolerance {
+                ' '
+            } else {
+                '!'
+            };
+            let note = stage.note.as_deref().unwrap_or_default();
+            output::line(format!(
+                "{mark} {:<36} {:>10.2e}  {:>9} values {note}",
+                stage.stage, stage.rel_error, stage.values
+            ))?;
+        }
+        for stage in &comparison.not_computed {
+            output::line(format!("! {stage:<36} in the recording, not computed"))?;
+        }
+    }
+    if let Some(stage) = first {
+        bail!(
+            "{}: diverges first at stage {}: {:.2e} > {:.1e}",
+            args.golden.display(),
+            stage.stage,
+            stage.rel_error,
+            args.tolerance
+        );
+    }
+    if let Some(stage) = comparison.not_computed.first() {
+        bail!("{}: stage {stage} was not computed", args.golden.display());
+    }
+    if !args.json {
+        output::line(format!(
+            "all {} stages within {:.1e}",
+            comparison.stages.len(),
+            args.tolerance
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn to_json(comparison: &Comparison, tolerance: f64) -> serde_json::Value {
+    // A stage that is not finite has no number in JSON.
+    let stages: Vec<_> = comparison
+        .stages
+        .iter()
+        .map(|stage| {
+            let error = crate::record::finite_or_text::text(stage.rel_error)
+                .map_or_else(|| json!(stage.rel_error), |text| json!(text));
+            json!({ "stage": stage.stage, "rel_error": error, "values": stage.values, "note": stage.note })
+        })
+        .collect();
+    json!({
+        "stages": stages,
+        "first_divergence": comparison.first_divergence(tolerance).map(|s| s.stage.as_str()),
+        "not_computed": comparison.not_computed,
+        "tolerance": tolerance,
+    })
+}

@@ -1,0 +1,198 @@
+//! `predict IMAGE…`: photographs to Gaussians.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, ensure};
+use clap::{Args, ValueEnum};
+use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+use sharp::model::preprocess::Photo;
+use sharp::model::{Prediction, Predictor, Progress};
+use sharp::ply::{GaussianScene, PlyForm, to_bytes};
+use sharp::unprojection::{release_intrinsics, unproject};
+
+use super::super::{Outcome, output};
+use super::args::{ModelArgs, PhotoArgs, focal_text};
+use crate::durable::{FileError, write_atomic};
+use crate::process_memory::peak_bytes;
+use crate::render_file;
+
+/// Predict 3D Gaussians from photographs
+///
+/// Writes a PLY file per photograph as the official release does: metric camera space, OpenCV axes, sRGB colours.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench predict photo.jpg --out photo.ply
+  sharp-bench predict holiday/*.jpg --out gaussians/ --plain --depth exr
+  sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 --out photo.ply
+
+The focal length sets the metric scale. It comes from --focal-px, else from the file's EXIF tags, else it is that of a
+30 mm lens on 35 mm film, with a warning.")]
+pub(crate) struct PredictArgs {
+    /// Photographs
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    #[command(flatten)]
+    model: ModelArgs,
+    #[command(flatten)]
+    photo: PhotoArgs,
+    /// A .ply file, or a folder (needed for several photographs)
+    #[arg(long, value_name = "PLY_OR_DIR")]
+    out: PathBuf,
+    /// Leave out the release's extra elements, which some third-party viewers stumble over
+    #[arg(long)]
+    plain: bool,
+    /// Write both depth layers too, beside the PLY
+    #[arg(long, value_enum, value_name = "FORM")]
+    depth: Option<DepthForm>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DepthForm {
+    /// Metres, f32, channels `layer0.Z` and `layer1.Z` in one .exr
+    Exr,
+    /// Millimetres, 16 bit, one .png a layer; beyond 65.534 m: 65535
+    Png16,
+}
+
+pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
+    let to_file = args.out.extension().is_some_and(|e| e == "ply");
+    ensure!(
+        !to_file || args.images.len() == 1,
+        "--out {}: several photographs need a folder",
+        args.out.display()
+    );
+    let predictor = args.model.load()?;
+    let mut results = Vec::new();
+    for image in &args.images {
+        let ply = if to_file {
+            args.out.clone()
+        } else {
+            let stem = image
+                .file_stem()
+                .context("a photograph needs a file name")?;
+            args.out.join(stem).with_extension("ply")
+        };
+        results.push(predict_one(args, &predictor, image, &ply)?);
+    }
+    if args.json {
+        output::json(&results)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn predict_one(
+    args: &PredictArgs,
+    predictor: &Predictor,
+    image: &Path,
+    ply: &Path,
+) -> anyhow::Result<serde_json::Value> {
+    let started = Instant::now();
+    let photo = args.photo.load(image)?;
+    let prediction = forward(predictor, &photo).with_context(|| image.display().to_string())?;
+    let intrinsics = release_intrinsics(photo.focal_px, photo.width as u32, photo.height as u32)?;
+    let gaussians = unproject(&prediction.gaussians, &intrinsics);
+    let count = gaussians.len();
+    let form = if args.plain {
+        PlyForm::Plain
+    } else {
+        PlyForm::Release
+    };
+    write_atomic(
+        ply,
+        &to_bytes(&GaussianScene::new(gaussians, intrinsics), form),
+    )?;
+    let depth = match args.depth {
+        Some(form) => write_depth(&prediction, ply, form)?,
+        None => Vec::new(),
+    };
+    let seconds = started.elapsed().as_secs_f64();
+    if !args.json {
+        output::line(format!(
+            "{}  {count} Gaussians, focal length {}, {seconds:.1} s{}",
+            ply.display(),
+            focal_text(&photo),
+            peak_bytes().map_or_else(String::new, |bytes| format!(
+                ", peak memory {:.2} GiB",
+                bytes as f64 / f64::from(1 << 30)
+            ))
+        ))?;
+    }
+    Ok(json!({
+        "image": image.display().to_string(),
+        "ply": ply.display().to_string(),
+        "depth": depth.iter().map(|d| d.display().to_string()).collect::<Vec<_>>(),
+        "gaussians": count,
+        "focal_px": photo.focal_px,
+        "seconds": seconds,
+        "peak_memory_bytes": peak_bytes(),
+    }))
+}
+
+/// Runs the network under a progress bar, which is silent where standard error is no terminal.
+fn forward(predictor: &Predictor, photo: &Photo) -> anyhow::Result<Prediction> {
+    let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(1000).with_style(style);
+    let mut progress = Progress::new(predictor.config().vit.depth, |part, done: f64| {
+        bar.set_message(part);
+        bar.set_position((1000.0 * done) as u64);
+    });
+    let prediction = predictor.predict(
+        photo.planes(),
+        photo.disparity_factor(),
+        None,
+        &mut progress,
+    )?;
+    bar.finish_and_clear();
+    Ok(prediction)
+}
+
+fn write_depth(
+    prediction: &Prediction,
+    ply: &Path,
+    form: DepthForm,
+) -> Result<Vec<PathBuf>, FileError> {
+    let side = prediction.resolution;
+    let layers: Vec<&[f32]> = prediction.depth.chunks_exact(side * side).collect();
+    match form {
+        DepthForm::Exr => {
+            let path = ply.with_extension("depth.exr");
+            let named: Vec<(String, &[f32])> = layers
+                .iter()
+                .enumerate()
+                .map(|(k, layer)| (format!("layer{k}.Z"), *layer))
+                .collect();
+            render_file::write_exr_channels(&path, (side, side), &named)?;
+            Ok(vec![path])
+        }
+        DepthForm::Png16 => layers
+            .iter()
+            .enumerate()
+            .map(|(k, layer)| {
+                let path = ply.with_extension(format!("depth{k}.png"));
+                write_millimetres(&path, side as u32, layer)?;
+                Ok(path)
+            })
+            .collect(),
+    }
+}
+
+fn write_millimetres(path: &Path, side: u32, depth: &[f32]) -> Result<(), FileError> {
+    // The encoder takes native-endian bytes. `as` saturates.
+    let bytes: Vec<u8> = depth
+        .iter()
+        .flat_map(|&metres| ((metres * 1000.0).round() as u16).to_ne_bytes())
+        .collect();
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
+        .write_image(&bytes, side, side, ExtendedColorType::L16)
+        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
+    write_atomic(path, &png)
+}

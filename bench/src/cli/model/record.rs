@@ -1,0 +1,64 @@
+//! `record`: every stage of a prediction, in a file.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use sharp::model::recording::{self, RecordOptions};
+
+use super::super::{Outcome, output};
+use super::args::{ModelArgs, PhotoArgs};
+
+/// Record every stage of a network's prediction, for `parity` to compare with
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  sharp-bench record --checkpoint before.pt --image photo.png --out before.safetensors
+  sharp-bench parity --checkpoint after.pt --image photo.png --golden before.safetensors
+
+Small stages are written whole, large ones at 512 positions that depend on the stage's name alone.")]
+pub(crate) struct RecordArgs {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// The photograph
+    #[arg(long, value_name = "IMG")]
+    image: PathBuf,
+    #[command(flatten)]
+    photo: PhotoArgs,
+    /// Name of the recording within the file; the photograph's stem without it
+    #[arg(long, value_name = "P")]
+    prefix: Option<String>,
+    /// Write stages of at most this many values whole
+    #[arg(long, value_name = "N")]
+    whole_up_to: Option<usize>,
+    /// Where to write
+    #[arg(long, value_name = "REC.safetensors")]
+    out: PathBuf,
+}
+
+pub(crate) fn execute(args: &RecordArgs) -> anyhow::Result<Outcome> {
+    let photo = args.photo.load(&args.image)?;
+    let predictor = args.model.load()?;
+    let mut options = RecordOptions::default();
+    options.prefix = match &args.prefix {
+        Some(prefix) => prefix.clone(),
+        None => args
+            .image
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+    };
+    if let Some(values) = args.whole_up_to {
+        options.whole_up_to = values;
+    }
+    options
+        .metadata
+        .insert("image_file".to_owned(), args.image.display().to_string());
+    recording::record(
+        &predictor,
+        photo.planes(),
+        photo.focal_px,
+        &options,
+        &args.out,
+    )?;
+    output::line(args.out.display().to_string())?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,222 @@
+//! SHARP itself: our network on the source photograph, our renderer for the target.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use sharp::gaussians::Gaussians;
+use sharp::model::{DeviceChoice, ModelConfig, Predictor, Silent, predictor::Planes};
+use sharp_datasets::DepthMap;
+
+use super::method::{Method, MethodError, PairInput, Prediction};
+use super::spec::{MethodSpec, SpecError};
+use super::splat::{planes, render_from_ndc};
+use crate::durable::file_sha256;
+use crate::model_files::find_checkpoint;
+use crate::protocol::alignment::median_scale;
+
+/// What a method may know of the source's true depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum KnownDepth {
+    /// Nothing.
+    None,
+    /// Its scale: the first layer's median ratio to ground truth (the paper's "privileged depth").
+    Privileged,
+}
+
+/// The SHARP network.
+///
+/// The photograph is taken as the dataset gives it. The disparity factor is the dataset's focal length over the width
+/// (f_x / W), and Gaussians are placed by E_t E_s⁻¹ K_s⁻¹ with the dataset's intrinsics. With `depth=privileged`,
+/// Gaussians are scaled about the source camera by the median of ground truth over the first depth layer (the paper's
+/// eq. global_scale); a source without depth is a failure then.
+///
+/// Extras: `mean_alpha`, `hole_share`, and `median_scale` with privileged depth.
+pub struct Sharp {
+    label: String,
+    checkpoint: PathBuf,
+    checkpoint_sha256: String,
+    config: ModelConfig,
+    config_name: String,
+    depth: KnownDepth,
+    device: DeviceChoice,
+    predictor: OnceLock<Result<Predictor, String>>,
+    /// The last source's Gaussians: pairs come sorted, so that those of one source follow each other.
+    last: Mutex<Option<(String, Arc<SourcePrediction>)>>,
+}
+
+struct SourcePrediction {
+    gaussians: Gaussians,
+    /// First layer, metres, at the network's resolution.
+    first_layer: DepthMap,
+}
+
+impl Sharp {
+    /// Options of the kind.
+    pub const OPTIONS: [&'static str; 4] = ["checkpoint", "config", "depth", "device"];
+
+    /// Reads the options; the weights are loaded at the first prediction.
+    ///
+    /// # Errors
+    /// When the checkpoint is not found or an option's value is not known.
+    pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        let option = |key: &str| spec.options.get(key).map(String::as_str);
+        let depth = match option("depth") {
+            None | Some("none") => KnownDepth::None,
+            Some("privileged") => KnownDepth::Privileged,
+            Some(other) => return Err(spec.error(format!("depth={other}: none or privileged"))),
+        };
+        let device = option("device").unwrap_or("cpu").parse();
+        let device = device.map_err(|error| spec.error(format!("{error}")))?;
+        let checkpoint = match option("checkpoint") {
+            Some(file) => PathBuf::from(file),
+            None => find_checkpoint().map_err(|error| spec.error(error.to_string()))?,
+        };
+        let config = match option("config") {
+            Some(file) => ModelConfig::load(file).map_err(|error| spec.error(error.to_string()))?,
+            None => ModelConfig::release(),
+        };
+        Ok(Self {
+            label: spec.label.clone(),
+            checkpoint_sha256: file_sha256(&checkpoint)
+                .map_err(|error| spec.error(error.to_string()))?,
+            checkpoint,
+            config_name: option("config").unwrap_or("release").to_owned(),
+            config,
+            depth,
+            device,
+            predictor: OnceLock::new(),
+            last: Mutex::new(None),
+        })
+    }
+
+    fn predictor(&self) -> Result<&Predictor, MethodError> {
+        let load = || {
+            let device = self.device.open().map_err(|error| error.to_string())?;
+            Predictor::load(&self.config, &self.checkpoint, &device, &[])
+                .map_err(|error| error.to_string())
+        };
+        self.predictor
+            .get_or_init(load)
+            .as_ref()
+            .map_err(|reason| MethodError::Model(reason.clone()))
+    }
+
+    fn source_prediction(&self, pair: &PairInput) -> Result<Arc<SourcePrediction>, MethodError> {
+        let source = pair.pair_id.split("__").next().unwrap_or(pair.pair_id);
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((id, prediction)) = last.as_ref()
+            && id == source
+        {
+            return Ok(Arc::clone(prediction));
+        }
+        let image = pair.source_image;
+        let values = planes(image);
+        let planes = Planes {
+            values: &values,
+            width: image.width() as usize,
+            height: image.height() as usize,
+        };
+        let factor = (pair.source.intrinsics.fx / f64::from(image.width())) as f32;
+        let predicted = self
+            .predictor()?
+            .predict(planes, factor, None, &mut Silent)
+            .map_err(|error| MethodError::Model(error.to_string()))?;
+        let side = predicted.resolution;
+        let layer = predicted.depth[..side * side].to_vec();
+        let Some(first_layer) = DepthMap::from_raw(side as u32, side as u32, layer) else {
+            return Err(MethodError::Model("a depth layer of the wrong size".into()));
+        };
+        let prediction = Arc::new(SourcePrediction {
+            gaussians: predicted.gaussians,
+            first_layer,
+        });
+        *last = Some((source.to_owned(), Arc::clone(&prediction)));
+        Ok(prediction)
+    }
+}
+
+impl Method for Sharp {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        format!(
+            "sharp(checkpoint={},config={},depth={},device={:?})",
+            self.checkpoint_sha256,
+            self.config_name,
+            match self.depth {
+                KnownDepth::None => "none",
+                KnownDepth::Privileged => "privileged",
+            },
+            self.device
+        )
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        let prediction = self.source_prediction(pair)?;
+        if self.depth == KnownDepth::None {
+            return render_from_ndc(&prediction.gaussians, pair);
+        }
+        let unsuitable = |reason: String| MethodError::Unsuitable {
+            view: pair.source.id.clone(),
+            reason,
+        };
+        let truth = pair.source.content.depth()?.ok_or_else(|| {
+            unsuitable("the source view has no depth, which depth=privileged needs".into())
+        })?;
+        let found = median_scale(&truth, &prediction.first_layer)
+            .map_err(|error| unsuitable(error.to_string()))?;
+        let mut rendered = render_from_ndc(&scaled(&prediction.gaussians, found.scale), pair)?;
+        rendered
+            .extras
+            .insert("median_scale".to_owned(), found.scale);
+        Ok(rendered)
+    }
+}
+
+/// Gaussians scaled about the source camera. Normalised x and y are ratios, so that one factor on the whole space is a
+/// factor on depth.
+fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
+    let scale = scale as f32;
+    let times = |v: &[f32; 3]| v.map(|x| x * scale);
+    Gaussians {
+        means: gaussians.means.iter().map(times).collect(),
+        scales: gaussians.scales.iter().map(times).collect(),
+        ..gaussians.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scaling_keeps_directions_and_multiplies_depth() {
+        let gaussians = Gaussians::new(
+            vec![[1.0, 2.0, 4.0]],
+            vec![[1.0, 0.0, 0.0, 0.0]],
+            vec![[0.1, 0.2, 0.3]],
+            vec![0.5],
+            vec![[0.1; 3]],
+        )
+        .unwrap();
+        let twice = scaled(&gaussians, 2.0);
+        assert_eq!(twice.means, [[2.0, 4.0, 8.0]]);
+        assert_eq!(twice.scales, [[0.2, 0.4, 0.6]]);
+        assert_eq!(twice.opacities, gaussians.opacities);
+    }
+
+    #[test]
+    fn options_are_checked() {
+        for (text, part) in [
+            ("sharp:depth=some", "none or privileged"),
+            ("sharp:checkpoint=nowhere.pt", "nowhere.pt"),
+            ("sharp:checkpoint=x,device=tpu", "tpu"),
+        ] {
+            let spec: MethodSpec = text.parse().unwrap();
+            let error = Sharp::from_spec(&spec).err().unwrap().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! Gaussians of a source view, rendered into the target view.
+
+use std::collections::BTreeMap;
+
+use glam::DAffine3;
+use image::RgbImage;
+use sharp::camera::target_camera_from_source_ndc;
+use sharp::color::Quantization;
+use sharp::gaussians::Gaussians;
+use sharp::render::{Background, RenderView, render_cpu};
+use sharp_metrics::Picture;
+
+use super::method::{MethodError, PairInput, Prediction};
+
+/// Below this alpha a pixel counts as a hole: more background than surface.
+pub(super) const HOLE_ALPHA: f32 = 0.5;
+
+/// Renders Gaussians of the source's normalised space, placed by E_t E_s⁻¹ K_s⁻¹.
+pub(super) fn render_from_ndc(
+    gaussians: &Gaussians,
+    pair: &PairInput,
+) -> Result<Prediction, MethodError> {
+    let placement =
+        target_camera_from_source_ndc(&pair.source.intrinsics, &pair.target_from_source());
+    render(gaussians, placement, pair)
+}
+
+/// Renders Gaussians into the target: composited over black in linear light, encoded to sRGB, rounded to 8 bit.
+///
+/// Extras: `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below [`HOLE_ALPHA`]).
+pub(super) fn render(
+    gaussians: &Gaussians,
+    target_camera_from_gaussians: DAffine3,
+    pair: &PairInput,
+) -> Result<Prediction, MethodError> {
+    let view = RenderView::new(target_camera_from_gaussians, pair.target.intrinsics);
+    let output =
+        render_cpu(gaussians, &view).map_err(|error| MethodError::Render(error.to_string()))?;
+    let n = output.alpha.len() as f64;
+    let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
+    let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
+    Ok(Prediction {
+        picture: Picture::Rgb8(output.srgb8(Background::Black, Quantization::Round)),
+        extras: BTreeMap::from([
+            ("mean_alpha".to_owned(), covered / n),
+            ("hole_share".to_owned(), holes as f64 / n),
+        ]),
+    })
+}
+
+/// `[3, height, width]` in 0..1 from interleaved bytes.
+pub(super) fn planes(image: &RgbImage) -> Vec<f32> {
+    let bytes = image.as_raw();
+    (0..3)
+        .flat_map(|channel| {
+            bytes
+                .iter()
+                .skip(channel)
+                .step_by(3)
+                .map(|&v| f32::from(v) / 255.0)
+        })
+        .collect()
+}
