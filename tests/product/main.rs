@@ -5,6 +5,8 @@ mod demo_command;
 #[cfg(test)]
 mod metrics_command;
 #[cfg(test)]
+mod model_commands;
+#[cfg(test)]
 mod run_command;
 #[cfg(test)]
 mod support;

@@ -15,6 +15,7 @@ mod progress;
 mod render;
 mod report;
 mod run;
+mod weights;
 
 use clap::{Parser, Subcommand};
 
@@ -47,6 +48,7 @@ enum Command {
     Gaussians(model::gaussians::GaussiansArgs),
     Record(model::record::RecordArgs),
     Parity(model::parity::ParityArgs),
+    Weights(weights::WeightsArgs),
     Doctor(doctor::DoctorArgs),
     Completions(completions::CompletionsArgs),
 }
@@ -68,6 +70,7 @@ impl Cli {
             Command::Record(args) => model::record::execute(&args),
             Command::Parity(args) => model::parity::execute(&args),
             Command::Render(args) => render::execute(&args),
+            Command::Weights(args) => weights::execute(&args),
             Command::Doctor(args) => doctor::execute(&args),
             Command::Completions(args) => completions::execute(&args),
         }
