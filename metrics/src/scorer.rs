@@ -1,11 +1,16 @@
 //! All selected metrics of a pair of pictures.
 
+use std::num::NonZeroUsize;
+
 use image::{ImageBuffer, Luma};
 
-use crate::identity::{Metric, MetricKey};
+use crate::dists::Similarity;
+use crate::engines::{Engines, Resolution};
+use crate::identity::{Family, Metric, MetricKey};
+use crate::lpips::Distance;
 use crate::picture::{Mask, Picture, PictureError};
 use crate::selection::Selection;
-use crate::weights::{Backbone, Weights, WeightsError};
+use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{psnr, ssim};
 
 /// Why a metric has no value for a pair.
@@ -75,6 +80,7 @@ pub enum ScoreError {
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
+    engines: Engines,
 }
 
 /// Where in the picture a metric finds the two pictures alike or different.
@@ -87,11 +93,29 @@ pub struct ScoreMap {
     pub origin: u32,
 }
 
-/// The scores of a pair in the order of the selection.
-pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
+/// What the value of a learned metric is made of, layer by layer.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Terms {
+    /// The value of LPIPS is the sum of these, one a layer.
+    Lpips {
+        /// Mean weighed distance of each layer.
+        layers: Vec<f64>,
+    },
+    /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
+    Dists {
+        /// Weighed agreement of means.
+        structure: [f64; 6],
+        /// Weighed agreement of covariances.
+        texture: [f64; 6],
+    },
+}
 
+/// Scores in the order of the selection.
+pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
 /// Maps in the order of the selection.
 pub type Maps = Vec<(MetricKey, Result<ScoreMap, Unavailable>)>;
+/// Terms in the order of the selection.
+pub type AllTerms = Vec<(MetricKey, Result<Terms, Unavailable>)>;
 
 impl Scorer {
     /// Prepares a selection of metrics with the weights there are.
@@ -101,15 +125,26 @@ impl Scorer {
     /// were not given make their metrics [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         let keys: Vec<MetricKey> = selection.keys().collect();
-        for backbone in Backbone::ALL {
-            if keys
-                .iter()
-                .any(|key| Backbone::of(key.metric()) == Some(backbone))
-            {
-                weights.check(backbone)?;
-            }
-        }
-        Ok(Self { keys })
+        let engines = Engines::new(&keys, weights)?;
+        Ok(Self { keys, engines })
+    }
+
+    /// Sets how many picture rows the networks take at once; by default as many as fit into a
+    /// fixed amount of memory. Values do not depend on it.
+    #[must_use]
+    pub fn with_strip_rows(mut self, rows: NonZeroUsize) -> Self {
+        self.engines.strip = Some(rows.get());
+        self
+    }
+
+    /// The metrics in the order of the selection.
+    pub fn keys(&self) -> &[MetricKey] {
+        &self.keys
+    }
+
+    /// The network weights in use.
+    pub fn weights(&self) -> &[WeightsUsed] {
+        &self.engines.used
     }
 
     /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.
@@ -125,6 +160,7 @@ impl Scorer {
         mask: Option<&Mask>,
     ) -> Result<Scores, ScoreError> {
         check(prediction, target, mask)?;
+        let learned = self.engines.run([prediction, target], &self.keys, false);
         let score = |key: MetricKey| {
             let mask = match (key.is_masked(), mask) {
                 (false, _) => None,
@@ -134,27 +170,72 @@ impl Scorer {
             match key.metric() {
                 Metric::Psnr => psnr::psnr(prediction, target, mask),
                 Metric::Ssim(variant) => ssim::ssim(variant, prediction, target, mask),
-                Metric::Lpips(..) | Metric::Dists | Metric::DistsResize256 => {
-                    let backbone = Backbone::of(key.metric()).unwrap_or(Backbone::Vgg16);
-                    Err(Unavailable::NoWeights { backbone })
+                Metric::Lpips(net, variant) => {
+                    let distance = learned.lpips(net, variant)?;
+                    match mask {
+                        Some(mask) => learned.masked(distance, mask),
+                        None => Ok(distance.layers.iter().sum()),
+                    }
                 }
+                Metric::Dists => learned.dists(Resolution::Full).map(Similarity::score),
+                Metric::DistsResize256 => learned.dists(Resolution::Side256).map(Similarity::score),
             }
         };
         Ok(self.keys.iter().map(|&key| (key, score(key))).collect())
     }
 
-    /// The maps of those selected metrics that have one, over the whole picture.
+    /// The maps of those selected metrics that have one (SSIM, LPIPS), over the whole picture.
     ///
     /// # Errors
     /// As [`score`](Self::score).
     pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
         check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let mut lpips = keys.clone();
+        lpips.retain(|key| key.family() == Family::Lpips);
+        let learned = self.engines.run([prediction, target], &lpips, true);
         let map = |key: MetricKey| match key.metric() {
             Metric::Ssim(variant) => Some((key, ssim::ssim_map(variant, prediction, target))),
-            _ => None,
+            Metric::Lpips(net, variant) => {
+                let distance = learned.lpips(net, variant);
+                Some((key, distance.map(|distance| learned.map(distance))))
+            }
+            Metric::Psnr | Metric::Dists | Metric::DistsResize256 => None,
         };
-        let whole = self.keys.iter().filter(|key| !key.is_masked());
-        Ok(whole.filter_map(|&key| map(key)).collect())
+        Ok(keys.into_iter().filter_map(map).collect())
+    }
+
+    /// The layers' terms of those selected metrics that have them (LPIPS, DISTS), over the whole
+    /// picture.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn terms(&self, prediction: &Picture, target: &Picture) -> Result<AllTerms, ScoreError> {
+        check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let learned = self.engines.run([prediction, target], &keys, false);
+        let dists = |resolution| {
+            learned.dists(resolution).map(|similarity| Terms::Dists {
+                structure: similarity.structure,
+                texture: similarity.texture,
+            })
+        };
+        let terms = |key: MetricKey| match key.metric() {
+            Metric::Psnr | Metric::Ssim(_) => None,
+            Metric::Lpips(net, variant) => {
+                let distance = learned.lpips(net, variant);
+                let layers = |distance: &Distance| distance.layers.clone();
+                Some((key, distance.map(|d| Terms::Lpips { layers: layers(d) })))
+            }
+            Metric::Dists => Some((key, dists(Resolution::Full))),
+            Metric::DistsResize256 => Some((key, dists(Resolution::Side256))),
+        };
+        Ok(keys.into_iter().filter_map(terms).collect())
+    }
+
+    fn whole_keys(&self) -> Vec<MetricKey> {
+        let keys = self.keys.iter().copied();
+        keys.filter(|key| !key.is_masked()).collect()
     }
 }
 
