@@ -74,15 +74,17 @@ impl Dists {
             (width as usize, height as usize),
             strip,
             |picture, y, out| normalization.row(pair[picture], y, out),
-            |Taps { tap, rows: [a, b] }| {
-                let size = a.size;
+            |Taps {
+                 tap,
+                 size,
+                 rows: [a, b],
+             }| {
                 pixels[tap + 1] = size.width as f64 * size.height as f64;
                 let sums = &mut moments[tap + 1];
                 sums.resize(MOMENTS * size.channels, 0.0);
                 let rows: Vec<Vec<f64>> = a
-                    .data
                     .par_chunks(size.row_len())
-                    .zip(b.data.par_chunks(size.row_len()))
+                    .zip(b.par_chunks(size.row_len()))
                     .map(|(a, b)| {
                         let mut sums = vec![0.0; MOMENTS * size.channels];
                         add_moments(a, b, &mut sums);

@@ -2,17 +2,18 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use image::ImageBuffer;
 
-use crate::backbone::Network;
+use crate::backbone::{Kernels, Network};
 use crate::dists::{Dists, Similarity};
 use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey};
 use crate::lpips::{Distance, Epsilon, InputRange, Lpips};
 use crate::picture::{Mask, Picture};
 use crate::resize::to_shorter_side_256;
-use crate::scorer::{ScoreMap, Unavailable};
+use crate::scorer::{ScoreMap, ScorerOptions, Unavailable};
 use crate::spatial::summed_rows;
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights};
 
@@ -23,7 +24,7 @@ pub(crate) struct Engines {
     dists: Option<Dists>,
     pub(crate) used: Vec<WeightsUsed>,
     /// Picture rows taken at once, if set.
-    pub(crate) strip: Option<usize>,
+    strip: Option<usize>,
 }
 
 /// The input range of a variant, which each take a pass of the network, and where its ε stands.
@@ -36,12 +37,20 @@ fn form(variant: LpipsVariant) -> (InputRange, Epsilon) {
 }
 
 impl Engines {
-    pub(crate) fn new(keys: &[MetricKey], weights: &Weights) -> Result<Self, WeightsError> {
+    pub(crate) fn new(
+        keys: &[MetricKey],
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, WeightsError> {
+        let kernels = Kernels {
+            simd: options.simd,
+            algorithm: options.algorithm,
+        };
         let mut engines = Self {
             lpips: BTreeMap::new(),
             dists: None,
             used: Vec::new(),
-            strip: None,
+            strip: options.strip_rows.map(NonZeroUsize::get),
         };
         for backbone in Backbone::ALL {
             let needed = |key: &MetricKey| Backbone::of(key.metric()) == Some(backbone);
@@ -51,7 +60,7 @@ impl Engines {
             let Some(loaded) = weights.load(backbone)? else {
                 continue;
             };
-            let network = Arc::new(Network::new(backbone, &loaded.tensors));
+            let network = Arc::new(Network::new(backbone, &loaded.tensors, kernels));
             engines.used.push(loaded.used);
             for net in LpipsNet::ALL {
                 let wanted =
@@ -65,7 +74,7 @@ impl Engines {
                 |key: &MetricKey| matches!(key.metric(), Metric::Dists | Metric::DistsResize256);
             if backbone == Backbone::Vgg16 && keys.iter().any(wanted) {
                 let [alpha, beta] = dists_weights()?;
-                let network = Arc::new(network.with_l2_pooling());
+                let network = Arc::new(network.with_l2_pooling(kernels));
                 engines.dists = Some(Dists::new(network, &alpha, &beta));
             }
         }

@@ -33,6 +33,8 @@ pub mod weights;
 
 pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
 pub use picture::{Mask, Picture, PictureError};
-pub use scorer::{AllTerms, Maps, ScoreError, ScoreMap, Scorer, Scores, Terms, Unavailable};
+pub use scorer::{
+    AllTerms, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms, Unavailable,
+};
 pub use selection::{Selected, Selection, SelectionError};
 pub use weights::{Backbone, Weights, WeightsError, WeightsUsed};

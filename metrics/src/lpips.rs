@@ -103,14 +103,18 @@ impl Lpips {
             (width as usize, height as usize),
             strip,
             |picture, y, out| normalization.row(pair[picture], y, out),
-            |Taps { tap, rows: [a, b] }| {
-                let row = a.size.row_len();
-                let rows = a.data.par_chunks(row).zip(b.data.par_chunks(row));
+            |Taps {
+                 tap,
+                 size,
+                 rows: [a, b],
+             }| {
+                let row = size.row_len();
+                let rows = a.par_chunks(row).zip(b.par_chunks(row));
                 for (i, &epsilon) in epsilons.iter().enumerate() {
                     let distances: Vec<Vec<f64>> = rows
                         .clone()
                         .map(|(a, b)| {
-                            let mut out = vec![0.0; a.len() / self.linear[tap].len()];
+                            let mut out = vec![0.0; size.width];
                             distance_row(a, b, &self.linear[tap], epsilon, &mut out);
                             out
                         })

@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 
 use image::{ImageBuffer, Luma};
+use sharp_kernels::{Algorithm, Simd};
 
 use crate::dists::Similarity;
 use crate::engines::{Engines, Resolution};
@@ -76,6 +77,28 @@ pub enum ScoreError {
     Target(PictureError),
 }
 
+/// How the networks are computed. Only `simd` and `algorithm` change values, in the last digits of
+/// f32.
+#[derive(Debug, Clone, Copy)]
+pub struct ScorerOptions {
+    /// Instruction set; by default the fastest of the machine.
+    pub simd: Simd,
+    /// Winograd (the default) or direct convolution, which takes longer and rounds less.
+    pub algorithm: Algorithm,
+    /// Picture rows taken at once; by default as many as fit into a fixed amount of memory.
+    pub strip_rows: Option<NonZeroUsize>,
+}
+
+impl Default for ScorerOptions {
+    fn default() -> Self {
+        Self {
+            simd: Simd::detect(),
+            algorithm: Algorithm::Winograd,
+            strip_rows: None,
+        }
+    }
+}
+
 /// Computes a selection of metrics, pair by pair. A pair's scores depend on nothing but the pair.
 #[derive(Debug)]
 pub struct Scorer {
@@ -124,17 +147,21 @@ impl Scorer {
     /// When a weights file that a selected metric needs was given but cannot be used. Weights that
     /// were not given make their metrics [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
-        let keys: Vec<MetricKey> = selection.keys().collect();
-        let engines = Engines::new(&keys, weights)?;
-        Ok(Self { keys, engines })
+        Self::with_options(selection, weights, ScorerOptions::default())
     }
 
-    /// Sets how many picture rows the networks take at once; by default as many as fit into a
-    /// fixed amount of memory. Values do not depend on it.
-    #[must_use]
-    pub fn with_strip_rows(mut self, rows: NonZeroUsize) -> Self {
-        self.engines.strip = Some(rows.get());
-        self
+    /// As [`new`](Self::new), with a choice of kernels.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_options(
+        selection: &Selection,
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, WeightsError> {
+        let keys: Vec<MetricKey> = selection.keys().collect();
+        let engines = Engines::new(&keys, weights, options)?;
+        Ok(Self { keys, engines })
     }
 
     /// The metrics in the order of the selection.
@@ -295,5 +322,89 @@ mod tests {
         assert_eq!(scores[2].1, Ok(f64::INFINITY));
         assert_eq!(scores[3].1, Ok(1.0));
         assert_eq!(scores[4].1, Err(Unavailable::NoMask));
+    }
+
+    fn texture(seed: u32) -> Picture {
+        Picture::from(RgbImage::from_fn(50, 40, |x, y| {
+            let v = (x * 73 + y * 151 + x * y + seed).wrapping_mul(2_654_435_761) >> 20;
+            Rgb([(v & 255) as u8, (x * 5 + seed) as u8, (v >> 4) as u8])
+        }))
+    }
+
+    #[test]
+    fn masked_lpips_is_the_mean_of_the_map_inside() {
+        let selection = Selection::parse("lpips-alex,lpips-alex@frustum").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let (a, b) = (texture(1), texture(90));
+        let maps = scorer.maps(&a, &b).unwrap();
+        let map = maps[0].1.clone().unwrap().values;
+        let inside: Vec<bool> = (0..50 * 40).map(|i| i % 50 > 20 && i / 50 < 9).collect();
+        let values = map
+            .as_raw()
+            .iter()
+            .zip(&inside)
+            .filter(|(_, inside)| **inside);
+        let sum: f64 = values.map(|(&v, _)| f64::from(v)).sum();
+        let expected = sum / inside.iter().filter(|&&inside| inside).count() as f64;
+        let mask = Mask::new(50, 40, inside).unwrap();
+        let scores = scorer.score(&a, &b, Some(&mask)).unwrap();
+        assert!((scores[1].1.clone().unwrap() - expected).abs() < 1e-7);
+        assert_ne!(scores[0].1, scores[1].1);
+        let empty = Mask::new(50, 40, vec![false; 2000]).unwrap();
+        let scores = scorer.score(&a, &b, Some(&empty)).unwrap();
+        assert_eq!(scores[1].1, Err(Unavailable::EmptyMask));
+    }
+
+    #[test]
+    fn values_do_not_depend_on_what_else_is_computed_or_on_strips() {
+        let weights = Weights::deterministic("");
+        let (a, b) = (texture(1), texture(90));
+        let scores = |list: &str, strip: Option<usize>| {
+            let options = ScorerOptions {
+                strip_rows: strip.and_then(NonZeroUsize::new),
+                ..ScorerOptions::default()
+            };
+            let selection = Selection::parse(list).unwrap();
+            let scorer = Scorer::with_options(&selection, &weights, options).unwrap();
+            scorer.score(&a, &b, None).unwrap()
+        };
+        let together = "psnr,lpips-alex,lpips-alex-eps-tm,lpips-squeeze,dists";
+        let all = scores(together, None);
+        assert_eq!(all, scores(together, Some(5)));
+        for (key, score) in all {
+            let (_, alone) = scores(&key.to_string(), None).swap_remove(0);
+            assert_eq!(alone, score, "{key}");
+        }
+    }
+
+    #[test]
+    fn identical_pictures_have_no_distance() {
+        let selection = Selection::parse("lpips-alex,lpips-squeeze-eps-tm,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let picture = texture(4);
+        for (key, score) in scorer.score(&picture, &picture, None).unwrap() {
+            let score = score.unwrap();
+            let tolerance = if key.family() == Family::Dists {
+                2e-6
+            } else {
+                0.0
+            };
+            assert!(score.abs() <= tolerance, "{key} {score}");
+        }
+        let terms = scorer.terms(&picture, &picture).unwrap();
+        let Ok(Terms::Lpips { layers }) = &terms[0].1 else {
+            panic!("LPIPS has layers");
+        };
+        assert_eq!(layers, &[0.0; 5]);
+    }
+
+    #[test]
+    fn the_weights_in_use_are_told() {
+        let selection = Selection::parse("psnr,lpips-squeeze,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("x")).unwrap();
+        let used: Vec<_> = scorer.weights().iter().map(|w| w.backbone).collect();
+        assert_eq!(used, [Backbone::Vgg16, Backbone::SqueezeNet1_1]);
+        assert_eq!(scorer.weights()[0].source, "deterministic:x");
+        assert_eq!(scorer.weights()[0].features_sha256.len(), 64);
     }
 }

@@ -2,18 +2,19 @@
 //!
 //! # Contents
 //! * [`architecture`]: the three networks as lists of steps; names and shapes of their tensors.
-//! * [`convolution`]: convolutions over a range of rows.
+//! * [`expand`]: SqueezeNet's two convolutions side by side.
 //! * [`network`]: a network with its weights.
-//! * [`pool`]: max pooling and DISTS's L2 pooling over a range of rows.
-//! * [`rows`]: some rows of a feature map.
+//! * [`rows`]: rows of a feature map held for the next layer.
 //! * [`stream`]: both pictures through a network, strip by strip, in lockstep.
 
 pub(crate) mod architecture;
-mod convolution;
+mod expand;
 mod network;
-mod pool;
 mod rows;
 mod stream;
 
-pub(crate) use network::Network;
+pub(crate) use network::{Kernels, Network};
 pub(crate) use stream::{Taps, stream};
+
+#[cfg(test)]
+mod tests;

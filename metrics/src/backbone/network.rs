@@ -1,45 +1,74 @@
 //! A network with its weights.
 
-use std::ops::Range;
 use std::sync::Arc;
 
+use sharp_kernels::{Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, Simd};
+
 use super::architecture::{Step, smallest_side, steps};
-use super::convolution::Convolution;
-use super::pool::{l2_pool, max_pool};
-use super::rows::{Rows, Size};
+use super::expand::Expand;
+use super::rows::Size;
 use crate::weights::{Backbone, Tensors};
 
-/// A layer that turns rows into rows.
-#[derive(Debug, Clone)]
-pub(crate) enum Layer {
-    Conv(Arc<Convolution>),
-    MaxPool {
-        kernel: usize,
-        ceil: bool,
-    },
-    L2Pool,
-    /// A 1×1 and a 3×3 convolution whose channels are joined.
-    Expand([Arc<Convolution>; 2]),
+/// Which kernels run a network.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Kernels {
+    pub(crate) simd: Simd,
+    pub(crate) algorithm: Algorithm,
 }
 
-/// Layers from the picture on; after some of them the metrics look.
-#[derive(Debug)]
+/// A layer; after some of them the metrics look.
+#[derive(Clone)]
+pub(crate) struct Layer {
+    pub(crate) op: Arc<dyn RowOp>,
+    /// Which tap its output is.
+    pub(crate) tap: Option<usize>,
+    /// Whether DISTS has its own pooling in place of it.
+    pools: bool,
+}
+
+/// Layers from the picture on.
+#[derive(Clone)]
 pub(crate) struct Network {
-    pub(crate) layers: Vec<(Layer, Option<usize>)>,
+    pub(crate) layers: Vec<Layer>,
     smallest_side: usize,
+}
+
+impl std::fmt::Debug for Network {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Network of {} layers", self.layers.len())
+    }
 }
 
 impl Network {
     /// Builds the network as it was trained.
-    pub(crate) fn new(backbone: Backbone, tensors: &Tensors) -> Self {
+    pub(crate) fn new(backbone: Backbone, tensors: &Tensors, kernels: Kernels) -> Self {
         let conv = |name: String, stride: usize, padding: usize| {
             let (shape, weights) = tensors.get(&format!("{name}.weight"));
             let (_, bias) = tensors.get(&format!("{name}.bias"));
-            let shape = [shape[0], shape[1], shape[2]];
-            Arc::new(Convolution::new(shape, stride, padding, weights, bias))
+            let spec = ConvSpec {
+                in_channels: shape[1],
+                out_channels: shape[0],
+                kernel: shape[2],
+                stride,
+                padding,
+            };
+            Conv2d::new(
+                kernels.simd,
+                spec,
+                weights,
+                Some(bias),
+                true,
+                kernels.algorithm,
+            )
         };
-        let mut layers: Vec<(Layer, Option<usize>)> = Vec::new();
-        let mut taps = 0;
+        let mut layers: Vec<Layer> = Vec::new();
+        let mut push = |op: Arc<dyn RowOp>, pools| {
+            layers.push(Layer {
+                op,
+                tap: None,
+                pools,
+            });
+        };
         for step in steps(backbone) {
             match *step {
                 Step::Conv {
@@ -47,24 +76,31 @@ impl Network {
                     stride,
                     padding,
                     ..
-                } => layers.push((Layer::Conv(conv(index.to_string(), stride, padding)), None)),
+                } => push(Arc::new(conv(index.to_string(), stride, padding)), false),
                 Step::MaxPool { kernel, ceil } => {
-                    layers.push((Layer::MaxPool { kernel, ceil }, None));
+                    push(Arc::new(MaxPool::new(kernels.simd, kernel, 2, ceil)), true);
                 }
                 Step::Fire { index, .. } => {
-                    let squeeze = conv(format!("{index}.squeeze"), 1, 0);
-                    layers.push((Layer::Conv(squeeze), None));
-                    let expand = [
+                    push(Arc::new(conv(format!("{index}.squeeze"), 1, 0)), false);
+                    let parts = [
                         conv(format!("{index}.expand1x1"), 1, 0),
                         conv(format!("{index}.expand3x3"), 1, 1),
                     ];
-                    layers.push((Layer::Expand(expand), None));
+                    push(Arc::new(Expand { parts }), false);
                 }
+                Step::Tap => {}
+            }
+        }
+        // A fire module is two layers, every other step but a tap is one.
+        let mut layer = 0;
+        let mut tap = 0;
+        for step in steps(backbone) {
+            match step {
+                Step::Fire { .. } => layer += 2,
+                Step::Conv { .. } | Step::MaxPool { .. } => layer += 1,
                 Step::Tap => {
-                    if let Some((_, tap)) = layers.last_mut() {
-                        *tap = Some(taps);
-                        taps += 1;
-                    }
+                    layers[layer - 1].tap = Some(tap);
+                    tap += 1;
                 }
             }
         }
@@ -75,15 +111,13 @@ impl Network {
     }
 
     /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
-    pub(crate) fn with_l2_pooling(&self) -> Self {
-        let layers = self.layers.iter().map(|(layer, tap)| match layer {
-            Layer::MaxPool { .. } => (Layer::L2Pool, *tap),
-            other => (other.clone(), *tap),
-        });
-        Self {
-            layers: layers.collect(),
-            smallest_side: 1,
+    pub(crate) fn with_l2_pooling(&self, kernels: Kernels) -> Self {
+        let mut network = self.clone();
+        for layer in network.layers.iter_mut().filter(|layer| layer.pools) {
+            layer.op = Arc::new(L2Pool::new(kernels.simd));
         }
+        network.smallest_side = 1;
+        network
     }
 
     /// The smallest side of a picture that the network takes.
@@ -96,63 +130,21 @@ impl Network {
         if width.min(height) < self.smallest_side {
             return None;
         }
-        let mut sizes = vec![Size {
+        let mut size = Size {
             height,
             width,
             channels: 3,
-        }];
-        for (layer, _) in &self.layers {
-            let input = *sizes.last()?;
-            sizes.push(layer.output(input)?);
+        };
+        let mut sizes = vec![size];
+        for Layer { op, .. } in &self.layers {
+            let (height, width) = op.out_size(size.height, size.width);
+            size = Size {
+                height,
+                width,
+                channels: op.out_channels(size.channels),
+            };
+            sizes.push(size);
         }
         Some(sizes)
-    }
-}
-
-impl Layer {
-    fn output(&self, input: Size) -> Option<Size> {
-        let pooled = |side: &dyn Fn(usize) -> Option<usize>| {
-            Some(Size {
-                height: side(input.height)?,
-                width: side(input.width)?,
-                channels: input.channels,
-            })
-        };
-        match self {
-            Self::Conv(conv) => conv.output(input),
-            Self::Expand([pointwise, spatial]) => {
-                let mut size = spatial.output(input)?;
-                size.channels += pointwise.output(input)?.channels;
-                Some(size)
-            }
-            &Self::MaxPool { kernel, ceil } => pooled(&|n| {
-                let room = n.checked_sub(kernel)?;
-                Some(if ceil { room.div_ceil(2) } else { room / 2 } + 1)
-            }),
-            Self::L2Pool => pooled(&|n| Some(n.div_ceil(2))),
-        }
-    }
-
-    /// The input rows that output row `y` reads, as far as they exist.
-    pub(crate) fn needs(&self, y: usize, height: usize) -> Range<usize> {
-        match self {
-            Self::Conv(conv) | Self::Expand([_, conv]) => conv.needs(y, height),
-            Self::MaxPool { kernel, .. } => 2 * y..(2 * y + kernel).min(height),
-            Self::L2Pool => (2 * y).saturating_sub(1)..(2 * y + 2).min(height),
-        }
-    }
-
-    /// Output rows `rows` from the input rows they need.
-    pub(crate) fn run(&self, input: Rows, rows: Range<usize>, output: Size, out: &mut [f32]) {
-        let (width, channels) = (output.width, output.channels);
-        match self {
-            Self::Conv(conv) => conv.run(input, rows, width, channels, out),
-            Self::Expand([pointwise, spatial]) => {
-                pointwise.run(input, rows.clone(), width, channels, out);
-                spatial.run(input, rows, width, channels, &mut out[channels / 2..]);
-            }
-            Self::MaxPool { kernel, .. } => max_pool(*kernel, input, rows, output, out),
-            Self::L2Pool => l2_pool(input, rows, output, out),
-        }
     }
 }

@@ -1,4 +1,6 @@
-//! Some consecutive rows of a feature map.
+//! Rows of a feature map held for the next layer.
+
+use sharp_kernels::RowWindow;
 
 /// Size of a feature map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,27 +17,12 @@ impl Size {
     }
 }
 
-/// Rows `first..` of a feature map of size `size`: row-major, channels innermost.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Rows<'a> {
-    pub(crate) size: Size,
-    pub(crate) first: usize,
-    pub(crate) data: &'a [f32],
-}
-
-impl<'a> Rows<'a> {
-    /// Row `y` of the map.
-    pub(crate) fn row(&self, y: usize) -> &'a [f32] {
-        let len = self.size.row_len();
-        &self.data[(y - self.first) * len..][..len]
-    }
-}
-
 /// Rows of a feature map that are held until the next layer has used them. Memory is reused.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     size: Size,
     first: usize,
+    /// From row `first` on: row-major, channels innermost.
     data: Vec<f32>,
 }
 
@@ -75,20 +62,18 @@ impl Buffer {
         self.first = row;
     }
 
-    pub(crate) fn rows(&self) -> Rows<'_> {
-        Rows {
-            size: self.size,
-            first: self.first,
-            data: &self.data,
-        }
+    /// The rows that are held.
+    pub(crate) fn window(&self) -> RowWindow<'_> {
+        let Size {
+            height,
+            width,
+            channels,
+        } = self.size;
+        RowWindow::new(&self.data, self.first..self.end(), height, width, channels)
     }
 
-    /// The rows from `first` on.
-    pub(crate) fn rows_from(&self, first: usize) -> Rows<'_> {
-        Rows {
-            size: self.size,
-            first,
-            data: &self.data[(first - self.first) * self.size.row_len()..],
-        }
+    /// The values from row `first` on.
+    pub(crate) fn rows_from(&self, first: usize) -> &[f32] {
+        &self.data[(first - self.first) * self.size.row_len()..]
     }
 }

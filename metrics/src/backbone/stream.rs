@@ -7,21 +7,32 @@
 
 use std::ops::Range;
 
-use super::network::{Layer, Network};
-use super::rows::{Buffer, Rows, Size};
+use sharp_kernels::Workspace;
 
-/// Features of both pictures at one tap: rows of the same range.
+use super::network::{Layer, Network};
+use super::rows::{Buffer, Size};
+
+/// Rows of the features of both pictures at one tap.
 #[derive(Clone, Copy)]
 pub(crate) struct Taps<'a> {
     /// Which tap of the network, from 0.
     pub(crate) tap: usize,
-    /// Features of the prediction and of the target.
-    pub(crate) rows: [Rows<'a>; 2],
+    /// Size of the whole feature map.
+    pub(crate) size: Size,
+    /// The next rows of the prediction's and of the target's features, top to bottom.
+    pub(crate) rows: [&'a [f32]; 2],
 }
 
 /// Memory that the feature rows of both pictures may take together where the strip's height is
 /// not given. Enough for a whole picture of some 300,000 pixels.
 const MEMORY: usize = 192 << 20;
+
+/// One picture on its way through the network: the rows held of the picture and of each layer's
+/// output.
+struct Passage {
+    buffers: Vec<Buffer>,
+    workspace: Workspace,
+}
 
 /// Runs a network over two pictures of size `width` × `height`.
 ///
@@ -38,73 +49,78 @@ pub(crate) fn stream(
 ) -> Option<Vec<Size>> {
     let sizes = network.sizes(width, height)?;
     let strip = strip.unwrap_or_else(|| default_strip(&sizes)).max(1);
-    let mut pictures = [0, 1].map(|_| sizes.iter().map(|&size| Buffer::new(size)).collect());
-    let mut row = 0;
-    while row < height {
-        let rows = row..(row + strip).min(height);
-        let [a, b]: &mut [Vec<Buffer>; 2] = &mut pictures;
-        let fill = |picture: usize, buffers: &mut Vec<Buffer>| {
-            let len = sizes[0].row_len();
-            let out = buffers[0].push(rows.len());
-            for (y, out) in rows.clone().zip(out.chunks_exact_mut(len)) {
+    let [mut a, mut b] = [0, 1].map(|_| Passage {
+        buffers: sizes.iter().map(|&size| Buffer::new(size)).collect(),
+        workspace: Workspace::new(),
+    });
+    for first in (0..height).step_by(strip) {
+        let rows = first..(first + strip).min(height);
+        let fill = |picture: usize, passage: &mut Passage| {
+            let out = passage.buffers[0].push(rows.len());
+            for (y, out) in rows.clone().zip(out.chunks_exact_mut(sizes[0].row_len())) {
                 input(picture, y, out);
             }
         };
-        rayon::join(|| fill(0, a), || fill(1, b));
-        for (i, (layer, tap)) in network.layers.iter().enumerate() {
-            let (rows, _) = rayon::join(|| advance(layer, i, a), || advance(layer, i, b));
-            if let Some(tap) = *tap
+        rayon::join(|| fill(0, &mut a), || fill(1, &mut b));
+        for (i, layer) in network.layers.iter().enumerate() {
+            let (rows, _) = rayon::join(|| a.advance(layer, i), || b.advance(layer, i));
+            if let Some(tap) = layer.tap
                 && !rows.is_empty()
             {
-                let rows = [&*a, &*b].map(|buffers| buffers[i + 1].rows_from(rows.start));
-                each(Taps { tap, rows });
+                each(Taps {
+                    tap,
+                    size: sizes[i + 1],
+                    rows: [&a, &b].map(|picture| picture.buffers[i + 1].rows_from(rows.start)),
+                });
             }
         }
-        let last = network.layers.len();
-        for buffers in [a, b] {
-            let end = buffers[last].end();
-            buffers[last].drop_before(end);
+        for picture in [&mut a, &mut b] {
+            if let Some(last) = picture.buffers.last_mut() {
+                last.drop_before(last.end());
+            }
         }
-        row = rows.end;
     }
-    let tapped = network.layers.iter().zip(&sizes[1..]);
-    Some(
-        tapped
-            .filter_map(|((_, tap), &size)| tap.map(|_| size))
-            .collect(),
-    )
+    let outputs = network.layers.iter().zip(&sizes[1..]);
+    let tapped = outputs.filter(|(layer, _)| layer.tap.is_some());
+    Some(tapped.map(|(_, &size)| size).collect())
 }
 
-/// Computes the rows of layer `i` for which there is input; returns which ones.
-fn advance(layer: &Layer, i: usize, buffers: &mut [Buffer]) -> Range<usize> {
-    let [input, output] = &mut buffers[i..i + 2] else {
-        return 0..0;
-    };
-    let (height, size) = (input.size().height, output.size());
-    let first = output.end();
-    let mut end = first;
-    while end < size.height && layer.needs(end, height).end <= input.end() {
-        end += 1;
+impl Passage {
+    /// Computes those rows of layer `i` for which there is input; returns which ones.
+    fn advance(&mut self, layer: &Layer, i: usize) -> Range<usize> {
+        let [input, output] = &mut self.buffers[i..i + 2] else {
+            return 0..0;
+        };
+        let (height, size) = (input.size().height, output.size());
+        let first = output.end();
+        let needs = |y: usize| layer.op.in_rows(y..y + 1, height);
+        let mut end = first;
+        while end < size.height && needs(end).end <= input.end() {
+            end += 1;
+        }
+        if end > first {
+            let window = input.window();
+            let room = output.push(end - first);
+            layer
+                .op
+                .run_rows(&window, first..end, room, &mut self.workspace);
+        }
+        input.drop_before(if end < size.height {
+            needs(end).start
+        } else {
+            input.end()
+        });
+        first..end
     }
-    if input.end() < height {
-        end = (end / ALIGNMENT * ALIGNMENT).max(first);
-    }
-    if end > first {
-        layer.run(input.rows(), first..end, size, output.push(end - first));
-        input.drop_before(layer.needs(end, height).start);
-    }
-    first..end
 }
 
-/// Until a picture ends, layers compute multiples of this many rows: the height of a Winograd
-/// tile.
-const ALIGNMENT: usize = 4;
-
+/// The rows that fit into [`MEMORY`], a multiple of 16 because pooling halves four times.
 fn default_strip(sizes: &[Size]) -> usize {
     let values: f64 = sizes
         .iter()
         .map(|size| size.row_len() as f64 * size.height as f64)
         .sum();
-    let bytes_per_row = 2.0 * 4.0 * values / sizes[0].height as f64;
+    let pictures = 2.0;
+    let bytes_per_row = pictures * size_of::<f32>() as f64 * values / sizes[0].height as f64;
     (MEMORY as f64 / bytes_per_row) as usize / 16 * 16 + 16
 }

@@ -5,7 +5,10 @@
 //! leading `features.`); only the convolutions are read.
 
 mod embedded;
+#[cfg(feature = "download")]
+mod fetch;
 mod load;
+mod registry;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,7 +18,10 @@ use std::str::FromStr;
 use sharp_checkpoint::CheckpointError;
 
 pub(crate) use embedded::{dists_weights, linear_weights};
+#[cfg(feature = "download")]
+pub use fetch::{FetchError, Progress, fetch};
 pub(crate) use load::Tensors;
+pub use registry::{Published, cache_folder};
 
 use crate::identity::{LpipsNet, Metric};
 
