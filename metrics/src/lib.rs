@@ -10,20 +10,31 @@
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
 //! * [`scorer`]: all selected metrics of a pair.
-//! * `psnr`, `ssim`: the metrics themselves.
+//! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
+//! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
+//! * `backbone`: the networks behind the last two, streamed in row strips.
 //! * [`weights`]: which network weights a metric needs and where they come from.
 
+mod backbone;
+mod dists;
+mod engines;
 mod explain;
 pub mod identity;
+mod lpips;
 pub mod picture;
 mod psnr;
+mod resize;
 pub mod scorer;
 pub mod selection;
+mod simd;
+mod spatial;
 mod ssim;
 pub mod weights;
 
 pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
 pub use picture::{Mask, Picture, PictureError};
-pub use scorer::{Maps, ScoreError, ScoreMap, Scorer, Scores, Unavailable};
+pub use scorer::{
+    AllTerms, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms, Unavailable,
+};
 pub use selection::{Selected, Selection, SelectionError};
-pub use weights::{Backbone, Weights, WeightsError};
+pub use weights::{Backbone, Weights, WeightsError, WeightsUsed};

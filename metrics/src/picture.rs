@@ -144,6 +144,52 @@ impl Picture {
     }
 }
 
+/// What a network does to each channel before its first layer: `factor × value + offset` of a value
+/// in 0..1, computed in f64 and rounded once.
+#[derive(Debug, Clone)]
+pub(crate) struct Normalization {
+    factor: [f64; 3],
+    offset: [f64; 3],
+    /// The result for every 8-bit level.
+    levels: [[f32; 3]; 256],
+}
+
+impl Normalization {
+    /// `((stretch × value + start) − mean) / deviation` for each channel.
+    pub(crate) fn new(stretch: f64, start: f64, mean: [f32; 3], deviation: [f32; 3]) -> Self {
+        let factor = deviation.map(|deviation| stretch / f64::from(deviation));
+        let offset =
+            std::array::from_fn(|c| (start - f64::from(mean[c])) / f64::from(deviation[c]));
+        let at = |value: f64, c: usize| (factor[c] * value + offset[c]) as f32;
+        Self {
+            factor,
+            offset,
+            levels: std::array::from_fn(|level| std::array::from_fn(|c| at(LEVELS[level], c))),
+        }
+    }
+
+    /// Writes row `y` of a picture as the network takes it (3 × width).
+    pub(crate) fn row(&self, picture: &Picture, y: usize, out: &mut [f32]) {
+        let n = out.len();
+        let (out, _) = out.as_chunks_mut::<3>();
+        match picture {
+            Picture::Rgb8(picture) => {
+                let (row, _) = picture.as_raw()[y * n..][..n].as_chunks::<3>();
+                for (out, levels) in out.iter_mut().zip(row) {
+                    *out = std::array::from_fn(|c| self.levels[usize::from(levels[c])][c]);
+                }
+            }
+            Picture::RgbF32(picture) => {
+                let (row, _) = picture.as_raw()[y * n..][..n].as_chunks::<3>();
+                for (out, values) in out.iter_mut().zip(row) {
+                    let at = |c: usize| self.factor[c] * f64::from(values[c]) + self.offset[c];
+                    *out = std::array::from_fn(|c| at(c) as f32);
+                }
+            }
+        }
+    }
+}
+
 /// v / 255 in f64: a division a pixel would cost more than the rest of a metric.
 const LEVELS: [f64; 256] = {
     let mut levels = [0.0; 256];

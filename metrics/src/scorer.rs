@@ -1,11 +1,17 @@
 //! All selected metrics of a pair of pictures.
 
-use image::{ImageBuffer, Luma};
+use std::num::NonZeroUsize;
 
-use crate::identity::{Metric, MetricKey};
+use image::{ImageBuffer, Luma};
+use sharp_kernels::{Algorithm, Simd};
+
+use crate::dists::Similarity;
+use crate::engines::{Engines, Resolution};
+use crate::identity::{Family, Metric, MetricKey};
+use crate::lpips::Distance;
 use crate::picture::{Mask, Picture, PictureError};
 use crate::selection::Selection;
-use crate::weights::{Backbone, Weights, WeightsError};
+use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{psnr, ssim};
 
 /// Why a metric has no value for a pair.
@@ -71,10 +77,33 @@ pub enum ScoreError {
     Target(PictureError),
 }
 
+/// How the networks are computed. Only `simd` and `algorithm` change values, in the last digits of
+/// f32.
+#[derive(Debug, Clone, Copy)]
+pub struct ScorerOptions {
+    /// Instruction set; by default the fastest of the machine.
+    pub simd: Simd,
+    /// Winograd (the default) or direct convolution, which takes longer and rounds less.
+    pub algorithm: Algorithm,
+    /// Picture rows taken at once; by default as many as fit into a fixed amount of memory.
+    pub strip_rows: Option<NonZeroUsize>,
+}
+
+impl Default for ScorerOptions {
+    fn default() -> Self {
+        Self {
+            simd: Simd::detect(),
+            algorithm: Algorithm::Winograd,
+            strip_rows: None,
+        }
+    }
+}
+
 /// Computes a selection of metrics, pair by pair. A pair's scores depend on nothing but the pair.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
+    engines: Engines,
 }
 
 /// Where in the picture a metric finds the two pictures alike or different.
@@ -87,11 +116,29 @@ pub struct ScoreMap {
     pub origin: u32,
 }
 
-/// The scores of a pair in the order of the selection.
-pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
+/// What the value of a learned metric is made of, layer by layer.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Terms {
+    /// The value of LPIPS is the sum of these, one a layer.
+    Lpips {
+        /// Mean weighed distance of each layer.
+        layers: Vec<f64>,
+    },
+    /// The value of DISTS is 1 minus the sum of these, one each for the picture and five layers.
+    Dists {
+        /// Weighed agreement of means.
+        structure: [f64; 6],
+        /// Weighed agreement of covariances.
+        texture: [f64; 6],
+    },
+}
 
+/// Scores in the order of the selection.
+pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
 /// Maps in the order of the selection.
 pub type Maps = Vec<(MetricKey, Result<ScoreMap, Unavailable>)>;
+/// Terms in the order of the selection.
+pub type AllTerms = Vec<(MetricKey, Result<Terms, Unavailable>)>;
 
 impl Scorer {
     /// Prepares a selection of metrics with the weights there are.
@@ -100,16 +147,31 @@ impl Scorer {
     /// When a weights file that a selected metric needs was given but cannot be used. Weights that
     /// were not given make their metrics [`Unavailable`].
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
+        Self::with_options(selection, weights, ScorerOptions::default())
+    }
+
+    /// As [`new`](Self::new), with a choice of kernels.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_options(
+        selection: &Selection,
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, WeightsError> {
         let keys: Vec<MetricKey> = selection.keys().collect();
-        for backbone in Backbone::ALL {
-            if keys
-                .iter()
-                .any(|key| Backbone::of(key.metric()) == Some(backbone))
-            {
-                weights.check(backbone)?;
-            }
-        }
-        Ok(Self { keys })
+        let engines = Engines::new(&keys, weights, options)?;
+        Ok(Self { keys, engines })
+    }
+
+    /// The metrics in the order of the selection.
+    pub fn keys(&self) -> &[MetricKey] {
+        &self.keys
+    }
+
+    /// The network weights in use.
+    pub fn weights(&self) -> &[WeightsUsed] {
+        &self.engines.used
     }
 
     /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.
@@ -125,6 +187,7 @@ impl Scorer {
         mask: Option<&Mask>,
     ) -> Result<Scores, ScoreError> {
         check(prediction, target, mask)?;
+        let learned = self.engines.run([prediction, target], &self.keys, false);
         let score = |key: MetricKey| {
             let mask = match (key.is_masked(), mask) {
                 (false, _) => None,
@@ -134,27 +197,72 @@ impl Scorer {
             match key.metric() {
                 Metric::Psnr => psnr::psnr(prediction, target, mask),
                 Metric::Ssim(variant) => ssim::ssim(variant, prediction, target, mask),
-                Metric::Lpips(..) | Metric::Dists | Metric::DistsResize256 => {
-                    let backbone = Backbone::of(key.metric()).unwrap_or(Backbone::Vgg16);
-                    Err(Unavailable::NoWeights { backbone })
+                Metric::Lpips(net, variant) => {
+                    let distance = learned.lpips(net, variant)?;
+                    match mask {
+                        Some(mask) => learned.masked(distance, mask),
+                        None => Ok(distance.layers.iter().sum()),
+                    }
                 }
+                Metric::Dists => learned.dists(Resolution::Full).map(Similarity::score),
+                Metric::DistsResize256 => learned.dists(Resolution::Side256).map(Similarity::score),
             }
         };
         Ok(self.keys.iter().map(|&key| (key, score(key))).collect())
     }
 
-    /// The maps of those selected metrics that have one, over the whole picture.
+    /// The maps of those selected metrics that have one (SSIM, LPIPS), over the whole picture.
     ///
     /// # Errors
     /// As [`score`](Self::score).
     pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
         check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let mut lpips = keys.clone();
+        lpips.retain(|key| key.family() == Family::Lpips);
+        let learned = self.engines.run([prediction, target], &lpips, true);
         let map = |key: MetricKey| match key.metric() {
             Metric::Ssim(variant) => Some((key, ssim::ssim_map(variant, prediction, target))),
-            _ => None,
+            Metric::Lpips(net, variant) => {
+                let distance = learned.lpips(net, variant);
+                Some((key, distance.map(|distance| learned.map(distance))))
+            }
+            Metric::Psnr | Metric::Dists | Metric::DistsResize256 => None,
         };
-        let whole = self.keys.iter().filter(|key| !key.is_masked());
-        Ok(whole.filter_map(|&key| map(key)).collect())
+        Ok(keys.into_iter().filter_map(map).collect())
+    }
+
+    /// The layers' terms of those selected metrics that have them (LPIPS, DISTS), over the whole
+    /// picture.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn terms(&self, prediction: &Picture, target: &Picture) -> Result<AllTerms, ScoreError> {
+        check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let learned = self.engines.run([prediction, target], &keys, false);
+        let dists = |resolution| {
+            learned.dists(resolution).map(|similarity| Terms::Dists {
+                structure: similarity.structure,
+                texture: similarity.texture,
+            })
+        };
+        let terms = |key: MetricKey| match key.metric() {
+            Metric::Psnr | Metric::Ssim(_) => None,
+            Metric::Lpips(net, variant) => {
+                let distance = learned.lpips(net, variant);
+                let layers = |distance: &Distance| distance.layers.clone();
+                Some((key, distance.map(|d| Terms::Lpips { layers: layers(d) })))
+            }
+            Metric::Dists => Some((key, dists(Resolution::Full))),
+            Metric::DistsResize256 => Some((key, dists(Resolution::Side256))),
+        };
+        Ok(keys.into_iter().filter_map(terms).collect())
+    }
+
+    fn whole_keys(&self) -> Vec<MetricKey> {
+        let keys = self.keys.iter().copied();
+        keys.filter(|key| !key.is_masked()).collect()
     }
 }
 
@@ -214,5 +322,89 @@ mod tests {
         assert_eq!(scores[2].1, Ok(f64::INFINITY));
         assert_eq!(scores[3].1, Ok(1.0));
         assert_eq!(scores[4].1, Err(Unavailable::NoMask));
+    }
+
+    fn texture(seed: u32) -> Picture {
+        Picture::from(RgbImage::from_fn(50, 40, |x, y| {
+            let v = (x * 73 + y * 151 + x * y + seed).wrapping_mul(2_654_435_761) >> 20;
+            Rgb([(v & 255) as u8, (x * 5 + seed) as u8, (v >> 4) as u8])
+        }))
+    }
+
+    #[test]
+    fn masked_lpips_is_the_mean_of_the_map_inside() {
+        let selection = Selection::parse("lpips-alex,lpips-alex@frustum").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let (a, b) = (texture(1), texture(90));
+        let maps = scorer.maps(&a, &b).unwrap();
+        let map = maps[0].1.clone().unwrap().values;
+        let inside: Vec<bool> = (0..50 * 40).map(|i| i % 50 > 20 && i / 50 < 9).collect();
+        let values = map
+            .as_raw()
+            .iter()
+            .zip(&inside)
+            .filter(|(_, inside)| **inside);
+        let sum: f64 = values.map(|(&v, _)| f64::from(v)).sum();
+        let expected = sum / inside.iter().filter(|&&inside| inside).count() as f64;
+        let mask = Mask::new(50, 40, inside).unwrap();
+        let scores = scorer.score(&a, &b, Some(&mask)).unwrap();
+        assert!((scores[1].1.clone().unwrap() - expected).abs() < 1e-7);
+        assert_ne!(scores[0].1, scores[1].1);
+        let empty = Mask::new(50, 40, vec![false; 2000]).unwrap();
+        let scores = scorer.score(&a, &b, Some(&empty)).unwrap();
+        assert_eq!(scores[1].1, Err(Unavailable::EmptyMask));
+    }
+
+    #[test]
+    fn values_do_not_depend_on_what_else_is_computed_or_on_strips() {
+        let weights = Weights::deterministic("");
+        let (a, b) = (texture(1), texture(90));
+        let scores = |list: &str, strip: Option<usize>| {
+            let options = ScorerOptions {
+                strip_rows: strip.and_then(NonZeroUsize::new),
+                ..ScorerOptions::default()
+            };
+            let selection = Selection::parse(list).unwrap();
+            let scorer = Scorer::with_options(&selection, &weights, options).unwrap();
+            scorer.score(&a, &b, None).unwrap()
+        };
+        let together = "psnr,lpips-alex,lpips-alex-eps-tm,lpips-squeeze,dists";
+        let all = scores(together, None);
+        assert_eq!(all, scores(together, Some(5)));
+        for (key, score) in all {
+            let (_, alone) = scores(&key.to_string(), None).swap_remove(0);
+            assert_eq!(alone, score, "{key}");
+        }
+    }
+
+    #[test]
+    fn identical_pictures_have_no_distance() {
+        let selection = Selection::parse("lpips-alex,lpips-squeeze-eps-tm,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let picture = texture(4);
+        for (key, score) in scorer.score(&picture, &picture, None).unwrap() {
+            let score = score.unwrap();
+            let tolerance = if key.family() == Family::Dists {
+                2e-6
+            } else {
+                0.0
+            };
+            assert!(score.abs() <= tolerance, "{key} {score}");
+        }
+        let terms = scorer.terms(&picture, &picture).unwrap();
+        let Ok(Terms::Lpips { layers }) = &terms[0].1 else {
+            panic!("LPIPS has layers");
+        };
+        assert_eq!(layers, &[0.0; 5]);
+    }
+
+    #[test]
+    fn the_weights_in_use_are_told() {
+        let selection = Selection::parse("psnr,lpips-squeeze,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("x")).unwrap();
+        let used: Vec<_> = scorer.weights().iter().map(|w| w.backbone).collect();
+        assert_eq!(used, [Backbone::Vgg16, Backbone::SqueezeNet1_1]);
+        assert_eq!(scorer.weights()[0].source, "deterministic:x");
+        assert_eq!(scorer.weights()[0].features_sha256.len(), 64);
     }
 }

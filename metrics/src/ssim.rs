@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use crate::identity::SsimVariant;
 use crate::picture::{Mask, Picture};
 use crate::scorer::{ScoreMap, Unavailable};
+use crate::simd::with_widest_vectors;
 
 /// What happens where the window reaches beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -345,31 +346,6 @@ impl<'a> Strip<'a> {
         let rows: Vec<&[f64]> = (0..taps).map(|k| &self.ring[self.slot(y + k)]).collect();
         filter_along_y(&rows, &self.form.half, constants, out);
     }
-}
-
-/// Runs a function compiled for the widest vectors that the processor has. Only `*`, `+`, `-`, `/`
-/// are used and never fused, so every version gives the same bits.
-macro_rules! with_widest_vectors {
-    ($body:ident($($arg:expr),*) : fn($($name:ident: $type:ty),*)) => {{
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx512f")]
-            fn avx512($($name: $type),*) { $body($($name),*) }
-            #[target_feature(enable = "avx2")]
-            fn avx2($($name: $type),*) { $body($($name),*) }
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: the processor was just found to have AVX-512F.
-                unsafe { avx512($($arg),*) }
-            } else if is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor was just found to have AVX2.
-                unsafe { avx2($($arg),*) }
-            } else {
-                $body($($arg),*)
-            }
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        $body($($arg),*)
-    }};
 }
 
 fn filter_along_x(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]) {

@@ -7,11 +7,14 @@
 //! beside the checkout) and reported as ignored where it is absent.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use libtest_mimic::{Arguments, Failed, Trial};
+use safetensors::SafeTensors;
 use serde_json::Value;
-use sharp_metrics::{MetricKey, Picture, Scorer, Selection, Weights};
+use sharp_metrics::{
+    AllTerms, Backbone, MetricKey, Picture, Scorer, Scores, Selection, Terms, Weights,
+};
 
 /// Keys, the entries of `golden.json` that they must equal, and how closely. Entries computed by
 /// their authors in f64 hold to 1e-9, OpenCV's, which are f32, to 1e-5.
@@ -63,6 +66,15 @@ const SSIM: [(&str, &[(&str, f64)]); 8] = [
     ),
 ];
 
+/// How closely a learned metric must agree: absolutely, or relatively where that is more.
+type Tolerance = (f64, f64);
+const LPIPS: Tolerance = (1e-6, 2e-5);
+/// Where the reference itself is f32.
+const LPIPS_F32: Tolerance = (2e-5, 5e-5);
+const LPIPS_REAL: Tolerance = (2e-6, 0.0);
+const DISTS: Tolerance = (1e-6, 0.0);
+const DISTS_F32: Tolerance = (2e-5, 0.0);
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments = Arguments::from_args();
     let text = std::fs::read_to_string(golden().join("golden.json"))?;
@@ -70,20 +82,40 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut trials = Vec::new();
     for pair in json["pairs"].as_array().ok_or("golden.json has no pairs")? {
         let pair = Arc::new(Pair::of(pair).ok_or("a pair lacks its name or files")?);
-        let psnr = pair.clone();
-        trials.push(pair.trial("psnr", move || {
-            psnr.check("psnr", &psnr.json["psnr"]["psnr_f64"], 1e-4)
-        }));
-        for (key, references) in SSIM {
-            for &(reference, tolerance) in references {
-                let this = pair.clone();
-                trials.push(pair.trial(&format!("{key} = {reference}"), move || {
-                    this.check(key, &this.json["ssim"][reference], tolerance)
-                }));
-            }
+        trials.extend(pair.classical());
+        for net in ["alex", "vgg", "squeeze"] {
+            trials.extend(pair.lpips(net));
         }
+        trials.extend(pair.dists());
+        trials.push(pair.real_squeeze());
     }
+    trials.extend(spatial_maps(&json)?);
     libtest_mimic::run(&arguments, trials).exit();
+}
+
+/// All metrics with the weights of the golden data, ready once for all pairs.
+static SCORER: LazyLock<Result<Scorer, String>> =
+    LazyLock::new(|| scorer("all", &Weights::deterministic("")));
+/// Those whose layers are checked too.
+static TERMS: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
+    scorer(
+        "lpips-alex,lpips-vgg,lpips-squeeze,dists",
+        &Weights::deterministic(""),
+    )
+});
+/// LPIPS with the weights that SqueezeNet was really trained to.
+static REAL: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
+    let weights = Weights::none().with_file(Backbone::SqueezeNet1_1, real_squeezenet());
+    scorer("lpips-squeeze", &weights)
+});
+
+fn scorer(list: &str, weights: &Weights) -> Result<Scorer, String> {
+    let selection = Selection::parse(list).map_err(|e| e.to_string())?;
+    Scorer::new(&selection, weights).map_err(|e| e.to_string())
+}
+
+fn real_squeezenet() -> PathBuf {
+    shared().join("golden/metrics/weights/squeezenet1_1_features_real.safetensors")
 }
 
 fn golden() -> PathBuf {
@@ -103,7 +135,11 @@ struct Pair {
     /// Prediction and target; `None` where a picture is neither here nor in the shared folder.
     files: Option<[PathBuf; 2]>,
     json: Value,
+    scores: OnceLock<Result<Scores, String>>,
+    terms: OnceLock<Result<AllTerms, String>>,
 }
+
+type Check = Box<dyn FnOnce(&Pair) -> Result<(), Failed> + Send>;
 
 impl Pair {
     fn of(json: &Value) -> Option<Self> {
@@ -118,15 +154,140 @@ impl Pair {
             name: text("name")?.to_owned(),
             files: find(text("dist")?).zip(find(text("ref")?)).map(Into::into),
             json: json.clone(),
+            scores: OnceLock::new(),
+            terms: OnceLock::new(),
         })
     }
 
-    fn trial(
-        &self,
-        what: &str,
-        run: impl FnOnce() -> Result<(), Failed> + Send + 'static,
-    ) -> Trial {
-        Trial::test(format!("{} {what}", self.name), run).with_ignored_flag(self.files.is_none())
+    fn trial(self: &Arc<Self>, what: &str, check: Check) -> Trial {
+        let this = self.clone();
+        Trial::test(format!("{} {what}", self.name), move || check(&this))
+            .with_ignored_flag(self.files.is_none())
+    }
+
+    /// PSNR and every SSIM.
+    fn classical(self: &Arc<Self>) -> Vec<Trial> {
+        let psnr: Check = Box::new(|pair| {
+            compare(
+                pair.score("psnr")?,
+                &pair.json["psnr"]["psnr_f64"],
+                (1e-4, 0.0),
+            )
+        });
+        let mut trials = vec![self.trial("psnr", psnr)];
+        for (key, references) in SSIM {
+            for &(reference, tolerance) in references {
+                let check: Check = Box::new(move |pair| {
+                    compare(
+                        pair.score(key)?,
+                        &pair.json["ssim"][reference],
+                        (tolerance, 0.0),
+                    )
+                });
+                trials.push(self.trial(&format!("{key} = {reference}"), check));
+            }
+        }
+        trials
+    }
+
+    /// LPIPS with one network: every variant, and the layers' terms.
+    fn lpips(self: &Arc<Self>, net: &'static str) -> Vec<Trial> {
+        let key = format!("lpips[{net},v0.1]");
+        let f64_only = |suffix: &str, reference: &'static str| {
+            let key = format!("lpips[{net},v0.1{suffix}]");
+            self.trial(
+                &format!("{key} = {reference}"),
+                Box::new(move |pair| {
+                    let golden = &pair.json["lpips"][net];
+                    match (&golden[reference], golden["error"].is_null()) {
+                        // Not recorded for this pair, but our value must exist.
+                        (Value::Null, true) => Ok(pair.score(&key)?.map(drop)?),
+                        (expected, _) => compare(pair.score(&key)?, expected, LPIPS),
+                    }
+                }),
+            )
+        };
+        let mut trials = vec![f64_only(",eps=tm", "f64_torchmetrics_eps")];
+        if net == "vgg" {
+            trials.push(f64_only(",unscaled", "f64_unscaled01"));
+        }
+        let whole = key.clone();
+        let value: Check = Box::new(move |pair| {
+            let golden = &pair.json["lpips"][net];
+            let (expected, tolerance) = match &golden["f64"] {
+                Value::Null => (&golden["f32"], LPIPS_F32),
+                expected => (expected, LPIPS),
+            };
+            compare(pair.score(&whole)?, expected, tolerance)
+        });
+        trials.push(self.trial(&key, value));
+        let layered = key.clone();
+        let layers: Check = Box::new(move |pair| {
+            let golden = &pair.json["lpips"][net];
+            let (expected, tolerance) = match &golden["layers_f64"] {
+                Value::Null => (&golden["layers_f32"], LPIPS_F32),
+                expected => (expected, LPIPS),
+            };
+            match pair.terms(&layered)? {
+                Ok(Terms::Lpips { layers }) => compare_all(&layers, expected, tolerance),
+                other => compare(other.map(|_| f64::NAN), expected, tolerance),
+            }
+        });
+        trials.push(self.trial(&format!("{key} layers"), layers));
+        trials
+    }
+
+    /// DISTS, its terms, and its form on reduced pictures.
+    fn dists(self: &Arc<Self>) -> Vec<Trial> {
+        let value: Check = Box::new(|pair| {
+            let golden = &pair.json["dists"];
+            let (expected, tolerance) = match &golden["f64"] {
+                Value::Null => (&golden["f32"], DISTS_F32),
+                expected => (expected, DISTS),
+            };
+            compare(pair.score("dists")?, expected, tolerance)
+        });
+        let terms: Check = Box::new(|pair| {
+            let golden = &pair.json["dists"];
+            let Ok(Terms::Dists { structure, texture }) = pair.terms("dists")? else {
+                return Err("no terms".into());
+            };
+            for (terms, name) in [(structure, "structure"), (texture, "texture")] {
+                match &golden[format!("{name}_f64")] {
+                    Value::Null => {
+                        compare_all(&terms, &golden[format!("{name}_f32")], DISTS_F32)?;
+                    }
+                    expected => compare_all(&terms, expected, DISTS)?,
+                }
+            }
+            Ok(())
+        });
+        let resized: Check = Box::new(|pair| {
+            let expected = match &pair.json["dists"]["resize256_f32"] {
+                // Not larger than 256: nothing is reduced.
+                Value::Null => &Value::from(pair.score("dists")??),
+                expected => expected,
+            };
+            compare(pair.score("dists[resize256]")?, expected, DISTS_F32)
+        });
+        vec![
+            self.trial("dists", value),
+            self.trial("dists terms", terms),
+            self.trial("dists[resize256]", resized),
+        ]
+    }
+
+    /// LPIPS with the published weights of SqueezeNet, which the repository may not hold.
+    fn real_squeeze(self: &Arc<Self>) -> Trial {
+        let check: Check = Box::new(|pair| {
+            let [prediction, target] = pair.pictures()?;
+            let scores = REAL.as_ref()?.score(&prediction, &target, None)?;
+            let expected = &pair.json["lpips_squeeze_real_weights"]["f64"];
+            compare(find(&scores, "lpips-squeeze")?, expected, LPIPS_REAL)
+        });
+        let absent = self.files.is_none() || !real_squeezenet().exists();
+        self.trial("lpips[squeeze,v0.1] with published weights", check)
+            .with_ignored_flag(absent)
     }
 
     fn pictures(&self) -> Result<[Picture; 2], Failed> {
@@ -135,29 +296,109 @@ impl Pair {
         Ok([a?.to_rgb8().into(), b?.to_rgb8().into()])
     }
 
-    fn check(&self, key: &str, expected: &Value, tolerance: f64) -> Result<(), Failed> {
-        let key: MetricKey = key.parse()?;
-        let scorer = Scorer::new(&Selection::of(&[key]), &Weights::none())?;
-        let [prediction, target] = self.pictures()?;
-        let (_, score) = scorer.score(&prediction, &target, None)?.swap_remove(0);
-        compare(
-            score.map_err(|reason| reason.to_string()),
-            expected,
-            tolerance,
-        )
+    /// Our value, or the reason why there is none.
+    fn score(&self, key: &str) -> Result<Result<f64, String>, Failed> {
+        let scores = self.scores.get_or_init(|| {
+            let [prediction, target] = self.pictures().map_err(|e| format!("{e:?}"))?;
+            let scorer = SCORER.as_ref().map_err(Clone::clone)?;
+            let scores = scorer.score(&prediction, &target, None);
+            scores.map_err(|e| e.to_string())
+        });
+        find(scores.as_ref()?, key)
+    }
+
+    fn terms(&self, key: &str) -> Result<Result<Terms, String>, Failed> {
+        let terms = self.terms.get_or_init(|| {
+            let [prediction, target] = self.pictures().map_err(|e| format!("{e:?}"))?;
+            let scorer = TERMS.as_ref().map_err(Clone::clone)?;
+            let terms = scorer.terms(&prediction, &target);
+            terms.map_err(|e| e.to_string())
+        });
+        find(terms.as_ref()?, key)
     }
 }
 
+/// The spatial maps of LPIPS, for the pairs for which they are recorded.
+fn spatial_maps(json: &Value) -> Result<Vec<Trial>, Box<dyn std::error::Error>> {
+    let bytes = Arc::new(std::fs::read(golden().join("spatial_maps.safetensors"))?);
+    let names = SafeTensors::deserialize(&bytes)?;
+    let mut trials = Vec::new();
+    for name in names.names() {
+        let (net, pair) = name.split_once('.').ok_or("a map has no network")?;
+        let pairs = json["pairs"].as_array().ok_or("no pairs")?;
+        let pair = pairs
+            .iter()
+            .find(|p| p["name"].as_str().is_some_and(|n| n.contains(pair)))
+            .and_then(Pair::of)
+            .ok_or("a map belongs to no pair")?;
+        let real = net == "squeeze_real";
+        let alias = format!("lpips-{}", net.trim_end_matches("_real"));
+        let absent = pair.files.is_none() || (real && !real_squeezenet().exists());
+        let (name, bytes) = (name.to_owned(), bytes.clone());
+        let trial = Trial::test(format!("spatial map {name}"), move || {
+            let scorer = if real { &REAL } else { &TERMS }.as_ref()?;
+            let [prediction, target] = pair.pictures()?;
+            let maps = scorer.maps(&prediction, &target)?;
+            let map = find(&maps, &alias)??;
+            let tensors = SafeTensors::deserialize(&bytes)?;
+            let (expected, _) = tensors.tensor(&name)?.data().as_chunks::<4>();
+            let ours = map.values.as_raw();
+            if ours.len() != expected.len() {
+                return Err(format!("{} values, not {}", ours.len(), expected.len()).into());
+            }
+            for (i, (ours, expected)) in ours.iter().zip(expected).enumerate() {
+                let expected = f32::from_le_bytes(*expected);
+                if (ours - expected).abs() > 2e-6 {
+                    return Err(format!("value {i} is {ours}, not {expected}").into());
+                }
+            }
+            Ok(())
+        });
+        trials.push(trial.with_ignored_flag(absent));
+    }
+    Ok(trials)
+}
+
+/// The entry of a key.
+fn find<T: Clone, E: ToString>(
+    entries: &[(MetricKey, Result<T, E>)],
+    key: &str,
+) -> Result<Result<T, String>, Failed> {
+    let key: MetricKey = key.parse()?;
+    let entry = entries.iter().find(|(k, _)| *k == key);
+    let (_, result) = entry.ok_or("the metric was not computed")?;
+    Ok(result.as_ref().map_err(ToString::to_string).cloned())
+}
+
+fn compare_all(ours: &[f64], expected: &Value, tolerance: Tolerance) -> Result<(), Failed> {
+    let expected = expected.as_array().ok_or("no list of terms")?;
+    if ours.len() != expected.len() {
+        return Err(format!("{} terms, not {}", ours.len(), expected.len()).into());
+    }
+    for (&ours, expected) in ours.iter().zip(expected) {
+        compare(Ok(ours), expected, tolerance)?;
+    }
+    Ok(())
+}
+
 /// `expected` is a number, `"inf"`, or something that stands for no value.
-fn compare(score: Result<f64, String>, expected: &Value, tolerance: f64) -> Result<(), Failed> {
+fn compare(
+    score: Result<f64, String>,
+    expected: &Value,
+    (absolute, relative): Tolerance,
+) -> Result<(), Failed> {
     match (score, expected) {
         (Ok(score), Value::Number(expected)) => {
             let expected = expected.as_f64().ok_or("not an f64")?;
             let error = (score - expected).abs();
+            let tolerance = absolute.max(relative * expected.abs());
             if error <= tolerance {
                 Ok(())
             } else {
-                Err(format!("{score} is {error:.2e} from {expected}, more than {tolerance}").into())
+                Err(
+                    format!("{score} is {error:.2e} from {expected}, more than {tolerance:.1e}")
+                        .into(),
+                )
             }
         }
         (Ok(score), Value::String(text)) if text == "inf" && score == f64::INFINITY => Ok(()),

@@ -36,15 +36,12 @@ impl MaxPool {
     }
 
     fn out_side(&self, side: usize) -> usize {
-        let Some(room) = side.checked_sub(self.size) else {
+        let beyond = if self.ceil { self.stride - 1 } else { 0 };
+        let Some(room) = (side + beyond).checked_sub(self.size) else {
             return 0;
         };
-        if self.ceil {
-            // A window that starts beyond the image does not count.
-            (room.div_ceil(self.stride) + 1).min((side - 1) / self.stride + 1)
-        } else {
-            room / self.stride + 1
-        }
+        // A window that starts beyond the image does not count.
+        (room / self.stride + 1).min(side.div_ceil(self.stride))
     }
 }
 
@@ -243,7 +240,8 @@ mod tests {
         let side = |ceil, n| MaxPool::new(simd, 3, 2, ceil).out_size(n, n).0;
         assert_eq!([3, 4, 5, 6, 7].map(|n| side(false, n)), [1, 1, 2, 2, 3]);
         assert_eq!([3, 4, 5, 6, 7].map(|n| side(true, n)), [1, 2, 2, 3, 3]);
-        assert_eq!(side(true, 2), 0);
+        // As in PyTorch, the only window may reach beyond the image by less than a stride.
+        assert_eq!([1, 2].map(|n| side(true, n)), [0, 1]);
         let two = MaxPool::new(simd, 2, 2, false);
         assert_eq!(two.out_size(5, 4), (2, 2));
         // The last window of stride 3 would start beyond the image of 3: it does not count.

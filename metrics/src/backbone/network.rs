@@ -1,0 +1,150 @@
+//! A network with its weights.
+
+use std::sync::Arc;
+
+use sharp_kernels::{Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, Simd};
+
+use super::architecture::{Step, smallest_side, steps};
+use super::expand::Expand;
+use super::rows::Size;
+use crate::weights::{Backbone, Tensors};
+
+/// Which kernels run a network.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Kernels {
+    pub(crate) simd: Simd,
+    pub(crate) algorithm: Algorithm,
+}
+
+/// A layer; after some of them the metrics look.
+#[derive(Clone)]
+pub(crate) struct Layer {
+    pub(crate) op: Arc<dyn RowOp>,
+    /// Which tap its output is.
+    pub(crate) tap: Option<usize>,
+    /// Whether DISTS has its own pooling in place of it.
+    pools: bool,
+}
+
+/// Layers from the picture on.
+#[derive(Clone)]
+pub(crate) struct Network {
+    pub(crate) layers: Vec<Layer>,
+    smallest_side: usize,
+}
+
+impl std::fmt::Debug for Network {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Network of {} layers", self.layers.len())
+    }
+}
+
+impl Network {
+    /// Builds the network as it was trained.
+    pub(crate) fn new(backbone: Backbone, tensors: &Tensors, kernels: Kernels) -> Self {
+        let conv = |name: String, stride: usize, padding: usize| {
+            let (shape, weights) = tensors.get(&format!("{name}.weight"));
+            let (_, bias) = tensors.get(&format!("{name}.bias"));
+            let spec = ConvSpec {
+                in_channels: shape[1],
+                out_channels: shape[0],
+                kernel: shape[2],
+                stride,
+                padding,
+            };
+            Conv2d::new(
+                kernels.simd,
+                spec,
+                weights,
+                Some(bias),
+                true,
+                kernels.algorithm,
+            )
+        };
+        let mut layers: Vec<Layer> = Vec::new();
+        let mut push = |op: Arc<dyn RowOp>, pools| {
+            layers.push(Layer {
+                op,
+                tap: None,
+                pools,
+            });
+        };
+        for step in steps(backbone) {
+            match *step {
+                Step::Conv {
+                    index,
+                    stride,
+                    padding,
+                    ..
+                } => push(Arc::new(conv(index.to_string(), stride, padding)), false),
+                Step::MaxPool { kernel, ceil } => {
+                    push(Arc::new(MaxPool::new(kernels.simd, kernel, 2, ceil)), true);
+                }
+                Step::Fire { index, .. } => {
+                    push(Arc::new(conv(format!("{index}.squeeze"), 1, 0)), false);
+                    let parts = [
+                        conv(format!("{index}.expand1x1"), 1, 0),
+                        conv(format!("{index}.expand3x3"), 1, 1),
+                    ];
+                    push(Arc::new(Expand { parts }), false);
+                }
+                Step::Tap => {}
+            }
+        }
+        // A fire module is two layers, every other step but a tap is one.
+        let mut layer = 0;
+        let mut tap = 0;
+        for step in steps(backbone) {
+            match step {
+                Step::Fire { .. } => layer += 2,
+                Step::Conv { .. } | Step::MaxPool { .. } => layer += 1,
+                Step::Tap => {
+                    layers[layer - 1].tap = Some(tap);
+                    tap += 1;
+                }
+            }
+        }
+        Self {
+            layers,
+            smallest_side: smallest_side(backbone),
+        }
+    }
+
+    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    pub(crate) fn with_l2_pooling(&self, kernels: Kernels) -> Self {
+        let mut network = self.clone();
+        for layer in network.layers.iter_mut().filter(|layer| layer.pools) {
+            layer.op = Arc::new(L2Pool::new(kernels.simd));
+        }
+        network.smallest_side = 1;
+        network
+    }
+
+    /// The smallest side of a picture that the network takes.
+    pub(crate) fn smallest_side(&self) -> usize {
+        self.smallest_side
+    }
+
+    /// Sizes of the picture and of every layer's output; `None` if the picture is too small.
+    pub(crate) fn sizes(&self, width: usize, height: usize) -> Option<Vec<Size>> {
+        if width.min(height) < self.smallest_side {
+            return None;
+        }
+        let mut size = Size {
+            height,
+            width,
+            channels: 3,
+        };
+        let mut sizes = vec![size];
+        for Layer { op, .. } in &self.layers {
+            let (height, width) = op.out_size(size.height, size.width);
+            size = Size {
+                height,
+                width,
+                channels: op.out_channels(size.channels),
+            };
+            sizes.push(size);
+        }
+        Some(sizes)
+    }
+}

@@ -1,0 +1,203 @@
+//! The learned metrics that a selection needs; each pass of a network is made once a pair.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+
+use image::ImageBuffer;
+
+use crate::backbone::{Kernels, Network};
+use crate::dists::{Dists, Similarity};
+use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey};
+use crate::lpips::{Distance, Epsilon, InputRange, Lpips};
+use crate::picture::{Mask, Picture};
+use crate::resize::to_shorter_side_256;
+use crate::scorer::{ScoreMap, ScorerOptions, Unavailable};
+use crate::spatial::summed_rows;
+use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights};
+
+/// Networks with their weights, as far as a selection needs them and there are weights.
+#[derive(Debug)]
+pub(crate) struct Engines {
+    lpips: BTreeMap<LpipsNet, Lpips>,
+    dists: Option<Dists>,
+    pub(crate) used: Vec<WeightsUsed>,
+    /// Picture rows taken at once, if set.
+    strip: Option<usize>,
+}
+
+/// The input range of a variant, which each take a pass of the network, and where its ε stands.
+fn form(variant: LpipsVariant) -> (InputRange, Epsilon) {
+    match variant {
+        LpipsVariant::Official => (InputRange::Signed, Epsilon::OutsideRoot),
+        LpipsVariant::Unscaled => (InputRange::Unit, Epsilon::OutsideRoot),
+        LpipsVariant::TorchmetricsEps => (InputRange::Signed, Epsilon::InsideRoot),
+    }
+}
+
+impl Engines {
+    pub(crate) fn new(
+        keys: &[MetricKey],
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, WeightsError> {
+        let kernels = Kernels {
+            simd: options.simd,
+            algorithm: options.algorithm,
+        };
+        let mut engines = Self {
+            lpips: BTreeMap::new(),
+            dists: None,
+            used: Vec::new(),
+            strip: options.strip_rows.map(NonZeroUsize::get),
+        };
+        for backbone in Backbone::ALL {
+            let needed = |key: &MetricKey| Backbone::of(key.metric()) == Some(backbone);
+            if !keys.iter().any(needed) {
+                continue;
+            }
+            let Some(loaded) = weights.load(backbone)? else {
+                continue;
+            };
+            let network = Arc::new(Network::new(backbone, &loaded.tensors, kernels));
+            engines.used.push(loaded.used);
+            for net in LpipsNet::ALL {
+                let wanted =
+                    |key: &MetricKey| matches!(key.metric(), Metric::Lpips(n, _) if n == net);
+                if Backbone::of_lpips(net) == backbone && keys.iter().any(wanted) {
+                    let lpips = Lpips::new(network.clone(), &linear_weights(net)?);
+                    engines.lpips.insert(net, lpips);
+                }
+            }
+            let wanted =
+                |key: &MetricKey| matches!(key.metric(), Metric::Dists | Metric::DistsResize256);
+            if backbone == Backbone::Vgg16 && keys.iter().any(wanted) {
+                let [alpha, beta] = dists_weights()?;
+                let network = Arc::new(network.with_l2_pooling(kernels));
+                engines.dists = Some(Dists::new(network, &alpha, &beta));
+            }
+        }
+        Ok(engines)
+    }
+
+    /// Runs the learned metrics among `keys`. Maps are kept if asked for and for masked keys.
+    pub(crate) fn run(&self, pair: [&Picture; 2], keys: &[MetricKey], with_maps: bool) -> Learned {
+        let mut learned = Learned {
+            size: pair[0].dimensions(),
+            lpips: BTreeMap::new(),
+            dists: BTreeMap::new(),
+        };
+        for (&net, engine) in &self.lpips {
+            for range in [InputRange::Signed, InputRange::Unit] {
+                let mut variants = BTreeMap::new();
+                for key in keys {
+                    if let Metric::Lpips(n, variant) = key.metric()
+                        && n == net
+                        && form(variant).0 == range
+                    {
+                        *variants.entry(variant).or_insert(with_maps) |= key.is_masked();
+                    }
+                }
+                if variants.is_empty() {
+                    continue;
+                }
+                let epsilons: Vec<Epsilon> = variants.keys().map(|&v| form(v).1).collect();
+                let keep = variants.values().any(|&keep| keep);
+                let results = engine.distances(pair, range, &epsilons, keep, self.strip);
+                for (i, &variant) in variants.keys().enumerate() {
+                    let result = results.as_ref().map(|all| all[i].clone());
+                    let result = result.map_err(Clone::clone);
+                    learned.lpips.insert((net, variant), result);
+                }
+            }
+        }
+        if let Some(engine) = &self.dists {
+            let wanted = |metric| keys.iter().any(|key| key.metric() == metric);
+            if wanted(Metric::Dists) {
+                let result = engine.compare(pair, self.strip);
+                learned.dists.insert(Resolution::Full, result);
+            }
+            if wanted(Metric::DistsResize256) {
+                let resized = pair.map(to_shorter_side_256);
+                let result = match learned.dists.get(&Resolution::Full) {
+                    // Nothing to reduce: the same value.
+                    Some(full) if matches!(resized, [Cow::Borrowed(_), _]) => full.clone(),
+                    _ => engine.compare([&resized[0], &resized[1]], self.strip),
+                };
+                learned.dists.insert(Resolution::Side256, result);
+            }
+        }
+        learned
+    }
+}
+
+/// Results of the learned metrics for a pair; metrics without weights are absent.
+pub(crate) struct Learned {
+    size: (u32, u32),
+    lpips: BTreeMap<(LpipsNet, LpipsVariant), Result<Distance, Unavailable>>,
+    dists: BTreeMap<Resolution, Result<Similarity, Unavailable>>,
+}
+
+/// At which resolution DISTS compares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Resolution {
+    /// The pictures' own.
+    Full,
+    /// Shorter side at most 256.
+    Side256,
+}
+
+impl Learned {
+    /// The result of an LPIPS variant.
+    pub(crate) fn lpips(
+        &self,
+        net: LpipsNet,
+        variant: LpipsVariant,
+    ) -> Result<&Distance, Unavailable> {
+        found(self.lpips.get(&(net, variant)), Backbone::of_lpips(net))
+    }
+
+    /// The result of DISTS.
+    pub(crate) fn dists(&self, resolution: Resolution) -> Result<&Similarity, Unavailable> {
+        found(self.dists.get(&resolution), Backbone::Vgg16)
+    }
+
+    /// The mean of an LPIPS's spatial map inside a mask; the distance was run with maps.
+    pub(crate) fn masked(&self, distance: &Distance, mask: &Mask) -> Result<f64, Unavailable> {
+        let count = mask.count();
+        if count == 0 {
+            return Err(Unavailable::EmptyMask);
+        }
+        let size = (self.size.0 as usize, self.size.1 as usize);
+        let rows = summed_rows(&distance.maps, size, |y, row| {
+            let inside = row.iter().zip(mask.row(y)).filter(|(_, inside)| **inside);
+            inside.map(|(value, _)| value).sum::<f64>()
+        });
+        Ok(rows.iter().sum::<f64>() / count as f64)
+    }
+
+    /// An LPIPS's spatial map; the distance was run with maps.
+    pub(crate) fn map(&self, distance: &Distance) -> ScoreMap {
+        let (width, height) = self.size;
+        let mut values = ImageBuffer::new(width, height);
+        let size = (width as usize, height as usize);
+        let rows = summed_rows(&distance.maps, size, |_, row| {
+            row.iter().map(|&v| v as f32).collect::<Vec<_>>()
+        });
+        for (out, row) in values.chunks_exact_mut(width as usize).zip(rows) {
+            out.copy_from_slice(&row);
+        }
+        ScoreMap { values, origin: 0 }
+    }
+}
+
+fn found<T>(
+    result: Option<&Result<T, Unavailable>>,
+    backbone: Backbone,
+) -> Result<&T, Unavailable> {
+    match result {
+        Some(result) => result.as_ref().map_err(Clone::clone),
+        None => Err(Unavailable::NoWeights { backbone }),
+    }
+}

@@ -1,0 +1,194 @@
+//! LPIPS, version 0.1 (Zhang et al. 2018): how far two pictures' network features lie apart.
+//!
+//! At each position of each tapped layer both feature vectors are brought to unit length, their
+//! squared difference is weighed per channel; the mean over positions is the layer's term, the sum
+//! of the terms the distance. Features are f32, everything after them f64.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::backbone::{Network, Taps, stream};
+use crate::picture::{Normalization, Picture};
+use crate::scorer::Unavailable;
+use crate::simd::with_widest_vectors;
+use crate::spatial::TapMap;
+
+/// Where the constant that guards the division by a feature vector's length stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Epsilon {
+    /// `f / (√Σf² + 1e-10)`, as published.
+    OutsideRoot,
+    /// `f / √(1e-8 + Σf²)`, as torchmetrics computes it.
+    InsideRoot,
+}
+
+impl Epsilon {
+    fn reciprocal_length(self, squares: f64) -> f64 {
+        match self {
+            Self::OutsideRoot => 1.0 / (squares.sqrt() + 1e-10),
+            Self::InsideRoot => 1.0 / (1e-8 + squares).sqrt(),
+        }
+    }
+}
+
+/// What the pictures' values are before the network's own normalisation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum InputRange {
+    /// −1..1, as the network expects.
+    Signed,
+    /// 0..1.
+    Unit,
+}
+
+impl InputRange {
+    fn normalization(self) -> Normalization {
+        let (stretch, start) = match self {
+            Self::Signed => (2.0, -1.0),
+            Self::Unit => (1.0, 0.0),
+        };
+        Normalization::new(
+            stretch,
+            start,
+            [-0.030, -0.088, -0.188],
+            [0.458, 0.448, 0.450],
+        )
+    }
+}
+
+/// A distance and what it is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Distance {
+    /// The term of each tapped layer; their sum is the distance.
+    pub(crate) layers: Vec<f64>,
+    /// Each layer's local distances, if asked for.
+    pub(crate) maps: Vec<TapMap>,
+}
+
+/// LPIPS with one network.
+#[derive(Debug)]
+pub(crate) struct Lpips {
+    network: Arc<Network>,
+    /// For each tap the weight of each channel.
+    linear: Vec<Vec<f64>>,
+}
+
+impl Lpips {
+    /// `linear` has the weights of each tap's channels.
+    pub(crate) fn new(network: Arc<Network>, linear: &[Vec<f32>]) -> Self {
+        let widen = |weights: &Vec<f32>| weights.iter().map(|&w| f64::from(w)).collect();
+        Self {
+            network,
+            linear: linear.iter().map(widen).collect(),
+        }
+    }
+
+    /// The distances of a pair, one for each of `epsilons`, from one pass of the network.
+    pub(crate) fn distances(
+        &self,
+        pair: [&Picture; 2],
+        range: InputRange,
+        epsilons: &[Epsilon],
+        with_maps: bool,
+        strip: Option<usize>,
+    ) -> Result<Vec<Distance>, Unavailable> {
+        let (width, height) = pair[0].dimensions();
+        let normalization = range.normalization();
+        let taps = self.linear.len();
+        // [epsilon][tap] → a sum for each row; [epsilon][tap] → the map so far.
+        let mut sums = vec![vec![Vec::<f64>::new(); taps]; epsilons.len()];
+        let mut maps = vec![vec![Vec::<f32>::new(); taps]; epsilons.len()];
+        let sizes = stream(
+            &self.network,
+            (width as usize, height as usize),
+            strip,
+            |picture, y, out| normalization.row(pair[picture], y, out),
+            |Taps {
+                 tap,
+                 size,
+                 rows: [a, b],
+             }| {
+                let row = size.row_len();
+                let rows = a.par_chunks(row).zip(b.par_chunks(row));
+                for (i, &epsilon) in epsilons.iter().enumerate() {
+                    let distances: Vec<Vec<f64>> = rows
+                        .clone()
+                        .map(|(a, b)| {
+                            let mut out = vec![0.0; size.width];
+                            distance_row(a, b, &self.linear[tap], epsilon, &mut out);
+                            out
+                        })
+                        .collect();
+                    for row in &distances {
+                        sums[i][tap].push(row.iter().sum());
+                        if with_maps {
+                            maps[i][tap].extend(row.iter().map(|&d| d as f32));
+                        }
+                    }
+                }
+            },
+        )
+        .ok_or(Unavailable::TooSmall {
+            width,
+            height,
+            smallest: self.network.smallest_side() as u32,
+        })?;
+        let distances = sums.into_iter().zip(maps).map(|(sums, maps)| Distance {
+            layers: sums
+                .iter()
+                .zip(&sizes)
+                .map(|(rows, size)| {
+                    rows.iter().sum::<f64>() / (size.width as f64 * size.height as f64)
+                })
+                .collect(),
+            maps: maps
+                .into_iter()
+                .zip(&sizes)
+                .filter(|_| with_maps)
+                .map(|(values, size)| TapMap {
+                    width: size.width,
+                    height: size.height,
+                    values,
+                })
+                .collect(),
+        });
+        Ok(distances.collect())
+    }
+}
+
+/// The weighed squared distance at each position of a row.
+fn distance_row(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
+    with_widest_vectors!(distance_row_body(a, b, weights, epsilon, out):
+        fn(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]));
+}
+
+#[inline(always)]
+fn distance_row_body(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
+    let channels = weights.len();
+    // Every network's taps have a multiple of 64 channels.
+    let (weights, _) = weights.as_chunks::<8>();
+    for ((a, b), out) in a
+        .chunks_exact(channels)
+        .zip(b.chunks_exact(channels))
+        .zip(out)
+    {
+        let ((a, _), (b, _)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+        let (mut aa, mut bb) = ([0.0_f64; 8], [0.0_f64; 8]);
+        for (a, b) in a.iter().zip(b) {
+            for i in 0..8 {
+                aa[i] += f64::from(a[i]) * f64::from(a[i]);
+                bb[i] += f64::from(b[i]) * f64::from(b[i]);
+            }
+        }
+        let a_scale = epsilon.reciprocal_length(aa.iter().sum());
+        let b_scale = epsilon.reciprocal_length(bb.iter().sum());
+        let mut sum = [0.0_f64; 8];
+        for ((a, b), weights) in a.iter().zip(b).zip(weights) {
+            for i in 0..8 {
+                let d = f64::from(a[i]) * a_scale - f64::from(b[i]) * b_scale;
+                sum[i] += weights[i] * (d * d);
+            }
+        }
+        *out = sum.iter().sum();
+    }
+}
