@@ -10,9 +10,12 @@ use super::{Cell, Group, Row, Table, shown};
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
 
-/// The scores of a board. One table named `scores` if it has at most twelve columns; otherwise, as in the
+/// The scores of a board; nothing without a metric. One table named `scores` if it has at most twelve columns; otherwise, as in the
 /// paper, the perceptual metrics (DISTS, LPIPS) apart from the pixelwise ones, in as many tables as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Metric]) -> Vec<Table> {
+    if metrics.is_empty() {
+        return Vec::new();
+    }
     let groups = board.datasets.len().max(1);
     let width = (MAX_COLUMNS / groups).max(1);
     if metrics.len() <= width {

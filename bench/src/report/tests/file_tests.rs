@@ -86,6 +86,9 @@ fn an_empty_run_still_gives_a_report() {
         text.contains("n/a") && text.contains("d has no pairs."),
         "{text}"
     );
+    empty.metrics.clear();
+    assert_eq!(text_tables(&empty).unwrap(), "");
+    assert!(super::files(&empty).contains_key("index.html"));
 }
 
 #[test]
