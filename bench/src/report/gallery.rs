@@ -155,24 +155,33 @@ fn choose<'a>(board: &'a Board<'a>, metrics: &[Metric], limit: usize) -> Vec<&'a
             chosen.extend(&dataset.pairs);
             continue;
         }
-        let mut worst_first: Vec<(usize, f64)> = dataset
-            .pairs
-            .iter()
-            .enumerate()
-            .map(|(i, pair)| (i, badness(board, pair, metrics)))
-            .collect();
-        // Stable: pairs that are equally bad stay in the order of their ids.
-        worst_first.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let worst_first = by_badness(board, &dataset.pairs, metrics);
         let worst = share.div_ceil(2);
         let rest = worst_first.len() - worst;
         let spread = share - worst;
-        let mut picked: Vec<usize> = worst_first.iter().take(worst).map(|p| p.0).collect();
-        picked
-            .extend((0..spread).map(|i| worst_first[worst + (2 * i + 1) * rest / (2 * spread)].0));
-        picked.sort_unstable();
-        chosen.extend(picked.into_iter().map(|i| &dataset.pairs[i]));
+        let evenly = (0..spread).map(|i| worst + (2 * i + 1) * rest / (2 * spread));
+        let mut picked: Vec<&PairBoard<'a>> = (0..worst)
+            .chain(evenly)
+            .filter_map(|i| worst_first.get(i).copied())
+            .collect();
+        picked.sort_by(|a, b| a.facts.pair_id.cmp(&b.facts.pair_id));
+        chosen.extend(picked);
     }
     chosen
+}
+
+/// The pairs of a dataset, those with the worst scores first; equally bad ones in the order of their ids.
+pub(super) fn by_badness<'a>(
+    board: &Board<'a>,
+    pairs: &'a [PairBoard<'a>],
+    metrics: &[Metric],
+) -> Vec<&'a PairBoard<'a>> {
+    let mut order: Vec<(&PairBoard<'a>, f64)> = pairs
+        .iter()
+        .map(|pair| (pair, badness(board, pair, metrics)))
+        .collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    order.into_iter().map(|(pair, _)| pair).collect()
 }
 
 /// Mean over the ranked methods of the first metric that has finite numbers, larger meaning worse.

@@ -246,6 +246,8 @@ pub struct Options {
     pub error_max: f32,
     /// Width of the bins of the motion plots, metres; `None` picks 1, 2 or 5 × 10ⁿ for at most ten bins.
     pub bin_width_m: Option<f64>,
+    /// Whether each metric is also plotted against the baseline in units of the target's median depth.
+    pub relative_motion: bool,
 }
 
 impl Default for Options {
@@ -256,6 +258,7 @@ impl Default for Options {
             picture_side: 960,
             error_max: 0.5,
             bin_width_m: None,
+            relative_motion: false,
         }
     }
 }

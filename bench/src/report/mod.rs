@@ -11,6 +11,7 @@
 //! * [`plots`]: motion against metric, histogram of baselines; SVG and PNG.
 //! * [`error_map`]: what a prediction got wrong, as a picture; [`pictures`]: pictures inside a page;
 //!   [`gallery`]: which pairs to show.
+//! * [`qualitative`]: a figure of predictions side by side.
 //! * [`html`]: the self-contained page; [`markdown`]: the same as text.
 //! * [`mod@write`]: all of it into a folder.
 
@@ -23,6 +24,7 @@ pub mod markdown;
 pub mod paper;
 pub mod pictures;
 pub mod plots;
+pub mod qualitative;
 pub mod records;
 pub mod scores;
 pub mod summary;

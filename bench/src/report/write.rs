@@ -13,6 +13,7 @@ use super::paper;
 use super::plots::motion::Motion;
 use super::plots::scale::Step;
 use super::plots::{Figure, histogram, motion};
+use super::qualitative;
 use super::records::Board;
 use super::tables::{Table, build, csv, latex, markdown as markdown_table};
 
@@ -60,6 +61,14 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         });
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
+    }
+    let qualitative = qualitative::figure(&board, &input.metrics, input.pictures)?;
+    if let Some(png) = qualitative {
+        plots.push(PlotFile {
+            title: "Predictions side by side".into(),
+            png: "plots/qualitative.png".into(),
+        });
+        files.push(("plots/qualitative.png".into(), png));
     }
     let text = markdown::report(input, &board, &ours, &published, &plots);
     files.push(("report.md".into(), text.into_bytes()));
@@ -117,6 +126,11 @@ fn figures(
     for metric in &input.metrics {
         if let Some(figure) = motion::figure(board, metric, Motion::Metres, width)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
+        }
+        if input.options.relative_motion
+            && let Some(figure) = motion::figure(board, metric, Motion::MedianDepths, None)?
+        {
+            figures.push((format!("relative-motion-{}", metric.slug()), figure));
         }
     }
     if let Some(figure) = histogram::figure(board, Motion::Metres, width)? {

@@ -42,8 +42,9 @@ pub fn section(out: &mut String, page: &Page<'_>) {
     );
     controls(out, page);
     out.push_str("<div id=\"cards\">\n");
+    let scored = scored_somewhere(page);
     for (order, pair) in gallery.pairs.iter().enumerate() {
-        card(out, page, pair, order);
+        card(out, page, pair, order, &scored);
     }
     out.push_str(
         "</div>\n<p id=\"none\" class=\"empty\" hidden>No pair matches.</p>\n</section>\n",
@@ -78,7 +79,7 @@ fn controls(out: &mut String, page: &Page<'_>) {
         );
     }
     out.push_str("</select></label>\n<label>Sort by <select id=\"f-sort\"><option value=\"order\">run order</option>");
-    for (m, metric) in page.input.metrics.iter().enumerate() {
+    for (m, metric) in scored_somewhere(page) {
         let up = match metric.better {
             Better::Higher => "up",
             Better::Lower => "down",
@@ -118,7 +119,27 @@ fn controls(out: &mut String, page: &Page<'_>) {
     out.push_str("</fieldset>\n</div>\n");
 }
 
-fn card(out: &mut String, page: &Page<'_>, shown_pair: &GalleryPair<'_>, order: usize) {
+/// The metrics that have a number anywhere, with their positions. The tables say why the others have none.
+fn scored_somewhere<'a>(page: &Page<'a>) -> Vec<(usize, &'a Metric)> {
+    let has_number = |metric: &Metric| {
+        let mut records = page.input.records.iter();
+        records.any(|r| {
+            r.scores
+                .get(&metric.key)
+                .is_some_and(|s| s.value().is_some())
+        })
+    };
+    let metrics = page.input.metrics.iter().enumerate();
+    metrics.filter(|(_, metric)| has_number(metric)).collect()
+}
+
+fn card(
+    out: &mut String,
+    page: &Page<'_>,
+    shown_pair: &GalleryPair<'_>,
+    order: usize,
+    scored: &[(usize, &Metric)],
+) {
     let facts = shown_pair.pair.facts;
     let dataset = page
         .board
@@ -190,7 +211,7 @@ fn card(out: &mut String, page: &Page<'_>, shown_pair: &GalleryPair<'_>, order: 
             error,
             &format!("Absolute error of {label} on {what}"),
         );
-        scores(out, record, &page.input.metrics, &page.input.extras);
+        scores(out, record, scored, &page.input.extras);
         out.push_str("</div>\n");
     }
     out.push_str("</div>\n</article>\n");
@@ -234,7 +255,7 @@ fn picture(out: &mut String, kind: &str, caption: &str, shown: &Shown, alt: &str
     let _ = writeln!(out, "<figcaption>{caption}</figcaption></figure>");
 }
 
-fn scores(out: &mut String, record: &Record, metrics: &[Metric], extras: &[Metric]) {
+fn scores(out: &mut String, record: &Record, metrics: &[(usize, &Metric)], extras: &[Metric]) {
     out.push_str("<dl>");
     if let Status::Failed { reason } = &record.status {
         let _ = writeln!(
@@ -244,7 +265,7 @@ fn scores(out: &mut String, record: &Record, metrics: &[Metric], extras: &[Metri
         );
         return;
     }
-    for (m, metric) in metrics.iter().enumerate() {
+    for (m, metric) in metrics {
         let key = escape(&metric.key);
         let heading = escape(&metric.heading());
         let _ = match record.scores.get(&metric.key) {

@@ -94,7 +94,7 @@ fn header(out: &mut String, page: &Page<'_>, title: &str) {
     let failures = page.board.failures().len();
     let _ = write!(
         out,
-        "<header class=\"top\">\n<div class=\"title\"><p class=\"eyebrow\">View synthesis from a single photograph</p>\
+        "<header class=\"top\">\n<div class=\"title\"><p class=\"eyebrow\">sharp-bench report</p>\
          <h1>{title}</h1><p class=\"lead\">{}</p></div>\n<dl class=\"tiles\">\n",
         escape(&page.input.summary)
     );

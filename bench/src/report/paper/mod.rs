@@ -17,17 +17,16 @@ use numbers::{DATASETS, PaperTable, TABLES};
 /// A table of the paper reduced to some datasets (positions in [`DATASETS`]).
 pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
     let metrics: Vec<Metric> = paper.families.iter().map(|family| metric(family)).collect();
-    let mut notes = vec![format!(
-        "Published in the SHARP paper ({}): means over its own pairs, whose list is not published. It does not state \
-         the LPIPS backbone, the SSIM window or the resize kernel. Shown beside the numbers measured here, never \
-         ranked together with them; ranks are among the paper's rows.",
+    let mut note = format!(
+        "Published in the SHARP paper (`{}`): means over its own pairs, whose list is not published. It states neither \
+         the LPIPS backbone nor the SSIM window nor the resize kernel, so these numbers stand beside those measured \
+         here and are never ranked together with them; ranks are among the paper's rows.",
         paper.label
-    )];
+    );
     if paper.label == "tab:quantitative-aligned" {
-        notes.push(
-            "Given ground-truth depth: one scale per image, the median of the depth ratios; LVSM and SVC by a scale \
-             sweep per pair that minimises DISTS."
-                .into(),
+        note.push_str(
+            " Given ground-truth depth: one scale per image, the median of the depth ratios; LVSM and SVC by a scale \
+             sweep per pair that minimises DISTS.",
         );
     }
     let mut rows: Vec<Row> = paper
@@ -38,7 +37,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
                 "SHARP (ours)" => "SHARP (published)".into(),
                 other => other.into(),
             },
-            note: None,
+            note: Some(0),
             cells: Vec::new(),
         })
         .collect();
@@ -85,7 +84,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
             .collect(),
         metrics,
         rows,
-        notes,
+        notes: vec![note],
     }
 }
 

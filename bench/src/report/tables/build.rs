@@ -10,9 +10,12 @@ use super::{Cell, Group, Row, Table, shown};
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
 
-/// The scores of a board. One table named `scores` if it has at most twelve columns; otherwise, as in the
+/// The scores of a board; nothing without a metric. One table named `scores` if it has at most twelve columns; otherwise, as in the
 /// paper, the perceptual metrics (DISTS, LPIPS) apart from the pixelwise ones, in as many tables as needed.
 pub fn of_scores(board: &Board<'_>, metrics: &[Metric]) -> Vec<Table> {
+    if metrics.is_empty() {
+        return Vec::new();
+    }
     let groups = board.datasets.len().max(1);
     let width = (MAX_COLUMNS / groups).max(1);
     if metrics.len() <= width {
@@ -41,21 +44,35 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Metric]) -> Vec<Table> {
     tables
 }
 
-/// What the methods report about their own predictions; nothing is ranked. `None` if nobody reports any.
+/// What the methods report about their own predictions, for those that report anything; nothing is ranked.
+/// `None` if nobody does.
 pub fn of_extras(board: &Board<'_>, extras: &[Metric]) -> Option<Table> {
-    let reported = |metric: &&Metric| {
-        let mut records = board
-            .datasets
-            .iter()
-            .flat_map(|d| &d.pairs)
-            .flat_map(|p| p.by_method.iter().flatten());
-        records.any(|r| r.extras.contains_key(&metric.key))
+    let reported = |method: usize, key: &str| {
+        let pairs = board.datasets.iter().flat_map(|d| &d.pairs);
+        let mut records = pairs.filter_map(|pair| pair.by_method.get(method).copied().flatten());
+        records.any(|record| record.extras.contains_key(key))
     };
-    let present: Vec<Metric> = extras.iter().filter(reported).cloned().collect();
-    (!present.is_empty()).then(|| {
-        let title = "What the methods report about their predictions".to_owned();
-        table(board, &present, "reported".into(), title, of_extra)
-    })
+    let methods = 0..board.methods.len();
+    let present: Vec<Metric> = extras
+        .iter()
+        .filter(|extra| methods.clone().any(|m| reported(m, &extra.key)))
+        .cloned()
+        .collect();
+    if present.is_empty() {
+        return None;
+    }
+    let title = "What the methods report about their predictions".to_owned();
+    let mut all = table(board, &present, "reported".into(), title, of_extra);
+    let mut position = 0..;
+    all.rows.retain(|_| {
+        let method = position.next().unwrap_or_default();
+        present.iter().any(|extra| reported(method, &extra.key))
+    });
+    for row in &mut all.rows {
+        row.note = None;
+    }
+    all.keep_used_notes();
+    Some(all)
 }
 
 fn is_perceptual(key: &str) -> bool {
@@ -117,7 +134,7 @@ fn table(
             }
         }
     }
-    Table {
+    let mut table = Table {
         name,
         title,
         groups: board
@@ -131,7 +148,9 @@ fn table(
         metrics: metrics.to_vec(),
         rows,
         notes,
-    }
+    };
+    table.keep_used_notes();
+    table
 }
 
 /// What a reader must know about a cell besides its number.
@@ -157,10 +176,12 @@ fn cell_notes(method: &str, dataset: &str, metric: &Metric, summary: &Summary) -
         ));
     }
     if summary.infinite > 0 {
-        let mut note = format!(
-            "Infinite for {} of {n} pairs, and so is the mean",
-            summary.infinite
-        );
+        let mut note = if summary.infinite == n {
+            "Infinite for every pair, and so is the mean".to_owned()
+        } else {
+            let infinite = summary.infinite;
+            format!("Infinite for {infinite} of {n} pairs, and so is the mean")
+        };
         if let Some(mean) = summary.finite_mean {
             note += &format!("; mean of the others {}", shown(mean, metric.decimals));
         }

@@ -10,8 +10,13 @@ use crate::report::input::Metric;
 pub fn html(table: &Table, id: &str) -> String {
     let mut out = format!(
         "<figure class=\"table\" id=\"{id}\"><figcaption><h3>{}</h3></figcaption>\n<div class=\"scroll\">\
-         <table class=\"scores\">\n<thead>\n<tr><td></td>",
-        escape(&table.title)
+         <table class=\"scores{}\">\n<thead>\n<tr><td></td>",
+        escape(&table.title),
+        if table.groups.len() * table.metrics.len() > 9 {
+            " wide"
+        } else {
+            ""
+        }
     );
     let per_group = table.metrics.len();
     for group in &table.groups {
@@ -28,13 +33,13 @@ pub fn html(table: &Table, id: &str) -> String {
     }
     out.push_str("</tr>\n<tr><th scope=\"col\" data-sort=\"text\">Method</th>");
     for _ in &table.groups {
-        for (m, metric) in table.metrics.iter().enumerate() {
+        for (m, (metric, head)) in table.metrics.iter().zip(table.heads()).enumerate() {
             let class = if m == 0 { " class=\"first\"" } else { "" };
             let _ = write!(
                 out,
                 "<th scope=\"col\" data-sort=\"number\"{class} title=\"{}\">{}<code>{}</code></th>",
                 escape(&format!("{}: {}", metric.better.words(), metric.convention)),
-                escape(&metric.heading()),
+                escape(&head),
                 escape(&metric.key)
             );
         }
@@ -74,7 +79,9 @@ fn number(out: &mut String, cell: &Cell, metric: &Metric, first: bool, id: &str)
     if let Some(rank) = cell.rank {
         classes.push(format!("rank{rank}"));
     }
-    if !cell.complete() {
+    if cell.value.is_none() {
+        classes.push("absent".to_owned());
+    } else if !cell.complete() {
         classes.push("partial".to_owned());
     }
     out.push_str("<td");

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Cell, Table, letter, shown, spans};
-use crate::report::input::{Better, Metric};
+use crate::report::input::Metric;
 
 /// A complete `table` environment, with the preamble that it needs as a comment before it. The colours are
 /// the paper's; with `\providecommand` they can be set otherwise in one place.
@@ -27,13 +27,20 @@ pub fn latex(table: &Table) -> String {
         ""
     };
     let per_group = table.metrics.len();
+    // Wider ones are shrunk to the line, as in the paper.
+    let wide = table.groups.len() * per_group > 6;
     let columns = vec!["c".repeat(per_group); table.groups.len()].join("|");
     let _ = write!(
         out,
         "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{marks}}}\n\\label{{tab:{}}}\n\
-         \\resizebox{{\\linewidth}}{{!}}{{%\n\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
+         {}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
         escape(&table.title),
-        table.name
+        table.name,
+        if wide {
+            "\\resizebox{\\linewidth}{!}{%\n"
+        } else {
+            ""
+        }
     );
     for (g, group) in table.groups.iter().enumerate() {
         let rule = if g + 1 < table.groups.len() {
@@ -52,9 +59,10 @@ pub fn latex(table: &Table) -> String {
         );
     }
     out.push_str(" \\\\\n");
+    let heads = table.heads();
     for _ in &table.groups {
-        for metric in &table.metrics {
-            let _ = write!(out, " & {}", heading(metric));
+        for head in &heads {
+            let _ = write!(out, " & {}", escape(head).replace(" $", "$"));
         }
     }
     out.push_str(" \\\\\n\\midrule\n");
@@ -66,12 +74,14 @@ pub fn latex(table: &Table) -> String {
         }
         out.push_str(" \\\\\n");
     }
-    out.push_str("\\bottomrule\n\\end{tabular}%\n}\n\n\\smallskip\\raggedright\\footnotesize\n");
-    let keys: Vec<String> = table
-        .metrics
-        .iter()
-        .map(|m| format!("{}: \\texttt{{{}}}", escape(&m.label), escape(&m.key)))
-        .collect();
+    out.push_str("\\bottomrule\n\\end{tabular}");
+    out.push_str(if wide { "%\n}\n" } else { "\n" });
+    out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
+    let keys = table.metrics.iter().zip(&heads).map(|(metric, head)| {
+        let head = head.trim_end_matches([' ', '↑', '↓']);
+        format!("{}: \\texttt{{{}}}", escape(head), escape(&metric.key))
+    });
+    let keys: Vec<String> = keys.collect();
     let _ = writeln!(out, "{}.", keys.join("; "));
     for (i, note) in table.notes.iter().enumerate() {
         let _ = writeln!(
@@ -83,15 +93,6 @@ pub fn latex(table: &Table) -> String {
     }
     out.push_str("\\end{table}\n");
     out
-}
-
-fn heading(metric: &Metric) -> String {
-    let arrow = match metric.better {
-        Better::Higher => "$\\uparrow$",
-        Better::Lower => "$\\downarrow$",
-        Better::Neither => "",
-    };
-    escape(&metric.label) + arrow
 }
 
 fn number(cell: &Cell, metric: &Metric) -> String {
@@ -157,6 +158,10 @@ pub fn escape(text: &str) -> String {
             '≥' => out.push_str("$\\geq$"),
             '≤' => out.push_str("$\\leq$"),
             '…' => out.push_str("\\ldots{}"),
+            'α' => out.push_str("$\\alpha$"),
+            'σ' => out.push_str("$\\sigma$"),
+            'μ' | 'µ' => out.push_str("$\\mu$"),
+            '°' => out.push_str("$^\\circ$"),
             c if c.is_control() => out.push(' '),
             c => out.push(c),
         }

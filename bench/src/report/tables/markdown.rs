@@ -8,14 +8,10 @@ use crate::report::input::Metric;
 /// GitHub-flavoured Markdown, footnotes below.
 pub fn markdown(table: &Table) -> String {
     let mut out = String::from("| method |");
+    let heads = table.heads();
     for group in &table.groups {
-        for metric in &table.metrics {
-            let _ = write!(
-                out,
-                " {}<br>{} |",
-                escape(&group.title),
-                escape(&metric.heading())
-            );
+        for head in &heads {
+            let _ = write!(out, " {}<br>{} |", escape(&group.title), escape(head));
         }
     }
     out.push_str("\n|:---|");
@@ -31,18 +27,11 @@ pub fn markdown(table: &Table) -> String {
         out.push('\n');
     }
     out.push('\n');
-    let keys: Vec<String> = table
-        .metrics
-        .iter()
-        .map(|m| {
-            format!(
-                "{} is `{}`, {}",
-                escape(&m.label),
-                m.key.replace('`', "'"),
-                m.better.words()
-            )
-        })
-        .collect();
+    let keys = table.metrics.iter().zip(&heads).map(|(metric, head)| {
+        let key = metric.key.replace('`', "'");
+        format!("{}: `{key}`, {}", escape(head), metric.better.words())
+    });
+    let keys: Vec<String> = keys.collect();
     let _ = write!(out, "{}.", keys.join("; "));
     if table
         .rows

@@ -13,7 +13,7 @@ pub mod markdown;
 pub mod rank;
 pub mod text;
 
-use super::input::Metric;
+use super::input::{Better, Metric};
 
 /// A table, ready to be written in any form.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,6 +89,27 @@ impl Table {
         &self.groups[index / self.metrics.len()]
     }
 
+    /// Heads of the columns within a group, with arrows: the first word of the label where that is unambiguous in this
+    /// table (`SSIM ↑`, the key standing beside or below it), else the whole label.
+    pub fn heads(&self) -> Vec<String> {
+        let first = |m: &Metric| m.label.split(' ').next().unwrap_or_default().to_owned();
+        let short = |m: &&Metric| {
+            let same = self.metrics.iter().filter(|other| first(other) == first(m));
+            m.better != Better::Neither && same.count() == 1
+        };
+        let heads = self.metrics.iter().map(|metric| {
+            let label = if short(&metric) {
+                first(metric)
+            } else {
+                metric.label.clone()
+            };
+            format!("{label} {}", metric.better.arrow())
+                .trim_end()
+                .to_owned()
+        });
+        heads.collect()
+    }
+
     /// The position of a footnote with this text, added if it is new.
     pub(super) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
@@ -97,10 +118,22 @@ impl Table {
         })
     }
 
-    /// Whether two columns of a group have the same label, so that only the key tells them apart.
-    pub fn labels_are_ambiguous(&self) -> bool {
-        let labels: std::collections::BTreeSet<_> = self.metrics.iter().map(|m| &m.label).collect();
-        labels.len() < self.metrics.len()
+    /// Drops footnotes that nothing refers to any more, and renumbers the others by first use.
+    pub(super) fn keep_used_notes(&mut self) {
+        let mut kept = Vec::new();
+        let old = std::mem::take(&mut self.notes);
+        let mut keep = |note: &mut usize| {
+            if let Some(text) = old.get(*note) {
+                *note = Self::note(&mut kept, text.clone());
+            }
+        };
+        for row in &mut self.rows {
+            row.note.iter_mut().for_each(&mut keep);
+            for cell in &mut row.cells {
+                cell.notes.iter_mut().for_each(&mut keep);
+            }
+        }
+        self.notes = kept;
     }
 }
 

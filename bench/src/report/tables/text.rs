@@ -7,8 +7,9 @@ use crate::report::input::Metric;
 /// and the infinity sign.
 pub fn text(table: &Table) -> String {
     let mut grid: Vec<Vec<String>> = vec![vec![String::new()], vec!["method".into()]];
+    let heads = table.heads();
     for group in &table.groups {
-        for (m, metric) in table.metrics.iter().enumerate() {
+        for (m, head) in heads.iter().enumerate() {
             grid[0].push(if m > 0 {
                 String::new()
             } else {
@@ -17,7 +18,7 @@ pub fn text(table: &Table) -> String {
                     None => group.title.clone(),
                 }
             });
-            grid[1].push(metric.heading());
+            grid[1].push(format!("{head} "));
         }
     }
     for row in &table.rows {
@@ -65,6 +66,9 @@ pub fn text(table: &Table) -> String {
         out.push_str(text.trim_end());
         out.push('\n');
     }
+    let keys = table.metrics.iter().zip(table.heads());
+    let keys: Vec<String> = keys.map(|(m, head)| format!("{head} {}", m.key)).collect();
+    out.push_str(&format!("* best of its column; {}\n", keys.join(", ")));
     for (i, note) in table.notes.iter().enumerate() {
         out.push_str(&format!("{}) {note}\n", letter(i)));
     }

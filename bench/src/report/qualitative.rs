@@ -1,0 +1,201 @@
+//! A figure as papers have it: a row per dataset, with source, target and the predictions of the ranked methods
+//! side by side.
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ImageEncoder as _, Rgb, RgbImage, imageops};
+
+use crate::record::Status;
+
+use super::error::ReportError;
+use super::gallery::by_badness;
+use super::input::{Metric, Pictures};
+use super::pictures::fitted;
+use super::plots::canvas::{INK, Ink, MUTED};
+use super::plots::font::{Weight, raster, width};
+use super::records::{Board, PairBoard};
+use super::tables::shown;
+
+/// Rows at most.
+const ROWS: usize = 4;
+/// Longest side of a picture, pixels.
+const TILE: u32 = 440;
+const GAP: u32 = 10;
+const MARGIN: u32 = 16;
+const SIZE: f64 = 25.0;
+const SMALL: f64 = 20.0;
+
+/// The pair of median difficulty of each of the first four datasets, as PNG. `None` without any picture.
+///
+/// # Errors
+/// When the figure cannot be encoded.
+pub fn figure(
+    board: &Board<'_>,
+    metrics: &[Metric],
+    pictures: &dyn Pictures,
+) -> Result<Option<Vec<u8>>, ReportError> {
+    let rows: Vec<Row> = board
+        .datasets
+        .iter()
+        .take(ROWS)
+        .filter_map(|dataset| {
+            let pairs = by_badness(board, &dataset.pairs, metrics);
+            let pair = pairs.get(pairs.len() / 2)?;
+            let label = format!("{}, {}", dataset.dataset.name, pair.facts.scene);
+            Some(Row::new(board, pair, label, metrics, pictures))
+        })
+        .filter(|row| row.tiles.iter().any(|tile| tile.picture.is_some()))
+        .collect();
+    if rows.is_empty() {
+        return Ok(None);
+    }
+    let columns = 2 + board
+        .methods
+        .iter()
+        .filter(|m| m.unranked.is_none())
+        .count() as u32;
+    let heights: Vec<u32> = rows.iter().map(Row::height).collect();
+    let head = MARGIN + line(SIZE) + GAP;
+    let total = heights
+        .iter()
+        .map(|h| h + line(SMALL) * 2 + GAP)
+        .sum::<u32>();
+    let mut sheet = RgbImage::from_pixel(
+        2 * MARGIN + columns * (TILE + GAP) - GAP,
+        head + total + MARGIN - GAP,
+        Rgb([255; 3]),
+    );
+    let left = |column: usize| MARGIN + column as u32 * (TILE + GAP);
+    let heads = ["source", "target"].into_iter();
+    let ranked = board.methods.iter().filter(|m| m.unranked.is_none());
+    let heads = heads.chain(ranked.map(|m| m.label.as_str()));
+    for (column, label) in heads.enumerate() {
+        write(
+            &mut sheet,
+            label,
+            (left(column), head - GAP - 4),
+            SIZE,
+            Weight::Bold,
+            INK,
+        );
+    }
+    let mut top = head;
+    for (row, height) in rows.iter().zip(heights) {
+        for (column, tile) in row.tiles.iter().enumerate() {
+            let at = (left(column), top);
+            if let Some(picture) = &tile.picture {
+                imageops::replace(&mut sheet, picture, i64::from(at.0), i64::from(at.1));
+            }
+            let below = (at.0, top + height + line(SMALL));
+            write(&mut sheet, &tile.text, below, SMALL, Weight::Regular, MUTED);
+        }
+        top += height + line(SMALL) * 2 + GAP;
+    }
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive)
+        .write_image(
+            &sheet,
+            sheet.width(),
+            sheet.height(),
+            image::ExtendedColorType::Rgb8,
+        )
+        .map_err(|e| ReportError::Encode {
+            what: "qualitative.png".into(),
+            reason: e.to_string(),
+        })?;
+    Ok(Some(bytes))
+}
+
+/// Height of a line of text.
+fn line(size: f64) -> u32 {
+    (size * 1.3).round() as u32
+}
+
+struct Row {
+    tiles: Vec<Tile>,
+}
+
+/// A picture, and what stands below it.
+struct Tile {
+    picture: Option<RgbImage>,
+    text: String,
+}
+
+impl Row {
+    fn new(
+        board: &Board<'_>,
+        pair: &PairBoard<'_>,
+        label: String,
+        metrics: &[Metric],
+        pictures: &dyn Pictures,
+    ) -> Self {
+        let tile = |picture: Result<RgbImage, String>, text: String| match picture {
+            Ok(picture) => Tile {
+                picture: Some(reduced(&picture)),
+                text,
+            },
+            Err(reason) => Tile {
+                picture: None,
+                text: reason,
+            },
+        };
+        let baseline = format!("baseline {:.3} m", pair.facts.baseline_m);
+        let mut tiles = vec![
+            tile(pictures.source(pair.facts), label),
+            tile(pictures.target(pair.facts), baseline),
+        ];
+        let methods = pair.by_method.iter().zip(&board.methods);
+        for (record, _) in methods.filter(|(_, method)| method.unranked.is_none()) {
+            tiles.push(match record {
+                None => tile(Err("no record".into()), String::new()),
+                Some(record) => match &record.status {
+                    Status::Failed { .. } => tile(Err("failed".into()), String::new()),
+                    Status::Ok => {
+                        let scores = metrics.iter().filter_map(|metric| {
+                            let value = record.scores.get(&metric.key)?.value()?;
+                            let name = metric.label.split(' ').next().unwrap_or_default();
+                            Some(format!("{name} {}", shown(value, metric.decimals)))
+                        });
+                        let scores: Vec<String> = scores.take(4).collect();
+                        tile(pictures.prediction(record), scores.join("  "))
+                    }
+                },
+            });
+        }
+        Self { tiles }
+    }
+
+    fn height(&self) -> u32 {
+        let heights = self.tiles.iter().filter_map(|t| t.picture.as_ref());
+        heights.map(RgbImage::height).max().unwrap_or(0)
+    }
+}
+
+fn reduced(picture: &RgbImage) -> RgbImage {
+    let (w, h) = fitted(picture.dimensions(), TILE);
+    if (w, h) == picture.dimensions() {
+        picture.clone()
+    } else {
+        imageops::resize(picture, w, h, imageops::FilterType::Triangle)
+    }
+}
+
+/// Text from a baseline's start, shortened to the width of a tile.
+fn write(sheet: &mut RgbImage, text: &str, at: (u32, u32), size: f64, weight: Weight, ink: Ink) {
+    let mut text = text.to_owned();
+    while width(&text, size, weight) > f64::from(TILE) && text.pop().is_some() {}
+    raster(&text, size, weight, |x, y, coverage| {
+        let place = (
+            u32::try_from(i64::from(at.0) + i64::from(x)),
+            u32::try_from(i64::from(at.1) + i64::from(y)),
+        );
+        let (Ok(x), Ok(y)) = place else { return };
+        let Some(pixel) = sheet.get_pixel_mut_checked(x, y) else {
+            return;
+        };
+        let rgb = [ink.rgb.0, ink.rgb.1, ink.rgb.2];
+        for (below, above) in pixel.0.iter_mut().zip(rgb) {
+            let mixed = f32::from(*below) * (1.0 - coverage) + f32::from(above) * coverage;
+            *below = mixed.round() as u8;
+        }
+    });
+}

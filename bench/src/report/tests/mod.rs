@@ -1,0 +1,118 @@
+//! Whole reports from small runs.
+
+mod file_tests;
+mod record_tests;
+mod table_tests;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use image::{Rgb, RgbImage};
+use sharp_metrics::MetricKey;
+
+use crate::record::{Record, Score, Status};
+
+use super::records::Board;
+use super::tables::{Table, build};
+use super::*;
+
+fn record(
+    dataset: &str,
+    pair: &str,
+    method: &str,
+    baseline_m: f64,
+    scores: &[(&str, f64)],
+) -> Record {
+    Record {
+        pair_id: format!("{dataset}/{pair}"),
+        dataset: dataset.into(),
+        scene: "scene".into(),
+        cluster: "scene".into(),
+        source: "0".into(),
+        target: "1".into(),
+        method: method.into(),
+        baseline_m,
+        rotation_deg: 1.0,
+        median_depth_m: None,
+        overlap: Some(0.8),
+        status: Status::Ok,
+        scores: scores
+            .iter()
+            .map(|(k, v)| ((*k).into(), Score::Value(*v)))
+            .collect(),
+        extras: BTreeMap::new(),
+    }
+}
+
+fn failed(mut record: Record, reason: &str) -> Record {
+    record.status = Status::Failed {
+        reason: reason.into(),
+    };
+    record.scores.clear();
+    record
+}
+
+/// Two methods, two pairs; the second prediction of `b` failed.
+fn small_run() -> Vec<Record> {
+    vec![
+        record("d", "p2", "a", 0.2, &[("psnr", 30.0)]),
+        record("d", "p1", "a", 0.1, &[("psnr", 20.0)]),
+        record("d", "p1", "b", 0.1, &[("psnr", 40.0)]),
+        failed(record("d", "p2", "b", 0.2, &[]), "p2.ply: truncated"),
+    ]
+}
+
+fn input(records: &[Record]) -> ReportInput<'_> {
+    ReportInput {
+        title: "A run".into(),
+        summary: "Two methods.".into(),
+        records,
+        metrics: vec![MetricKey::PSNR.into()],
+        extras: Vec::new(),
+        datasets: Vec::new(),
+        methods: Vec::new(),
+        facts: Vec::new(),
+        published: Published::Matching,
+        pictures: &NoPictures,
+        options: Options::default(),
+    }
+}
+
+fn psnr_table(records: &[Record]) -> Table {
+    let board = Board::new(records, &[], &[]).unwrap();
+    build::of_scores(&board, &[MetricKey::PSNR.into()]).remove(0)
+}
+
+/// Every file of a report by its relative name.
+fn files(input: &ReportInput<'_>) -> BTreeMap<String, Vec<u8>> {
+    let dir = tempfile::tempdir().unwrap();
+    let written = write_report(input, dir.path()).unwrap();
+    let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().display().to_string();
+    written
+        .all
+        .iter()
+        .map(|path| (name(path), std::fs::read(path).unwrap()))
+        .collect()
+}
+
+/// A picture that depends on the record.
+struct Plain;
+
+impl Pictures for Plain {
+    fn source(&self, record: &Record) -> Result<RgbImage, String> {
+        Ok(RgbImage::from_fn(64, 48, |x, y| {
+            Rgb([x as u8, y as u8, (record.baseline_m * 100.0) as u8])
+        }))
+    }
+
+    fn target(&self, record: &Record) -> Result<RgbImage, String> {
+        self.source(record)
+    }
+
+    fn prediction(&self, record: &Record) -> Result<RgbImage, String> {
+        match record.method.as_str() {
+            "a" => self.source(record),
+            _ => Err("not kept".into()),
+        }
+    }
+}

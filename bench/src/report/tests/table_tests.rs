@@ -1,0 +1,175 @@
+//! What tables say, in each form.
+
+use crate::report::tables::{csv, latex, markdown, text};
+
+use super::*;
+
+#[test]
+fn coverage_is_shown_and_incomplete_rows_are_not_ranked() {
+    let table = psnr_table(&small_run());
+    let [a, b] = table.rows.as_slice() else {
+        panic!()
+    };
+    assert_eq!(
+        (a.cells[0].value, a.cells[0].coverage),
+        (Some(25.0), Some((2, 2)))
+    );
+    assert_eq!(
+        (b.cells[0].value, b.cells[0].coverage),
+        (Some(40.0), Some((1, 2)))
+    );
+    // b looks better, but over other pairs; a alone is no contest.
+    assert_eq!((a.cells[0].rank, b.cells[0].rank), (None, None));
+    let note = &table.notes[b.cells[0].notes[0]];
+    assert!(
+        note.contains("1 of 2 pairs") && note.contains("p2.ply: truncated (1×)"),
+        "{note}"
+    );
+    for form in [
+        markdown::markdown(&table),
+        text::text(&table),
+        latex::latex(&table),
+    ] {
+        assert!(form.contains("1/2"), "{form}");
+    }
+    assert!(
+        csv::csv(&table).contains("\nb,d,psnr,40,,1,2,1,0,,2,a,"),
+        "{}",
+        csv::csv(&table)
+    );
+}
+
+#[test]
+fn a_mean_with_an_infinity_is_infinite_and_says_of_how_many() {
+    let table = psnr_table(&[
+        record("d", "p1", "a", 0.1, &[("psnr", f64::INFINITY)]),
+        record("d", "p2", "a", 0.2, &[("psnr", 31.2)]),
+    ]);
+    let cell = &table.rows[0].cells[0];
+    assert_eq!(
+        (cell.value, cell.infinite, cell.std),
+        (Some(f64::INFINITY), 1, None)
+    );
+    assert_eq!(
+        table.notes,
+        ["Infinite for 1 of 2 pairs, and so is the mean; mean of the others 31.20."]
+    );
+    assert!(csv::csv(&table).contains("a,d,psnr,inf,,2,2,0,1,"));
+    assert!(latex::latex(&table).contains("$\\infty$"));
+}
+
+#[test]
+fn a_column_without_numbers_says_how_to_get_them() {
+    let mut records = small_run();
+    for record in &mut records {
+        if record.status == Status::Ok {
+            let score = Score::Unavailable {
+                unavailable: "run `weights fetch alex`".into(),
+            };
+            record.scores.insert(MetricKey::LPIPS.to_string(), score);
+        }
+    }
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let table = build::of_scores(&board, &[MetricKey::LPIPS.into()]).remove(0);
+    assert_eq!(
+        table.notes,
+        ["No LPIPS alex (`lpips[alex,v0.1]`): run `weights fetch alex`."]
+    );
+    for row in &table.rows {
+        assert_eq!(
+            (row.cells[0].value, row.cells[0].notes.as_slice()),
+            (None, &[0][..])
+        );
+    }
+    assert!(markdown::markdown(&table).contains("n/a <sub>0/2</sub><sup>a</sup>"));
+    assert!(markdown::markdown(&table).contains("`weights fetch alex`"));
+    assert!(latex::latex(&table).contains("\\texttt{weights fetch alex}"));
+}
+
+#[test]
+fn ranks_reach_every_form() {
+    let records: Vec<Record> = [("a", 20.0), ("b", 21.0), ("c", 21.001), ("d", 19.0)]
+        .map(|(method, psnr)| record("d", "p", method, 0.1, &[("psnr", psnr)]))
+        .into();
+    let table = psnr_table(&records);
+    let ranks: Vec<_> = table.rows.iter().map(|r| r.cells[0].rank).collect();
+    assert_eq!(ranks, [Some(3), Some(1), Some(1), None]);
+    let latex = latex::latex(&table);
+    assert!(
+        latex.contains("b & \\cellcolor{tab_first} 21.00 \\\\"),
+        "{latex}"
+    );
+    assert!(
+        latex.contains("a & \\cellcolor{tab_third} 20.00 \\\\"),
+        "{latex}"
+    );
+    assert!(!latex.contains("\\cellcolor{tab_second}"));
+    let markdown = markdown::markdown(&table);
+    assert!(
+        markdown.contains("| c | **21.00** <sub>1</sub> |"),
+        "{markdown}"
+    );
+}
+
+#[test]
+fn wide_runs_are_split_as_in_the_paper() {
+    let records: Vec<Record> = ["a", "b", "c", "d", "e", "f"]
+        .map(|dataset| record(dataset, "p", "m", 0.1, &[]))
+        .into();
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let keys = [
+        MetricKey::DISTS,
+        MetricKey::LPIPS,
+        MetricKey::PSNR,
+        MetricKey::SSIM,
+    ];
+    let tables = build::of_scores(&board, &keys.map(Metric::from));
+    let names: Vec<_> = tables
+        .iter()
+        .map(|t| (t.name.as_str(), t.metrics.len()))
+        .collect();
+    assert_eq!(names, [("scores-perceptual", 2), ("scores-pixelwise", 2)]);
+}
+
+#[test]
+fn latex_prints_labels_as_they_are() {
+    let escaped = latex::escape(r"50%_a&b#{c}$d^~\");
+    assert_eq!(
+        escaped,
+        r"50\%\_a\&b\#\{c\}\$d\textasciicircum{}\textasciitilde{}\textbackslash{}"
+    );
+    let table = psnr_table(&[record("data_set", "p", "100%", 0.1, &[("psnr", 1.0)])]);
+    let latex = latex::latex(&table);
+    assert!(
+        latex.contains("{data\\_set ($n=1$)}") && latex.contains("\n100\\% & 1.00 \\\\\n"),
+        "{latex}"
+    );
+    for brace in ['{', '}'] {
+        let count = |c: char| {
+            latex
+                .replace("\\{", "")
+                .replace("\\}", "")
+                .matches(c)
+                .count()
+        };
+        assert_eq!(count(brace), count('{'));
+    }
+}
+
+#[test]
+fn reported_quantities_are_shown_for_those_who_report_them() {
+    let mut records = small_run();
+    records[0].extras.insert("mean_alpha".into(), 0.75);
+    records[1].extras.insert("mean_alpha".into(), 0.25);
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let alpha = Metric::reported("mean_alpha", "mean alpha", "", 3, "");
+    let holes = Metric::reported("hole_share", "holes", "", 3, "");
+    let table = build::of_extras(&board, &[holes.clone(), alpha]).unwrap();
+    assert_eq!((table.metrics.len(), table.rows.len()), (1, 1));
+    assert_eq!(
+        (table.rows[0].cells[0].value, table.rows[0].cells[0].rank),
+        (Some(0.5), None)
+    );
+    assert!(table.notes.is_empty());
+    assert_eq!(build::of_extras(&board, &[holes]), None);
+}
