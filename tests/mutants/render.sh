@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Shows that the tests of the renderer catch wrong rules: changes one rule at a time in a copy of
-# the sources, builds, and expects `golden_render` to fail.
+# the sources, builds, and expects a test to fail.
 #
 # usage: tests/mutants/render.sh [NAME…]      prints a line per mutation; exit 1 if one survives
 set -euo pipefail
@@ -49,7 +49,7 @@ while IFS='@' read -r name file expression; do
         echo "STALE     $name: does not compile"
         sed -n '1,12p' "$copy/errors"
         survived=1
-    elif (cd "$copy" && cargo test -q --release -p sharp-tests --test golden_render >"$copy/log" 2>&1); then
+    elif (cd "$copy" && cargo test -q --release -p sharp-tests --test golden_render --test render_properties >"$copy/log" 2>&1); then
         echo "SURVIVED  $name"
         survived=1
     else

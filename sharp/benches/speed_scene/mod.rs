@@ -14,7 +14,7 @@ const FOCAL: f64 = 1536.0 * 0.85;
 /// The scene with Gaussians of about `sigma_px` pixels standard deviation at a width of 1536.
 ///
 /// Random numbers are splitmix64(1), splitmix64(2), …, twelve a Gaussian.
-pub fn scene(sigma_px: f64) -> Gaussians {
+pub(crate) fn scene(sigma_px: f64) -> Gaussians {
     let mut scene = Gaussians::default();
     for index in 0..2 * GRID * GRID {
         let (layer, j, i) = (index / (GRID * GRID), index / GRID % GRID, index % GRID);
@@ -37,7 +37,9 @@ pub fn scene(sigma_px: f64) -> Gaussians {
             0.5 + 0.4 * (7.0 * y).sin(),
             0.5 + 0.4 * (8.0 * (x + y)).cos(),
         ];
-        scene.means.push([x * depth, y * depth, depth].map(|v| v as f32));
+        scene
+            .means
+            .push([x * depth, y * depth, depth].map(|v| v as f32));
         scene
             .quaternions
             .push([4, 5, 6, 7].map(|k| between(k, -1.0, 1.0) as f32));
@@ -57,7 +59,7 @@ pub fn scene(sigma_px: f64) -> Gaussians {
 }
 
 /// The moved camera at a picture size; the release's principal point.
-pub fn view(width: u32, height: u32) -> RenderView {
+pub(crate) fn view(width: u32, height: u32) -> RenderView {
     let focal = FOCAL * f64::from(width) / 1536.0;
     let intrinsics = Intrinsics {
         fx: focal,

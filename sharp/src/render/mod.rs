@@ -11,7 +11,8 @@
 //!
 //! # Contents
 //! * [`RenderView`]: where the camera stands and which knobs of the definition are turned.
-//! * [`Renderer`]: what every backend does; [`CpuRenderer`]: the one without a GPU.
+//! * [`Renderer`]: what every backend does; [`CpuRenderer`]: the one without a GPU;
+//!   `GpuRenderer` (feature `gpu`): the one on wgpu.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
 //!
@@ -20,6 +21,8 @@
 
 mod cpu;
 mod emit;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod order;
 mod output;
 mod post;
@@ -29,6 +32,9 @@ mod renderer;
 mod simd;
 mod tiles;
 mod view;
+
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuAdapter, GpuRenderer, GpuScene};
 
 pub use cpu::{CpuRenderer, TileSize, render_cpu};
 pub use output::{Dropped, RenderOutput};
