@@ -34,6 +34,47 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
+// A sum of two f32 that stands for one number of twice the digits.
+struct Sum {
+    high: f32,
+    low: f32,
+}
+
+// The upper half of the digits, so that products of halves are exact. Not left to fma, which
+// need not be fused.
+fn upper(x: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(x) & 0xfffff000u);
+}
+
+// The same number, to a compiler any number: some simplify (a + b) - a to b.
+fn opaque(x: f32) -> f32 {
+    return bitcast<f32>(bitcast<u32>(x) ^ view.zero);
+}
+
+// Adds a * b, where b carries the rest `b_rest`.
+fn add_product(sum: Sum, a: f32, b: f32, b_rest: f32) -> Sum {
+    let product = a * b;
+    let a_high = upper(a);
+    let b_high = upper(b);
+    let a_low = a - a_high;
+    let b_low = b - b_high;
+    let rounding = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low;
+    let high = opaque(sum.high + product);
+    let added = opaque(high - sum.high);
+    let lost = (sum.high - (high - added)) + (product - added);
+    return Sum(high, sum.low + (lost + (rounding + a * b_rest)));
+}
+
+// z of the centre, as the host rounds it from f64: the order of near-equal depths depends on it.
+fn depth_of(mean: vec3<f32>) -> f32 {
+    var sum = Sum(0.0, 0.0);
+    sum = add_product(sum, mean.x, view.row2.x, view.row2_rest.x);
+    sum = add_product(sum, mean.y, view.row2.y, view.row2_rest.y);
+    sum = add_product(sum, mean.z, view.row2.z, view.row2_rest.z);
+    sum = add_product(sum, 1.0, view.row2.w, view.row2_rest.w);
+    return sum.high + sum.low;
+}
+
 @compute @workgroup_size(256)
 fn project(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -65,7 +106,7 @@ fn project_one(k: u32) -> u32 {
         return ZERO_QUATERNION;
     }
     let point = vec4<f32>(mean.xyz, 1.0);
-    let z = dot(view.row2, point);
+    let z = depth_of(mean.xyz);
     if !(z >= view.size_eps_near.w) {
         return NEAR;
     }

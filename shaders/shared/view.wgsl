@@ -5,6 +5,8 @@ struct View {
     row0: vec4<f32>,
     row1: vec4<f32>,
     row2: vec4<f32>,
+    // What rounding row2 to f32 left over.
+    row2_rest: vec4<f32>,
     // fx, fy, cx, cy in pixels.
     lens: vec4<f32>,
     // Slopes x/z and y/z at which the Jacobian may be taken: x low, x high, y low, y high.
@@ -14,7 +16,9 @@ struct View {
     far: f32,
     // Gaussians in the scene.
     count: u32,
-    padding: vec2<u32>,
+    // 0: what no compiler can know, see `opaque` in project.wgsl.
+    zero: u32,
+    padding: u32,
 }
 
 const ALPHA_MIN: f32 = 1.0 / 255.0;

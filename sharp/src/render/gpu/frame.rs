@@ -55,26 +55,28 @@ impl SubFrame {
 }
 
 /// The view as `shared/view.wgsl` lays it out.
-fn view_words(view: &RenderView, count: u32) -> [u32; 28] {
+fn view_words(view: &RenderView, count: u32) -> [u32; 32] {
     let k = view.intrinsics;
     let m = view.camera_from_scene.matrix3.transpose();
     let t = view.camera_from_scene.translation;
     let size = (f64::from(k.width), f64::from(k.height));
     let bounds = super::super::project::jacobian_bounds(view);
+    let depth_row = [m.z_axis.x, m.z_axis.y, m.z_axis.z, t.z];
     let floats = [
         [m.x_axis.x, m.x_axis.y, m.x_axis.z, t.x],
         [m.y_axis.x, m.y_axis.y, m.y_axis.z, t.y],
-        [m.z_axis.x, m.z_axis.y, m.z_axis.z, t.z],
+        depth_row,
+        depth_row.map(|v| v - f64::from(v as f32)),
         [k.fx, k.fy, k.cx, k.cy],
         [bounds[0][0], bounds[0][1], bounds[1][0], bounds[1][1]],
         [size.0, size.1, f64::from(view.eps2d), f64::from(view.near)],
         [f64::from(view.far), 0.0, 0.0, 0.0],
     ];
-    let mut words = [0; 28];
+    let mut words = [0; 32];
     for (word, value) in words.iter_mut().zip(floats.iter().flatten()) {
         *word = (*value as f32).to_bits();
     }
-    words[25] = count;
+    words[29] = count;
     words
 }
 
