@@ -15,10 +15,12 @@
 //!   `GpuRenderer` (feature `gpu`): the one on wgpu.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
+//! * [`trajectory`]: the release's camera paths; [`turbo`]: colours for inverse depth.
 //!
 //! The passes carry the same names in every backend: `project`, `emit`, `order`, `tiles`,
 //! `raster`, `post`.
 
+mod colormap;
 mod cpu;
 mod emit;
 #[cfg(feature = "gpu")]
@@ -31,11 +33,13 @@ mod raster;
 mod renderer;
 mod simd;
 mod tiles;
+pub mod trajectory;
 mod view;
 
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuAdapter, GpuRenderer, GpuScene};
 
+pub use colormap::turbo;
 pub use cpu::{CpuRenderer, TileSize, render_cpu};
 pub use output::{Dropped, RenderOutput};
 pub use post::Background;
