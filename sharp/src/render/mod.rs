@@ -11,15 +11,20 @@
 //!
 //! # Contents
 //! * [`RenderView`]: where the camera stands and which knobs of the definition are turned.
-//! * [`Renderer`]: what every backend does; [`CpuRenderer`]: the one without a GPU.
+//! * [`Renderer`]: what every backend does; [`CpuRenderer`]: the one without a GPU;
+//!   `GpuRenderer` (feature `gpu`): the one on wgpu.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
+//! * [`trajectory`]: the release's camera paths; [`turbo`]: colours for inverse depth.
 //!
 //! The passes carry the same names in every backend: `project`, `emit`, `order`, `tiles`,
 //! `raster`, `post`.
 
+mod colormap;
 mod cpu;
 mod emit;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod order;
 mod output;
 mod post;
@@ -28,8 +33,13 @@ mod raster;
 mod renderer;
 mod simd;
 mod tiles;
+pub mod trajectory;
 mod view;
 
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuAdapter, GpuRenderer, GpuScene};
+
+pub use colormap::turbo;
 pub use cpu::{CpuRenderer, TileSize, render_cpu};
 pub use output::{Dropped, RenderOutput};
 pub use post::Background;

@@ -7,6 +7,20 @@ pub(super) fn order(pairs: &mut [u64]) {
     pairs.sort_unstable();
 }
 
+/// The indices of all depths, front to back; a GPU that takes its order from the host gets these.
+/// Where those that are not drawn end up does not matter, they have no pixels.
+#[cfg(feature = "gpu")]
+pub(super) fn indices(depths: &[f32]) -> Vec<u32> {
+    use rayon::prelude::*;
+    let mut keys: Vec<u64> = depths
+        .par_iter()
+        .enumerate()
+        .map(|(index, z)| super::emit::key(*z, index as u32))
+        .collect();
+    keys.par_sort_unstable();
+    keys.into_par_iter().map(|key| key as u32).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::emit::key;

@@ -139,22 +139,41 @@ impl Constants {
         let k = view.intrinsics;
         let m = view.camera_from_scene.matrix3.transpose();
         let size = [f64::from(k.width), f64::from(k.height)];
-        let bounds = |focal: f64, center: f64, size: f64| {
-            let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
-            [-(center / focal + margin), (size - center) / focal + margin]
-        };
         Self {
             linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
             offset: view.camera_from_scene.translation.to_array(),
             focal: [k.fx, k.fy],
             center: [k.cx, k.cy],
             size,
-            bounds: [bounds(k.fx, k.cx, size[0]), bounds(k.fy, k.cy, size[1])],
+            bounds: jacobian_bounds(view),
             eps2d: f64::from(view.eps2d),
             near: view.near,
             far: view.far,
         }
     }
+}
+
+/// Bounds of x/z and of y/z, low and high, at which the Jacobian is taken.
+pub(super) fn jacobian_bounds(view: &RenderView) -> [[f64; 2]; 2] {
+    let k = view.intrinsics;
+    let bounds = |focal: f64, center: f64, size: u32| {
+        let margin = JACOBIAN_MARGIN * 0.5 * f64::from(size) / focal;
+        let size = f64::from(size);
+        [-(center / focal + margin), (size - center) / focal + margin]
+    };
+    [bounds(k.fx, k.cx, k.width), bounds(k.fy, k.cy, k.height)]
+}
+
+/// The depth of every centre as the pass computes it: f64, rounded once.
+#[cfg(feature = "gpu")]
+pub(super) fn depths(means: &[[f32; 3]], view: &RenderView) -> Vec<f32> {
+    let row = view.camera_from_scene.matrix3.transpose().z_axis;
+    let offset = view.camera_from_scene.translation.z;
+    let depth = |mean: &[f32; 3]| {
+        let [x, y, z] = mean.map(f64::from);
+        (row.x * x + row.y * y + row.z * z + offset) as f32
+    };
+    means.par_iter().map(depth).collect()
 }
 
 /// Columns of one block, so that the loop over them runs in lanes.

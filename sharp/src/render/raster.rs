@@ -62,14 +62,15 @@ fn band<L: Lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'
     }
 }
 
-/// The members whose footprint touches the block at `(x, y)`.
+/// The members that may touch the block `at` a first pixel.
 #[inline(always)]
-fn reaching(splats: &[LocalSplat], members: &[u32], (x, y): (usize, usize), into: &mut Vec<u32>) {
+fn reaching(splats: &[LocalSplat], members: &[u32], at: (usize, usize), into: &mut Vec<u32>) {
     into.clear();
-    into.extend(members.iter().filter(|&&member| {
-        let [x0, x1, y0, y1] = splats[member as usize].reach.map(usize::from);
-        x0 < x + BLOCK && x1 >= x && y0 < y + BLOCK && y1 >= y
-    }));
+    into.extend(
+        members
+            .iter()
+            .filter(|&&member| splats[member as usize].reaches(at, BLOCK)),
+    );
 }
 
 /// What a block accumulated: red, green, blue, depth, transmittance.
@@ -94,7 +95,8 @@ fn block<L: Lanes>(splats: &[LocalSplat], members: &[u32], (x, y): (usize, usize
     let zero = L::splat(0.0);
     let (mut red, mut green, mut blue, mut depth) = (zero, zero, zero, zero);
     let mut transmittance = L::splat(1.0);
-    let mut alive = L::all();
+    // Pixels that are done keep their transmittance here and go on with zero, which adds nothing.
+    let mut done = zero;
     for &member in members {
         let s = &splats[member as usize];
         let dx = L::splat(s.mean[0]).sub(px);
@@ -102,28 +104,29 @@ fn block<L: Lanes>(splats: &[LocalSplat], members: &[u32], (x, y): (usize, usize
         let across = L::splat(s.p).mul_add(dx, L::splat(s.q).mul(dy));
         let along = L::splat(s.r).mul(dy);
         let exponent = across.mul_add(across, along.mul(along));
-        let near = L::and(exponent.le(L::splat(s.cut)), alive);
-        if !L::any(near) {
-            continue;
-        }
         let alpha = L::splat(s.opacity)
             .mul(zero.sub(exponent).exp2())
             .min(alpha_max);
-        let hit = L::and(near, alpha_min.le(alpha));
+        let hit = alpha_min.le(alpha);
         let left = alpha.neg_mul_add(transmittance, transmittance);
-        let adds = L::and(hit, left.gt(stop));
-        // A pixel that would fall to the stop is done, without this Gaussian.
-        alive = L::and_not(alive, L::and_not(hit, adds));
+        let adds = left.gt_where(stop, hit);
         let weight = alpha.mul(transmittance).masked(adds);
         red = weight.mul_add(L::splat(s.color[0]), red);
         green = weight.mul_add(L::splat(s.color[1]), green);
         blue = weight.mul_add(L::splat(s.color[2]), blue);
         depth = weight.mul_add(L::splat(s.z), depth);
-        transmittance = L::select(adds, left, transmittance);
-        if !L::any(alive) {
-            break;
+        // A pixel that would fall to the stop is done, without this Gaussian.
+        let stops = left.not_gt_where(stop, hit);
+        if L::any(stops) {
+            done = done.add(transmittance.masked(stops));
+            transmittance = L::select(stops, zero, transmittance);
+            if !L::any(transmittance.gt_where(zero, zero.le(zero))) {
+                break;
+            }
         }
+        transmittance = L::select(adds, left, transmittance);
     }
+    let transmittance = transmittance.add(done);
     [red, green, blue, depth, transmittance].map(L::to_array)
 }
 

@@ -26,9 +26,14 @@ pub enum RenderError {
     /// The scene's arrays differ in length.
     #[error(transparent)]
     Scene(#[from] LengthMismatch),
-    /// This machine lacks the instructions that were asked for.
-    #[error("this machine cannot run the {0} renderer")]
-    Unsupported(&'static str),
+    /// A GPU could not be opened, ran out of memory, or was lost. The CPU can take over.
+    #[error("{adapter}: {what}")]
+    Device {
+        /// Which GPU.
+        adapter: String,
+        /// What it or its driver said.
+        what: String,
+    },
 }
 
 /// A backend of the one definition.

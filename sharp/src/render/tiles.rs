@@ -12,11 +12,78 @@ pub(super) struct LocalSplat {
     pub(super) q: f32,
     pub(super) r: f32,
     pub(super) opacity: f32,
-    pub(super) cut: f32,
     pub(super) z: f32,
     pub(super) color: [f32; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
-    pub(super) reach: [u8; 4],
+    reach: [u8; 4],
+    /// Of the splat: see [`Splat::cut`].
+    cut: f32,
+    /// Covers so little of its box that each row of tiles is worth its own columns.
+    slanted: bool,
+}
+
+/// Share of the box that the ellipse covers, squared and without π/4, below which it is slanted.
+const SLANTED: f32 = 0.5;
+
+impl LocalSplat {
+    /// True when some pixel of the block of `side` pixels at `(x, y)` may see the splat.
+    pub(super) fn reaches(&self, (x, y): (usize, usize), side: usize) -> bool {
+        let [x0, x1, y0, y1] = self.reach.map(usize::from);
+        let boxed = x0 < x + side && x1 >= x && y0 < y + side && y1 >= y;
+        boxed
+            && (!self.slanted || {
+                let (first, last) = self.columns(y, side);
+                first < x + side && last >= x
+            })
+    }
+
+    /// First and last tile row.
+    fn tile_rows(&self, shift: u32) -> (usize, usize) {
+        let [.., y0, y1] = self.reach.map(|pixel| usize::from(pixel >> shift));
+        (y0, y1)
+    }
+
+    /// First and last tile of a tile row; none when the first is beyond the last.
+    fn tile_columns(&self, row: usize, shift: u32) -> (usize, usize) {
+        if self.slanted {
+            let (x0, x1) = self.columns(row << shift, 1 << shift);
+            return if x0 > x1 {
+                (1, 0)
+            } else {
+                (x0 >> shift, x1 >> shift)
+            };
+        }
+        let [x0, x1, ..] = self.reach.map(|pixel| usize::from(pixel >> shift));
+        (x0, x1)
+    }
+
+    /// First and last pixel column within reach on any of the `rows` rows from `y`.
+    ///
+    /// On one row, `|p dx + q dy| ≤ sqrt(cut − (r dy)²)`; either end of that interval is extreme
+    /// over a range of dy at its own stationary point or at the end of the range nearest to it.
+    fn columns(&self, y: usize, rows: usize) -> (usize, usize) {
+        let (p, q, r) = (self.p, self.q, self.r);
+        let tip = self.cut.sqrt() / r;
+        let low = (self.mean[1] - (y + rows) as f32 + 0.5).clamp(-tip, tip);
+        let high = (self.mean[1] - y as f32 - 0.5).clamp(-tip, tip);
+        let stationary = -q * tip / (q * q + r * r).sqrt();
+        let half = |dy: f32| (self.cut - r * dy * (r * dy)).max(0.0).sqrt() / p;
+        let (at_most, at_least) = (stationary.clamp(low, high), (-stationary).clamp(low, high));
+        let most = half(at_most) - q * at_most / p;
+        let least = -half(at_least) - q * at_least / p;
+        // Rounding here and in `raster` is relative to what was added up.
+        let middle = self.mean[0] - 0.5;
+        let margin = |dx: f32| 1e-2 + 1e-5 * (dx.abs() + middle.abs() + 2.0 * half(0.0));
+        let first = (middle - most - margin(most)).ceil();
+        let last = (middle - least + margin(least)).floor();
+        let [x0, x1, ..] = self.reach.map(usize::from);
+        // Negative and NaN become 0; a NaN's last is mended so that it widens.
+        let last = if last.is_nan() { BIN as f32 } else { last };
+        if last < 0.0 {
+            return (1, 0);
+        }
+        ((first as usize).max(x0), (last as usize).min(x1))
+    }
 }
 
 /// The lists of one bin; buffers that a thread uses for bin after bin.
@@ -64,6 +131,9 @@ impl TileLists {
                 r: s.r,
                 opacity: s.opacity,
                 cut: s.cut,
+                slanted: s.r * s.r < SLANTED * (s.q * s.q + s.r * s.r)
+                    && f.x1 - f.x0 > 8
+                    && f.y1 - f.y0 > 8,
                 z: f.z,
                 color: s.color,
                 reach: [
@@ -79,12 +149,14 @@ impl TileLists {
     /// Lists the tiles of `tile` pixels and hands them over, band by band: `each(lists, rows)`.
     pub(super) fn for_each_band(&mut self, tile: usize, mut each: impl FnMut(Band<'_>)) {
         let side = BIN / tile;
+        let shift = tile.trailing_zeros();
         self.counts.clear();
         self.counts.resize(side * side, 0);
         for s in &self.splats {
-            let [x0, x1, y0, y1] = s.reach.map(|pixel| usize::from(pixel) / tile);
+            let (y0, y1) = s.tile_rows(shift);
             for y in y0..=y1 {
-                for count in &mut self.counts[y * side + x0..=y * side + x1] {
+                let (x0, x1) = s.tile_columns(y, shift);
+                for count in &mut self.counts[y * side + x0..y * side + x1 + 1] {
                     *count += 1;
                 }
             }
@@ -116,6 +188,7 @@ impl TileLists {
     /// Fills the lists of tile rows `first..last`.
     fn fill(&mut self, tile: usize, first: usize, last: usize) {
         let side = BIN / tile;
+        let shift = tile.trailing_zeros();
         self.starts.clear();
         self.starts.push(0);
         let mut total = 0;
@@ -128,10 +201,11 @@ impl TileLists {
         self.members.clear();
         self.members.resize(total as usize, 0);
         for (member, s) in self.splats.iter().enumerate() {
-            let [x0, x1, y0, y1] = s.reach.map(|pixel| usize::from(pixel) / tile);
+            let (y0, y1) = s.tile_rows(shift);
             for y in y0.max(first)..(y1 + 1).min(last) {
+                let (x0, x1) = s.tile_columns(y, shift);
                 let row = (y - first) * side;
-                for next in &mut self.next[row + x0..=row + x1] {
+                for next in &mut self.next[row + x0..row + x1 + 1] {
                     self.members[*next as usize] = member as u32;
                     *next += 1;
                 }

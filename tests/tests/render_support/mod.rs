@@ -1,4 +1,10 @@
-//! The scenes of `golden/render` and the two bars by which a backend is judged.
+//! The scenes of `golden/render` and the two bars by which a backend is judged, an f64 reference
+//! and seeded scenes.
+
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+pub(crate) mod random;
+pub(crate) mod reference;
 
 use glam::{DAffine3, DMat3, DMat4};
 use safetensors::{Dtype, SafeTensors};

@@ -131,12 +131,22 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
-    fn gt(self, other: Self) -> Self::Mask {
+    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
         // SAFETY: runs only where `per_level` compiled and detected the instruction set.
         unsafe {
             [
-                _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[0], other.0[0]),
-                _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[1], other.0[1]),
+                _mm256_and_ps(mask[0], _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[0], other.0[0])),
+                _mm256_and_ps(mask[1], _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[1], other.0[1])),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe {
+            [
+                _mm256_and_ps(mask[0], _mm256_cmp_ps::<_CMP_NGT_UQ>(self.0[0], other.0[0])),
+                _mm256_and_ps(mask[1], _mm256_cmp_ps::<_CMP_NGT_UQ>(self.0[1], other.0[1])),
             ]
         }
     }
@@ -159,21 +169,6 @@ impl Lanes for Avx2 {
                 _mm256_blendv_ps(b.0[1], a.0[1], mask[1]),
             ])
         }
-    }
-    #[inline(always)]
-    fn all() -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { [_mm256_castsi256_ps(_mm256_set1_epi32(-1)); 2] }
-    }
-    #[inline(always)]
-    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { [_mm256_and_ps(a[0], b[0]), _mm256_and_ps(a[1], b[1])] }
-    }
-    #[inline(always)]
-    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { [_mm256_andnot_ps(b[0], a[0]), _mm256_andnot_ps(b[1], a[1])] }
     }
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {

@@ -78,9 +78,14 @@ impl Lanes for Avx512 {
         unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
     }
     #[inline(always)]
-    fn gt(self, other: Self) -> Self::Mask {
+    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
         // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0) }
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, self.0, other.0) }
+    }
+    #[inline(always)]
+    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_NGT_UQ>(mask, self.0, other.0) }
     }
     #[inline(always)]
     fn masked(self, mask: Self::Mask) -> Self {
@@ -91,18 +96,6 @@ impl Lanes for Avx512 {
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
         // SAFETY: runs only where `per_level` compiled and detected the instruction set.
         unsafe { Self(_mm512_mask_mov_ps(b.0, mask, a.0)) }
-    }
-    #[inline(always)]
-    fn all() -> Self::Mask {
-        0xffff
-    }
-    #[inline(always)]
-    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        a & b
-    }
-    #[inline(always)]
-    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        a & !b
     }
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {

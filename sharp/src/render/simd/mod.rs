@@ -97,15 +97,14 @@ pub(super) trait Lanes: Copy {
     /// that was made by adding 1.5 · 2²³.
     fn scaled_by_low_bits(self, n: Self) -> Self;
     fn le(self, other: Self) -> Self::Mask;
-    fn gt(self, other: Self) -> Self::Mask;
+    /// Lanes of `mask` where `self > other`.
+    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
+    /// Lanes of `mask` where not `self > other`.
+    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask;
     /// The value where the mask holds, else zero.
     fn masked(self, mask: Self::Mask) -> Self;
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
-    fn all() -> Self::Mask;
-    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
-    /// `a` and not `b`.
-    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     fn any(mask: Self::Mask) -> bool;
 
     /// 2^self for −126 ≤ self ≤ 127 and at least 2⁻¹²⁶ below, to 1.2e-7 relative; exactly 1 at 0.

@@ -66,8 +66,16 @@ impl Lanes for Portable {
         std::array::from_fn(|i| self.0[i] <= other.0[i])
     }
     #[inline(always)]
-    fn gt(self, other: Self) -> Self::Mask {
-        std::array::from_fn(|i| self.0[i] > other.0[i])
+    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|i| mask[i] & (self.0[i] > other.0[i]))
+    }
+    #[inline(always)]
+    #[expect(
+        clippy::neg_cmp_op_on_partial_ord,
+        reason = "the complement of gt_where, NaN included"
+    )]
+    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|i| mask[i] & !(self.0[i] > other.0[i]))
     }
     #[inline(always)]
     fn masked(self, mask: Self::Mask) -> Self {
@@ -78,18 +86,6 @@ impl Lanes for Portable {
         Self(std::array::from_fn(
             |i| if mask[i] { a.0[i] } else { b.0[i] },
         ))
-    }
-    #[inline(always)]
-    fn all() -> Self::Mask {
-        [true; 16]
-    }
-    #[inline(always)]
-    fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        std::array::from_fn(|i| a[i] & b[i])
-    }
-    #[inline(always)]
-    fn and_not(a: Self::Mask, b: Self::Mask) -> Self::Mask {
-        std::array::from_fn(|i| a[i] & !b[i])
     }
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {

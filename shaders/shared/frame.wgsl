@@ -1,0 +1,24 @@
+// A sub-frame: a rectangle of tiles that is binned and rasterised at once.
+
+struct Frame {
+    // First tile, and the number of tiles each way.
+    first: vec2<u32>,
+    tiles: vec2<u32>,
+    // Gaussians in the scene, pairs of (tile, Gaussian) in the sub-frame.
+    count: u32,
+    pairs: u32,
+    padding: vec2<u32>,
+}
+
+// First and last tile, relative to the sub-frame: x0, y0, x1, y1. Empty where first > last.
+fn tiles_of(footprint: vec2<u32>, frame: Frame) -> vec4<i32> {
+    let low = vec2<i32>((footprint & vec2<u32>(0xffffu)) / TILE);
+    let high = vec2<i32>((footprint >> vec2<u32>(16u)) / TILE);
+    let first = vec2<i32>(frame.first);
+    let most = vec2<i32>(frame.tiles) - 1;
+    return vec4<i32>(max(low - first, vec2<i32>(0)), min(high - first, most));
+}
+
+fn is_empty(footprint: vec2<u32>) -> bool {
+    return (footprint.x & 0xffffu) > (footprint.x >> 16u);
+}

@@ -1,0 +1,37 @@
+// The view and the constants of the definition, as every pass sees them.
+
+struct View {
+    // Rows of the affine map from scene to camera, the offset in w.
+    row0: vec4<f32>,
+    row1: vec4<f32>,
+    row2: vec4<f32>,
+    // What rounding row2 to f32 left over.
+    row2_rest: vec4<f32>,
+    // fx, fy, cx, cy in pixels.
+    lens: vec4<f32>,
+    // Slopes x/z and y/z at which the Jacobian may be taken: x low, x high, y low, y high.
+    bounds: vec4<f32>,
+    // Image size in pixels, eps2d in square pixels, near plane in metres.
+    size_eps_near: vec4<f32>,
+    far: f32,
+    // Gaussians in the scene.
+    count: u32,
+    // 0: what no compiler can know, see `opaque` in project.wgsl.
+    zero: u32,
+    padding: u32,
+}
+
+const ALPHA_MIN: f32 = 1.0 / 255.0;
+const ALPHA_MAX: f32 = 0.999;
+const TRANSMITTANCE_STOP: f32 = 1e-4;
+// sqrt(log2(e) / 2): brings the exponent of e to one of 2.
+const TO_LOG2: f32 = 0.84932180;
+// Side of a tile, pixels.
+const TILE: u32 = 8u;
+// The key of a Gaussian that is not drawn: behind all others.
+const CULLED: u32 = 0xffffffffu;
+
+// Workgroups are numbered over two axes, because one holds only 65535.
+fn group_index(group: vec3<u32>, groups: vec3<u32>) -> u32 {
+    return group.y * groups.x + group.x;
+}

@@ -1,0 +1,69 @@
+//! Whole frames of the speed scene on the CPU, in CPU-seconds of the process (all threads
+//! together), which a busy machine distorts less than wall time.
+//!
+//! `cargo bench -p sharp --bench render`
+
+mod speed_scene;
+
+use cpu_time::ProcessTime;
+use criterion::measurement::{Measurement, ValueFormatter, WallTime};
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use sharp::render::{CpuRenderer, Renderer, SimdLevel};
+use std::time::Duration;
+
+struct CpuTime;
+
+impl Measurement for CpuTime {
+    type Intermediate = ProcessTime;
+    type Value = Duration;
+
+    fn start(&self) -> ProcessTime {
+        ProcessTime::now()
+    }
+    fn end(&self, start: ProcessTime) -> Duration {
+        start.elapsed()
+    }
+    fn add(&self, a: &Duration, b: &Duration) -> Duration {
+        *a + *b
+    }
+    fn zero(&self) -> Duration {
+        Duration::ZERO
+    }
+    fn to_f64(&self, value: &Duration) -> f64 {
+        value.as_nanos() as f64
+    }
+    fn formatter(&self) -> &dyn ValueFormatter {
+        WallTime.formatter()
+    }
+}
+
+fn frames(criterion: &mut Criterion<CpuTime>) {
+    let mut group = criterion.benchmark_group("frame");
+    group.sample_size(10).warm_up_time(Duration::from_secs(1));
+    let cases = [
+        (1.0, 1536, 1536),
+        (2.0, 1536, 1536),
+        (1.0, 640, 480),
+        (1.0, 6048, 4032),
+    ];
+    for (sigma, width, height) in cases {
+        let scene = speed_scene::scene(sigma);
+        let view = speed_scene::view(width, height);
+        for simd in SimdLevel::available() {
+            if simd.name() == "portable" && simd != SimdLevel::detect() {
+                continue;
+            }
+            let mut renderer = CpuRenderer::with_simd(simd);
+            let id = BenchmarkId::new(renderer.name(), format!("{width}x{height} sigma {sigma}"));
+            group.bench_function(id, |b| b.iter(|| renderer.render(&scene, &view)));
+        }
+    }
+    group.finish();
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().with_measurement(CpuTime);
+    targets = frames
+}
+criterion_main!(benches);

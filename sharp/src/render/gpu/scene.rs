@@ -1,0 +1,70 @@
+//! A scene on the device.
+
+use super::super::RenderError;
+use super::device::Gpu;
+use super::sort::SortBuffers;
+use crate::gaussians::Gaussians;
+use wgpu::Buffer;
+
+/// Gaussians on the device, with the buffers that a frame fills for them: 136 bytes each.
+pub struct GpuScene {
+    means: Vec<[f32; 3]>,
+    pub(super) count: u32,
+    pub(super) means_opacities: Buffer,
+    pub(super) quaternions: Buffer,
+    pub(super) scales: Buffer,
+    pub(super) colors: Buffer,
+    pub(super) splats: Buffer,
+    pub(super) details: Buffer,
+    pub(super) footprints: Buffer,
+    pub(super) by_depth: SortBuffers,
+    pub(super) places: Buffer,
+}
+
+impl GpuScene {
+    pub(super) fn upload(gpu: &Gpu, scene: &Gaussians) -> Result<Self, RenderError> {
+        let n = scene.len() as u64;
+        if n * 16 > gpu.binding_limit {
+            return Err(gpu.error(format!(
+                "{n} Gaussians need bindings of {} bytes, the limit is {}",
+                n * 16,
+                gpu.binding_limit
+            )));
+        }
+        let wide = |v: [f32; 3], w: f32| [v[0], v[1], v[2], w];
+        let means: Vec<[f32; 4]> = scene
+            .means
+            .iter()
+            .zip(&scene.opacities)
+            .map(|(mean, opacity)| wide(*mean, *opacity))
+            .collect();
+        let scales: Vec<[f32; 4]> = scene
+            .scales
+            .iter()
+            .enumerate()
+            .map(|(k, scale)| wide(*scale, f32::from(u8::from(scene.is_finite(k)))))
+            .collect();
+        let colors: Vec<[f32; 4]> = scene.colors.iter().map(|c| wide(*c, 0.0)).collect();
+        let uploaded = Self {
+            means: scene.means.clone(),
+            // Checked against u32::MAX with the rest of the scene.
+            count: n as u32,
+            means_opacities: gpu.filled("means", &means),
+            quaternions: gpu.filled("quaternions", &scene.quaternions),
+            scales: gpu.filled("scales", &scales),
+            colors: gpu.filled("colors", &colors),
+            splats: gpu.storage("splats", n * 16),
+            details: gpu.storage("details", n * 16),
+            footprints: gpu.storage("footprints", n * 8),
+            by_depth: SortBuffers::new(gpu, n),
+            places: gpu.storage("places", (n + 1) * 4),
+        };
+        gpu.check()?;
+        Ok(uploaded)
+    }
+
+    /// The centres, which host-side ordering needs.
+    pub(super) fn means(&self) -> &[[f32; 3]] {
+        &self.means
+    }
+}

@@ -1,0 +1,322 @@
+//! Camera paths: the release's four, and a camera shifted by hand.
+//!
+//! All paths stay close to the photograph's own camera, which stands at the origin of the scene
+//! and looks along +z. How far they go depends on how near the scene is.
+
+use crate::camera::{Intrinsics, RigidTransform};
+use crate::gaussians::Gaussians;
+use glam::{DMat3, DVec3};
+use std::f64::consts::TAU;
+
+/// The release's paths. `t` runs from 0 to the number of repeats, both included, so that the last
+/// frame of a closed path equals its first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TrajectoryKind {
+    /// Sideways as a sine, forward and back as half a cosine. The release's default.
+    #[default]
+    RotateForward,
+    /// A circle across the viewing direction.
+    Rotate,
+    /// From left to right along a line.
+    Swipe,
+    /// Left and right for the first half, up and down for the second.
+    Shake,
+}
+
+impl TrajectoryKind {
+    /// All of them, in the release's order.
+    pub const ALL: [Self; 4] = [Self::Swipe, Self::Shake, Self::Rotate, Self::RotateForward];
+
+    /// `rotate_forward`, `rotate`, `swipe` or `shake`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RotateForward => "rotate_forward",
+            Self::Rotate => "rotate",
+            Self::Swipe => "swipe",
+            Self::Shake => "shake",
+        }
+    }
+}
+
+/// Where the camera looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LookAt {
+    /// At the point in focus on the axis of the photograph. The release's default.
+    #[default]
+    Point,
+    /// Straight ahead: the point moves with the camera.
+    Ahead,
+}
+
+/// A path and how to walk it; [`Trajectory::default`] is the release's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trajectory {
+    /// Its shape.
+    pub kind: TrajectoryKind,
+    /// Where the camera looks.
+    pub look_at: LookAt,
+    /// Frames of one repeat, > 0.
+    pub steps: usize,
+    /// How often the shape is walked.
+    pub repeats: usize,
+    /// Largest shift in x and y, as a share of the near depth times the picture's diagonal over
+    /// the focal length.
+    pub max_disparity: f64,
+    /// Largest shift in z, as a share of the near depth.
+    pub max_zoom: f64,
+}
+
+impl Default for Trajectory {
+    fn default() -> Self {
+        Self {
+            kind: TrajectoryKind::default(),
+            look_at: LookAt::default(),
+            steps: 60,
+            repeats: 1,
+            max_disparity: 0.08,
+            max_zoom: 0.15,
+        }
+    }
+}
+
+/// How deep a scene is: quantiles of the z of all centres in front of the camera, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthRange {
+    /// The 0.001 quantile.
+    pub near: f64,
+    /// The 0.1 quantile, at least 2 m: what the camera turns around.
+    pub focus: f64,
+    /// The 0.999 quantile.
+    pub far: f64,
+}
+
+impl DepthRange {
+    /// Nearest that the release lets the focus be, metres.
+    pub const MIN_FOCUS: f64 = 2.0;
+
+    /// Measures a scene in the photograph's camera space; `None` when nothing finite lies in
+    /// front of it.
+    pub fn of(scene: &Gaussians) -> Option<Self> {
+        let mut depths: Vec<f32> = scene
+            .means
+            .iter()
+            .map(|mean| mean[2])
+            .filter(|z| *z > 0.0 && z.is_finite())
+            .collect();
+        if depths.is_empty() {
+            return None;
+        }
+        depths.sort_unstable_by(f32::total_cmp);
+        // Interpolated linearly between order statistics.
+        let quantile = |share: f64| {
+            let at = share * (depths.len() - 1) as f64;
+            let (low, rest) = (at.floor() as usize, at.fract());
+            let high = (low + 1).min(depths.len() - 1);
+            let (low, high) = (f64::from(depths[low]), f64::from(depths[high]));
+            low + rest * (high - low)
+        };
+        Some(Self {
+            near: quantile(0.001),
+            focus: quantile(0.1).max(Self::MIN_FOCUS),
+            far: quantile(0.999),
+        })
+    }
+}
+
+impl Trajectory {
+    /// Where the camera stands in each frame, in the photograph's camera space, metres.
+    pub fn eyes(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<DVec3> {
+        let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+        let diagonal = (w / camera.fx).hypot(h / camera.fx);
+        let side = self.max_disparity * diagonal * depth.near;
+        let forward = self.max_zoom * depth.near;
+        let frames = self.steps * self.repeats;
+        let turns = self.repeats as f64;
+        let circle = |frame: usize, frames: usize| TAU * linspace(0.0, turns, frame, frames);
+        (0..frames)
+            .map(|frame| match self.kind {
+                TrajectoryKind::RotateForward => {
+                    let t = circle(frame, frames);
+                    DVec3::new(side * t.sin(), 0.0, forward * (1.0 - t.cos()) / 2.0)
+                }
+                TrajectoryKind::Rotate => {
+                    let t = circle(frame, frames);
+                    DVec3::new(side * t.sin(), side * t.cos(), 0.0)
+                }
+                TrajectoryKind::Swipe => {
+                    let x = linspace(-side, side, frame % self.steps, self.steps);
+                    DVec3::new(x, 0.0, 0.0)
+                }
+                TrajectoryKind::Shake => {
+                    let first = frames / 2;
+                    if frame < first {
+                        DVec3::new(side * circle(frame, first).sin(), 0.0, 0.0)
+                    } else {
+                        let t = circle(frame - first, frames - first);
+                        DVec3::new(0.0, side * t.sin(), 0.0)
+                    }
+                }
+            })
+            .collect()
+    }
+
+    /// The pose of each frame: from the photograph's camera space to the moved camera's.
+    pub fn poses(&self, camera: &Intrinsics, depth: &DepthRange) -> Vec<RigidTransform> {
+        let focus = DVec3::new(0.0, 0.0, depth.focus);
+        self.eyes(camera, depth)
+            .into_iter()
+            .map(|eye| match self.look_at {
+                LookAt::Point => looking(eye, focus),
+                LookAt::Ahead => looking(eye, eye + focus),
+            })
+            .collect()
+    }
+}
+
+/// A camera at `offset_m` from the photograph's, looking the same way.
+pub fn shifted(offset_m: DVec3) -> RigidTransform {
+    RigidTransform {
+        rotation: DMat3::IDENTITY,
+        translation: -offset_m,
+    }
+}
+
+/// `camera_from_world` of a camera at `eye` that looks at `target`, upright: y points down in
+/// world and camera alike. Looking straight up or down leaves the horizon undefined; the world's
+/// x axis then stays to the right.
+pub fn looking(eye: DVec3, target: DVec3) -> RigidTransform {
+    let front = (target - eye).normalize_or(DVec3::Z);
+    let right = front.cross(DVec3::NEG_Y).normalize_or(DVec3::X);
+    let down = front.cross(right);
+    let camera_from_world = DMat3::from_cols(right, down, front).transpose();
+    RigidTransform {
+        rotation: camera_from_world,
+        translation: -(camera_from_world * eye),
+    }
+}
+
+/// Point `index` of `count` spread evenly from `first` to `last`, both included.
+fn linspace(first: f64, last: f64, index: usize, count: usize) -> f64 {
+    if count < 2 {
+        return first;
+    }
+    first + (last - first) * index as f64 / (count - 1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Intrinsics {
+        Intrinsics::new((800.0, 800.0), (320.0, 240.0), (640, 480)).unwrap()
+    }
+
+    const DEPTH: DepthRange = DepthRange {
+        near: 1.5,
+        focus: 3.0,
+        far: 40.0,
+    };
+
+    fn eyes(kind: TrajectoryKind) -> Vec<DVec3> {
+        let path = Trajectory {
+            kind,
+            ..Trajectory::default()
+        };
+        path.eyes(&camera(), &DEPTH)
+    }
+
+    #[test]
+    fn paths_have_the_releases_size_and_ends() {
+        // 0.08 · sqrt(0.8² + 0.6²) · 1.5 sideways, 0.15 · 1.5 forward.
+        let (side, forward) = (0.12, 0.225);
+        let largest = |eyes: &[DVec3]| eyes.iter().fold(DVec3::ZERO, |m, e| m.max(e.abs()));
+        for kind in TrajectoryKind::ALL {
+            let eyes = eyes(kind);
+            assert_eq!(eyes.len(), 60, "{}", kind.name());
+            let expected = match kind {
+                TrajectoryKind::RotateForward => DVec3::new(side, 0.0, forward),
+                TrajectoryKind::Rotate | TrajectoryKind::Shake => DVec3::new(side, side, 0.0),
+                TrajectoryKind::Swipe => DVec3::new(side, 0.0, 0.0),
+            };
+            // Sampling may miss a crest by less than half a step.
+            let found = largest(&eyes);
+            assert!((found - expected).abs().max_element() < 2e-3 * side.max(forward) * 10.0);
+            assert!(found.cmple(expected + 1e-12).all(), "{found}");
+        }
+        let closed = eyes(TrajectoryKind::RotateForward);
+        assert!(closed[0].length() < 1e-12 && closed[59].length() < 1e-12);
+        let line = eyes(TrajectoryKind::Swipe);
+        assert!((line[0].x + side).abs() < 1e-12 && (line[59].x - side).abs() < 1e-12);
+        let shake = eyes(TrajectoryKind::Shake);
+        assert!(shake[..30].iter().all(|e| e.y == 0.0));
+        assert!(shake[30..].iter().all(|e| e.x == 0.0));
+    }
+
+    #[test]
+    fn repeats_walk_the_path_again() {
+        let path = Trajectory {
+            kind: TrajectoryKind::Swipe,
+            steps: 5,
+            repeats: 2,
+            ..Trajectory::default()
+        };
+        let eyes = path.eyes(&camera(), &DEPTH);
+        assert_eq!(eyes.len(), 10);
+        assert_eq!(eyes[..5], eyes[5..]);
+        let single = Trajectory {
+            steps: 1,
+            repeats: 1,
+            ..path
+        };
+        assert!(single.eyes(&camera(), &DEPTH)[0].is_finite());
+    }
+
+    #[test]
+    fn every_pose_sees_its_target_in_the_middle_and_upright() {
+        for look_at in [LookAt::Point, LookAt::Ahead] {
+            let path = Trajectory {
+                look_at,
+                ..Trajectory::default()
+            };
+            let eyes = path.eyes(&camera(), &DEPTH);
+            for (pose, eye) in path.poses(&camera(), &DEPTH).iter().zip(eyes) {
+                assert!((pose.camera_center() - eye).length() < 1e-12);
+                let target = match look_at {
+                    LookAt::Point => DVec3::new(0.0, 0.0, 3.0),
+                    LookAt::Ahead => eye + DVec3::new(0.0, 0.0, 3.0),
+                };
+                let seen = pose.apply(target);
+                assert!(seen.x.abs() < 1e-12 && seen.y.abs() < 1e-12 && seen.z > 0.0);
+                assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12);
+                // The world's down stays down.
+                assert!((pose.rotation * DVec3::Y).y > 0.99);
+            }
+        }
+        assert_eq!(looking(DVec3::ZERO, DVec3::Z), RigidTransform::IDENTITY);
+        let up = looking(DVec3::ZERO, DVec3::NEG_Y);
+        assert!((up.rotation.determinant() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_shifted_camera_moves_the_world_the_other_way() {
+        let pose = shifted(DVec3::new(0.1, 0.2, 0.3));
+        assert_eq!(pose.camera_center(), DVec3::new(0.1, 0.2, 0.3));
+    }
+
+    #[test]
+    fn depth_quantiles_interpolate_and_ignore_what_lies_behind() {
+        let mut scene = Gaussians::default();
+        for z in [-3.0, 5.0, f32::NAN, 4.0, 3.0, 0.0, 7.0, 6.0] {
+            scene.means.push([0.0, 0.0, z]);
+        }
+        // 3, 4, 5, 6, 7: the 0.1 quantile lies 0.4 of the way from 3 to 4.
+        let range = DepthRange::of(&scene).unwrap();
+        assert!((range.focus - 3.4).abs() < 1e-12);
+        assert!((range.near - 3.004).abs() < 1e-12);
+        assert!((range.far - 6.996).abs() < 1e-12);
+        scene.means.truncate(1);
+        assert_eq!(DepthRange::of(&scene), None);
+        scene.means.push([0.0, 0.0, 0.5]);
+        assert!((DepthRange::of(&scene).unwrap().focus - 2.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,270 @@
+//! The wgpu backend on every adapter of this machine: golden pictures, bytes, limits, and
+//! agreement with the CPU. Without an adapter each test is reported as ignored.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "test code outside of #[test] functions"
+)]
+
+mod render_support;
+#[path = "../../sharp/benches/speed_scene/mod.rs"]
+mod speed_scene;
+
+use libtest_mimic::{Arguments, Trial};
+use render_support::random::{self, Random, Recipe};
+use render_support::{CASES, Golden, reference};
+use sharp::gaussians::Gaussians;
+use sharp::render::{
+    CpuRenderer, GpuAdapter, GpuRenderer, RenderError, RenderOutput, RenderView, Renderer,
+};
+use std::process::ExitCode;
+
+type Test = fn(&GpuAdapter);
+
+fn main() -> ExitCode {
+    let arguments = Arguments::from_args();
+    let adapters = GpuAdapter::all();
+    let mut trials = Vec::new();
+    for (name, eps, _) in CASES {
+        let title = format!("golden {name}{eps}");
+        trials.extend(on_each(&adapters, &title, move |adapter| {
+            golden(adapter, name, eps);
+        }));
+    }
+    let tests: [(&str, Test); 8] = [
+        ("three runs give the same bytes", repeated),
+        ("sub-frames give the same bytes", split_into_sub_frames),
+        ("one upload serves many views", many_views),
+        ("host order draws the golden pictures", host_order),
+        ("degenerate scenes", degenerate),
+        ("pictures of every shape", shapes),
+        ("16384 wide", wide),
+        (
+            "the speed scene agrees with the CPU to 90 dB",
+            speed_scene_psnr,
+        ),
+    ];
+    for (name, test) in tests {
+        trials.extend(on_each(&adapters, name, test));
+    }
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+/// A trial an adapter; an ignored one where there is none.
+fn on_each(
+    adapters: &[GpuAdapter],
+    title: &str,
+    test: impl Fn(&GpuAdapter) + Copy + Send + 'static,
+) -> Vec<Trial> {
+    if adapters.is_empty() {
+        let trial = Trial::test(format!("{title} (no adapter)"), || Ok(()));
+        return vec![trial.with_ignored_flag(true)];
+    }
+    let trial = |adapter: &GpuAdapter| {
+        let adapter = adapter.clone();
+        Trial::test(format!("{title} on {adapter}"), move || {
+            test(&adapter);
+            Ok(())
+        })
+    };
+    adapters.iter().map(trial).collect()
+}
+
+fn case(name: &str, suffix: &str) -> Golden {
+    let (.., eps2d) = CASES
+        .into_iter()
+        .find(|(n, s, _)| (*n, *s) == (name, suffix))
+        .unwrap();
+    Golden::load(name, suffix, eps2d)
+}
+
+fn golden(adapter: &GpuAdapter, name: &str, suffix: &str) {
+    let golden = case(name, suffix);
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let found = renderer.render(&golden.scene, &golden.view).unwrap();
+    let deviation = golden.deviation(&found);
+    println!("{name}{suffix}: {deviation:?}");
+    assert!(deviation.is_within_bars(), "{name}{suffix}: {deviation:?}");
+    let expected = CpuRenderer::new()
+        .render(&golden.scene, &golden.view)
+        .unwrap();
+    // f32 may judge one that grazes a plane or the picture's edge the other way.
+    assert!(found.drawn.abs_diff(expected.drawn) <= 1, "{}", found.drawn);
+    assert_eq!(found.dropped.invalid(), expected.dropped.invalid());
+}
+
+fn host_order(adapter: &GpuAdapter) {
+    let mut renderer = GpuRenderer::new(adapter).unwrap().with_host_order(true);
+    assert!(renderer.name().ends_with("host order"));
+    for (name, suffix, _) in CASES {
+        let golden = case(name, suffix);
+        let found = renderer.render(&golden.scene, &golden.view).unwrap();
+        let deviation = golden.deviation(&found);
+        assert!(deviation.is_within_bars(), "{name}{suffix}: {deviation:?}");
+    }
+}
+
+fn repeated(adapter: &GpuAdapter) {
+    let golden = case("s5_degenerate20k", "");
+    let render = || {
+        let mut renderer = GpuRenderer::new(adapter).unwrap();
+        renderer.render(&golden.scene, &golden.view).unwrap()
+    };
+    let first = render();
+    assert!(first == render());
+    assert!(first == render());
+}
+
+fn split_into_sub_frames(adapter: &GpuAdapter) {
+    let golden = case("s5_degenerate20k", "");
+    let mut view = golden.view;
+    view.intrinsics = view.intrinsics.resized(517, 389);
+    let render = |limit: u64| {
+        let renderer = GpuRenderer::new(adapter).unwrap();
+        let mut renderer = renderer.with_binding_limit(limit);
+        renderer.render(&golden.scene, &view)
+    };
+    let whole = render(u64::MAX).unwrap();
+    // 4 MiB holds the picture and not the pairs; 320 KB are what 20 000 Gaussians need.
+    for limit in [4 << 20, 1 << 20, 320_000] {
+        assert!(whole == render(limit).unwrap(), "{limit}");
+    }
+    let error = render(300_000).unwrap_err();
+    assert!(matches!(error, RenderError::Device { .. }));
+    assert!(error.to_string().contains("20000 Gaussians"), "{error}");
+}
+
+fn many_views(adapter: &GpuAdapter) {
+    let golden = case("s4_rand2k", ".eps0");
+    let views: Vec<RenderView> = (0..4)
+        .map(|i| {
+            let mut view = golden.view;
+            view.camera_from_scene.translation.x += 0.05 * f64::from(i);
+            view.intrinsics = view.intrinsics.resized(128 - 9 * i as u32, 96 + i as u32);
+            view
+        })
+        .collect();
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let mut found: Vec<RenderOutput> = Vec::new();
+    renderer
+        .render_views(&golden.scene, &views, &mut |index, picture| {
+            assert_eq!(index, found.len());
+            found.push(picture);
+        })
+        .unwrap();
+    for (view, found) in views.iter().zip(&found) {
+        assert!(*found == renderer.render(&golden.scene, view).unwrap());
+    }
+    assert_eq!(found.len(), 4);
+}
+
+fn degenerate(adapter: &GpuAdapter) {
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let view = random::view(70, 50);
+    let empty = renderer.render(&Gaussians::default(), &view).unwrap();
+    assert_eq!(empty.alpha, vec![0.0; 3500]);
+    let recipe = Recipe {
+        count: 4000,
+        scales: (0.004, 0.2),
+        opacities: (0.0, 1.0),
+    };
+    let mut scene = random::scene(&mut Random(10), recipe);
+    for k in 0..scene.len() {
+        let extreme = [
+            0.0,
+            1e-45,
+            1e-20,
+            1e20,
+            f32::MAX,
+            -1e20,
+            f32::NAN,
+            f32::INFINITY,
+        ][k / 14 % 8];
+        match k % 14 {
+            d @ 0..3 => scene.means[k][d] = extreme,
+            d @ 3..7 => scene.quaternions[k][d - 3] = extreme,
+            d @ 7..10 => scene.scales[k][d - 7] = extreme,
+            10 => scene.opacities[k] = extreme,
+            _ => (),
+        }
+    }
+    let found = renderer.render(&scene, &view).unwrap();
+    assert!(found.rgb_linear.iter().flatten().all(|v| v.is_finite()));
+    assert!(found.alpha.iter().all(|v| (0.0..=0.9999).contains(v)));
+    assert_eq!(found.drawn + found.dropped.total(), 4000);
+    let broken = CpuRenderer::new().render(&scene, &view).unwrap();
+    assert_eq!(found.dropped.invalid(), broken.dropped.invalid());
+    for mean in &mut scene.means {
+        mean[2] = -mean[2].abs();
+    }
+    let behind = renderer.render(&scene, &view).unwrap();
+    assert_eq!(behind.rgb_linear, vec![[0.0; 3]; 3500]);
+}
+
+fn shapes(adapter: &GpuAdapter) {
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let recipe = Recipe {
+        count: 60,
+        scales: (0.004, 0.2),
+        opacities: (0.0, 1.0),
+    };
+    let scene = random::scene(&mut Random(7), recipe);
+    for (width, height) in [(1, 1), (1, 9), (9, 1), (3, 5), (63, 2), (129, 3), (67, 66)] {
+        let view = random::view(width, height);
+        let truth = reference::render(&scene, &view);
+        let found = renderer.render(&scene, &view).unwrap();
+        truth.assert_close(&found, &format!("{width}x{height}"));
+    }
+}
+
+fn wide(adapter: &GpuAdapter) {
+    let recipe = Recipe {
+        count: 40,
+        scales: (0.02, 0.1),
+        opacities: (0.3, 1.0),
+    };
+    let mut scene = random::scene(&mut Random(8), recipe);
+    for mean in &mut scene.means {
+        mean[1] *= 1e-4;
+    }
+    let mut view = random::view(16_384, 3);
+    view.intrinsics.cy = 1.3;
+    let found = GpuRenderer::new(adapter).unwrap().render(&scene, &view);
+    let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
+    assert!(psnr(&found.unwrap(), &cpu) > 90.0);
+}
+
+fn speed_scene_psnr(adapter: &GpuAdapter) {
+    let scene = speed_scene::scene(1.0);
+    let view = speed_scene::view(1536, 1536);
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let found = renderer.render(&scene, &view).unwrap();
+    let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
+    let psnr = psnr(&found, &cpu);
+    let mut largest = 0.0_f32;
+    for (a, b) in found.rgb_linear.iter().zip(&cpu.rgb_linear) {
+        for channel in 0..3 {
+            largest = largest.max((a[channel] - b[channel]).abs());
+        }
+    }
+    renderer = renderer.with_host_order(true);
+    let ordered = renderer.render(&scene, &view).unwrap();
+    println!("host order: {:.1} dB", self::psnr(&ordered, &cpu));
+    println!("{psnr:.1} dB, largest difference {largest:e}");
+    assert!(psnr >= 90.0, "{psnr} dB");
+    assert!(largest <= 1.0 / 255.0 + 1e-4, "{largest}");
+}
+
+/// Of colour and alpha, range 1.
+fn psnr(a: &RenderOutput, b: &RenderOutput) -> f64 {
+    let mut sum = 0.0;
+    for i in 0..a.alpha.len() {
+        sum += f64::from(a.alpha[i] - b.alpha[i]).powi(2);
+        for channel in 0..3 {
+            sum += f64::from(a.rgb_linear[i][channel] - b.rgb_linear[i][channel]).powi(2);
+        }
+    }
+    -10.0 * (sum / (4 * a.alpha.len()) as f64).log10()
+}
