@@ -5,11 +5,14 @@ use std::path::PathBuf;
 /// File name of the official release's checkpoint.
 pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
 
+/// Where the official release downloads it from.
+pub const RELEASE_ADDRESS: &str = "https://ml-site.cdn-apple.com/models/sharp/sharp_2572gikvuh.pt";
+
 /// No checkpoint at hand.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights fetch sharp` or name \
-     one with --checkpoint FILE",
+    "no SHARP checkpoint found (looked for {}); get the official one from {RELEASE_ADDRESS} or name one with \
+     --checkpoint FILE (checkpoint=FILE in a method)",
     searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 )]
 pub struct NoCheckpoint {

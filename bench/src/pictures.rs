@@ -7,7 +7,8 @@ use image::{Rgb, Rgb32FImage, RgbImage};
 use sharp::color::{Quantization, quantize};
 use sharp_checkpoint::Checkpoint;
 use sharp_datasets::DatasetError;
-use sharp_datasets::format::picture;
+use sharp_datasets::files;
+use sharp_datasets::format::{npy, picture};
 use sharp_metrics::{Picture, PictureError};
 
 /// Why a picture could not be read; names the file.
@@ -56,6 +57,11 @@ pub fn is_picture(path: &Path) -> bool {
 pub fn read(path: &Path) -> Result<Picture, ReadError> {
     let picture = match extension(path).as_deref() {
         Some("exr") => Picture::RgbF32(read_exr(path)?),
+        Some("npy") => {
+            let array =
+                npy::parse(&files::read(path)?).map_err(|reason| malformed(path, reason))?;
+            from_floats(path, &array.shape, array.values)?
+        }
         Some("safetensors") => read_safetensors(path)?,
         _ => Picture::Rgb8(picture::read(path)?),
     };

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::Args;
 use sharp_datasets::{DatasetSpec, Scene};
+use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Selection, Weights};
 
 use super::evaluate::PairOrigin;
@@ -31,15 +32,19 @@ impl MetricArgs {
         Ok(Scoring::new(&self.selection()?, &self.weights()?)?)
     }
 
+    /// The files given, then what was fetched earlier.
     fn weights(&self) -> anyhow::Result<Weights> {
-        self.weights
-            .iter()
-            .try_fold(Weights::none(), |weights, spec| {
-                let Some((name, file)) = spec.split_once('=') else {
-                    bail!("--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth");
-                };
-                Ok(weights.with_file(name.parse()?, file))
-            })
+        let mut weights = Weights::none();
+        for spec in &self.weights {
+            let Some((name, file)) = spec.split_once('=') else {
+                bail!("--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth");
+            };
+            weights = weights.with_file(name.parse()?, file);
+        }
+        Ok(match cache_folder() {
+            Some(cache) => weights.with_cache(&cache),
+            None => weights,
+        })
     }
 }
 

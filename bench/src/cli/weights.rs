@@ -8,13 +8,18 @@ use serde_json::json;
 use sharp::model::params::inventory;
 use sharp::model::{ModelConfig, synth};
 use sharp_checkpoint::{Checkpoint, Expected};
+use sharp_metrics::Backbone;
+use sharp_metrics::weights::{Published, cache_folder};
 
 use super::{Outcome, output};
+use crate::model_files::{RELEASE_ADDRESS, find_checkpoint};
 
 /// List, check, convert and make weights
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
+  sharp-bench weights list
+  sharp-bench weights fetch metrics
   sharp-bench weights check sharp_2572gikvuh.pt
   sharp-bench weights convert sharp_2572gikvuh.pt sharp.safetensors
   sharp-bench weights synth --config tiny_config.json#tiny --out tiny.safetensors")]
@@ -25,6 +30,23 @@ pub(super) struct WeightsArgs {
 
 #[derive(Debug, Subcommand)]
 enum WeightsCommand {
+    /// Published weights: where they come from, how large they are, whether they are at hand
+    List {
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Fetch published backbones into the cache: resumed after a break, checked by size and hash, only the features kept
+    ///
+    /// Needs a build with `--features download`. Proxies are taken from the usual environment variables.
+    Fetch {
+        /// `metrics` for all three, or alexnet, vgg16, squeezenet1_1
+        #[arg(required = true, value_name = "NAME")]
+        names: Vec<String>,
+        /// Only say whether they are at hand
+        #[arg(long)]
+        offline: bool,
+    },
     /// What a file holds: modules, parameters, values that are not finite
     ///
     /// With --config (or for a file that looks like SHARP's) every tensor of the network must be there in its shape,
@@ -65,6 +87,8 @@ enum WeightsCommand {
 
 pub(super) fn execute(args: &WeightsArgs) -> anyhow::Result<Outcome> {
     match &args.command {
+        WeightsCommand::List { json } => list(*json),
+        WeightsCommand::Fetch { names, offline } => fetch(names, *offline),
         WeightsCommand::Check {
             file,
             config,
@@ -94,6 +118,105 @@ fn load_config(name: &str) -> anyhow::Result<ModelConfig> {
         "release" => ModelConfig::release(),
         file => ModelConfig::load(file)?,
     })
+}
+
+fn list(json: bool) -> anyhow::Result<Outcome> {
+    let cache = cache_folder();
+    let mut entries = Vec::new();
+    for backbone in Backbone::ALL {
+        let published = Published::of(backbone);
+        let kept = cache.as_deref().map(|cache| published.cached(cache));
+        let kept = kept.filter(|path| path.is_file());
+        if !json {
+            output::line(format!(
+                "{:<14} {:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
+                backbone.name(),
+                published.size_milli_mib as f64 / 1000.0,
+                published.address,
+                kept.as_ref()
+                    .map_or_else(|| "not fetched".to_owned(), |p| p.display().to_string()),
+                "",
+                published.sha256_prefix,
+                published.licence
+            ))?;
+        }
+        entries.push(json!({
+            "name": backbone.name(),
+            "address": published.address,
+            "size_mib": published.size_milli_mib as f64 / 1000.0,
+            "sha256_prefix": published.sha256_prefix,
+            "licence": published.licence,
+            "file": kept.map(|p| p.display().to_string()),
+        }));
+    }
+    let sharp = find_checkpoint();
+    if json {
+        entries.push(json!({
+            "name": "sharp",
+            "address": RELEASE_ADDRESS,
+            "file": sharp.ok().map(|p| p.display().to_string()),
+        }));
+        output::json(&entries)?;
+    } else {
+        output::line(format!(
+            "{:<14} {:>13}  {RELEASE_ADDRESS}  {}",
+            "sharp",
+            "2.8 GB",
+            sharp.map_or_else(|_| "not at hand".to_owned(), |p| p.display().to_string())
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// The backbones that a list of names stands for.
+fn backbones(names: &[String]) -> anyhow::Result<Vec<Backbone>> {
+    let mut found = Vec::new();
+    for name in names {
+        match name.as_str() {
+            "metrics" => found.extend(Backbone::ALL),
+            "sharp" => anyhow::bail!(
+                "the SHARP checkpoint has a licence of its own to agree to: download {RELEASE_ADDRESS} yourself and \
+                 name the file with --checkpoint"
+            ),
+            name => found.push(name.parse()?),
+        }
+    }
+    Ok(found)
+}
+
+#[cfg(feature = "download")]
+fn fetch(names: &[String], offline: bool) -> anyhow::Result<Outcome> {
+    let Some(cache) = cache_folder() else {
+        anyhow::bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
+    };
+    for backbone in backbones(names)? {
+        let bar = super::progress::bar(0, "bytes");
+        bar.set_message(backbone.name());
+        let file =
+            sharp_metrics::weights::fetch(&Published::of(backbone), &cache, offline, |at| {
+                bar.set_length(at.total);
+                bar.set_position(at.done);
+            })?;
+        bar.finish_and_clear();
+        output::line(format!("{:<14} {}", backbone.name(), file.display()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+#[cfg(not(feature = "download"))]
+fn fetch(names: &[String], _offline: bool) -> anyhow::Result<Outcome> {
+    let addresses: Vec<String> = backbones(names)?
+        .into_iter()
+        .map(|backbone| {
+            let published = Published::of(backbone);
+            format!("{} (--weights {}=FILE)", published.address, backbone.name())
+        })
+        .collect();
+    anyhow::bail!(
+        "this build cannot download; build with `cargo build --release -p sharp-bench --features download`, or get the \
+         files yourself: {}",
+        addresses.join(", ")
+    )
 }
 
 #[derive(Debug, Default)]

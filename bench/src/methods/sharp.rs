@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use sharp::gaussians::Gaussians;
-use sharp::model::{DeviceChoice, ModelConfig, Predictor, Silent, predictor::Planes};
+use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor, Silent, predictor::Planes};
 use sharp_datasets::DepthMap;
 
 use super::method::{Method, MethodError, PairInput, Prediction};
@@ -91,8 +91,9 @@ impl Sharp {
 
     fn predictor(&self) -> Result<&Predictor, MethodError> {
         let load = || {
-            let device = self.device.open().map_err(|error| error.to_string())?;
-            Predictor::load(&self.config, &self.checkpoint, &device, &[])
+            let engine = self.device.open(Precision::Fast);
+            let engine = engine.map_err(|error| error.to_string())?;
+            Predictor::load(&self.config, &self.checkpoint, engine, &[])
                 .map_err(|error| error.to_string())
         };
         self.predictor

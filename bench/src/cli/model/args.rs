@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
-use sharp::model::{DeviceChoice, ModelConfig, Predictor};
+use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor};
 
 use super::super::output;
 use crate::model_files::find_checkpoint;
@@ -25,6 +25,9 @@ pub(crate) struct ModelArgs {
     /// Where to compute
     #[arg(long, value_enum, default_value_t = DeviceArg::Auto)]
     pub(crate) device: DeviceArg,
+    /// On the CPU: plain sums of products instead of Winograd convolutions; slower, rounding errors five times smaller
+    #[arg(long)]
+    pub(crate) exact: bool,
 }
 
 /// As [`DeviceChoice`], for the command line.
@@ -68,11 +71,16 @@ impl ModelArgs {
             None if self.config.is_some() => bail!("--config needs --checkpoint FILE"),
             None => find_checkpoint()?,
         };
-        let device = DeviceChoice::from(self.device).open()?;
+        let precision = if self.exact {
+            Precision::Exact
+        } else {
+            Precision::Fast
+        };
+        let engine = DeviceChoice::from(self.device).open(precision)?;
         Ok(Predictor::load(
             &config,
             &checkpoint,
-            &device,
+            engine,
             &self.allow_unused,
         )?)
     }

@@ -152,8 +152,7 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
         ))?;
     }
     output::line(
-        "                 least      10 %      25 %      50 %      75 %      90 %      most"
-            .to_owned(),
+        "                 least      10 %      25 %      50 %      75 %      90 %      most",
     )?;
     for (name, distribution) in [
         ("opacity", &info.opacity),

@@ -38,13 +38,12 @@ pub(crate) struct RecordArgs {
 pub(crate) fn execute(args: &RecordArgs) -> anyhow::Result<Outcome> {
     let photo = args.photo.load(&args.image)?;
     let predictor = args.model.load()?;
-    let mut options = RecordOptions::default();
-    options.prefix = match &args.prefix {
-        Some(prefix) => prefix.clone(),
-        None => args
-            .image
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+    let stem = args.image.file_stem();
+    let mut options = RecordOptions {
+        prefix: args.prefix.clone().unwrap_or_else(|| {
+            stem.map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+        }),
+        ..RecordOptions::default()
     };
     if let Some(values) = args.whole_up_to {
         options.whole_up_to = values;
