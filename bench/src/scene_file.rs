@@ -63,7 +63,7 @@ pub enum SceneFileError {
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
-/// `scales` [N, 3], `opacities` [N], `colors_linear` [N, 3]).
+/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`).
 ///
 /// # Errors
 /// [`SceneFileError`].

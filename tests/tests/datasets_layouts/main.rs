@@ -3,8 +3,11 @@
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
+#[cfg(test)]
 mod multi_view;
+#[cfg(test)]
 mod stereo;
+#[cfg(test)]
 mod write;
 
 use std::path::Path;

@@ -9,20 +9,20 @@ use sharp_datasets::format::FloatMap;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::{DepthMap, View};
 
-pub fn text(folder: &Path, name: &str, text: &str) {
+pub(crate) fn text(folder: &Path, name: &str, text: &str) {
     let path = folder.join(name);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     std::fs::write(path, text).unwrap();
 }
 
-pub fn bytes(folder: &Path, name: &str, bytes: &[u8]) {
+pub(crate) fn bytes(folder: &Path, name: &str, bytes: &[u8]) {
     let path = folder.join(name);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     std::fs::write(path, bytes).unwrap();
 }
 
 /// A photograph as PNG, whatever the name says.
-pub fn picture(folder: &Path, name: &str, view: &View) {
+pub(crate) fn picture(folder: &Path, name: &str, view: &View) {
     let path = folder.join(name);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     let image = view.content.image().unwrap();
@@ -31,30 +31,30 @@ pub fn picture(folder: &Path, name: &str, view: &View) {
         .unwrap();
 }
 
-pub fn depth_of(view: &View) -> DepthMap {
+pub(crate) fn depth_of(view: &View) -> DepthMap {
     view.content.depth().unwrap().unwrap()
 }
 
-pub fn millimetres(depth: &DepthMap) -> FloatMap {
+pub(crate) fn millimetres(depth: &DepthMap) -> FloatMap {
     FloatMap::from_fn(depth.width(), depth.height(), |x, y| {
         image::Luma([depth.get_pixel(x, y).0[0] * 1000.0])
     })
 }
 
 /// `x y z …` with every digit.
-pub fn row(values: impl IntoIterator<Item = f64>) -> String {
+pub(crate) fn row(values: impl IntoIterator<Item = f64>) -> String {
     let words: Vec<_> = values.into_iter().map(|v| format!("{v:?}")).collect();
     words.join(" ")
 }
 
 /// COLMAP's quaternion w, x, y, z.
-pub fn quaternion(rotation: DMat3) -> [f64; 4] {
+pub(crate) fn quaternion(rotation: DMat3) -> [f64; 4] {
     let q = DQuat::from_mat3(&rotation).normalize();
     [q.w, q.x, q.y, q.z]
 }
 
 /// COLMAP's model name and parameters.
-pub fn colmap_camera(lens: &Lens) -> (&'static str, Vec<f64>) {
+pub(crate) fn colmap_camera(lens: &Lens) -> (&'static str, Vec<f64>) {
     let k = lens.intrinsics();
     let mut params = vec![k.fx, k.fy, k.cx, k.cy];
     let model = match lens.distortion() {
@@ -72,7 +72,7 @@ pub fn colmap_camera(lens: &Lens) -> (&'static str, Vec<f64>) {
     (model, params)
 }
 
-pub fn lens_of(view: &View) -> Lens {
+pub(crate) fn lens_of(view: &View) -> Lens {
     let k = view.intrinsics;
     Lens::new(
         (k.fx, k.fy),
@@ -84,7 +84,7 @@ pub fn lens_of(view: &View) -> Lens {
 }
 
 /// `cameras.txt` with one camera (id 0) and `images.txt` in reverse order with ids 10, 20, ….
-pub fn colmap_text(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
+pub(crate) fn colmap_text(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
     let (model, params) = colmap_camera(lens);
     let k = lens.intrinsics();
     text(
@@ -109,7 +109,7 @@ pub fn colmap_text(folder: &Path, lens: &Lens, images: &[(String, RigidTransform
 }
 
 /// The same, binary.
-pub fn colmap_binary(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
+pub(crate) fn colmap_binary(folder: &Path, lens: &Lens, images: &[(String, RigidTransform)]) {
     let (model, params) = colmap_camera(lens);
     let id = match model {
         "PINHOLE" => 1_i32,
@@ -141,7 +141,7 @@ pub fn colmap_binary(folder: &Path, lens: &Lens, images: &[(String, RigidTransfo
 }
 
 /// Rows of a camera-to-world matrix in OpenGL's axes, as nested JSON lists.
-pub fn opengl_rows(camera_from_world: &RigidTransform) -> String {
+pub(crate) fn opengl_rows(camera_from_world: &RigidTransform) -> String {
     let pose = camera_from_world.inverse();
     let flipped = RigidTransform {
         rotation: pose.rotation * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
@@ -156,7 +156,7 @@ pub fn opengl_rows(camera_from_world: &RigidTransform) -> String {
 }
 
 /// World points of every pixel with depth.
-pub fn points(view: &View) -> Vec<DVec3> {
+pub(crate) fn points(view: &View) -> Vec<DVec3> {
     let world_from_camera = view.camera_from_world.inverse();
     depth_of(view)
         .enumerate_pixels()
@@ -170,7 +170,7 @@ pub fn points(view: &View) -> Vec<DVec3> {
 }
 
 /// A binary PLY of points.
-pub fn ply(folder: &Path, name: &str, points: &[DVec3]) {
+pub(crate) fn ply(folder: &Path, name: &str, points: &[DVec3]) {
     let mut b = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\n\
          property double y\nproperty double z\nproperty uchar red\nend_header\n",

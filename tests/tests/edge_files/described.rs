@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::{Outcome, check, fixture, refused};
 
-pub fn trials() -> Vec<Trial> {
+pub(crate) fn trials() -> Vec<Trial> {
     let mut trials = Vec::new();
     let mut add = |name: &'static str, test: fn(&'static str) -> Outcome| {
         trials.push(Trial::test(name, move || test(name)));

@@ -19,7 +19,7 @@ const REASONS: [(&str, &str); 9] = [
     ("zero_bytes.png", "empty"),
 ];
 
-pub fn trials() -> Vec<Trial> {
+pub(crate) fn trials() -> Vec<Trial> {
     let text = std::fs::read_to_string(folder().join("EXPECTED.json")).unwrap();
     let expected: Value = serde_json::from_str(&text).unwrap();
     let entries = expected.as_object().unwrap().clone();
