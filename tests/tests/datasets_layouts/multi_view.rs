@@ -259,7 +259,7 @@ fn tanks_and_temples() {
         assert_eq!(a.content.image().unwrap(), b.content.image().unwrap());
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
         // Points of other views shine through between those of this one.
-        assert!(share > 0.98, "{share}");
+        assert!(share > 0.975, "{share}");
     }
     assert_eq!(found.views[0].id, "000001");
     let guessed = read("tanks-and-temples,intrinsics=0.7w", folder.path());
@@ -325,7 +325,8 @@ fn eth3d() {
         compare_cameras(a, b);
         assert_eq!(a.content.image().unwrap(), b.content.image().unwrap());
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
-        assert!(share > 0.99, "{share}");
+        // Resampled twice: pixels along depth edges change sides.
+        assert!(share > 0.985, "{share}");
     }
     check_undistorted(
         &scene,
@@ -439,7 +440,7 @@ fn scannetpp() {
     for (a, b) in found.views.iter().zip(scene.views()) {
         let share = agreement(&write::depth_of(a), &write::depth_of(b));
         // Points of other views shine through between those of this one.
-        assert!(share > 0.98, "{share}");
+        assert!(share > 0.975, "{share}");
     }
 }
 
