@@ -173,7 +173,7 @@ impl PairArgs {
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
     for format in sharp_datasets::catalog::formats() {
-        text += &format!("  {:<12} {}\n", format.name, format.summary);
+        text += &format!("  {:<18} {}\n", format.name, format.summary);
         for setting in format.settings {
             text += &format!(
                 "    {}={}  {}\n",

@@ -3,7 +3,11 @@
 use clap::Args;
 use serde::Serialize;
 
+use sharp_metrics::Backbone;
+use sharp_metrics::weights::{Published, cache_folder};
+
 use super::{Outcome, output};
+use crate::model_files::find_checkpoint;
 use crate::runs::unit::{SOURCE_FINGERPRINT, cpu_backend};
 
 /// Show what this machine has, what lacks, and how to get it
@@ -33,9 +37,9 @@ pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     for finding in &findings {
-        output::line(format!("{:<16} {}", finding.what, finding.found))?;
+        output::line(format!("{:<18} {}", finding.what, finding.found))?;
         if !finding.advice.is_empty() {
-            output::line(format!("{:<16} → {}", "", finding.advice))?;
+            output::line(format!("{:<18} → {}", "", finding.advice))?;
         }
     }
     Ok(Outcome::Done)
@@ -68,11 +72,43 @@ fn findings() -> Vec<Finding> {
             advice: "use your own with --dataset FORMAT=PATH".to_owned(),
         },
     ];
-    findings.extend(metric_findings());
+    findings.extend(Backbone::ALL.map(backbone));
+    findings.push(match find_checkpoint() {
+        Ok(path) => Finding {
+            what: "SHARP weights",
+            found: path.display().to_string(),
+            advice: String::new(),
+        },
+        Err(error) => Finding {
+            what: "SHARP weights",
+            found: "not at hand".to_owned(),
+            advice: error.to_string(),
+        },
+    });
     findings
 }
 
-/// Metrics that cannot be computed here, by reason.
-fn metric_findings() -> Vec<Finding> {
-    Vec::new()
+/// Whether the weights that LPIPS or DISTS need were fetched.
+fn backbone(backbone: Backbone) -> Finding {
+    let what = match backbone {
+        Backbone::AlexNet => "lpips-alex",
+        Backbone::Vgg16 => "lpips-vgg, dists",
+        Backbone::SqueezeNet1_1 => "lpips-squeeze",
+    };
+    let kept = cache_folder().map(|cache| Published::of(backbone).cached(&cache));
+    match kept.filter(|path| path.is_file()) {
+        Some(path) => Finding {
+            what,
+            found: path.display().to_string(),
+            advice: String::new(),
+        },
+        None => Finding {
+            what,
+            found: format!("the weights of {} are not fetched", backbone.name()),
+            advice: format!(
+                "sharp-bench weights fetch {0}, or --weights {0}=FILE",
+                backbone.name()
+            ),
+        },
+    }
 }
