@@ -1,7 +1,5 @@
 //! What can go wrong while a report is made.
 
-use std::path::PathBuf;
-
 use crate::durable::FileError;
 
 /// Every message names the file or unit and the reason, in one line.
@@ -10,16 +8,6 @@ pub enum ReportError {
     /// The system refused to read or write a file.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A scores file that is not one.
-    #[error("{}, line {line}: {reason}", path.display())]
-    Scores {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1, the header being line 1.
-        line: u64,
-        /// What is wrong there.
-        reason: String,
-    },
     /// Two records of one pair and method that do not agree, or a pair with two descriptions.
     #[error("pair '{pair}', method '{method}': {reason}")]
     Conflict {

@@ -4,7 +4,7 @@
 //! The same input gives the same bytes: no clock, no random number, no order of a hash map.
 //!
 //! * [`input`]: what a report is made of, as plain values; [`error`]: what can go wrong.
-//! * [`records`]: the run as a grid of pairs × methods; [`scores`]: reading scores files and joining runs.
+//! * [`records`]: the run as a grid of pairs × methods; [`scores`]: joining runs.
 //! * [`summary`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them.

@@ -1,7 +1,7 @@
 //! What becomes of records on their way in.
 
 use crate::report::records::natural;
-use crate::report::scores::{merged, read_scores};
+use crate::report::scores::merged;
 use crate::report::summary::of_metric;
 
 use super::*;
@@ -62,56 +62,6 @@ fn runs_are_joined_by_unit() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("failed in another"), "{error}");
-}
-
-#[test]
-fn scores_files_are_read_with_their_gaps() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("scores.csv");
-    let head = "pair_id,dataset,scene,source,target,method,baseline_m,rotation_deg,median_depth_m,overlap,status";
-    let text = format!(
-        "{head},psnr,\"ssim[gauss11,valid]\"\n\
-         d/s/0__1,d,s,0,1,m,0.1,2,,0.75,ok,inf,0.5\n\
-         d/s/0__2,d,s,0,2,m,0.2,2,3.5,,ok,,0.25\n\
-         d/s/0__3,d,s,0,3,m,0.3,2,,,a.png: missing,,\n"
-    );
-    std::fs::write(&path, &text).unwrap();
-    let records = read_scores(&path).unwrap();
-    assert_eq!(records.len(), 3);
-    assert_eq!(records[0].scores["psnr"], Score::Value(f64::INFINITY));
-    assert_eq!(
-        (records[0].median_depth_m, records[0].overlap),
-        (None, Some(0.75))
-    );
-    assert!(records[1].scores["psnr"].value().is_none());
-    assert_eq!(
-        records[2].status,
-        Status::Failed {
-            reason: "a.png: missing".into()
-        }
-    );
-    for (broken, says) in [
-        (
-            text.replace("0.25", "x"),
-            "line 3: ssim[gauss11,valid]: 'x' is not a number",
-        ),
-        (
-            text.replace("pair_id,", "id,"),
-            "line 1: the columns must begin with pair_id,",
-        ),
-        (text.replace(",0.25", ""), "line 3"),
-        (
-            text.replace("psnr,", "\"ssim[gauss11,valid]\","),
-            "a metric has two columns",
-        ),
-    ] {
-        std::fs::write(&path, broken).unwrap();
-        let error = read_scores(&path).unwrap_err().to_string();
-        assert!(
-            error.contains(says) && error.contains("scores.csv"),
-            "{error}"
-        );
-    }
 }
 
 #[test]
