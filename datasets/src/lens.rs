@@ -97,17 +97,17 @@ impl Distortion {
     /// Undoes [`Self::distort`]; `None` where no undistorted point is found, or where the
     /// polynomial has folded back, so that a point further in maps to the same place.
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
-        if !distorted.is_finite() {
-            return None;
-        }
-        if *self == Self::None {
-            return Some(distorted);
-        }
-        let ab = self.invert(distorted)?;
+        let bent = self.invert(distorted)?;
+        self.unfolded_up_to(bent).then(|| self.straightened(bent))?
+    }
+
+    /// From the coordinates that [`Self::bend`] acts on to normalised ones; `None` for a fisheye's
+    /// rays at 90° and beyond.
+    fn straightened(&self, bent: DVec2) -> Option<DVec2> {
         if !self.is_fisheye() {
-            return Some(ab);
+            return Some(bent);
         }
-        let theta = ab.length();
+        let theta = bent.length();
         if theta >= std::f64::consts::FRAC_PI_2 {
             return None;
         }
@@ -116,11 +116,17 @@ impl Distortion {
         } else {
             theta.tan() / theta
         };
-        Some(ab * scale)
+        Some(bent * scale)
     }
 
     /// Newton's iteration on [`Self::bend`], with halved steps where a full one does not help.
     fn invert(&self, distorted: DVec2) -> Option<DVec2> {
+        if !distorted.is_finite() {
+            return None;
+        }
+        if *self == Self::None {
+            return Some(distorted);
+        }
         let mut x = distorted;
         // Far outside, the polynomial may explode: begin where it is close to the identity.
         if (self.bend(x) - distorted).length() > x.length() {
@@ -154,7 +160,7 @@ impl Distortion {
             (x, error) = (candidate, next_error);
         }
         let converged = error.length() <= 1e-12 * (1.0 + distorted.length());
-        (converged && self.unfolded_up_to(x)).then_some(x)
+        converged.then_some(x)
     }
 
     /// True where the map has kept its orientation all the way from the axis to `x`.
@@ -353,7 +359,11 @@ impl Lens {
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let k = &self.intrinsics;
         let distorted = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
-        Some(self.distortion.undistort(distorted)?.extend(1.0))
+        let bent = self.distortion.invert(distorted)?;
+        if bent.length() >= self.fold_radius {
+            return None;
+        }
+        Some(self.distortion.straightened(bent)?.extend(1.0))
     }
 }
 

@@ -7,6 +7,8 @@
 //! # Contents
 //! * [`view`]: what every reader produces.
 //! * [`catalog`]: the formats by name, and how a dataset is asked for and opened.
+//! * [`facts`]: what each dataset is and where to get it.
+//! * [`check`](mod@check): what is there, what is broken, whether poses make sense.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
 //! * [`bundled`]: the dataset that comes with the program.
 //! * [`format`](mod@format): file formats, one a file.
@@ -19,11 +21,13 @@
 mod booster;
 pub mod bundled;
 pub mod catalog;
+pub mod check;
 mod colmap;
 mod content;
 mod depth;
 pub mod error;
 mod eth3d;
+pub mod facts;
 pub mod files;
 pub mod format;
 pub mod lens;

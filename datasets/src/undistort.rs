@@ -145,23 +145,23 @@ impl Undistortion {
     /// Carries each valid pixel of a sparse depth map to where it lands, the nearer one winning.
     /// Unlike [`Self::depth_nearest`] this loses no sample where the picture shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
+        let width = stored.width() as usize;
+        let places: Vec<(DVec2, f32)> = stored
+            .as_raw()
+            .par_iter()
+            .enumerate()
+            .filter(|(_, z)| **z > 0.0)
+            .filter_map(|(i, &z)| {
+                let center = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+                let place = self.pinhole.project(self.lens.unproject(center)?)?;
+                self.pinhole.contains(place).then_some((place, z))
+            })
+            .collect();
         let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
-        for (x, y, &Luma([z])) in stored.enumerate_pixels() {
-            if z <= 0.0 {
-                continue;
-            }
-            let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            let Some(pixel) = self
-                .lens
-                .unproject(center)
-                .and_then(|ray| self.pinhole.project(ray))
-                .filter(|p| self.pinhole.contains(*p))
-            else {
-                continue;
-            };
-            let into = depth.get_pixel_mut(pixel.x as u32, pixel.y as u32);
-            if into.0[0] == 0.0 || z < into.0[0] {
-                into.0[0] = z;
+        for (place, z) in places {
+            let Luma([into]) = depth.get_pixel_mut(place.x as u32, place.y as u32);
+            if *into == 0.0 || z < *into {
+                *into = z;
             }
         }
         depth

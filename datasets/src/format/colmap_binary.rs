@@ -1,4 +1,4 @@
-//! COLMAP's binary files: little-endian, packed.
+//! COLMAP's binary files: little-endian, packed. Errors are bare reasons.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,10 @@ const MODELS: [&str; 12] = [
 ];
 
 /// `cameras.bin`.
-pub(super) fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
+///
+/// # Errors
+/// Truncated, or more records than the bytes can hold, or an unknown camera model.
+pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
     let mut reader = Reader { rest: bytes };
     let count = reader.count(24)?;
     let mut cameras = BTreeMap::new();
@@ -52,7 +55,10 @@ pub(super) fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
 }
 
 /// `images.bin`.
-pub(super) fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
+///
+/// # Errors
+/// Truncated, or more records than the bytes can hold.
+pub fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
     let mut reader = Reader { rest: bytes };
     let count = reader.count(73)?;
     (0..count)
@@ -78,7 +84,10 @@ pub(super) fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
 }
 
 /// `points3D.bin`.
-pub(super) fn points(bytes: &[u8]) -> Result<Vec<Point>, String> {
+///
+/// # Errors
+/// Truncated, or more records than the bytes can hold.
+pub fn points(bytes: &[u8]) -> Result<Vec<Point>, String> {
     let mut reader = Reader { rest: bytes };
     let count = reader.count(51)?;
     (0..count)

@@ -1,4 +1,4 @@
-//! COLMAP's text files.
+//! COLMAP's text files. Errors are bare reasons with the line.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -8,7 +8,10 @@ use glam::DVec3;
 use super::colmap::{Camera, Image, Point, pose, size};
 
 /// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
-pub(super) fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
+///
+/// # Errors
+/// The line and what is wrong with it.
+pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
         let mut line = Line::new(number, line);
@@ -24,7 +27,10 @@ pub(super) fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
 }
 
 /// `images.txt`: two lines an image, of which the second may be empty, or missing at the end.
-pub(super) fn images(text: &str) -> Result<Vec<Image>, String> {
+///
+/// # Errors
+/// The line and what is wrong with it.
+pub fn images(text: &str) -> Result<Vec<Image>, String> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
@@ -56,7 +62,10 @@ pub(super) fn images(text: &str) -> Result<Vec<Image>, String> {
 }
 
 /// `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
-pub(super) fn points(text: &str) -> Result<Vec<Point>, String> {
+///
+/// # Errors
+/// The line and what is wrong with it.
+pub fn points(text: &str) -> Result<Vec<Point>, String> {
     records(text)
         .map(|(number, line)| {
             let mut line = Line::new(number, line);

@@ -1,7 +1,7 @@
 //! File formats, one a file, and knowing nothing about datasets.
 //!
 //! * [`calib`]: Middlebury's `calib.txt`.
-//! * [`colmap`]: COLMAP models, text and binary.
+//! * [`colmap`]: COLMAP models, from [`colmap_text`] or [`colmap_binary`].
 //! * [`depth_png`]: 16-bit PNG maps.
 //! * [`exr_depth`]: depth in OpenEXR files.
 //! * [`lenient_json`]: JSON as Python writes it.
@@ -16,8 +16,8 @@
 
 pub mod calib;
 pub mod colmap;
-mod colmap_binary;
-mod colmap_text;
+pub mod colmap_binary;
+pub mod colmap_text;
 pub mod depth_png;
 pub mod exr_depth;
 mod jpeg_markers;

@@ -1,0 +1,217 @@
+//! Looks at a dataset before a long run starts: what is there, what is broken and why, and whether
+//! the poses agree with the depth.
+//!
+//! * [`consistency`][]: depth carried from view to view by the poses.
+
+pub mod consistency;
+
+use std::collections::BTreeSet;
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::catalog::{self, DatasetSpec};
+use crate::{DatasetError, Scene, View};
+use consistency::Consistency;
+
+/// How thoroughly to look.
+#[derive(Debug, Clone, Copy)]
+pub struct CheckOptions {
+    /// At most this many views of a scene are decoded, evenly spaced; of the others only the
+    /// picture's existence is looked at.
+    pub views_per_scene: usize,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        Self {
+            views_per_scene: 10,
+        }
+    }
+}
+
+/// What was found in a dataset.
+#[derive(Debug, Clone, Serialize)]
+pub struct DatasetReport {
+    /// As asked for.
+    pub dataset: String,
+    /// The settings in force, and whether each is known to differ from what the paper did.
+    pub readings: Vec<Reading>,
+    /// In the reader's order.
+    pub scenes: Vec<SceneReport>,
+    /// Number of problems in all scenes.
+    pub problems: usize,
+}
+
+/// One setting in force.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Reading {
+    /// The setting.
+    pub key: String,
+    /// Its value.
+    pub value: String,
+    /// True where it is known to differ from what the paper did.
+    pub proxy: bool,
+}
+
+/// What was found in a scene.
+#[derive(Debug, Clone, Serialize)]
+pub struct SceneReport {
+    /// The scene.
+    pub id: String,
+    /// Number of its views.
+    pub views: usize,
+    /// Number of views that were decoded.
+    pub decoded: usize,
+    /// Sizes of the pictures, `WIDTHxHEIGHT`, in order.
+    pub sizes: Vec<String>,
+    /// Decoded views that have depth.
+    pub with_depth: usize,
+    /// Mean share of pixels with depth over the views that have any, 0..1.
+    pub depth_coverage: Option<f64>,
+    /// How well depth and poses agree, where there is dense depth in two views.
+    pub consistency: Option<Consistency>,
+    /// What the reader assumed or left out.
+    pub notes: Vec<String>,
+    /// What is broken, a line each, naming the file.
+    pub problems: Vec<String>,
+}
+
+/// Opens a dataset and looks at every scene; `done` is called after each scene with the number
+/// finished and their total.
+///
+/// # Errors
+/// When the dataset cannot be opened at all; everything else is in the report.
+pub fn check(
+    spec: &DatasetSpec,
+    options: &CheckOptions,
+    done: &(dyn Fn(usize, usize) + Sync),
+) -> Result<DatasetReport, DatasetError> {
+    let scenes = catalog::open(spec)?;
+    let mut reports = Vec::with_capacity(scenes.len());
+    for (i, scene) in scenes.iter().enumerate() {
+        reports.push(check_scene(scene, options));
+        done(i + 1, scenes.len());
+    }
+    Ok(DatasetReport {
+        dataset: spec.to_string(),
+        readings: spec
+            .readings()
+            .into_iter()
+            .map(|(key, value, proxy)| Reading {
+                key: key.to_owned(),
+                value,
+                proxy,
+            })
+            .collect(),
+        problems: reports.iter().map(|r| r.problems.len()).sum(),
+        scenes: reports,
+    })
+}
+
+/// What one decoded view shows.
+struct Decoded {
+    problems: Vec<String>,
+    coverage: Option<f64>,
+}
+
+fn check_scene(scene: &Scene, options: &CheckOptions) -> SceneReport {
+    let chosen = evenly_spaced(scene.views.len(), options.views_per_scene);
+    let decoded: Vec<Decoded> = chosen
+        .par_iter()
+        .map(|&i| decode(&scene.views[i]))
+        .collect();
+    let mut problems: Vec<String> = decoded.iter().flat_map(|d| d.problems.clone()).collect();
+    for (i, view) in scene.views.iter().enumerate() {
+        if !chosen.contains(&i)
+            && let Some(file) = view.content.image_file()
+            && !file.is_file()
+        {
+            problems.push(format!("{}: does not exist", file.display()));
+        }
+    }
+    let ids: BTreeSet<_> = scene.views.iter().map(|v| &v.id).collect();
+    if ids.len() < scene.views.len() {
+        problems.push(format!("{}: two views have the same id", scene.id));
+    }
+    if scene.views.len() < 2 {
+        problems.push(format!("{}: fewer than two views, so no pair", scene.id));
+    }
+    let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
+    let consistency = consistency::of(&scene.views);
+    problems.extend(
+        consistency
+            .as_ref()
+            .and_then(|c| c.complaint())
+            .map(|complaint| format!("{}: {complaint}", scene.id)),
+    );
+    let sizes: BTreeSet<(u32, u32)> = scene
+        .views
+        .iter()
+        .map(|v| (v.intrinsics.width, v.intrinsics.height))
+        .collect();
+    SceneReport {
+        id: scene.id.clone(),
+        views: scene.views.len(),
+        decoded: chosen.len(),
+        sizes: sizes.iter().map(|(w, h)| format!("{w}x{h}")).collect(),
+        with_depth: coverages.len(),
+        depth_coverage: (!coverages.is_empty())
+            .then(|| coverages.iter().sum::<f64>() / coverages.len() as f64),
+        consistency,
+        notes: scene.notes.clone(),
+        problems,
+    }
+}
+
+fn decode(view: &View) -> Decoded {
+    let mut problems = Vec::new();
+    if let Err(error) = view.content.image() {
+        problems.push(error.to_string());
+    }
+    let coverage = match view.content.depth() {
+        Ok(Some(depth)) => {
+            let valid = depth.iter().filter(|z| **z > 0.0).count();
+            if valid == 0 {
+                problems.push(format!("{}: no pixel has depth", view.id));
+            }
+            Some(valid as f64 / depth.len().max(1) as f64)
+        }
+        Ok(None) => None,
+        Err(error) => {
+            problems.push(error.to_string());
+            None
+        }
+    };
+    Decoded { problems, coverage }
+}
+
+/// At most `most` of `count` indices, evenly spaced, the first among them.
+fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
+    let n = count.min(most.max(1));
+    (0..n).map(|i| i * count / n).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn indices_are_evenly_spaced() {
+        assert_eq!(evenly_spaced(10, 3), [0, 3, 6]);
+        assert_eq!(evenly_spaced(2, 10), [0, 1]);
+        assert!(evenly_spaced(0, 10).is_empty());
+    }
+
+    #[test]
+    fn a_sound_dataset_has_no_problems() {
+        let spec = DatasetSpec::parse("synthetic=size=64x48,views=6").unwrap();
+        let report = check(&spec, &CheckOptions::default(), &|_, _| {}).unwrap();
+        assert_eq!(report.problems, 0, "{:?}", report.scenes[0].problems);
+        let scene = &report.scenes[0];
+        assert_eq!((scene.views, scene.decoded, scene.with_depth), (6, 6, 6));
+        assert_eq!(scene.sizes, ["64x48"]);
+        assert!(scene.depth_coverage.unwrap() > 0.5);
+        assert!(scene.consistency.as_ref().unwrap().as_read > 0.7);
+    }
+}

@@ -1,0 +1,176 @@
+// Every parser of untrusted bytes, by name. Shared by the fuzz targets and by the test that
+// mutates the fixtures. A parser may refuse; it must not panic, hang, or allocate without bound.
+
+use sharp_datasets::format;
+use sharp_datasets::lens::Lens;
+
+/// A parser, and how the files begin that it is fed with.
+pub struct Parser {
+    pub name: &'static str,
+    pub run: fn(&[u8]),
+    /// Files of `tests/fixtures/edge` with one of these ends are its seeds.
+    pub seeds: &'static [&'static str],
+}
+
+pub const PARSERS: &[Parser] = &[
+    Parser {
+        name: "pfm",
+        run: pfm,
+        seeds: &[".pfm"],
+    },
+    Parser {
+        name: "npy",
+        run: npy,
+        seeds: &[".npy", ".npz"],
+    },
+    Parser {
+        name: "picture",
+        run: picture,
+        seeds: &[".png", ".jpg", ".jpeg", "orient6.JPG"],
+    },
+    Parser {
+        name: "depth_png",
+        run: depth_png,
+        seeds: &["gray16_depth_mm.png"],
+    },
+    Parser {
+        name: "raw_floats",
+        run: raw_floats,
+        seeds: &["6x4.JPG"],
+    },
+    Parser {
+        name: "exr_depth",
+        run: exr_depth,
+        seeds: &[".exr"],
+    },
+    Parser {
+        name: "ply_points",
+        run: ply_points,
+        seeds: &[".ply"],
+    },
+    Parser {
+        name: "calib",
+        run: calib,
+        seeds: &["calib_crlf.txt", "calib_bom_spaces.txt"],
+    },
+    Parser {
+        name: "opencv_xml",
+        run: opencv_xml,
+        seeds: &[".xml"],
+    },
+    Parser {
+        name: "transforms",
+        run: transforms,
+        seeds: &[".json"],
+    },
+    Parser {
+        name: "trajectory",
+        run: trajectory,
+        seeds: &[".log", "cam_poses_gap.txt"],
+    },
+    Parser {
+        name: "colmap_text",
+        run: colmap_text,
+        seeds: &["images_spaces.txt", "images_exponent.txt"],
+    },
+    Parser {
+        name: "colmap_binary",
+        run: colmap_binary,
+        seeds: &[".bin"],
+    },
+];
+
+/// Runs one parser; an unknown name is a mistake in a target.
+pub fn run(name: &str, bytes: &[u8]) {
+    let parser = PARSERS.iter().find(|p| p.name == name);
+    (parser.expect("a parser of that name").run)(bytes);
+}
+
+fn pfm(bytes: &[u8]) {
+    let _ = format::pfm::parse(bytes);
+}
+
+fn npy(bytes: &[u8]) {
+    let _ = format::npy::parse(bytes).and_then(format::npy::NpyArray::into_map);
+}
+
+fn picture(bytes: &[u8]) {
+    let _ = format::picture::parse(bytes);
+}
+
+fn depth_png(bytes: &[u8]) {
+    let _ = format::depth_png::parse(bytes);
+}
+
+fn raw_floats(bytes: &[u8]) {
+    let _ = format::raw_floats::parse(bytes, (6, 4));
+}
+
+fn exr_depth(bytes: &[u8]) {
+    let _ = format::exr_depth::parse(bytes);
+}
+
+fn ply_points(bytes: &[u8]) {
+    let _ = format::ply_points::parse(bytes);
+}
+
+fn calib(bytes: &[u8]) {
+    let _ = format::calib::parse(&String::from_utf8_lossy(bytes));
+}
+
+fn opencv_xml(bytes: &[u8]) {
+    let _ = format::opencv_xml::parse(&String::from_utf8_lossy(bytes));
+}
+
+fn transforms(bytes: &[u8]) {
+    if let Ok(file) = format::transforms::parse(&String::from_utf8_lossy(bytes)) {
+        for frame in file.frames.iter().chain(&file.test_frames).take(16) {
+            let size = frame.size().ok().flatten().unwrap_or((64, 48));
+            if let Ok(lens) = frame.lens(size) {
+                through(&lens);
+            }
+        }
+    }
+}
+
+fn trajectory(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    let _ = format::trajectory::parse_log(&text);
+    let _ = format::trajectory::parse_rows(&text);
+}
+
+fn colmap_text(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    if let Ok(cameras) = format::colmap_text::cameras(&text) {
+        for camera in cameras.values().take(16) {
+            if let Ok(lens) = camera.lens() {
+                through(&lens);
+            }
+        }
+    }
+    let _ = format::colmap_text::images(&text);
+    let _ = format::colmap_text::points(&text);
+}
+
+fn colmap_binary(bytes: &[u8]) {
+    if let Ok(cameras) = format::colmap_binary::cameras(bytes) {
+        for camera in cameras.values().take(16) {
+            if let Ok(lens) = camera.lens() {
+                through(&lens);
+            }
+        }
+    }
+    let _ = format::colmap_binary::images(bytes);
+    let _ = format::colmap_binary::points(bytes);
+}
+
+/// A lens of any parameters must answer or refuse.
+fn through(lens: &Lens) {
+    let k = lens.intrinsics();
+    let corner = glam::DVec2::new(f64::from(k.width), f64::from(k.height));
+    for share in [0.0, 0.3, 0.5, 1.0] {
+        if let Some(ray) = lens.unproject(corner * share) {
+            let _ = lens.project_unfolded(ray);
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Mutants of the fixtures, fed to every parser: it may refuse, but must not panic, hang or take
+//! memory that the bytes do not justify. Seeded; `SHARP_FUZZ_SECONDS` gives each parser that long.
+
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
+#[path = "../fuzz/parsers.rs"]
+mod parsers;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use parsers::{PARSERS, Parser};
+
+/// Mutants of each parser when no time is given.
+const MUTANTS: usize = 3000;
+
+/// Counts what each thread has asked for, to catch allocations that only a header justifies.
+struct Counting;
+
+thread_local! {
+    static LARGEST: Cell<usize> = const { Cell::new(0) };
+}
+
+// SAFETY: every call is handed to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        LARGEST.with(|largest| largest.set(largest.get().max(layout.size())));
+        // SAFETY: the caller keeps `alloc`'s contract.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps `dealloc`'s contract.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn main() {
+    let arguments = Arguments::from_args();
+    let trials = PARSERS
+        .iter()
+        .map(|parser| Trial::test(parser.name, move || attack(parser)))
+        .collect();
+    libtest_mimic::run(&arguments, trials).exit();
+}
+
+fn attack(parser: &Parser) -> Result<(), Failed> {
+    let seeds = seeds(parser);
+    if seeds.is_empty() {
+        return Err("no seeds".into());
+    }
+    for (path, seed) in &seeds {
+        feed(parser, seed, &path.display().to_string())?;
+    }
+    let limit = std::env::var("SHARP_FUZZ_SECONDS")
+        .ok()
+        .and_then(|s| s.parse().ok())
+        .map(Duration::from_secs);
+    let begin = Instant::now();
+    let mut random = Random(0x5EED);
+    for i in 0_usize.. {
+        let over = limit.map_or(i >= MUTANTS, |limit| begin.elapsed() >= limit);
+        if over {
+            break;
+        }
+        let (_, seed) = &seeds[random.below(seeds.len())];
+        let other = &seeds[random.below(seeds.len())].1;
+        let mutant = mutate(seed, other, &mut random);
+        feed(parser, &mutant, &format!("mutant {i}"))?;
+    }
+    Ok(())
+}
+
+/// Runs the parser; a mutant that breaks it is left in the system's folder for temporary files.
+fn feed(parser: &Parser, bytes: &[u8], what: &str) -> Result<(), Failed> {
+    LARGEST.with(|largest| largest.set(0));
+    let begin = Instant::now();
+    let outcome = catch_unwind(AssertUnwindSafe(|| (parser.run)(bytes)));
+    let largest = LARGEST.with(Cell::get);
+    // Deflate's 1032 times eight one-bit pixels a byte, as three bytes of colour each.
+    let justified = (bytes.len() + 4096) * 1032 * 24;
+    let reason = if outcome.is_err() {
+        "panicked"
+    } else if largest > justified {
+        "allocated more than the bytes justify"
+    } else if begin.elapsed() > Duration::from_secs(20) {
+        "took more than 20 seconds"
+    } else {
+        return Ok(());
+    };
+    let kept = std::env::temp_dir().join(format!("sharp-{}-mutant", parser.name));
+    std::fs::write(&kept, bytes)?;
+    Err(format!("{what}: {reason}; its bytes are in {}", kept.display()).into())
+}
+
+fn seeds(parser: &Parser) -> Vec<(PathBuf, Vec<u8>)> {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(tests.join("fixtures/edge")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if parser.seeds.iter().any(|end| name.ends_with(end)) {
+            files.push(path);
+        }
+    }
+    if let Ok(corpus) = std::fs::read_dir(tests.join("fuzz/corpus").join(parser.name)) {
+        files.extend(corpus.map(|entry| entry.unwrap().path()));
+    }
+    files.sort();
+    files
+        .into_iter()
+        .map(|path| (path.clone(), std::fs::read(path).unwrap()))
+        .collect()
+}
+
+/// A few random changes, mostly near the beginning, where headers are.
+fn mutate(seed: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
+    const NUMBERS: [&[u8]; 8] = [
+        b"0",
+        b"-1",
+        b"1e308",
+        b"nan",
+        b"4294967295",
+        b"18446744073709551615",
+        b".",
+        b"[",
+    ];
+    let mut bytes = seed.to_vec();
+    for _ in 0..=random.below(6) {
+        let span = if random.below(3) == 0 {
+            bytes.len()
+        } else {
+            bytes.len().min(160)
+        };
+        let at = random.below(span.max(1)).min(bytes.len());
+        match random.below(9) {
+            0 if !bytes.is_empty() => bytes.truncate(at),
+            1 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            2 if at < bytes.len() => bytes[at] = [0, 1, 0x7F, 0x80, 0xFF][random.below(5)],
+            3 => {
+                let end = (at + random.below(16)).min(bytes.len());
+                bytes.drain(at..end);
+            }
+            4 => {
+                let number = NUMBERS[random.below(NUMBERS.len())];
+                bytes.splice(at..at, number.iter().copied());
+            }
+            5 => {
+                let end = (at + random.below(24)).min(bytes.len());
+                let copied = bytes[at..end].to_vec();
+                bytes.splice(at..at, copied);
+            }
+            6 => {
+                for (i, b) in u64::MAX
+                    .to_le_bytes()
+                    .iter()
+                    .take(1 + random.below(8))
+                    .enumerate()
+                {
+                    if let Some(byte) = bytes.get_mut(at + i) {
+                        *byte = *b;
+                    }
+                }
+            }
+            7 if !other.is_empty() => {
+                let from = random.below(other.len());
+                let end = (from + random.below(64)).min(other.len());
+                bytes.splice(at..at, other[from..end].iter().copied());
+            }
+            _ if at < bytes.len() => bytes[at] = random.below(256) as u8,
+            _ => bytes.push(random.below(256) as u8),
+        }
+    }
+    bytes
+}
+
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) % n as u64) as usize
+    }
+}
