@@ -80,12 +80,6 @@ pub const PARSERS: &[Parser] = &[
     },
 ];
 
-/// Runs one parser; an unknown name is a mistake in a target.
-pub fn run(name: &str, bytes: &[u8]) {
-    let parser = PARSERS.iter().find(|p| p.name == name);
-    (parser.expect("a parser of that name").run)(bytes);
-}
-
 fn pfm(bytes: &[u8]) {
     let _ = format::pfm::parse(bytes);
 }

@@ -1,6 +1,3 @@
 #![no_main]
 
-#[path = "../parsers.rs"]
-mod parsers;
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| parsers::run("colmap_text", bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| sharp_fuzz::run("colmap_text", bytes));

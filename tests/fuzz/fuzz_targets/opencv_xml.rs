@@ -1,6 +1,3 @@
 #![no_main]
 
-#[path = "../parsers.rs"]
-mod parsers;
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| parsers::run("opencv_xml", bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| sharp_fuzz::run("opencv_xml", bytes));

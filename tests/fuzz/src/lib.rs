@@ -1,0 +1,10 @@
+//! What the fuzz targets share.
+
+#[path = "../parsers.rs"]
+pub mod parsers;
+
+/// Runs one parser; an unknown name is a mistake in a target.
+pub fn run(name: &str, bytes: &[u8]) {
+    let parser = parsers::PARSERS.iter().find(|p| p.name == name);
+    (parser.expect("a parser of that name").run)(bytes);
+}
