@@ -5,14 +5,14 @@ use sharp_datasets::format;
 use sharp_datasets::lens::Lens;
 
 /// A parser, and how the files begin that it is fed with.
-pub struct Parser {
+pub(crate) struct Parser {
     pub name: &'static str,
     pub run: fn(&[u8]),
     /// Files of `tests/fixtures/edge` with one of these ends are its seeds.
     pub seeds: &'static [&'static str],
 }
 
-pub const PARSERS: &[Parser] = &[
+pub(crate) const PARSERS: &[Parser] = &[
     Parser {
         name: "pfm",
         run: pfm,
