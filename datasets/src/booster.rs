@@ -10,12 +10,12 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, Node, Storage};
 use crate::format::picture;
 use crate::rig::Side;
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.

@@ -9,12 +9,11 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
 use crate::format::colmap;
-use crate::nerfstudio::{OUTSIDE, positive};
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Choice, DatasetSpec, Format, OUTSIDE, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -104,8 +103,8 @@ fn read_scene(
     root.check(model_folder)?;
     let model = colmap::read_model(model_folder)?;
     let images_file = model.files.last().cloned().unwrap_or_default();
-    let scale = positive(spec, "scale")?;
-    let unit = positive(spec, "depth-unit")?;
+    let scale = spec.positive("scale")?;
+    let unit = spec.positive("depth-unit")?;
     let pictures = root.resolve(folder, spec.setting("images"))?;
     let maps = root.resolve(folder, "depth")?;
     let from_folder = spec.setting("depth") == "folder" && maps.is_dir();

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::{GrayImage, RgbImage};
+use image::RgbImage;
 
 use crate::depth::DepthSource;
 use crate::format::picture;
+use crate::mask::{Mask, check_size};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
@@ -61,47 +62,4 @@ impl ViewContent for FileContent {
     fn image_sha256(&self) -> Result<String, DatasetError> {
         files::sha256(&self.image)
     }
-}
-
-/// A gray picture that says which pixels count: those at full brightness.
-#[derive(Debug, Clone)]
-pub(crate) struct Mask {
-    pub(crate) file: PathBuf,
-}
-
-impl Mask {
-    /// Reads it; it must have the stored picture's size.
-    pub(crate) fn read(&self, size: (u32, u32)) -> Result<GrayImage, DatasetError> {
-        let mask = picture::read_mask(&self.file)?;
-        check_size(&self.file, mask.dimensions(), size)?;
-        Ok(mask)
-    }
-
-    fn blacken(&self, image: &mut RgbImage) -> Result<(), DatasetError> {
-        let mask = self.read(image.dimensions())?;
-        for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
-            if *keep < 255 {
-                pixel.fill(0);
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Refuses a picture or map whose size is not the camera's.
-pub(crate) fn check_size(
-    path: &Path,
-    found: (u32, u32),
-    expected: (u32, u32),
-) -> Result<(), DatasetError> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(DatasetError::malformed(
-        path,
-        format!(
-            "is {}x{}, but its camera is for {}x{}",
-            found.0, found.1, expected.0, expected.1
-        ),
-    ))
 }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use image::Luma;
 
-use crate::content::{Mask, check_size};
 use crate::format::{self, FloatMap, raw_floats};
+use crate::mask::{Mask, check_size};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap};
 

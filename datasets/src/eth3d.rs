@@ -8,11 +8,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::depth::{Encoding, Resampling, StoredDepth};
 use crate::files::Root;
-use crate::format::colmap::{self, Image, Model};
+use crate::format::colmap::{self, Model};
+use crate::format::colmap_records::Image;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 

@@ -6,7 +6,8 @@
 //!
 //! # Contents
 //! * [`view`]: what every reader produces.
-//! * [`catalog`]: the formats by name, and how a dataset is asked for and opened.
+//! * [`spec`]: what a format is and what can be set; [`catalog`]: the formats by name, and how one is
+//!   asked for and opened.
 //! * [`facts`]: what each dataset is and where to get it.
 //! * [`check`](mod@check): what is there, what is broken, whether poses make sense.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
@@ -31,6 +32,7 @@ pub mod facts;
 pub mod files;
 pub mod format;
 pub mod lens;
+mod mask;
 mod middlebury;
 pub mod natural;
 mod nerfstudio;
@@ -38,6 +40,7 @@ mod posed;
 mod rig;
 mod scan;
 mod scannetpp;
+pub mod spec;
 mod stereo;
 pub mod synthetic;
 mod tanks_and_temples;
@@ -45,6 +48,7 @@ pub mod undistort;
 pub mod view;
 mod wildrgbd;
 
-pub use catalog::{DatasetSpec, open};
+pub use catalog::open;
 pub use error::DatasetError;
+pub use spec::DatasetSpec;
 pub use view::{DepthMap, Pairing, Scene, View, ViewContent};

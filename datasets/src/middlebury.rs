@@ -10,11 +10,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::depth::StereoGeometry;
 use crate::files::Root;
 use crate::format::{calib, picture};
 use crate::rig::Side;
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene, View};
 
 /// The catalogue's entry.

@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
-use crate::content::Mask;
 use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
 use crate::format::picture;
 use crate::format::transforms::{self, Frame};
+use crate::mask::Mask;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Choice, DatasetSpec, Format, OUTSIDE, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -41,28 +41,6 @@ pub(crate) const FORMAT: Format = Format {
     ],
     open,
 };
-
-/// Whether files outside the dataset's folder may be named.
-pub(crate) const OUTSIDE: Setting = Setting::choice(
-    "outside",
-    "files that `..`, an absolute path or a symbolic link puts outside the folder",
-    &[
-        Choice::new("refuse", "are an error"),
-        Choice::new("allow", "are read; only for files you trust"),
-    ],
-);
-
-/// A setting that is a number above zero.
-pub(crate) fn positive(spec: &DatasetSpec, key: &str) -> Result<f64, DatasetError> {
-    let text = spec.setting(key);
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err(DatasetError::Spec {
-            text: spec.to_string(),
-            reason: format!("'{key}' cannot be '{text}'; it is a number above zero"),
-        }),
-    }
-}
 
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
@@ -100,8 +78,8 @@ fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, Dat
     let file = transforms::read(json)?;
     let folder = json.parent().unwrap_or(Path::new("."));
     let options = Options {
-        metres: positive(spec, "scale")? / file.applied_scale,
-        depth_unit: positive(spec, "depth-unit")?,
+        metres: spec.positive("scale")? / file.applied_scale,
+        depth_unit: spec.positive("depth-unit")?,
         masks: spec.setting("masks") == "apply",
     };
     let mut finder = Finder::new(root);

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use glam::DVec3;
 use sharp::camera::RigidTransform;
 
-use crate::content::{FileContent, Mask};
+use crate::content::FileContent;
 use crate::depth::{DepthSource, Encoding, MaskedDepth, Resampling, StoredDepth};
 use crate::files::{self, Root};
 use crate::lens::Lens;
+use crate::mask::Mask;
 use crate::scan::{PointDepth, Scan, ScanDepth};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, View, natural};

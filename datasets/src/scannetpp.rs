@@ -8,16 +8,16 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::colmap::Tracks;
-use crate::content::Mask;
 use crate::depth::{Encoding, Resampling, StoredDepth};
 use crate::files::{self, Root};
 use crate::format::transforms::{self, Frame, Transforms, undo_colmap_axes};
 use crate::format::{colmap, picture};
 use crate::lens::Lens;
+use crate::mask::Mask;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 

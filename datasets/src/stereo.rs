@@ -9,11 +9,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::catalog::{DatasetSpec, Format};
 use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::rig::Side;
+use crate::spec::{DatasetSpec, Format};
 use crate::{DatasetError, Pairing, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];

@@ -8,12 +8,12 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::files::{self, Root};
 use crate::format::{colmap, picture, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -229,7 +229,7 @@ impl Place<'_> {
                     let reason = format!("{} cameras; expected the scene's one", cameras.len());
                     return Err(DatasetError::malformed(file, reason));
                 };
-                crate::content::check_size(picture, size, camera.size)?;
+                crate::mask::check_size(picture, size, camera.size)?;
                 let lens = camera
                     .lens()
                     .map_err(|reason| DatasetError::malformed(&file, reason))?;

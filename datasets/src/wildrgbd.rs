@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::catalog::{Choice, DatasetSpec, Format, Setting};
 use crate::depth::{Encoding, Resampling};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
+use crate::spec::{Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.

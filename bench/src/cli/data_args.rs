@@ -8,7 +8,6 @@ use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Selection, Weights};
 
-use super::evaluate::PairOrigin;
 use crate::protocol::PairOptions;
 use crate::runs::plan::Scoring;
 
@@ -147,6 +146,14 @@ fn matches(pattern: &str, text: &str) -> bool {
         }
     }
     pattern[p..].iter().all(|&c| c == '*')
+}
+
+/// Where the pair list comes from.
+pub(super) enum PairOrigin {
+    /// Built from the datasets.
+    Built(PairOptions),
+    /// Handed in.
+    Given(PathBuf),
 }
 
 /// Which pairs: a list, or the choices that build one.

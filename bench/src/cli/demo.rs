@@ -6,7 +6,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::data_args::MetricArgs;
-use super::evaluate::{Evaluation, PairOrigin, Request};
+use super::data_args::PairOrigin;
+use super::evaluate::{Evaluation, Request};
 use super::{Outcome, output, report};
 use crate::protocol::PairOptions;
 use crate::report::{Options, Published};

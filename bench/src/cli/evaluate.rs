@@ -1,12 +1,12 @@
 //! What `run` and `demo` share: open, pair, plan, execute, write.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail};
 use sharp_datasets::Scene;
 
-use super::data_args::{self, OpenDataset};
+use super::data_args::{self, OpenDataset, PairOrigin};
 use super::{output, progress};
 use crate::durable::write_atomic;
 use crate::methods::{self, Method, MethodSpec};
@@ -32,14 +32,6 @@ pub(super) struct Evaluation {
     methods: Vec<Box<dyn Method>>,
     scoring: Scoring,
     limit: Option<usize>,
-}
-
-/// Where the pair list comes from.
-pub(super) enum PairOrigin {
-    /// Built from the datasets.
-    Built(PairOptions),
-    /// Handed in.
-    Given(PathBuf),
 }
 
 /// What is to be evaluated, as given.

@@ -12,11 +12,13 @@
 //! * [`error_map`]: what a prediction got wrong, as a picture; [`pictures`]: pictures inside a page;
 //!   [`gallery`]: which pairs to show.
 //! * [`qualitative`]: a figure of predictions side by side.
+//! * [`mod@escape`]: text from outside on its way into markup.
 //! * [`html`]: the self-contained page; [`markdown`]: the same as text.
 //! * [`mod@write`]: all of it into a folder.
 
 pub mod error;
 pub mod error_map;
+pub mod escape;
 pub mod gallery;
 pub mod html;
 pub mod input;

@@ -10,7 +10,8 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::catalog::{self, DatasetSpec};
+use crate::catalog;
+use crate::spec::DatasetSpec;
 use crate::{DatasetError, Scene, View};
 use consistency::Consistency;
 

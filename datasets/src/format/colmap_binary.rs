@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::colmap::{Camera, Image, Point, pose, size};
+use super::colmap_records::{Camera, Image, Point, pose, size};
 use crate::lens::colmap_parameters;
 
 /// Model names by COLMAP's id.

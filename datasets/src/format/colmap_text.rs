@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use glam::DVec3;
 
-use super::colmap::{Camera, Image, Point, pose, size};
+use super::colmap_records::{Camera, Image, Point, pose, size};
 
 /// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///

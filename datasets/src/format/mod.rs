@@ -1,7 +1,7 @@
 //! File formats, one a file, and knowing nothing about datasets.
 //!
 //! * [`calib`]: Middlebury's `calib.txt`.
-//! * [`colmap`]: COLMAP models, from [`colmap_text`] or [`colmap_binary`].
+//! * [`colmap`]: COLMAP models, from [`colmap_text`] or [`colmap_binary`], as [`colmap_records`].
 //! * [`depth_png`]: 16-bit PNG maps.
 //! * [`exr_depth`]: depth in OpenEXR files.
 //! * [`lenient_json`]: JSON as Python writes it.
@@ -17,6 +17,7 @@
 pub mod calib;
 pub mod colmap;
 pub mod colmap_binary;
+pub mod colmap_records;
 pub mod colmap_text;
 pub mod depth_png;
 pub mod exr_depth;

@@ -27,8 +27,8 @@ use std::sync::Arc;
 use glam::DVec2;
 use sharp::camera::RigidTransform;
 
-use crate::catalog::{DatasetSpec, Format, Setting};
 use crate::lens::{Distortion, Lens};
+use crate::spec::{DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene, View};
 use content::ProceduralContent;
 use world::World;

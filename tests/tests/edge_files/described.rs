@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use libtest_mimic::Trial;
-use sharp_datasets::format::{calib, colmap, trajectory};
+use sharp_datasets::format::{calib, colmap, colmap_records, trajectory};
 use sharp_datasets::{DatasetError, DatasetSpec, Scene, open};
 use tempfile::TempDir;
 
@@ -92,7 +92,7 @@ fn the_rig(name: &str) -> Outcome {
 }
 
 /// The images of a text model whose `images.txt` is the fixture.
-fn images(name: &str) -> Result<Vec<colmap::Image>, DatasetError> {
+fn images(name: &str) -> Result<Vec<colmap_records::Image>, DatasetError> {
     let folder = TempDir::new().unwrap();
     let camera = "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n";
     std::fs::write(folder.path().join("cameras.txt"), camera).unwrap();

@@ -8,7 +8,8 @@ use crate::report::input::{Better, Metric};
 use crate::report::plots::palette::style;
 use crate::report::tables::shown;
 
-use super::{Page, escape};
+use super::Page;
+use crate::report::escape::escape;
 
 /// The section with its controls.
 pub fn section(out: &mut String, page: &Page<'_>) {

@@ -3,7 +3,7 @@
 //! * [`cards`]: the pairs with their pictures; [`provenance`]: how the numbers came about.
 //! * `style.css`, `script.js`: written into the page.
 //!
-//! Text from outside reaches the page only through [`escape`], and no such text is ever part of the script; a
+//! Text from outside reaches the page only through [`escape()`], and no such text is ever part of the script; a
 //! content security policy forbids anything else.
 
 pub mod cards;
@@ -14,6 +14,7 @@ use std::fmt::Write as _;
 use sha2::{Digest as _, Sha256};
 
 use super::error_map;
+use super::escape::escape;
 use super::gallery::Gallery;
 use super::input::ReportInput;
 use super::pictures::base64;
@@ -40,23 +41,6 @@ pub struct Page<'a> {
     pub figures: &'a [(String, Figure)],
     /// Pictures.
     pub gallery: &'a Gallery<'a>,
-}
-
-/// Text that stays text, in elements and in quoted attributes.
-pub fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c if c.is_control() && c != '\n' && c != '\t' => out.push('\u{FFFD}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 /// The whole document.

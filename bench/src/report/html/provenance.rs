@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::{Page, escape};
+use super::Page;
+use crate::report::escape::escape;
 
 /// Failures listed in the page at most.
 const FAILURES: usize = 200;

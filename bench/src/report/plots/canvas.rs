@@ -164,7 +164,7 @@ impl Figure {
 /// Size in CSS pixels, a title for readers, exact baselines.
 fn tidy(svg: &str, title: &str, (width, height): (u32, u32)) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
-    let title = crate::report::html::escape(title);
+    let title = crate::report::escape::escape(title);
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" \
          role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Cell, Table, letter, shown, spans};
-use crate::report::html::escape;
+use crate::report::escape::escape;
 use crate::report::input::Metric;
 
 /// A `figure` with caption, table and footnotes. `id` makes its anchors unique in the page.

@@ -1,0 +1,68 @@
+//! What a COLMAP model is made of, as stored.
+
+use glam::{DMat3, DQuat, DVec3};
+use sharp::camera::RigidTransform;
+
+use crate::lens::Lens;
+
+/// A camera as stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    /// COLMAP's name of the model.
+    pub model: String,
+    /// Width and height, pixels.
+    pub size: (u32, u32),
+    /// In COLMAP's order.
+    pub params: Vec<f64>,
+}
+
+impl Camera {
+    /// The camera with its lens; pixel centres are ours.
+    ///
+    /// # Errors
+    /// The reason: an unsupported model, or parameters that are no camera's.
+    pub fn lens(&self) -> Result<Lens, String> {
+        Lens::from_colmap(&self.model, self.size, &self.params)
+    }
+}
+
+/// An image as stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// COLMAP's id.
+    pub id: u32,
+    /// Id of its camera.
+    pub camera_id: u32,
+    /// Relative to the folder of the pictures; may hold `/` and blanks.
+    pub name: String,
+    /// `None` for a quaternion of length zero and for values that are not finite.
+    pub camera_from_world: Option<RigidTransform>,
+}
+
+/// A triangulated point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Point {
+    /// World position.
+    pub position: DVec3,
+    /// Ids of the images that see it.
+    pub seen_by: Vec<u32>,
+}
+
+/// COLMAP's pose: a quaternion w, x, y, z, which is normalised, and a translation.
+pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransform> {
+    let [w, x, y, z] = wxyz;
+    let length = (w * w + x * x + y * y + z * z).sqrt();
+    if !(length.is_finite() && length > 1e-12) {
+        return None;
+    }
+    let q = DQuat::from_xyzw(x / length, y / length, z / length, w / length);
+    RigidTransform::new(DMat3::from_quat(q), DVec3::from(translation)).ok()
+}
+
+/// Refuses a size that is no picture's.
+pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), String> {
+    let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
+    side(width)
+        .zip(side(height))
+        .ok_or_else(|| format!("a camera is {width}x{height} pixels"))
+}
