@@ -1,5 +1,6 @@
 // Pass `emit`: in depth order, one pair of (tile, Gaussian) for each tile that a Gaussian reaches.
 // `count_tiles` comes first, so that a scan tells everyone where to write: no atomics.
+// CPU twin: sharp/src/render/emit.rs.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> order: array<u32>;

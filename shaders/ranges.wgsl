@@ -1,5 +1,6 @@
 // Pass `ranges`: where each tile's list starts and ends among the sorted pairs. Tiles without a
 // pair keep the zeros that the host put there.
+// CPU twin: sharp/src/render/ranges.rs.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;

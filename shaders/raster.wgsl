@@ -1,5 +1,8 @@
-// Pass `raster`: blends each tile's list into its pixels; one thread owns one pixel.
+// Pass `raster`: blends each tile's list into its pixels; one thread owns eight pixels of a column.
 // CPU twin: sharp/src/render/raster.rs.
+//
+// Eight pixels share what it costs to fetch a Gaussian. A pixel's sums run over its list in order
+// and see no other pixel, so its bits depend neither on its neighbours nor on the tile's size.
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read> ranges: array<vec2<u32>>;
@@ -11,38 +14,97 @@
 @group(0) @binding(6) var<storage, read_write> picture: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read_write> depths: array<f32>;
 
-@compute @workgroup_size(8, 8)
+// Pixels of a thread, down a column.
+const STRIP: u32 = 8u;
+
+// Four pixels, one above the other.
+struct Four {
+    red: vec4<f32>,
+    green: vec4<f32>,
+    blue: vec4<f32>,
+    depth: vec4<f32>,
+    // What still passes; 0 in a pixel that is done, which keeps its transmittance in `done`.
+    transmittance: vec4<f32>,
+    done: vec4<f32>,
+}
+
+// The pixels before the first Gaussian.
+fn untouched() -> Four {
+    let zero = vec4<f32>(0.0);
+    return Four(zero, zero, zero, zero, vec4<f32>(1.0), zero);
+}
+
+// The pixels after one more Gaussian, whose centre lies at `d` from theirs.
+fn blended(
+    before: Four,
+    dx: f32,
+    dy: vec4<f32>,
+    splat: vec4<f32>,
+    detail: vec4<f32>,
+    color: vec4<f32>,
+) -> Four {
+    let across = fma(vec4<f32>(splat.z), vec4<f32>(dx), splat.w * dy);
+    let along = detail.x * dy;
+    let exponent = fma(across, across, along * along);
+    let alpha = min(vec4<f32>(ALPHA_MAX), detail.y * exp2_exact(-exponent));
+    let hit = alpha >= vec4<f32>(ALPHA_MIN);
+    let left = fma(-alpha, before.transmittance, before.transmittance);
+    let goes_on = left > vec4<f32>(TRANSMITTANCE_STOP);
+    let adds = hit & goes_on;
+    // A pixel that would fall to the stop is done, without this Gaussian.
+    let stops = hit & !goes_on;
+    let zero = vec4<f32>(0.0);
+    let weight = select(zero, alpha * before.transmittance, adds);
+    return Four(
+        fma(weight, vec4<f32>(color.x), before.red),
+        fma(weight, vec4<f32>(color.y), before.green),
+        fma(weight, vec4<f32>(color.z), before.blue),
+        fma(weight, vec4<f32>(detail.z), before.depth),
+        select(select(before.transmittance, zero, stops), left, adds),
+        before.done + select(zero, before.transmittance, stops),
+    );
+}
+
+fn write(pixels: Four, first: u32, stride: u32) {
+    let alpha = 1.0 - (pixels.transmittance + pixels.done);
+    for (var i = 0u; i < 4u; i++) {
+        let at = first + i * stride;
+        picture[at] = vec4<f32>(pixels.red[i], pixels.green[i], pixels.blue[i], alpha[i]);
+        depths[at] = pixels.depth[i];
+    }
+}
+
+@compute @workgroup_size(8, 4)
 fn raster(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
-    let within = group.xy * TILE + local.xy;
-    let pixel = vec2<f32>(frame.first * TILE + within) + 0.5;
-    let range = ranges[group.y * frame.tiles.x + group.x];
-    var color = vec3<f32>(0.0);
-    var depth = 0.0;
-    var transmittance = 1.0;
+    // First pixel of the strip within the sub-frame.
+    let within = (group.xy * vec2<u32>(8u, 4u) + local.xy) * vec2<u32>(1u, STRIP);
+    let tile = within >> vec2<u32>(frame.shift);
+    if tile.y >= frame.tiles.y {
+        return;
+    }
+    let corner = vec2<f32>((frame.first << vec2<u32>(frame.shift)) + within) + 0.5;
+    let upper_rows = corner.y + vec4<f32>(0.0, 1.0, 2.0, 3.0);
+    let lower_rows = corner.y + vec4<f32>(4.0, 5.0, 6.0, 7.0);
+    let range = ranges[tile.y * frame.tiles.x + tile.x];
+    var upper = untouched();
+    var lower = untouched();
     for (var i = range.x; i < range.y; i++) {
         let k = members[i];
         let splat = splats[k];
         let detail = details[k];
-        let d = splat.xy - pixel;
-        let across = fma(splat.z, d.x, splat.w * d.y);
-        let along = detail.x * d.y;
-        let exponent = fma(across, across, along * along);
-        let alpha = min(ALPHA_MAX, detail.y * exp2_exact(-exponent));
-        if alpha >= ALPHA_MIN {
-            let left = fma(-alpha, transmittance, transmittance);
-            if left <= TRANSMITTANCE_STOP {
-                break;
-            }
-            let weight = alpha * transmittance;
-            color = fma(vec3<f32>(weight), colors[k].xyz, color);
-            depth = fma(weight, detail.z, depth);
-            transmittance = left;
+        let color = colors[k];
+        let dx = splat.x - corner.x;
+        upper = blended(upper, dx, splat.y - upper_rows, splat, detail, color);
+        lower = blended(lower, dx, splat.y - lower_rows, splat, detail, color);
+        if all(max(upper.transmittance, lower.transmittance) == vec4<f32>(0.0)) {
+            break;
         }
     }
-    let at = within.y * frame.tiles.x * TILE + within.x;
-    picture[at] = vec4<f32>(color, 1.0 - transmittance);
-    depths[at] = depth;
+    let stride = frame.tiles.x << frame.shift;
+    let at = within.y * stride + within.x;
+    write(upper, at, stride);
+    write(lower, at + 4u * stride, stride);
 }

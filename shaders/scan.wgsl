@@ -1,4 +1,5 @@
 // Pass `scan`: exclusive prefix sums of u32 counts, in place, block by block.
+// CPU twin: sharp/src/render/scan.rs.
 //
 // `scan_blocks` leaves each block's total in `sums`; the host scans those in turn and `add_sums`
 // brings them back. No atomics: the result cannot depend on timing.

@@ -1,13 +1,14 @@
-// 2^x for -126 <= x <= 0, the CPU's polynomial: the built-in may be off by many units.
-fn exp2_exact(exponent: f32) -> f32 {
-    let x = max(exponent, -126.0);
+// 2^x for x <= 0, no less than 2^-126, by the CPU's polynomial: the built-in may be off by many
+// units.
+fn exp2_exact(exponent: vec4<f32>) -> vec4<f32> {
+    let x = max(exponent, vec4<f32>(-126.0));
     let whole = round(x);
     let f = x - whole;
-    var sum = 0.0013264727;
-    sum = fma(sum, f, 0.009671513);
-    sum = fma(sum, f, 0.055507336);
-    sum = fma(sum, f, 0.24022242);
-    sum = fma(sum, f, 0.693147);
-    sum = fma(sum, f, 1.0);
-    return sum * bitcast<f32>(u32(i32(whole) + 127) << 23u);
+    var sum = vec4<f32>(0.0013264727);
+    sum = fma(sum, f, vec4<f32>(0.009671513));
+    sum = fma(sum, f, vec4<f32>(0.055507336));
+    sum = fma(sum, f, vec4<f32>(0.24022242));
+    sum = fma(sum, f, vec4<f32>(0.693147));
+    sum = fma(sum, f, vec4<f32>(1.0));
+    return sum * bitcast<vec4<f32>>(vec4<u32>(vec4<i32>(whole) + 127) << vec4<u32>(23u));
 }

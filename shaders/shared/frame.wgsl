@@ -7,13 +7,15 @@ struct Frame {
     // Gaussians in the scene, pairs of (tile, Gaussian) in the sub-frame.
     count: u32,
     pairs: u32,
-    padding: vec2<u32>,
+    // A tile's side is 2^shift pixels.
+    shift: u32,
+    padding: u32,
 }
 
 // First and last tile, relative to the sub-frame: x0, y0, x1, y1. Empty where first > last.
 fn tiles_of(footprint: vec2<u32>, frame: Frame) -> vec4<i32> {
-    let low = vec2<i32>((footprint & vec2<u32>(0xffffu)) / TILE);
-    let high = vec2<i32>((footprint >> vec2<u32>(16u)) / TILE);
+    let low = vec2<i32>((footprint & vec2<u32>(0xffffu)) >> vec2<u32>(frame.shift));
+    let high = vec2<i32>(footprint >> vec2<u32>(16u + frame.shift));
     let first = vec2<i32>(frame.first);
     let most = vec2<i32>(frame.tiles) - 1;
     return vec4<i32>(max(low - first, vec2<i32>(0)), min(high - first, most));

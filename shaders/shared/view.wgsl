@@ -26,8 +26,6 @@ const ALPHA_MAX: f32 = 0.999;
 const TRANSMITTANCE_STOP: f32 = 1e-4;
 // sqrt(log2(e) / 2): brings the exponent of e to one of 2.
 const TO_LOG2: f32 = 0.84932180;
-// Side of a tile, pixels.
-const TILE: u32 = 8u;
 // The key of a Gaussian that is not drawn: behind all others.
 const CULLED: u32 = 0xffffffffu;
 

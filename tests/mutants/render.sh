@@ -23,8 +23,8 @@ pixel centres at whole numbers @ raster.rs @ s/as f32 + 0.5$/as f32/
 the near plane is strict @ project.rs @ s/c.z\[i\] < constants.near/c.z[i] <= constants.near/
 depth keys of 16 bits @ emit.rs @ s/u64::from(z.to_bits()) << 32/u64::from(z.to_bits() >> 16 << 16) << 32/
 order by ray length @ project.rs @ s/c.z\[i\] = z as f32;/c.z[i] = (x * x + y * y + z * z).sqrt() as f32;/
-ties by descending index @ order.rs @ s/pairs.sort_unstable();/pairs.sort_unstable_by_key(|k| (k >> 32, !(*k as u32)));/
-tile range one short @ tiles.rs @ s/\[y \* side + x0..y \* side + x1 + 1\]/[y * side + x0..y * side + x1.max(x0)]/; s/\[row + x0..row + x1 + 1\]/[row + x0..row + x1.max(x0)]/
+unstable sort: ties by descending index @ radix.rs @ s/for key in &\*keys {/for key in keys.iter().rev() {/
+tile range one short @ ranges.rs @ s/\[y \* side + x0..y \* side + x1 + 1\]/[y * side + x0..y * side + x1.max(x0)]/; s/\[row + x0..row + x1 + 1\]/[row + x0..row + x1.max(x0)]/
 footprint one pixel short @ project.rs @ s/let last = (at + reach).floor()/let last = (at + reach - 1.0).floor()/
 blended in sRGB @ project.rs @ s/color: scene.colors\[k\],/color: scene.colors[k].map(crate::color::srgb_from_linear),/
 the Jacobian is not clamped @ project.rs @ s/JACOBIAN_MARGIN: f64 = 0.3;/JACOBIAN_MARGIN: f64 = 30.0;/

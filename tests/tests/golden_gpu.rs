@@ -17,7 +17,7 @@ use render_support::random::{self, Random, Recipe};
 use render_support::{CASES, Golden, reference};
 use sharp::gaussians::Gaussians;
 use sharp::render::{
-    CpuRenderer, GpuAdapter, GpuRenderer, RenderError, RenderOutput, RenderView, Renderer,
+    CpuRenderer, GpuAdapter, GpuRenderer, RenderError, RenderOutput, RenderView, Renderer, TileSize,
 };
 use std::process::ExitCode;
 
@@ -33,18 +33,23 @@ fn main() -> ExitCode {
             golden(adapter, name, eps);
         }));
     }
-    let tests: [(&str, Test); 8] = [
+    let tests: [(&str, Test); 13] = [
         ("three runs give the same bytes", repeated),
+        ("tile sizes give the same bytes", tile_sizes),
         ("sub-frames give the same bytes", split_into_sub_frames),
+        ("permuted input gives the same bytes", permuted),
+        ("buffers grow from view to view", growth),
         ("one upload serves many views", many_views),
         ("host order draws the golden pictures", host_order),
         ("degenerate scenes", degenerate),
+        ("needles, and opacities of 0 and 1", needles),
         ("pictures of every shape", shapes),
         ("16384 wide", wide),
         (
             "the speed scene agrees with the CPU to 90 dB",
             speed_scene_psnr,
         ),
+        ("6048x4032 takes half a gigabyte", large),
     ];
     for (name, test) in tests {
         trials.extend(on_each(&adapters, name, test));
@@ -132,8 +137,54 @@ fn split_into_sub_frames(adapter: &GpuAdapter) {
         assert!(whole == render(limit).unwrap(), "{limit}");
     }
     let error = render(300_000).unwrap_err();
-    assert!(matches!(error, RenderError::Device { .. }));
+    assert!(matches!(error, RenderError::OutOfMemory { .. }));
     assert!(error.to_string().contains("20000 Gaussians"), "{error}");
+}
+
+fn tile_sizes(adapter: &GpuAdapter) {
+    for (name, suffix) in [("s4_rand2k", ".eps0.3"), ("s5_degenerate20k", "")] {
+        let golden = case(name, suffix);
+        let mut view = golden.view;
+        view.intrinsics = view.intrinsics.resized(517, 389);
+        let render = |tile: TileSize| {
+            let renderer = GpuRenderer::new(adapter).unwrap();
+            let mut renderer = renderer.with_tile_size(tile);
+            renderer.render(&golden.scene, &view).unwrap()
+        };
+        let eight = render(TileSize::Px8);
+        assert!(eight == render(TileSize::Px16), "{name}: 16");
+        assert!(eight == render(TileSize::Px32), "{name}: 32");
+    }
+}
+
+fn permuted(adapter: &GpuAdapter) {
+    let golden = case("s5_degenerate20k", "");
+    let scene = render_support::without_ties(&golden.scene, &golden.view);
+    let shuffled = render_support::shuffled(&scene);
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let first = renderer.render(&scene, &golden.view).unwrap();
+    assert!(first == renderer.render(&shuffled, &golden.view).unwrap());
+}
+
+/// A renderer keeps what a small view and a small scene needed; larger ones must find room.
+fn growth(adapter: &GpuAdapter) {
+    let (small, large) = (case("s4_rand2k", ".eps0"), case("s5_degenerate20k", ""));
+    let mut wide = large.view;
+    wide.intrinsics = wide.intrinsics.resized(1023, 771);
+    let tasks = [
+        (&small.scene, small.view),
+        (&large.scene, large.view),
+        (&large.scene, wide),
+        (&small.scene, small.view),
+    ];
+    let mut kept = GpuRenderer::new(adapter).unwrap();
+    let mut peaks = Vec::new();
+    for (scene, view) in tasks {
+        let mut fresh = GpuRenderer::new(adapter).unwrap();
+        assert!(kept.render(scene, &view).unwrap() == fresh.render(scene, &view).unwrap());
+        peaks.push(kept.peak_bytes());
+    }
+    assert!(peaks[0] < peaks[1] && peaks[1] < peaks[2] && peaks[2] == peaks[3]);
 }
 
 fn many_views(adapter: &GpuAdapter) {
@@ -203,6 +254,34 @@ fn degenerate(adapter: &GpuAdapter) {
     assert_eq!(behind.rgb_linear, vec![[0.0; 3]; 3500]);
 }
 
+fn needles(adapter: &GpuAdapter) {
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    for seed in 100..112 {
+        let mut random = Random(seed);
+        // Elongations up to 5000, most of them far thinner than a pixel.
+        let recipe = Recipe {
+            count: 400,
+            scales: (0.0002, 1.0),
+            opacities: (0.3, 1.0),
+        };
+        let mut scene = random::scene(&mut random, recipe);
+        for (k, opacity) in scene.opacities.iter_mut().enumerate() {
+            match k % 5 {
+                0 => *opacity = 0.0,
+                1 => *opacity = 1.0,
+                _ => (),
+            }
+        }
+        let mut view = random::view(81, 61);
+        view.camera_from_scene = random::movement(&mut random);
+        let found = renderer.render(&scene, &view).unwrap();
+        reference::render(&scene, &view).assert_close(&found, &format!("seed {seed}"));
+        let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
+        assert_eq!(found.dropped.transparent, cpu.dropped.transparent);
+        assert!(found.dropped.transparent > 0);
+    }
+}
+
 fn shapes(adapter: &GpuAdapter) {
     let mut renderer = GpuRenderer::new(adapter).unwrap();
     let recipe = Recipe {
@@ -253,8 +332,33 @@ fn speed_scene_psnr(adapter: &GpuAdapter) {
     let ordered = renderer.render(&scene, &view).unwrap();
     println!("host order: {:.1} dB", self::psnr(&ordered, &cpu));
     println!("{psnr:.1} dB, largest difference {largest:e}");
+    for time in renderer.pass_times() {
+        println!(
+            "{:8} {:4} times, {:.3} s",
+            time.pass, time.dispatches, time.seconds
+        );
+    }
     assert!(psnr >= 90.0, "{psnr} dB");
     assert!(largest <= 1.0 / 255.0 + 1e-4, "{largest}");
+}
+
+/// Prints what the buffers take; a picture of 24 megapixels has three bindings' worth of pixels.
+fn large(adapter: &GpuAdapter) {
+    let scene = speed_scene::scene(1.0);
+    let view = speed_scene::view(6048, 4032);
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let found = renderer.render(&scene, &view).unwrap();
+    let megabytes = renderer.peak_bytes() as f64 / 1e6;
+    println!("{megabytes:.1} MB of buffers on {adapter}");
+    for time in renderer.pass_times() {
+        println!(
+            "{:8} {:4} times, {:.3} s",
+            time.pass, time.dispatches, time.seconds
+        );
+    }
+    assert!(megabytes < 525.0, "{megabytes}");
+    let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
+    assert!(psnr(&found, &cpu) >= 90.0);
 }
 
 /// Of colour and alpha, range 1.

@@ -8,7 +8,7 @@
 
 mod render_support;
 
-use render_support::{CASES, Golden};
+use render_support::{CASES, Golden, shuffled, without_ties};
 use sharp::gaussians::Gaussians;
 use sharp::render::{CpuRenderer, RenderOutput, RenderView, Renderer, SimdLevel, TileSize};
 
@@ -91,33 +91,9 @@ fn memory_limits_do_not_matter() {
 #[test]
 fn the_order_of_the_input_matters_only_for_exact_ties() {
     for (scene, view) in scenes() {
-        // Of Gaussians that share a depth in this view keep the first.
-        let m = view.camera_from_scene;
-        let mut seen = std::collections::HashSet::new();
-        let distinct = scene.filtered(|k| {
-            let mean = glam::DVec3::from_array(scene.means[k].map(f64::from));
-            seen.insert((m.transform_point3(mean).z as f32).to_bits())
-        });
-        let n = distinct.len();
-        // A step that shares no factor with n visits every index once.
-        let step = (n / 3..).find(|s| gcd(*s, n) == 1).unwrap();
-        let shuffled = reordered(&distinct, |k| (k * step + 7) % n);
+        let distinct = without_ties(&scene, &view);
+        let shuffled = shuffled(&distinct);
         let a = CpuRenderer::new().render(&distinct, &view).unwrap();
         assert!(a == CpuRenderer::new().render(&shuffled, &view).unwrap());
-    }
-}
-
-fn gcd(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { gcd(b, a % b) }
-}
-
-fn reordered(scene: &Gaussians, from: impl Fn(usize) -> usize) -> Gaussians {
-    let order: Vec<usize> = (0..scene.len()).map(from).collect();
-    Gaussians {
-        means: order.iter().map(|k| scene.means[*k]).collect(),
-        quaternions: order.iter().map(|k| scene.quaternions[*k]).collect(),
-        scales: order.iter().map(|k| scene.scales[*k]).collect(),
-        opacities: order.iter().map(|k| scene.opacities[*k]).collect(),
-        colors: order.iter().map(|k| scene.colors[*k]).collect(),
     }
 }

@@ -1,40 +1,14 @@
 //! The backend without a GPU: the passes on rayon's threads, sixteen pixels a lane group.
 
 use super::emit::{BIN, BinGrid, count, emit};
-use super::order::order;
 use super::project::{Projected, project};
+use super::ranges::TileLists;
 use super::raster::{BinPixels, raster};
-use super::renderer::check_scene;
-use super::tiles::TileLists;
-use super::{RenderError, RenderOutput, RenderView, Renderer, SimdLevel};
+use super::renderer::{LoadedScene, check_scene};
+use super::{RenderError, RenderOutput, RenderView, Renderer, SimdLevel, TileSize, radix};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
-
-/// Side of the tiles that own a list. A matter of speed: the picture's bytes do not depend on it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum TileSize {
-    /// 4×4 pixels, what the lanes hold.
-    #[default]
-    Px4,
-    /// 8×8 pixels.
-    Px8,
-    /// 16×16 pixels, gsplat's.
-    Px16,
-    /// 32×32 pixels.
-    Px32,
-}
-
-impl TileSize {
-    fn pixels(self) -> usize {
-        match self {
-            Self::Px4 => 4,
-            Self::Px8 => 8,
-            Self::Px16 => 16,
-            Self::Px32 => 32,
-        }
-    }
-}
 
 /// Renders on the threads of the current rayon pool. Keeps its buffers between frames.
 ///
@@ -56,6 +30,7 @@ const PAIR_LIMIT: u64 = 1 << 25;
 #[derive(Debug, Default)]
 struct BinScratch {
     keys: Vec<u64>,
+    sorting: Vec<u64>,
     lists: TileLists,
     members: Vec<u32>,
 }
@@ -76,14 +51,14 @@ impl CpuRenderer {
     pub fn with_simd(simd: SimdLevel) -> Self {
         Self {
             simd,
-            tile: TileSize::default(),
+            tile: TileSize::Px4,
             pair_limit: PAIR_LIMIT,
             projected: Projected::default(),
             bins: Mutex::default(),
         }
     }
 
-    /// The same renderer with another tile size.
+    /// The same renderer with another tile size than 4×4.
     #[must_use]
     pub fn with_tile_size(self, tile: TileSize) -> Self {
         Self { tile, ..self }
@@ -105,13 +80,34 @@ impl Renderer for CpuRenderer {
         format!("cpu-{}", self.simd.name())
     }
 
-    fn render(
-        &mut self,
-        scene: &Gaussians,
-        view: &RenderView,
-    ) -> Result<RenderOutput, RenderError> {
-        view.check()?;
+    fn load<'a>(
+        &'a mut self,
+        scene: &'a Gaussians,
+    ) -> Result<Box<dyn LoadedScene + 'a>, RenderError> {
         check_scene(scene)?;
+        Ok(Box::new(CpuScene {
+            renderer: self,
+            scene,
+        }))
+    }
+}
+
+/// A checked scene; there is nowhere to bring it.
+struct CpuScene<'a> {
+    renderer: &'a mut CpuRenderer,
+    scene: &'a Gaussians,
+}
+
+impl LoadedScene for CpuScene<'_> {
+    fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError> {
+        view.check()?;
+        Ok(self.renderer.draw(self.scene, view))
+    }
+}
+
+impl CpuRenderer {
+    /// All passes, for a scene and a view that were checked.
+    fn draw(&mut self, scene: &Gaussians, view: &RenderView) -> RenderOutput {
         let (width, height) = (view.intrinsics.width, view.intrinsics.height);
         let grid = BinGrid::new(width, height);
         project(self.simd, scene, view, &mut self.projected);
@@ -143,12 +139,13 @@ impl Renderer for CpuRenderer {
                     let mut scratch = self.take_scratch();
                     lists.gather(bin, &mut scratch.keys);
                     if !scratch.keys.is_empty() {
-                        order(&mut scratch.keys);
+                        radix::sort(&mut scratch.keys, &mut scratch.sorting);
                         let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
                         let BinScratch {
                             keys,
                             lists,
                             members,
+                            ..
                         } = &mut scratch;
                         lists.load(keys, splats, footprints, corner);
                         lists.for_each_band(self.tile.pixels(), |band| {
@@ -159,11 +156,9 @@ impl Renderer for CpuRenderer {
                 });
         }
         drop(areas);
-        Ok(out)
+        out
     }
-}
 
-impl CpuRenderer {
     fn take_scratch(&self) -> BinScratch {
         let mut pool = self.bins.lock().unwrap_or_else(PoisonError::into_inner);
         pool.pop().unwrap_or_default()

@@ -5,6 +5,7 @@
 //! own, so that no two threads write to one place and the result knows nothing of threads.
 
 use super::project::Footprint;
+use super::scan::scan;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -123,15 +124,11 @@ pub(super) fn emit(
         .zip(&counts.0)
         .enumerate()
         .map(|(index, (chunk, counts))| {
-            let mut starts = Vec::with_capacity(bins.len() + 1);
-            let mut total = 0;
-            starts.push(0);
-            for count in &counts[bins.clone()] {
-                total += count;
-                starts.push(total);
-            }
+            let mut starts = Vec::new();
+            scan(&counts[bins.clone()], &mut starts);
             let mut next = starts.clone();
-            let mut pairs = vec![0_u64; total as usize];
+            let total = starts.last().map_or(0, |end| *end as usize);
+            let mut pairs = vec![0_u64; total];
             for (offset, f) in chunk.iter().enumerate().filter(|(_, f)| !f.is_empty()) {
                 // Fits: the scene was checked to hold at most u32::MAX Gaussians.
                 let key = key(f.z, (index * CHUNK + offset) as u32);

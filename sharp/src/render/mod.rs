@@ -11,38 +11,46 @@
 //!
 //! # Contents
 //! * [`RenderView`]: where the camera stands and which knobs of the definition are turned.
-//! * [`Renderer`]: what every backend does; [`CpuRenderer`]: the one without a GPU;
-//!   `GpuRenderer` (feature `gpu`): the one on wgpu.
+//! * [`Backend`]: a choice among them; [`Renderer`]: what every backend does, [`LoadedScene`] for
+//!   many views of one scene; [`CpuRenderer`]: the one without a GPU; `GpuRenderer` and
+//!   `GpuAdapter` (feature `gpu`): the one on wgpu.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
 //! * [`trajectory`]: the release's camera paths; [`turbo`]: colours for inverse depth.
 //!
-//! The passes carry the same names in every backend: `project`, `emit`, `order`, `tiles`,
-//! `raster`, `post`.
+//! # Passes
+//! `project` → `scan` → `radix` (front to back) → `emit` → `radix` (by tile) → `ranges` →
+//! `raster`: each a file here and a file of WGSL under `shaders/`, by the same name, and tests hold
+//! one against the other. The CPU emits into bins of 64×64 pixels first and sorts within each.
+//! `post` exists once, on the host: encoding and quantisation must give every backend the same
+//! levels, which WGSL's `pow` does not promise, and scoring wants the f32 picture anyway.
 
+mod backend;
 mod colormap;
 mod cpu;
 mod emit;
 #[cfg(feature = "gpu")]
 mod gpu;
-mod order;
 mod output;
 mod post;
 mod project;
+mod radix;
+mod ranges;
 mod raster;
 mod renderer;
+mod scan;
 mod simd;
-mod tiles;
 pub mod trajectory;
 mod view;
 
 #[cfg(feature = "gpu")]
-pub use gpu::{GpuAdapter, GpuRenderer, GpuScene};
+pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer, PassTime};
 
+pub use backend::{Backend, UnknownBackend};
 pub use colormap::turbo;
-pub use cpu::{CpuRenderer, TileSize, render_cpu};
+pub use cpu::{CpuRenderer, render_cpu};
 pub use output::{Dropped, RenderOutput};
 pub use post::Background;
-pub use renderer::{RenderError, Renderer};
+pub use renderer::{LoadedScene, RenderError, Renderer, TileSize};
 pub use simd::SimdLevel;
 pub use view::RenderView;

@@ -5,8 +5,8 @@
 //! than anything that could reach 1/255.
 
 use super::project::ALPHA_MIN;
+use super::ranges::{Band, LocalSplat};
 use super::simd::{Lanes, per_level};
-use super::tiles::{Band, LocalSplat};
 
 /// Side of the square of pixels that the lanes hold.
 pub(super) const BLOCK: usize = 4;

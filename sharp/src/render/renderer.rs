@@ -26,7 +26,10 @@ pub enum RenderError {
     /// The scene's arrays differ in length.
     #[error(transparent)]
     Scene(#[from] LengthMismatch),
-    /// A GPU could not be opened, ran out of memory, or was lost. The CPU can take over.
+    /// No adapter fits what was asked for.
+    #[error("{0}")]
+    NoAdapter(String),
+    /// A GPU could not be opened or refused its work. The CPU can take over.
     #[error("{adapter}: {what}")]
     Device {
         /// Which GPU.
@@ -34,22 +37,63 @@ pub enum RenderError {
         /// What it or its driver said.
         what: String,
     },
+    /// A GPU went away: driver reset, timeout, unplugged. Its renderer is of no more use; the CPU
+    /// can take over.
+    #[error("{adapter} was lost: {what}")]
+    DeviceLost {
+        /// Which GPU.
+        adapter: String,
+        /// What it or its driver said.
+        what: String,
+    },
+    /// A GPU has no room for the scene or the picture. The CPU can take over.
+    #[error("{adapter} is out of memory: {what}")]
+    OutOfMemory {
+        /// Which GPU.
+        adapter: String,
+        /// What was too large.
+        what: String,
+    },
+}
+
+impl RenderError {
+    /// True where it is the GPU that failed, not the request: the same scene and view may be
+    /// rendered on the CPU, or again later.
+    pub fn is_device_fault(&self) -> bool {
+        matches!(
+            self,
+            Self::Device { .. } | Self::DeviceLost { .. } | Self::OutOfMemory { .. }
+        )
+    }
 }
 
 /// A backend of the one definition.
-pub trait Renderer {
+pub trait Renderer: Send {
     /// Which backend and which variant of it, for records: `cpu-avx512`, `wgpu:<adapter>`.
     fn name(&self) -> String;
+
+    /// Makes a scene ready to be rendered from many views: checked, and on a GPU uploaded.
+    ///
+    /// # Errors
+    /// [`RenderError::Scene`], [`RenderError::TooMany`], and those of the device.
+    fn load<'a>(
+        &'a mut self,
+        scene: &'a Gaussians,
+    ) -> Result<Box<dyn LoadedScene + 'a>, RenderError>;
 
     /// Renders one view.
     ///
     /// # Errors
     /// See [`RenderError`].
-    fn render(&mut self, scene: &Gaussians, view: &RenderView)
-    -> Result<RenderOutput, RenderError>;
+    fn render(
+        &mut self,
+        scene: &Gaussians,
+        view: &RenderView,
+    ) -> Result<RenderOutput, RenderError> {
+        self.load(scene)?.render(view)
+    }
 
-    /// Renders several views of one scene, handing each picture over as it is done: what a
-    /// backend does once per scene (an upload) is paid once.
+    /// Renders several views of one scene, loaded once, and hands each picture over as it is done.
     ///
     /// # Errors
     /// The first view that fails ends the batch.
@@ -59,10 +103,45 @@ pub trait Renderer {
         views: &[RenderView],
         done: &mut dyn FnMut(usize, RenderOutput),
     ) -> Result<(), RenderError> {
+        let mut loaded = self.load(scene)?;
         for (index, view) in views.iter().enumerate() {
-            done(index, self.render(scene, view)?);
+            done(index, loaded.render(view)?);
         }
         Ok(())
+    }
+}
+
+/// A scene that a [`Renderer`] has ready.
+pub trait LoadedScene {
+    /// Renders one view of it.
+    ///
+    /// # Errors
+    /// [`RenderError::View`], [`RenderError::Size`], and those of the device.
+    fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError>;
+}
+
+/// Side of the tiles that own a list of Gaussians. A matter of speed: the picture's bytes do not
+/// depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TileSize {
+    /// 4×4 pixels, the CPU's: what its lanes hold.
+    Px4,
+    /// 8×8 pixels, the GPU's.
+    Px8,
+    /// 16×16 pixels, gsplat's.
+    Px16,
+    /// 32×32 pixels.
+    Px32,
+}
+
+impl TileSize {
+    pub(super) fn pixels(self) -> usize {
+        match self {
+            Self::Px4 => 4,
+            Self::Px8 => 8,
+            Self::Px16 => 16,
+            Self::Px32 => 32,
+        }
     }
 }
 

@@ -114,6 +114,35 @@ impl Golden {
     }
 }
 
+/// Of Gaussians that share a depth in this view the first.
+pub(crate) fn without_ties(scene: &Gaussians, view: &RenderView) -> Gaussians {
+    let m = view.camera_from_scene;
+    let mut seen = std::collections::HashSet::new();
+    scene.filtered(|k| {
+        let mean = glam::DVec3::from_array(scene.means[k].map(f64::from));
+        seen.insert((m.transform_point3(mean).z as f32).to_bits())
+    })
+}
+
+/// The same Gaussians in another order.
+pub(crate) fn shuffled(scene: &Gaussians) -> Gaussians {
+    let n = scene.len();
+    // A step that shares no factor with n visits every index once.
+    let step = (n / 3..).find(|s| gcd(*s, n) == 1).unwrap();
+    let order: Vec<usize> = (0..n).map(|k| (k * step + 7) % n).collect();
+    Gaussians {
+        means: order.iter().map(|k| scene.means[*k]).collect(),
+        quaternions: order.iter().map(|k| scene.quaternions[*k]).collect(),
+        scales: order.iter().map(|k| scene.scales[*k]).collect(),
+        opacities: order.iter().map(|k| scene.opacities[*k]).collect(),
+        colors: order.iter().map(|k| scene.colors[*k]).collect(),
+    }
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
 /// `f32::max` passes a NaN over; a deviation must not.
 fn larger(a: f32, b: f32) -> f32 {
     if a >= b { a } else { b }

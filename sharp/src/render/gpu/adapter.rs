@@ -6,6 +6,35 @@ use std::fmt;
 #[derive(Clone)]
 pub struct GpuAdapter {
     pub(super) adapter: wgpu::Adapter,
+    info: wgpu::AdapterInfo,
+}
+
+/// What an adapter is made of, best first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AdapterKind {
+    /// A GPU with memory of its own.
+    Discrete,
+    /// A GPU that shares the processor's memory.
+    Integrated,
+    /// A part of a GPU, handed to a virtual machine.
+    Virtual,
+    /// Something that does not say what it is.
+    Other,
+    /// The processor: lavapipe, WARP, SwiftShader. Many times slower than
+    /// [`CpuRenderer`](super::super::CpuRenderer), and so never chosen unless named.
+    Software,
+}
+
+impl fmt::Display for AdapterKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Other => "other",
+            Self::Software => "software",
+        })
+    }
 }
 
 impl GpuAdapter {
@@ -13,14 +42,14 @@ impl GpuAdapter {
     pub fn all() -> Vec<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
         let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
-        let mut adapters: Vec<Self> = found.into_iter().map(|adapter| Self { adapter }).collect();
-        adapters.sort_by_key(|a| match a.adapter.get_info().device_type {
-            wgpu::DeviceType::DiscreteGpu => 0,
-            wgpu::DeviceType::IntegratedGpu => 1,
-            wgpu::DeviceType::VirtualGpu => 2,
-            wgpu::DeviceType::Other => 3,
-            wgpu::DeviceType::Cpu => 4,
-        });
+        let mut adapters: Vec<Self> = found
+            .into_iter()
+            .map(|adapter| Self {
+                info: adapter.get_info(),
+                adapter,
+            })
+            .collect();
+        adapters.sort_by_key(Self::kind);
         adapters
     }
 
@@ -30,24 +59,64 @@ impl GpuAdapter {
         Self::all().into_iter().find(|a| !a.is_software())
     }
 
+    /// The first adapter whose description (its `Display`) contains `text`, in any case.
+    pub fn find(text: &str) -> Option<Self> {
+        let text = text.to_lowercase();
+        let fits = |a: &Self| a.to_string().to_lowercase().contains(&text);
+        Self::all().into_iter().find(fits)
+    }
+
+    /// As the driver calls it: `NVIDIA H200`, `llvmpipe (LLVM 15.0.6, 256 bits)`.
+    pub fn name(&self) -> &str {
+        &self.info.name
+    }
+
+    /// What it is made of.
+    pub fn kind(&self) -> AdapterKind {
+        match self.info.device_type {
+            wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+            wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+            wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+            wgpu::DeviceType::Other => AdapterKind::Other,
+            wgpu::DeviceType::Cpu => AdapterKind::Software,
+        }
+    }
+
+    /// The driver and its version, as it gives them; empty where it does not.
+    pub fn driver(&self) -> String {
+        let text = format!("{} {}", self.info.driver, self.info.driver_info);
+        text.trim().to_owned()
+    }
+
+    /// The interface it is driven through: `vulkan`, `metal` or `dx12`.
+    pub fn interface(&self) -> &'static str {
+        self.info.backend.to_str()
+    }
+
     /// True for lavapipe, WARP, SwiftShader and their kind.
     pub fn is_software(&self) -> bool {
-        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+        self.kind() == AdapterKind::Software
     }
 }
 
-/// Name, driver and interface, as records keep them.
+/// Name, interface and driver, as records keep them.
 impl fmt::Display for GpuAdapter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let info = self.adapter.get_info();
-        write!(
-            f,
-            "{} ({:?}, {} {})",
-            info.name, info.backend, info.driver, info.driver_info
-        )?;
+        write!(f, "{} ({}", self.name(), self.interface())?;
+        let driver = self.driver();
+        if !driver.is_empty() {
+            write!(f, ", {driver}")?;
+        }
+        f.write_str(")")?;
         if self.is_software() {
             f.write_str(" [software]")?;
         }
         Ok(())
+    }
+}
+
+impl fmt::Debug for GpuAdapter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GpuAdapter({self})")
     }
 }

@@ -1,17 +1,26 @@
 //! Buffers and dispatches in one line each.
 
 use super::device::Gpu;
-use wgpu::{Buffer, BufferUsages, CommandEncoder, ComputePipeline};
+use super::memory::Buffer;
+use super::passes::Pass;
+use wgpu::{BufferUsages, CommandEncoder};
 
 impl Gpu {
-    /// Storage of `bytes` bytes, zeroed; a binding may not be empty.
+    fn buffer(&self, label: &str, bytes: u64, usage: BufferUsages) -> Buffer {
+        self.memory
+            .count(self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                // A binding may not be empty.
+                size: bytes.max(16).next_multiple_of(4),
+                usage,
+                mapped_at_creation: false,
+            }))
+    }
+
+    /// Storage of `bytes` bytes, zeroed.
     pub(super) fn storage(&self, label: &str, bytes: u64) -> Buffer {
-        self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size: bytes.max(16),
-            usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        })
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        self.buffer(label, bytes, usage)
     }
 
     /// Storage filled with `data`.
@@ -24,32 +33,23 @@ impl Gpu {
 
     /// A uniform with these words.
     pub(super) fn uniform(&self, label: &str, words: &[u32]) -> Buffer {
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size: (words.len() * 4) as u64,
-            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let buffer = self.buffer(label, (words.len() * 4) as u64, usage);
         self.queue
             .write_buffer(&buffer, 0, bytemuck::cast_slice(words));
         buffer
     }
 
-    /// Copies the first `bytes` bytes after `offset` to a buffer that the host can map.
-    pub(super) fn stage(
-        &self,
-        encoder: &mut CommandEncoder,
-        from: &Buffer,
-        offset: u64,
-        bytes: u64,
-    ) -> Buffer {
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("staging"),
-            size: bytes,
-            usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        encoder.copy_buffer_to_buffer(from, offset, &staging, 0, bytes);
+    /// A buffer of `bytes` bytes that the host can map.
+    pub(super) fn staging(&self, bytes: u64) -> Buffer {
+        let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
+        self.buffer("staging", bytes, usage)
+    }
+
+    /// Copies the first `bytes` bytes to a new staging buffer.
+    pub(super) fn stage(&self, encoder: &mut CommandEncoder, from: &Buffer, bytes: u64) -> Buffer {
+        let staging = self.staging(bytes);
+        encoder.copy_buffer_to_buffer(from, 0, &staging, 0, bytes);
         staging
     }
 
@@ -62,19 +62,19 @@ impl Gpu {
     pub(super) fn run(
         &self,
         encoder: &mut CommandEncoder,
-        pipeline: &ComputePipeline,
+        pass: &Pass,
         buffers: &[&Buffer],
         groups: u32,
     ) {
         let x = groups.min(self.groups_limit).max(1);
-        self.run_grid(encoder, pipeline, buffers, (x, groups.div_ceil(x).max(1)));
+        self.run_grid(encoder, pass, buffers, (x, groups.div_ceil(x).max(1)));
     }
 
     /// Dispatches a grid of workgroups; the buffers are bindings 0, 1, ….
     pub(super) fn run_grid(
         &self,
         encoder: &mut CommandEncoder,
-        pipeline: &ComputePipeline,
+        pass: &Pass,
         buffers: &[&Buffer],
         (x, y): (u32, u32),
     ) {
@@ -89,15 +89,15 @@ impl Gpu {
             .collect();
         let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
-            layout: &pipeline.get_bind_group_layout(0),
+            layout: &pass.pipeline.get_bind_group_layout(0),
             entries: &entries,
         });
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: None,
-            timestamp_writes: None,
+        let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(pass.name),
+            timestamp_writes: self.timer.as_ref().and_then(|t| t.next(pass.name)),
         });
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(x, y, 1);
+        dispatch.set_pipeline(&pass.pipeline);
+        dispatch.set_bind_group(0, &group, &[]);
+        dispatch.dispatch_workgroups(x, y, 1);
     }
 }

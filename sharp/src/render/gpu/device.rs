@@ -2,19 +2,56 @@
 
 use super::super::RenderError;
 use super::GpuAdapter;
+use super::memory::{Buffer, Memory};
+use super::timing::Timer;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// A device and its queue. wgpu reports faults by callback; [`Self::check`] turns the first one
+/// What a sub-frame's largest binding may take even where the adapter grants more: keeps a picture
+/// of any size to about half a gigabyte of device memory.
+const WINDOW: u64 = 128 << 20;
+
+/// A device and its queue. wgpu reports faults by callback; [`Self::check`] turns the worst one
 /// into an error.
 pub(super) struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) adapter: String,
-    /// Largest binding to use, bytes.
+    /// Largest binding that may be made, bytes.
     pub(super) binding_limit: u64,
     /// Most workgroups along an axis.
     pub(super) groups_limit: u32,
-    fault: Arc<Mutex<Option<String>>>,
+    pub(super) memory: Arc<Memory>,
+    pub(super) timer: Option<Timer>,
+    fault: Arc<Mutex<Option<Fault>>>,
+}
+
+/// What went wrong, the worse the later.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Fault {
+    Other(String),
+    Memory(String),
+    Lost(String),
+}
+
+impl From<wgpu::Error> for Fault {
+    fn from(error: wgpu::Error) -> Self {
+        let what = error.to_string();
+        match error {
+            wgpu::Error::OutOfMemory { .. } => Self::Memory(what),
+            wgpu::Error::Validation { .. } | wgpu::Error::Internal { .. } => Self::Other(what),
+        }
+    }
+}
+
+impl Fault {
+    fn at(self, adapter: &str) -> RenderError {
+        let adapter = adapter.to_owned();
+        match self {
+            Self::Other(what) => RenderError::Device { adapter, what },
+            Self::Memory(what) => RenderError::OutOfMemory { adapter, what },
+            Self::Lost(what) => RenderError::DeviceLost { adapter, what },
+        }
+    }
 }
 
 impl Gpu {
@@ -24,28 +61,33 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("renderer"),
             required_limits: limits.clone(),
+            required_features: adapter.adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.adapter.request_device(&descriptor))
-            .map_err(|e| RenderError::Device {
-                adapter: name.clone(),
-                what: e.to_string(),
-            })?;
+            .map_err(|e| Fault::Other(e.to_string()).at(&name))?;
         let fault = Arc::new(Mutex::new(None));
         let keep = {
             let fault = Arc::clone(&fault);
-            move |what: String| {
+            move |found: Fault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
-                fault.get_or_insert(what);
+                // The first of the worst kind: later ones are mostly its consequences.
+                if fault.as_ref().is_none_or(|known| {
+                    std::mem::discriminant(known) != std::mem::discriminant(&found)
+                        && *known < found
+                }) {
+                    *fault = Some(found);
+                }
             }
         };
         let keep_lost = keep.clone();
-        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| keep(e.to_string())));
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| keep(e.into())));
         device.set_device_lost_callback(move |reason, text| {
-            keep_lost(format!("device lost ({reason:?}): {text}"));
+            keep_lost(Fault::Lost(format!("{reason:?}: {text}")));
         });
         Ok(Self {
+            timer: Timer::new(&device, &queue),
             device,
             queue,
             adapter: name,
@@ -53,38 +95,52 @@ impl Gpu {
                 .max_storage_buffer_binding_size
                 .min(limits.max_buffer_size),
             groups_limit: limits.max_compute_workgroups_per_dimension,
+            memory: Arc::default(),
             fault,
         })
     }
 
-    /// The first fault since the device was opened.
+    /// Bytes that the largest binding of a sub-frame may take.
+    pub(super) fn window(&self) -> u64 {
+        self.binding_limit.min(WINDOW)
+    }
+
+    /// The worst fault since the device was opened.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
         match &*fault {
-            Some(what) => Err(self.error(what.clone())),
+            Some(fault) => Err(fault.clone().at(&self.adapter)),
             None => Ok(()),
         }
     }
 
-    pub(super) fn error(&self, what: String) -> RenderError {
-        RenderError::Device {
-            adapter: self.adapter.clone(),
-            what,
-        }
+    /// What a call said that failed, unless a callback knows more.
+    fn error(&self, what: &dyn std::error::Error) -> RenderError {
+        let said = Fault::Other(what.to_string()).at(&self.adapter);
+        self.check().err().unwrap_or(said)
     }
 
-    /// Submits the commands, waits, and hands `read` the bytes of each staging buffer.
+    /// There is no room for something.
+    pub(super) fn no_room(&self, what: String) -> RenderError {
+        Fault::Memory(what).at(&self.adapter)
+    }
+
+    /// Submits the commands, waits, and hands `read` the first bytes, as many as given, of each
+    /// staging buffer.
     pub(super) fn finish(
         &self,
-        encoder: wgpu::CommandEncoder,
-        staged: &[&wgpu::Buffer],
+        mut encoder: wgpu::CommandEncoder,
+        staged: &[(&Buffer, u64)],
         mut read: impl FnMut(usize, &[u8]),
     ) -> Result<(), RenderError> {
+        let times = self.timer.as_ref().and_then(|t| t.resolve(&mut encoder));
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = mpsc::channel();
-        for buffer in staged {
+        let staged = staged.iter().map(|(buffer, bytes)| (&***buffer, *bytes));
+        let staged: Vec<(&wgpu::Buffer, u64)> = staged.chain(times).collect();
+        for (buffer, bytes) in &staged {
             let sender = sender.clone();
-            buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+            buffer.map_async(wgpu::MapMode::Read, ..*bytes, move |result| {
                 // The receiver outlives the wait below.
                 let _ = sender.send(result);
             });
@@ -95,19 +151,52 @@ impl Gpu {
                 submission_index: None,
                 timeout: None,
             })
-            .map_err(|e| self.error(e.to_string()))?;
+            .map_err(|e| self.error(&e))?;
         for result in receiver {
-            result.map_err(|e| self.error(e.to_string()))?;
+            result.map_err(|e| self.error(&e))?;
         }
         self.check()?;
-        for (index, buffer) in staged.iter().enumerate() {
-            let bytes = buffer
-                .get_mapped_range(..)
-                .map_err(|e| self.error(e.to_string()))?;
-            read(index, &bytes);
-            drop(bytes);
+        for (index, (buffer, bytes)) in staged.iter().enumerate() {
+            let range = buffer
+                .get_mapped_range(..*bytes)
+                .map_err(|e| self.error(&e))?;
+            match &self.timer {
+                Some(timer) if times.is_some() && index + 1 == staged.len() => timer.add(&range),
+                _ => read(index, &range),
+            }
+            drop(range);
             buffer.unmap();
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_become_errors_that_callers_can_tell_apart() {
+        let text = || "text".to_owned();
+        let source = || Box::new(std::fmt::Error);
+        let memory = Fault::from(wgpu::Error::OutOfMemory { source: source() });
+        assert!(matches!(
+            memory.clone().at("a"),
+            RenderError::OutOfMemory { .. }
+        ));
+        let refused = Fault::from(wgpu::Error::Validation {
+            source: source(),
+            description: text(),
+        });
+        assert!(matches!(
+            refused.clone().at("a"),
+            RenderError::Device { .. }
+        ));
+        let lost = Fault::Lost(text());
+        assert!(refused < memory && memory < lost);
+        let error = lost.at("some GPU");
+        assert_eq!(error.to_string(), "some GPU was lost: text");
+        assert!(error.is_device_fault());
+        assert!(!RenderError::TooMany(1).is_device_fault());
     }
 }

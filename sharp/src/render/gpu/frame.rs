@@ -2,55 +2,316 @@
 
 use super::super::{Dropped, RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
+use super::memory::Buffer;
 use super::passes::Passes;
+use super::readback::copy_home;
 use super::scene::GpuScene;
-use super::sort::{SortBuffers, scan, sort};
-use wgpu::Buffer;
+use super::sort::{PAIR_BYTES, SortBuffers};
+use super::subframe::{LEAST_TILE, SubFrame};
 
-/// Side of a tile, pixels; `TILE` of the shaders.
-const TILE: u32 = 8;
 /// Threads in a workgroup of the passes over Gaussians and pairs.
 const GROUP: u32 = 256;
+/// Pixels across and down a workgroup of `raster`.
+const RASTER_GROUP: (u32, u32) = (8, 32);
 /// Bytes of a pixel in the larger of the two output bindings.
-const PIXEL_BYTES: u64 = 16;
+pub(super) const PIXEL_BYTES: u64 = 16;
 
-/// A rectangle of tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct SubFrame {
-    first: (u32, u32),
-    tiles: (u32, u32),
+/// What sub-frames are rendered with: kept between them and between frames, and made larger, never
+/// smaller.
+pub(super) struct Work {
+    pub(super) pairs: SortBuffers,
+    pub(super) targets: Targets,
 }
 
-impl SubFrame {
-    /// The longer side cut in half; `None` for a single tile.
-    fn halves(self) -> Option<[Self; 2]> {
-        let (x, y) = self.tiles;
-        if x * y == 1 {
-            return None;
+impl Work {
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        Self {
+            pairs: SortBuffers::new(gpu, 0),
+            targets: Targets::new(gpu, 0, 0),
         }
-        let cut = |along_x: bool| {
-            let size = if along_x { x } else { y };
-            let half = size / 2;
-            let part = |offset: u32, length: u32| {
-                if along_x {
-                    Self {
-                        first: (self.first.0 + offset, self.first.1),
-                        tiles: (length, y),
-                    }
-                } else {
-                    Self {
-                        first: (self.first.0, self.first.1 + offset),
-                        tiles: (x, length),
-                    }
-                }
-            };
-            [part(0, half), part(half, size - half)]
-        };
-        Some(cut(x > y))
+    }
+}
+
+/// A sub-frame's ranges and pixels, and the pixels' way to the host.
+pub(super) struct Targets {
+    pub(super) ranges: Buffer,
+    picture: Buffer,
+    depths: Buffer,
+    pub(super) home: [Buffer; 2],
+    tiles: u32,
+    pixels: u64,
+}
+
+impl Targets {
+    fn new(gpu: &Gpu, tiles: u32, pixels: u64) -> Self {
+        Self {
+            ranges: gpu.storage("ranges", u64::from(tiles) * 8),
+            picture: gpu.storage("picture", pixels * PIXEL_BYTES),
+            depths: gpu.storage("depths", pixels * 4),
+            home: [gpu.staging(pixels * PIXEL_BYTES), gpu.staging(pixels * 4)],
+            tiles,
+            pixels,
+        }
     }
 
-    fn pixels(self) -> u64 {
-        u64::from(self.tiles.0) * u64::from(self.tiles.1) * u64::from(TILE * TILE)
+    fn grow(&mut self, gpu: &Gpu, part: SubFrame) {
+        let (tiles, pixels) = (part.count(), part.pixels());
+        if tiles > self.tiles || pixels > self.pixels {
+            let (tiles, pixels) = (tiles.max(self.tiles), pixels.max(self.pixels));
+            // The old buffers go first.
+            *self = Self::new(gpu, 0, 0);
+            *self = Self::new(gpu, tiles, pixels);
+        }
+    }
+}
+
+/// One frame's fixed part.
+pub(super) struct Frame<'a> {
+    pub(super) gpu: &'a Gpu,
+    pub(super) passes: &'a Passes,
+    pub(super) scene: &'a GpuScene,
+    pub(super) view: &'a RenderView,
+    /// Replaces the device's own depth order.
+    pub(super) order: Option<&'a [u32]>,
+    /// Side of a tile, pixels: a power of two from [`LEAST_TILE`].
+    pub(super) tile: u32,
+}
+
+impl Frame<'_> {
+    /// Renders it.
+    pub(super) fn render(&self, work: &mut Work) -> Result<RenderOutput, RenderError> {
+        let (gpu, scene) = (self.gpu, self.scene);
+        let k = self.view.intrinsics;
+        let pixels = k.width as usize * k.height as usize;
+        let mut out = RenderOutput {
+            width: k.width,
+            height: k.height,
+            rgb_linear: vec![[0.0; 3]; pixels],
+            alpha: vec![0.0; pixels],
+            depth_acc: vec![0.0; pixels],
+            drawn: 0,
+            dropped: Dropped::default(),
+        };
+        if let Some(timer) = &gpu.timer {
+            timer.reset();
+        }
+        if scene.count == 0 {
+            return Ok(out);
+        }
+        let half = self.begin(&mut out)?;
+        let order = &scene.by_depth.values[half];
+        let mut waiting = vec![SubFrame::whole(k.width, k.height, self.tile)];
+        while let Some(part) = waiting.pop() {
+            let halves = part.halves();
+            let (width, height) = part.size();
+            let groups = (width / RASTER_GROUP.0).max(height.div_ceil(RASTER_GROUP.1));
+            if part.pixels() * PIXEL_BYTES > gpu.window() || groups > gpu.groups_limit {
+                waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
+                continue;
+            }
+            let count = self.count_pairs(order, part)?;
+            // A single tile may take more than the window: at most one pair a Gaussian.
+            let most = if halves.is_some() {
+                gpu.window() / PAIR_BYTES
+            } else {
+                gpu.binding_limit / 4
+            };
+            if count > most.min(u64::from(u32::MAX)) {
+                waiting.extend(halves.ok_or_else(|| self.no_tile(part))?);
+            } else if count > 0 {
+                // Fits: just compared.
+                self.draw(order, (part, count as u32), work, &mut out)?;
+            }
+        }
+        Ok(out)
+    }
+
+    fn no_tile(&self, part: SubFrame) -> RenderError {
+        let limit = self.gpu.binding_limit;
+        let side = part.side;
+        self.gpu.no_room(format!(
+            "a binding of {limit} bytes cannot hold a tile of {side}x{side} pixels and its pairs"
+        ))
+    }
+
+    /// Projects and sorts by depth; returns the half of the buffers with the order and fills in
+    /// the counts.
+    fn begin(&self, out: &mut RenderOutput) -> Result<usize, RenderError> {
+        let Self {
+            gpu, passes, scene, ..
+        } = *self;
+        let mut encoder = gpu.encoder();
+        let dropped = self.project(&mut encoder);
+        let half = if let Some(order) = self.order {
+            let values = &scene.by_depth.values[0];
+            gpu.queue
+                .write_buffer(values, 0, bytemuck::cast_slice(order));
+            0
+        } else {
+            let count = (scene.count, 32);
+            scene.by_depth.sort(gpu, passes, &mut encoder, count, true)
+        };
+        let staged = gpu.stage(&mut encoder, &dropped, 32);
+        gpu.finish(encoder, &[(&staged, 32)], |_, bytes| {
+            let counts: &[u32] = bytemuck::cast_slice(bytes);
+            let count = |reason: usize| u64::from(counts[reason]);
+            out.dropped = Dropped {
+                not_finite: count(0),
+                zero_quaternion: count(1),
+                near: count(2),
+                far: count(3),
+                degenerate: count(4),
+                transparent: count(5),
+                outside: count(6),
+            };
+            out.drawn = u64::from(scene.count) - out.dropped.total();
+        })?;
+        Ok(half)
+    }
+
+    /// Pass `project`; returns the counts of what was dropped.
+    pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> Buffer {
+        let (gpu, scene) = (self.gpu, self.scene);
+        let dropped = gpu.storage("dropped", 32);
+        let view = gpu.uniform("view", &view_words(self.view, scene.count));
+        gpu.run(
+            encoder,
+            &self.passes.project,
+            &[
+                &view,
+                &scene.means_opacities,
+                &scene.quaternions,
+                &scene.scales,
+                &scene.splats,
+                &scene.details,
+                &scene.footprints,
+                &scene.by_depth.keys[0],
+                &dropped,
+            ],
+            scene.count.div_ceil(GROUP),
+        );
+        dropped
+    }
+
+    fn uniform(&self, part: SubFrame, pairs: u32) -> Buffer {
+        let words = [
+            part.first.0,
+            part.first.1,
+            part.tiles.0,
+            part.tiles.1,
+            self.scene.count,
+            pairs,
+            part.side.trailing_zeros(),
+            0,
+        ];
+        self.gpu.uniform("frame", &words)
+    }
+
+    /// Leaves in `scene.places` where each Gaussian's pairs start, and returns how many there are.
+    ///
+    /// The sum of a block of the scan cannot wrap: its 1024 Gaussians have at most one pair a tile,
+    /// and a sub-frame, as a binding holds its pixels, fewer than 2²² tiles. The starts can, where
+    /// the total exceeds 32 bits; such a sub-frame is cut, not drawn.
+    pub(super) fn count_pairs(&self, order: &Buffer, part: SubFrame) -> Result<u64, RenderError> {
+        let Self {
+            gpu, passes, scene, ..
+        } = *self;
+        let mut encoder = gpu.encoder();
+        let frame = self.uniform(part, 0);
+        let count = scene.count + 1;
+        gpu.run(
+            &mut encoder,
+            &passes.count_tiles,
+            &[&frame, order, &scene.footprints, &scene.places],
+            count.div_ceil(GROUP),
+        );
+        let (sums, bytes) =
+            scene
+                .scan
+                .scan_and_stage(gpu, passes, &mut encoder, &scene.places, count);
+        let mut total = 0;
+        gpu.finish(encoder, &[(&sums, bytes)], |_, bytes| {
+            let sums: &[u32] = bytemuck::cast_slice(bytes);
+            total = sums.iter().map(|sum| u64::from(*sum)).sum();
+        })?;
+        Ok(total)
+    }
+
+    /// Emits, sorts by tile and finds the ranges; returns the half of the buffers with the lists.
+    pub(super) fn list(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        order: &Buffer,
+        (part, count): (SubFrame, u32),
+        work: &mut Work,
+    ) -> usize {
+        let Self {
+            gpu, passes, scene, ..
+        } = *self;
+        work.pairs.grow(gpu, count);
+        work.targets.grow(gpu, part);
+        let (pairs, targets) = (&work.pairs, &work.targets);
+        let frame = self.uniform(part, count);
+        gpu.run(
+            encoder,
+            &passes.emit,
+            &[
+                &frame,
+                order,
+                &scene.footprints,
+                &scene.places,
+                &pairs.keys[0],
+                &pairs.values[0],
+            ],
+            scene.count.div_ceil(GROUP),
+        );
+        let bits = 32 - (part.count() - 1).leading_zeros();
+        let half = pairs.sort(gpu, passes, encoder, (count, bits), false);
+        encoder.clear_buffer(&targets.ranges, 0, None);
+        gpu.run(
+            encoder,
+            &passes.find_ranges,
+            &[&frame, &pairs.keys[half], &targets.ranges],
+            count.div_ceil(GROUP),
+        );
+        half
+    }
+
+    /// Lists, rasterises, and copies the pixels home.
+    fn draw(
+        &self,
+        order: &Buffer,
+        (part, count): (SubFrame, u32),
+        work: &mut Work,
+        out: &mut RenderOutput,
+    ) -> Result<(), RenderError> {
+        let (gpu, scene) = (self.gpu, self.scene);
+        let mut encoder = gpu.encoder();
+        let half = self.list(&mut encoder, order, (part, count), work);
+        let Work { pairs, targets } = work;
+        let (width, height) = part.size();
+        gpu.run_grid(
+            &mut encoder,
+            &self.passes.raster,
+            &[
+                &self.uniform(part, count),
+                &targets.ranges,
+                &pairs.values[half],
+                &scene.splats,
+                &scene.details,
+                &scene.colors,
+                &targets.picture,
+                &targets.depths,
+            ],
+            (width / RASTER_GROUP.0, height.div_ceil(RASTER_GROUP.1)),
+        );
+        let (colors, depths) = (part.pixels() * PIXEL_BYTES, part.pixels() * 4);
+        encoder.copy_buffer_to_buffer(&targets.picture, 0, &targets.home[0], 0, colors);
+        encoder.copy_buffer_to_buffer(&targets.depths, 0, &targets.home[1], 0, depths);
+        let staged = [(&targets.home[0], colors), (&targets.home[1], depths)];
+        gpu.finish(encoder, &staged, |which, bytes| {
+            copy_home(part, which, bytes, out);
+        })
     }
 }
 
@@ -80,296 +341,8 @@ fn view_words(view: &RenderView, count: u32) -> [u32; 32] {
     words
 }
 
-/// Renders one view. `order`, when given, replaces the device's own depth order.
-pub(super) fn render(
-    gpu: &Gpu,
-    passes: &Passes,
-    scene: &GpuScene,
-    view: &RenderView,
-    order: Option<&[u32]>,
-) -> Result<RenderOutput, RenderError> {
-    let (width, height) = (view.intrinsics.width, view.intrinsics.height);
-    let pixels = width as usize * height as usize;
-    let mut out = RenderOutput {
-        width,
-        height,
-        rgb_linear: vec![[0.0; 3]; pixels],
-        alpha: vec![0.0; pixels],
-        depth_acc: vec![0.0; pixels],
-        drawn: 0,
-        dropped: Dropped::default(),
-    };
-    if scene.count == 0 {
-        return Ok(out);
-    }
-    let order = begin(gpu, passes, scene, view, order, &mut out)?;
-    let mut pairs = SortBuffers::new(gpu, 0);
-    let mut waiting = vec![SubFrame {
-        first: (0, 0),
-        tiles: (width.div_ceil(TILE), height.div_ceil(TILE)),
-    }];
-    while let Some(part) = waiting.pop() {
-        if part.pixels() * PIXEL_BYTES > gpu.binding_limit
-            || part.tiles.0.max(part.tiles.1) > gpu.groups_limit
-        {
-            split(gpu, part, &mut waiting)?;
-            continue;
-        }
-        let count = count_pairs(gpu, passes, scene, order, part)?;
-        if u64::from(count) * 4 > gpu.binding_limit || count == u32::MAX {
-            split(gpu, part, &mut waiting)?;
-        } else if count > 0 {
-            pairs = pairs.grown(gpu, count);
-            draw(gpu, passes, scene, order, (part, count), &pairs, &mut out)?;
-        }
-    }
-    Ok(out)
-}
-
-fn split(gpu: &Gpu, part: SubFrame, waiting: &mut Vec<SubFrame>) -> Result<(), RenderError> {
-    let halves = part.halves().ok_or_else(|| {
-        gpu.error(format!(
-            "a binding of {} bytes cannot hold one tile",
-            gpu.binding_limit
-        ))
-    })?;
-    waiting.extend(halves);
-    Ok(())
-}
-
-/// Projects and sorts by depth; returns the buffer with the order and fills in the counts.
-fn begin<'a>(
-    gpu: &Gpu,
-    passes: &Passes,
-    scene: &'a GpuScene,
-    view: &RenderView,
-    order: Option<&[u32]>,
-    out: &mut RenderOutput,
-) -> Result<&'a Buffer, RenderError> {
-    let mut encoder = gpu.encoder();
-    let dropped = gpu.storage("dropped", 32);
-    let words = gpu.uniform("view", &view_words(view, scene.count));
-    gpu.run(
-        &mut encoder,
-        &passes.project,
-        &[
-            &words,
-            &scene.means_opacities,
-            &scene.quaternions,
-            &scene.scales,
-            &scene.splats,
-            &scene.details,
-            &scene.footprints,
-            &scene.by_depth.keys[0],
-            &dropped,
-        ],
-        scene.count.div_ceil(GROUP),
-    );
-    let half = if let Some(order) = order {
-        gpu.queue
-            .write_buffer(&scene.by_depth.values[0], 0, bytemuck::cast_slice(order));
-        0
-    } else {
-        let count = (scene.count, 32);
-        sort(gpu, passes, &mut encoder, &scene.by_depth, count, true)
-    };
-    let staged = gpu.stage(&mut encoder, &dropped, 0, 32);
-    gpu.finish(encoder, &[&staged], |_, bytes| {
-        let counts: &[u32] = bytemuck::cast_slice(bytes);
-        let count = |reason: usize| u64::from(counts[reason]);
-        out.dropped = Dropped {
-            not_finite: count(0),
-            zero_quaternion: count(1),
-            near: count(2),
-            far: count(3),
-            degenerate: count(4),
-            transparent: count(5),
-            outside: count(6),
-        };
-        out.drawn = u64::from(scene.count) - out.dropped.total();
-    })?;
-    Ok(&scene.by_depth.values[half])
-}
-
-fn frame_uniform(gpu: &Gpu, scene: &GpuScene, part: SubFrame, pairs: u32) -> Buffer {
-    gpu.uniform(
-        "frame",
-        &[
-            part.first.0,
-            part.first.1,
-            part.tiles.0,
-            part.tiles.1,
-            scene.count,
-            pairs,
-            0,
-            0,
-        ],
-    )
-}
-
-/// Leaves in `scene.places` where each Gaussian's pairs start, and returns how many there are;
-/// `u32::MAX` where 32 bits cannot say.
-fn count_pairs(
-    gpu: &Gpu,
-    passes: &Passes,
-    scene: &GpuScene,
-    order: &Buffer,
-    part: SubFrame,
-) -> Result<u32, RenderError> {
-    let tiles = u64::from(part.tiles.0) * u64::from(part.tiles.1);
-    // An upper bound is enough to know that the sum of u32 counts cannot wrap.
-    if u64::from(scene.count) * tiles >= 1 << 32 {
-        let total = exact_pairs(gpu, passes, scene, order, part)?;
-        if total >= u64::from(u32::MAX) {
-            return Ok(u32::MAX);
-        }
-    }
-    let mut encoder = gpu.encoder();
-    let frame = frame_uniform(gpu, scene, part, 0);
-    gpu.run(
-        &mut encoder,
-        &passes.count_tiles,
-        &[&frame, order, &scene.footprints, &scene.places],
-        (scene.count + 1).div_ceil(GROUP),
-    );
-    scan(gpu, passes, &mut encoder, &scene.places, scene.count + 1);
-    let end = u64::from(scene.count) * 4;
-    let staged = gpu.stage(&mut encoder, &scene.places, end, 4);
-    let mut total = 0;
-    gpu.finish(encoder, &[&staged], |_, bytes| {
-        total = bytemuck::pod_read_unaligned(bytes);
-    })?;
-    Ok(total)
-}
-
-/// The number of pairs, added up on the host in 64 bits.
-fn exact_pairs(
-    gpu: &Gpu,
-    passes: &Passes,
-    scene: &GpuScene,
-    order: &Buffer,
-    part: SubFrame,
-) -> Result<u64, RenderError> {
-    let mut encoder = gpu.encoder();
-    let frame = frame_uniform(gpu, scene, part, 0);
-    gpu.run(
-        &mut encoder,
-        &passes.count_tiles,
-        &[&frame, order, &scene.footprints, &scene.places],
-        (scene.count + 1).div_ceil(GROUP),
-    );
-    let staged = gpu.stage(&mut encoder, &scene.places, 0, u64::from(scene.count) * 4);
-    let mut total = 0;
-    gpu.finish(encoder, &[&staged], |_, bytes| {
-        let counts: &[u32] = bytemuck::cast_slice(bytes);
-        total = counts.iter().map(|count| u64::from(*count)).sum();
-    })?;
-    Ok(total)
-}
-
-/// Emits, sorts by tile, finds the ranges, rasterises, and copies the picture home.
-fn draw(
-    gpu: &Gpu,
-    passes: &Passes,
-    scene: &GpuScene,
-    order: &Buffer,
-    (part, count): (SubFrame, u32),
-    pairs: &SortBuffers,
-    out: &mut RenderOutput,
-) -> Result<(), RenderError> {
-    let mut encoder = gpu.encoder();
-    let frame = frame_uniform(gpu, scene, part, count);
-    gpu.run(
-        &mut encoder,
-        &passes.emit,
-        &[
-            &frame,
-            order,
-            &scene.footprints,
-            &scene.places,
-            &pairs.keys[0],
-            &pairs.values[0],
-        ],
-        scene.count.div_ceil(GROUP),
-    );
-    let tiles = part.tiles.0 * part.tiles.1;
-    let bits = 32 - (tiles - 1).leading_zeros();
-    let half = sort(gpu, passes, &mut encoder, pairs, (count, bits), false);
-    let ranges = gpu.storage("ranges", u64::from(tiles) * 8);
-    gpu.run(
-        &mut encoder,
-        &passes.find_ranges,
-        &[&frame, &pairs.keys[half], &ranges],
-        count.div_ceil(GROUP),
-    );
-    let picture = gpu.storage("picture", part.pixels() * PIXEL_BYTES);
-    let depths = gpu.storage("depths", part.pixels() * 4);
-    gpu.run_grid(
-        &mut encoder,
-        &passes.raster,
-        &[
-            &frame,
-            &ranges,
-            &pairs.values[half],
-            &scene.splats,
-            &scene.details,
-            &scene.colors,
-            &picture,
-            &depths,
-        ],
-        part.tiles,
-    );
-    let staged = [
-        gpu.stage(&mut encoder, &picture, 0, part.pixels() * PIXEL_BYTES),
-        gpu.stage(&mut encoder, &depths, 0, part.pixels() * 4),
-    ];
-    gpu.finish(encoder, &[&staged[0], &staged[1]], |which, bytes| {
-        if which == 0 {
-            let colors: &[[f32; 4]] = bytemuck::cast_slice(bytes);
-            copy(part, out.width, out.height, |from, to| {
-                let [r, g, b, a] = colors[from];
-                out.rgb_linear[to] = [r, g, b];
-                out.alpha[to] = a;
-            });
-        } else {
-            let depths: &[f32] = bytemuck::cast_slice(bytes);
-            copy(part, out.width, out.height, |from, to| {
-                out.depth_acc[to] = depths[from];
-            });
-        }
-    })
-}
-
-/// Calls `put(index in the sub-frame, index in the picture)` for every pixel they share.
-fn copy(part: SubFrame, width: u32, height: u32, mut put: impl FnMut(usize, usize)) {
-    let (x0, y0) = (part.first.0 * TILE, part.first.1 * TILE);
-    let stride = part.tiles.0 * TILE;
-    for y in 0..(part.tiles.1 * TILE).min(height - y0) {
-        for x in 0..stride.min(width - x0) {
-            let from = y as usize * stride as usize + x as usize;
-            let to = (y0 + y) as usize * width as usize + (x0 + x) as usize;
-            put(from, to);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn halving_covers_every_tile_once_and_ends() {
-        let mut seen = [[0; 9]; 5];
-        let mut waiting = vec![SubFrame {
-            first: (2, 3),
-            tiles: (9, 5),
-        }];
-        while let Some(part) = waiting.pop() {
-            match part.halves() {
-                Some(halves) => waiting.extend(halves),
-                None => seen[part.first.1 as usize - 3][part.first.0 as usize - 2] += 1,
-            }
-        }
-        assert_eq!(seen, [[1; 9]; 5]);
-    }
+/// The side of the GPU's tiles for a wanted one.
+pub(super) fn tile_side(wanted: usize) -> u32 {
+    // 32 at most.
+    (wanted as u32).max(LEAST_TILE)
 }

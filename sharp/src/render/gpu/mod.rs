@@ -9,27 +9,38 @@ mod adapter;
 mod buffers;
 mod device;
 mod frame;
+mod memory;
 mod passes;
+mod readback;
 mod scene;
 mod sort;
+mod subframe;
+mod timing;
+#[cfg(test)]
+mod twins;
 
-pub use adapter::GpuAdapter;
-pub use scene::GpuScene;
+pub use adapter::{AdapterKind, GpuAdapter};
+pub use timing::PassTime;
 
 use super::project::depths;
-use super::renderer::check_scene;
+use super::radix::indices;
+use super::renderer::{LoadedScene, TileSize, check_scene};
 use super::{RenderError, RenderOutput, RenderView, Renderer};
 use crate::gaussians::Gaussians;
 use device::Gpu;
+use frame::{Frame, Work, tile_side};
 use passes::Passes;
+use scene::GpuScene;
 
-/// Renders on a GPU.
+/// Renders on a GPU. Keeps its buffers between frames.
 ///
 /// Differs from the CPU by rounding only: on the same order of depths colour and alpha agree to
 /// about 1e-5, and a threshold that falls the other way moves a pixel by at most 1/255.
 pub struct GpuRenderer {
     gpu: Gpu,
     passes: Passes,
+    work: Work,
+    tile: u32,
     host_order: bool,
 }
 
@@ -43,8 +54,10 @@ impl GpuRenderer {
         let passes = Passes::new(&gpu.device);
         gpu.check()?;
         Ok(Self {
+            work: Work::new(&gpu),
             gpu,
             passes,
+            tile: tile_side(TileSize::Px8.pixels()),
             host_order: false,
         })
     }
@@ -57,6 +70,15 @@ impl GpuRenderer {
         self
     }
 
+    /// The same renderer with another tile size than 8×8, the least there is on a GPU.
+    #[must_use]
+    pub fn with_tile_size(self, tile: TileSize) -> Self {
+        Self {
+            tile: tile_side(tile.pixels()),
+            ..self
+        }
+    }
+
     /// The same renderer with depths computed and sorted on the host in f64, as the CPU backend
     /// does: adapters then agree on the order of near-equal depths.
     #[must_use]
@@ -64,29 +86,16 @@ impl GpuRenderer {
         Self { host_order, ..self }
     }
 
-    /// Brings a scene onto the device.
-    ///
-    /// # Errors
-    /// [`RenderError::Scene`]; [`RenderError::Device`] when the device has no room for it.
-    pub fn upload(&self, scene: &Gaussians) -> Result<GpuScene, RenderError> {
-        check_scene(scene)?;
-        GpuScene::upload(&self.gpu, scene)
+    /// The most bytes that this renderer's buffers ever took on the device together, those that
+    /// the host maps included.
+    pub fn peak_bytes(&self) -> u64 {
+        self.gpu.memory.peak()
     }
 
-    /// Renders a view of a scene on the device.
-    ///
-    /// # Errors
-    /// See [`RenderError`]; after [`RenderError::Device`] the renderer is not usable any more.
-    pub fn render_uploaded(
-        &self,
-        scene: &GpuScene,
-        view: &RenderView,
-    ) -> Result<RenderOutput, RenderError> {
-        view.check()?;
-        let order = self
-            .host_order
-            .then(|| super::order::indices(&depths(scene.means(), view)));
-        frame::render(&self.gpu, &self.passes, scene, view, order.as_deref())
+    /// How long each pass of the last frame took on the device; empty where the adapter has no
+    /// timestamp queries.
+    pub fn pass_times(&self) -> Vec<PassTime> {
+        self.gpu.timer.as_ref().map_or_else(Vec::new, |t| t.times())
     }
 }
 
@@ -96,25 +105,43 @@ impl Renderer for GpuRenderer {
         format!("wgpu:{}{order}", self.gpu.adapter)
     }
 
-    fn render(
-        &mut self,
-        scene: &Gaussians,
-        view: &RenderView,
-    ) -> Result<RenderOutput, RenderError> {
-        let scene = self.upload(scene)?;
-        self.render_uploaded(&scene, view)
+    /// # Errors
+    /// After a fault of the device the renderer is not usable any more: open another one.
+    fn load<'a>(
+        &'a mut self,
+        scene: &'a Gaussians,
+    ) -> Result<Box<dyn LoadedScene + 'a>, RenderError> {
+        check_scene(scene)?;
+        Ok(Box::new(Uploaded {
+            on_device: GpuScene::upload(&self.gpu, scene)?,
+            renderer: self,
+            scene,
+        }))
     }
+}
 
-    fn render_views(
-        &mut self,
-        scene: &Gaussians,
-        views: &[RenderView],
-        done: &mut dyn FnMut(usize, RenderOutput),
-    ) -> Result<(), RenderError> {
-        let scene = self.upload(scene)?;
-        for (index, view) in views.iter().enumerate() {
-            done(index, self.render_uploaded(&scene, view)?);
-        }
-        Ok(())
+/// A scene on the device, and here for its depths.
+struct Uploaded<'a> {
+    on_device: GpuScene,
+    renderer: &'a mut GpuRenderer,
+    scene: &'a Gaussians,
+}
+
+impl LoadedScene for Uploaded<'_> {
+    fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError> {
+        view.check()?;
+        let renderer = &mut *self.renderer;
+        let order = renderer
+            .host_order
+            .then(|| indices(&depths(&self.scene.means, view)));
+        let frame = Frame {
+            gpu: &renderer.gpu,
+            passes: &renderer.passes,
+            scene: &self.on_device,
+            view,
+            order: order.as_deref(),
+            tile: renderer.tile,
+        };
+        frame.render(&mut renderer.work)
     }
 }

@@ -9,24 +9,12 @@ macro_rules! shader {
 }
 
 /// Each pass: its file's name and its text with the shared pieces before it.
-const SOURCES: [(&str, &str); 7] = [
+const SOURCES: [(&str, &str); 6] = [
     ("project", shader!("shared/view.wgsl", "project.wgsl")),
     ("scan", shader!("shared/view.wgsl", "scan.wgsl")),
     (
-        "radix_histogram",
-        shader!(
-            "shared/view.wgsl",
-            "shared/radix.wgsl",
-            "radix_histogram.wgsl"
-        ),
-    ),
-    (
-        "radix_scatter",
-        shader!(
-            "shared/view.wgsl",
-            "shared/radix.wgsl",
-            "radix_scatter.wgsl"
-        ),
+        "radix",
+        shader!("shared/view.wgsl", "shared/radix.wgsl", "radix.wgsl"),
     ),
     (
         "emit",
@@ -47,17 +35,23 @@ const SOURCES: [(&str, &str); 7] = [
     ),
 ];
 
+/// An entry point, and the name of its file.
+pub(super) struct Pass {
+    pub(super) name: &'static str,
+    pub(super) pipeline: ComputePipeline,
+}
+
 /// The pipelines in the order in which a frame runs them.
 pub(super) struct Passes {
-    pub(super) project: ComputePipeline,
-    pub(super) scan_blocks: ComputePipeline,
-    pub(super) add_sums: ComputePipeline,
-    pub(super) radix_histogram: ComputePipeline,
-    pub(super) radix_scatter: ComputePipeline,
-    pub(super) count_tiles: ComputePipeline,
-    pub(super) emit: ComputePipeline,
-    pub(super) find_ranges: ComputePipeline,
-    pub(super) raster: ComputePipeline,
+    pub(super) project: Pass,
+    pub(super) scan_blocks: Pass,
+    pub(super) add_sums: Pass,
+    pub(super) radix_histogram: Pass,
+    pub(super) radix_scatter: Pass,
+    pub(super) count_tiles: Pass,
+    pub(super) emit: Pass,
+    pub(super) find_ranges: Pass,
+    pub(super) raster: Pass,
 }
 
 impl Passes {
@@ -68,26 +62,27 @@ impl Passes {
                 source: wgpu::ShaderSource::Wgsl(source.into()),
             })
         });
-        let pipeline = |module: usize, entry: &str| {
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let pass = |module: usize, entry: &str| Pass {
+            name: SOURCES[module].0,
+            pipeline: device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: None,
                 module: &modules[module],
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 cache: None,
-            })
+            }),
         };
         Self {
-            project: pipeline(0, "project"),
-            scan_blocks: pipeline(1, "scan_blocks"),
-            add_sums: pipeline(1, "add_sums"),
-            radix_histogram: pipeline(2, "radix_histogram"),
-            radix_scatter: pipeline(3, "radix_scatter"),
-            count_tiles: pipeline(4, "count_tiles"),
-            emit: pipeline(4, "emit"),
-            find_ranges: pipeline(5, "find_ranges"),
-            raster: pipeline(6, "raster"),
+            project: pass(0, "project"),
+            scan_blocks: pass(1, "scan_blocks"),
+            add_sums: pass(1, "add_sums"),
+            radix_histogram: pass(2, "radix_histogram"),
+            radix_scatter: pass(2, "radix_scatter"),
+            count_tiles: pass(3, "count_tiles"),
+            emit: pass(3, "emit"),
+            find_ranges: pass(4, "find_ranges"),
+            raster: pass(5, "raster"),
         }
     }
 }
@@ -111,8 +106,9 @@ mod tests {
     }
 
     #[test]
-    fn every_file_under_shaders_is_used() {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shaders");
+    fn every_file_under_shaders_is_used_and_has_its_twin() {
+        let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+        let folder = root.join("../shaders");
         let mut files: Vec<String> = std::fs::read_dir(&folder)
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -122,5 +118,9 @@ mod tests {
         let mut used = SOURCES.map(|(name, _)| format!("{name}.wgsl"));
         used.sort();
         assert_eq!(files, used);
+        for (name, _) in SOURCES {
+            let twin = root.join("src/render").join(name).with_extension("rs");
+            assert!(twin.is_file(), "{}", twin.display());
+        }
     }
 }

@@ -2,13 +2,12 @@
 
 use super::super::RenderError;
 use super::device::Gpu;
-use super::sort::SortBuffers;
+use super::memory::Buffer;
+use super::sort::{Scan, SortBuffers};
 use crate::gaussians::Gaussians;
-use wgpu::Buffer;
 
-/// Gaussians on the device, with the buffers that a frame fills for them: 136 bytes each.
-pub struct GpuScene {
-    means: Vec<[f32; 3]>,
+/// Gaussians on the device, with the buffers that a frame fills for them: 124 bytes each.
+pub(super) struct GpuScene {
     pub(super) count: u32,
     pub(super) means_opacities: Buffer,
     pub(super) quaternions: Buffer,
@@ -19,13 +18,14 @@ pub struct GpuScene {
     pub(super) footprints: Buffer,
     pub(super) by_depth: SortBuffers,
     pub(super) places: Buffer,
+    pub(super) scan: Scan,
 }
 
 impl GpuScene {
     pub(super) fn upload(gpu: &Gpu, scene: &Gaussians) -> Result<Self, RenderError> {
         let n = scene.len() as u64;
         if n * 16 > gpu.binding_limit {
-            return Err(gpu.error(format!(
+            return Err(gpu.no_room(format!(
                 "{n} Gaussians need bindings of {} bytes, the limit is {}",
                 n * 16,
                 gpu.binding_limit
@@ -46,7 +46,6 @@ impl GpuScene {
             .collect();
         let colors: Vec<[f32; 4]> = scene.colors.iter().map(|c| wide(*c, 0.0)).collect();
         let uploaded = Self {
-            means: scene.means.clone(),
             // Checked against u32::MAX with the rest of the scene.
             count: n as u32,
             means_opacities: gpu.filled("means", &means),
@@ -58,13 +57,10 @@ impl GpuScene {
             footprints: gpu.storage("footprints", n * 8),
             by_depth: SortBuffers::new(gpu, n),
             places: gpu.storage("places", (n + 1) * 4),
+            scan: Scan::new(gpu, n + 1),
         };
-        gpu.check()?;
+        // Waits, so that wgpu lets go of its copies of the data.
+        gpu.finish(gpu.encoder(), &[], |_, _| ())?;
         Ok(uploaded)
-    }
-
-    /// The centres, which host-side ordering needs.
-    pub(super) fn means(&self) -> &[[f32; 3]] {
-        &self.means
     }
 }

@@ -1,101 +1,168 @@
 //! Stable radix sort of (key, value) pairs and the prefix sums it stands on.
 
 use super::device::Gpu;
+use super::memory::Buffer;
 use super::passes::Passes;
-use wgpu::{Buffer, CommandEncoder};
-
-/// Keys and values, twice: a pass reads one half and writes the other.
-pub(super) struct SortBuffers {
-    pub(super) keys: [Buffer; 2],
-    pub(super) values: [Buffer; 2],
-    capacity: u64,
-}
+use wgpu::CommandEncoder;
 
 /// Keys in a block of the radix passes.
 const RADIX_BLOCK: u32 = 4096;
 /// Entries in a block of the scan.
 const SCAN_BLOCK: u32 = 1024;
 
+/// What a scan needs besides its data: the sums of its blocks, of their blocks, ….
+pub(super) struct Scan {
+    levels: Vec<Buffer>,
+}
+
+impl Scan {
+    /// For up to `entries` entries.
+    pub(super) fn new(gpu: &Gpu, entries: u64) -> Self {
+        let mut levels = Vec::new();
+        let mut blocks = entries;
+        loop {
+            blocks = blocks.div_ceil(u64::from(SCAN_BLOCK));
+            levels.push(gpu.storage("sums", blocks * 4));
+            if blocks <= 1 {
+                return Self { levels };
+            }
+        }
+    }
+
+    /// Exclusive prefix sums of the first `count` entries, in place.
+    pub(super) fn scan(
+        &self,
+        gpu: &Gpu,
+        passes: &Passes,
+        encoder: &mut CommandEncoder,
+        data: &Buffer,
+        count: u32,
+    ) {
+        self.blocks(gpu, passes, encoder, (0, data), count);
+        self.join(gpu, passes, encoder, (0, data), count);
+    }
+
+    /// [`Self::scan`] that copies the sums of the blocks to the host on the way: a staging buffer
+    /// and its length in bytes. Their total, unlike the last prefix sum, need not fit 32 bits.
+    pub(super) fn scan_and_stage(
+        &self,
+        gpu: &Gpu,
+        passes: &Passes,
+        encoder: &mut CommandEncoder,
+        data: &Buffer,
+        count: u32,
+    ) -> (Buffer, u64) {
+        self.blocks(gpu, passes, encoder, (0, data), count);
+        let bytes = u64::from(count.div_ceil(SCAN_BLOCK)) * 4;
+        let staged = gpu.stage(encoder, &self.levels[0], bytes);
+        self.join(gpu, passes, encoder, (0, data), count);
+        (staged, bytes)
+    }
+
+    /// Scans each block by itself and leaves its sum at `level`.
+    fn blocks(
+        &self,
+        gpu: &Gpu,
+        passes: &Passes,
+        encoder: &mut CommandEncoder,
+        (level, data): (usize, &Buffer),
+        count: u32,
+    ) {
+        let params = gpu.uniform("scan", &[count, 0, 0, 0]);
+        let buffers = [&params, data, &self.levels[level]];
+        let groups = count.div_ceil(SCAN_BLOCK);
+        gpu.run(encoder, &passes.scan_blocks, &buffers, groups);
+    }
+
+    /// Adds to each block the sums of those before it.
+    fn join(
+        &self,
+        gpu: &Gpu,
+        passes: &Passes,
+        encoder: &mut CommandEncoder,
+        (level, data): (usize, &Buffer),
+        count: u32,
+    ) {
+        let blocks = count.div_ceil(SCAN_BLOCK);
+        if blocks <= 1 {
+            return;
+        }
+        let sums = &self.levels[level];
+        self.blocks(gpu, passes, encoder, (level + 1, sums), blocks);
+        self.join(gpu, passes, encoder, (level + 1, sums), blocks);
+        let params = gpu.uniform("scan", &[count, 0, 0, 0]);
+        gpu.run(encoder, &passes.add_sums, &[&params, data, sums], blocks);
+    }
+}
+
+/// Keys and values, twice: a pass reads one half and writes the other.
+pub(super) struct SortBuffers {
+    pub(super) keys: [Buffer; 2],
+    pub(super) values: [Buffer; 2],
+    histogram: Buffer,
+    scan: Scan,
+    capacity: u64,
+}
+
+/// Bytes a pair takes in all buffers together, but for a thousandth.
+pub(super) const PAIR_BYTES: u64 = 16;
+
 impl SortBuffers {
     /// Room for `capacity` pairs.
     pub(super) fn new(gpu: &Gpu, capacity: u64) -> Self {
         let make = |label| gpu.storage(label, capacity * 4);
+        let entries = capacity.div_ceil(u64::from(RADIX_BLOCK)) * 256;
         Self {
             keys: [make("keys"), make("keys")],
             values: [make("values"), make("values")],
+            histogram: gpu.storage("histogram", entries * 4),
+            scan: Scan::new(gpu, entries),
             capacity,
         }
     }
 
-    /// The same buffers if they hold `count` pairs, else larger ones.
-    pub(super) fn grown(self, gpu: &Gpu, count: u32) -> Self {
-        if u64::from(count) <= self.capacity {
-            return self;
+    /// Makes room for `count` pairs, and some more where the window allows, so that the next
+    /// sub-frame fits as well.
+    pub(super) fn grow(&mut self, gpu: &Gpu, count: u32) {
+        let count = u64::from(count);
+        if count > self.capacity {
+            let roomy = (count * 5 / 4).min(gpu.window() / PAIR_BYTES);
+            // The old buffers go first.
+            *self = Self::new(gpu, 0);
+            *self = Self::new(gpu, roomy.max(count));
         }
-        let most = gpu.binding_limit / 4;
-        let wanted = (u64::from(count) * 5 / 4).min(most).max(u64::from(count));
-        drop(self);
-        Self::new(gpu, wanted)
     }
-}
 
-/// Sorts by the low `bits` bits of the keys in half 0, 8 bits a pass; returns the half that holds
-/// the result. With `identity` the values start out as the indices.
-pub(super) fn sort(
-    gpu: &Gpu,
-    passes: &Passes,
-    encoder: &mut CommandEncoder,
-    pairs: &SortBuffers,
-    (count, bits): (u32, u32),
-    identity: bool,
-) -> usize {
-    let blocks = count.div_ceil(RADIX_BLOCK);
-    let histogram = gpu.storage("histogram", u64::from(blocks) * 256 * 4);
-    let mut from = 0;
-    for shift in (0..bits).step_by(8) {
-        let to = 1 - from;
-        let first = u32::from(identity && shift == 0);
-        let params = gpu.uniform("radix", &[count, shift, blocks, first]);
-        gpu.run(
-            encoder,
-            &passes.radix_histogram,
-            &[&params, &pairs.keys[from], &histogram],
-            blocks,
-        );
-        scan(gpu, passes, encoder, &histogram, blocks * 256);
-        gpu.run(
-            encoder,
-            &passes.radix_scatter,
-            &[
+    /// Sorts by the low `bits` bits of the keys in half 0, 8 bits a pass; returns the half that
+    /// holds the result. With `identity` the values start out as the indices.
+    pub(super) fn sort(
+        &self,
+        gpu: &Gpu,
+        passes: &Passes,
+        encoder: &mut CommandEncoder,
+        (count, bits): (u32, u32),
+        identity: bool,
+    ) -> usize {
+        let blocks = count.div_ceil(RADIX_BLOCK);
+        let mut from = 0;
+        for shift in (0..bits).step_by(8) {
+            let to = 1 - from;
+            let first = u32::from(identity && shift == 0);
+            let params = gpu.uniform("radix", &[count, shift, blocks, first]);
+            let buffers = [
                 &params,
-                &pairs.keys[from],
-                &pairs.values[from],
-                &histogram,
-                &pairs.keys[to],
-                &pairs.values[to],
-            ],
-            blocks,
-        );
-        from = to;
-    }
-    from
-}
-
-/// Exclusive prefix sums of the first `count` entries, in place.
-pub(super) fn scan(
-    gpu: &Gpu,
-    passes: &Passes,
-    encoder: &mut CommandEncoder,
-    data: &Buffer,
-    count: u32,
-) {
-    let blocks = count.div_ceil(SCAN_BLOCK);
-    let sums = gpu.storage("sums", u64::from(blocks) * 4);
-    let params = gpu.uniform("scan", &[count, 0, 0, 0]);
-    let buffers = [&params, data, &sums];
-    gpu.run(encoder, &passes.scan_blocks, &buffers, blocks);
-    if blocks > 1 {
-        scan(gpu, passes, encoder, &sums, blocks);
-        gpu.run(encoder, &passes.add_sums, &buffers, blocks);
+                &self.keys[from],
+                &self.histogram,
+                &self.values[from],
+                &self.keys[to],
+                &self.values[to],
+            ];
+            gpu.run(encoder, &passes.radix_histogram, &buffers[..3], blocks);
+            self.scan
+                .scan(gpu, passes, encoder, &self.histogram, blocks * 256);
+            gpu.run(encoder, &passes.radix_scatter, &buffers, blocks);
+            from = to;
+        }
+        from
     }
 }

@@ -1,18 +1,45 @@
-// Pass `radix_scatter`: moves keys and values to their places; equal digits keep their order.
+// Pass `radix`: one digit of a stable sort of keys and their values, least significant first.
+// CPU twin: sharp/src/render/radix.rs.
 //
-// A round ranks 256 keys at once: each sets its bit in the mask of its digit, and its rank is the
-// number of bits below its own. Setting bits commutes, so timing cannot change the result.
+// `radix_histogram` counts how often each digit occurs in each block of keys; scanned, the counts
+// say where each block puts its keys. `radix_scatter` moves them there; equal digits keep their
+// order. A round ranks 256 keys at once: each sets its bit in the mask of its digit, and its rank
+// is the number of bits below its own. Setting bits commutes, so timing cannot change the result.
 
 @group(0) @binding(0) var<uniform> params: RadixParams;
 @group(0) @binding(1) var<storage, read> keys: array<u32>;
-@group(0) @binding(2) var<storage, read> values: array<u32>;
-@group(0) @binding(3) var<storage, read> places: array<u32>;
+// Digit by digit, block by block: counts, later places.
+@group(0) @binding(2) var<storage, read_write> histogram: array<u32>;
+@group(0) @binding(3) var<storage, read> values: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
 
+var<workgroup> counts: array<atomic<u32>, 256>;
 // Eight words a digit.
 var<workgroup> masks: array<atomic<u32>, 2048>;
 var<workgroup> next: array<u32, 256>;
+
+@compute @workgroup_size(256)
+fn radix_histogram(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let block = group_index(group, groups);
+    atomicStore(&counts[local], 0u);
+    workgroupBarrier();
+    for (var round = 0u; round < ROUNDS; round++) {
+        let i = (block * ROUNDS + round) * DIGITS + local;
+        if i < params.count {
+            // The order of these additions does not show in the sum.
+            atomicAdd(&counts[digit_of(keys[i], params.shift)], 1u);
+        }
+    }
+    workgroupBarrier();
+    if block < params.blocks {
+        histogram[local * params.blocks + block] = atomicLoad(&counts[local]);
+    }
+}
 
 @compute @workgroup_size(256)
 fn radix_scatter(
@@ -22,7 +49,7 @@ fn radix_scatter(
 ) {
     let block = group_index(group, groups);
     if block < params.blocks {
-        next[local] = places[local * params.blocks + block];
+        next[local] = histogram[local * params.blocks + block];
     }
     for (var word = 0u; word < 8u; word++) {
         atomicStore(&masks[local * 8u + word], 0u);

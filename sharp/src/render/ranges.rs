@@ -1,7 +1,11 @@
-//! Pass `tiles`: a bin's ordered list cut into lists of its tiles.
+//! Pass `ranges`: where each tile's list starts and ends, and the lists.
+//!
+//! The GPU sorts pairs of (tile, Gaussian) by tile and looks for the boundaries; within a bin it is
+//! cheaper to count, scan and fill, which gives the same lists in the same order.
 
 use super::emit::BIN;
 use super::project::{Footprint, Splat};
+use super::scan::scan;
 
 /// A Gaussian as one bin sees it: the mean is relative to the bin's corner, so that a pixel's
 /// distance from it keeps its digits anywhere in the image, and does not depend on the tile size.
@@ -189,17 +193,12 @@ impl TileLists {
     fn fill(&mut self, tile: usize, first: usize, last: usize) {
         let side = BIN / tile;
         let shift = tile.trailing_zeros();
-        self.starts.clear();
-        self.starts.push(0);
-        let mut total = 0;
-        for count in &self.counts[first * side..last * side] {
-            total += count;
-            self.starts.push(total);
-        }
+        scan(&self.counts[first * side..last * side], &mut self.starts);
         self.next.clear();
         self.next.extend_from_slice(&self.starts);
+        let total = self.starts.last().map_or(0, |end| *end as usize);
         self.members.clear();
-        self.members.resize(total as usize, 0);
+        self.members.resize(total, 0);
         for (member, s) in self.splats.iter().enumerate() {
             let (y0, y1) = s.tile_rows(shift);
             for y in y0.max(first)..(y1 + 1).min(last) {

@@ -1,0 +1,51 @@
+//! Buffers on the device, counted while they live.
+
+use std::ops::Deref;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes of the buffers of one device.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    now: AtomicU64,
+    peak: AtomicU64,
+}
+
+impl Memory {
+    /// The most that was ever alive together.
+    pub(super) fn peak(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// Counts a buffer from here on.
+    pub(super) fn count(self: &Arc<Self>, buffer: wgpu::Buffer) -> Buffer {
+        let now = self.now.fetch_add(buffer.size(), Ordering::Relaxed) + buffer.size();
+        self.peak.fetch_max(now, Ordering::Relaxed);
+        Buffer {
+            buffer,
+            memory: Arc::clone(self),
+        }
+    }
+}
+
+/// A buffer of a [`Memory`].
+pub(super) struct Buffer {
+    buffer: wgpu::Buffer,
+    memory: Arc<Memory>,
+}
+
+impl Deref for Buffer {
+    type Target = wgpu::Buffer;
+
+    fn deref(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        self.memory
+            .now
+            .fetch_sub(self.buffer.size(), Ordering::Relaxed);
+    }
+}
