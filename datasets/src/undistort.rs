@@ -193,7 +193,7 @@ impl Undistortion {
 
     /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);
     /// `None` where the lens does not see.
-    fn stored_place(&self, x: u32, y: u32) -> Option<DVec2> {
+    pub fn stored_place(&self, x: u32, y: u32) -> Option<DVec2> {
         let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
         self.lens
             .project_unfolded(self.pinhole.unproject(center, 1.0))

@@ -9,6 +9,7 @@
 //! * [`identity`]: the keys, what they mean, which public code computes the same.
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
+//! * [`resize`]: the resizing functions of torch, PIL and OpenCV, by name.
 //! * [`scorer`]: all selected metrics of a pair.
 //! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
 //! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
@@ -23,7 +24,7 @@ pub mod identity;
 mod lpips;
 pub mod picture;
 mod psnr;
-mod resize;
+pub mod resize;
 pub mod scorer;
 pub mod selection;
 mod simd;
@@ -33,6 +34,7 @@ pub mod weights;
 
 pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
 pub use picture::{Mask, Picture, PictureError};
+pub use resize::{ResizeKernel, resize};
 pub use scorer::{
     AllTerms, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms, Unavailable,
 };

@@ -1,4 +1,4 @@
-"""Our numbers against those of scikit-image, OpenCV and kornia, on pictures and cameras made from a seed.
+"""Our numbers against those of scikit-image, OpenCV, kornia, torch and PIL, on pictures and cameras made from a seed.
 
 Writes picture pairs, lets our programs and the reference libraries measure the same files, prints the
 largest deviation of each quantity, and exits with 1 if one exceeds its tolerance or was not compared.
@@ -18,6 +18,9 @@ import torch
 from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
 from kornia.geometry.camera import project_points, unproject_points
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+import lenses
+import resizers
 
 # What may differ. Statistics of ours are f64, so that f64 references have to agree to 1e-9. kornia
 # adds 1e-12 to SSIM's denominators, which counts where a picture is black and flat; OpenCV's SSIM is
@@ -52,12 +55,12 @@ class Comparison:
 
     def report(self, expected):
         """Prints the table; true if everything expected was compared and agrees."""
-        print(f"{'quantity':<30}{'reference':<28}{'values':>8}{'largest':>12}{'allowed':>10}")
+        print(f"{'quantity':<34}{'reference':<28}{'values':>8}{'largest':>12}{'allowed':>10}")
         agree = True
         for (quantity, reference), (count, worst, tolerance) in self.rows.items():
             verdict = "" if worst <= tolerance else "  MISMATCH"
             agree &= worst <= tolerance
-            print(f"{quantity:<30}{reference:<28}{count:>8}{worst:>12.2e}{tolerance:>10.0e}{verdict}")
+            print(f"{quantity:<34}{reference:<28}{count:>8}{worst:>12.2e}{tolerance:>10.0e}{verdict}")
         for missing in expected - {quantity for quantity, _ in self.rows}:
             agree = False
             print(f"{missing}: not compared")
@@ -258,6 +261,8 @@ def main():
     arguments.add_argument("--binary", required=True, type=Path, help="sharp-bench")
     arguments.add_argument("--quantities", required=True, type=Path,
                            help="the example crosscheck_quantities of the package sharp-tests")
+    arguments.add_argument("--resize", required=True, type=Path, help="its example crosscheck_resize")
+    arguments.add_argument("--lenses", required=True, type=Path, help="its example crosscheck_lenses")
     arguments.add_argument("--work", required=True, type=Path, help="folder for the pictures")
     arguments.add_argument("--seed", type=int, default=0)
     given = arguments.parse_args()
@@ -268,8 +273,11 @@ def main():
     comparison = Comparison()
     compare_pictures(comparison, given.binary, rng, given.work)
     compare_colour_and_cameras(comparison, given.quantities, rng)
+    resizers.compare(comparison, given.resize, rng, given.work / "resize", picture)
+    lenses.compare(comparison, given.lenses, rng, given.work / "lenses")
     expected = {key for key, *_ in PICTURE_METRICS + BYTE_METRICS} | {
         "linear_from_srgb", "srgb_from_linear", "projected, px", "unprojected, m"}
+    expected |= resizers.EXPECTED | lenses.EXPECTED
     if not comparison.report(expected):
         sys.exit(1)
 

@@ -1,0 +1,135 @@
+//! What lenses do to a ray, model by model.
+//!
+//! With u = X/Z, v = Y/Z and r² = u² + v², each model maps (u, v) to distorted coordinates, which
+//! fx, fy, cx, cy turn into pixels. The formulas are those of OpenCV (`calib3d`) and COLMAP
+//! (`sensor/models.h`), which agree with each other.
+
+use glam::DVec2;
+
+/// What a lens does to normalised coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Distortion {
+    /// Nothing: a pinhole camera.
+    None,
+    /// COLMAP's SIMPLE_RADIAL (k2 = 0) and RADIAL: `(u, v)(1 + k1 r² + k2 r⁴)`.
+    Radial {
+        /// k1, k2.
+        k: [f64; 2],
+    },
+    /// OPENCV: radial k1, k2 and tangential p1, p2.
+    OpenCv {
+        /// k1, k2.
+        k: [f64; 2],
+        /// p1, p2.
+        p: [f64; 2],
+    },
+    /// FULL_OPENCV: rational radial `(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`.
+    FullOpenCv {
+        /// k1 … k6.
+        k: [f64; 6],
+        /// p1, p2.
+        p: [f64; 2],
+    },
+    /// OPENCV_FISHEYE: with θ = atan r, `(u, v) θ/r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`.
+    OpenCvFisheye {
+        /// k1 … k4.
+        k: [f64; 4],
+    },
+    /// THIN_PRISM_FISHEYE: `(a, b) = (u, v) θ/r`, then radial k1 … k4, tangential and thin-prism
+    /// terms in r² = a² + b².
+    ThinPrismFisheye {
+        /// k1 … k4; the file's order is k1, k2, p1, p2, k3, k4, sx1, sy1.
+        k: [f64; 4],
+        /// p1, p2.
+        p: [f64; 2],
+        /// sx1, sy1.
+        s: [f64; 2],
+    },
+}
+
+impl Distortion {
+    /// Distorts normalised coordinates `(X/Z, Y/Z)` by the plain formula, however far out.
+    pub fn distort(&self, uv: DVec2) -> DVec2 {
+        match *self {
+            Self::None => uv,
+            Self::Radial { k } => {
+                let r2 = uv.length_squared();
+                uv * (1.0 + r2 * (k[0] + r2 * k[1]))
+            }
+            Self::OpenCv { k, p } => {
+                let r2 = uv.length_squared();
+                uv * (1.0 + r2 * (k[0] + r2 * k[1])) + tangential(uv, p)
+            }
+            Self::FullOpenCv { k, p } => {
+                let r2 = uv.length_squared();
+                let above = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[2]));
+                let below = 1.0 + r2 * (k[3] + r2 * (k[4] + r2 * k[5]));
+                uv * (above / below) + tangential(uv, p)
+            }
+            Self::OpenCvFisheye { k } => {
+                let ab = equidistant(uv);
+                ab * (1.0 + radial4(ab.length_squared(), k))
+            }
+            Self::ThinPrismFisheye { .. } => self.bend(equidistant(uv)),
+        }
+    }
+
+    /// The part of a fisheye model that acts on equidistant coordinates.
+    pub(super) fn bend(&self, ab: DVec2) -> DVec2 {
+        match *self {
+            Self::ThinPrismFisheye { k, p, s } => {
+                let r2 = ab.length_squared();
+                ab * (1.0 + radial4(r2, k)) + tangential(ab, p) + DVec2::from(s) * r2
+            }
+            Self::OpenCvFisheye { k } => ab * (1.0 + radial4(ab.length_squared(), k)),
+            _ => self.distort(ab),
+        }
+    }
+
+    pub(super) fn is_fisheye(&self) -> bool {
+        matches!(
+            self,
+            Self::OpenCvFisheye { .. } | Self::ThinPrismFisheye { .. }
+        )
+    }
+}
+
+/// `(2 p1 uv + p2 (r² + 2u²), 2 p2 uv + p1 (r² + 2v²))`.
+fn tangential(uv: DVec2, p: [f64; 2]) -> DVec2 {
+    let r2 = uv.length_squared();
+    DVec2::new(
+        2.0 * p[0] * uv.x * uv.y + p[1] * (r2 + 2.0 * uv.x * uv.x),
+        2.0 * p[1] * uv.x * uv.y + p[0] * (r2 + 2.0 * uv.y * uv.y),
+    )
+}
+
+fn radial4(r2: f64, k: [f64; 4]) -> f64 {
+    r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
+}
+
+/// `(u, v) θ/r` with θ = atan r: the angle from the axis becomes the radius.
+fn equidistant(uv: DVec2) -> DVec2 {
+    let r = uv.length();
+    // θ/r = 1 − r²/3 + …: below this the difference is rounding.
+    if r < 1e-9 { uv } else { uv * (r.atan() / r) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thin_prism_without_its_other_terms_is_the_fisheye() {
+        let k = [0.21, -0.02, 0.003, 0.0004];
+        let fisheye = Distortion::OpenCvFisheye { k };
+        let prism = Distortion::ThinPrismFisheye {
+            k,
+            p: [0.0; 2],
+            s: [0.0; 2],
+        };
+        for i in 0..200 {
+            let uv = DVec2::new(f64::from(i % 20) / 8.0 - 1.2, f64::from(i / 20) / 5.0 - 1.0);
+            assert!((fisheye.distort(uv) - prism.distort(uv)).length() < 1e-15);
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! The way back: from distorted coordinates to the ray, and how far out there is one.
+
+use glam::{DMat2, DVec2};
+
+use super::Distortion;
+
+impl Distortion {
+    /// Undoes [`Self::distort`]; `None` where no undistorted point is found, or where the
+    /// polynomial has folded back, so that a point further in maps to the same place.
+    pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
+        let bent = self.invert(distorted)?;
+        self.unfolded_up_to(bent).then(|| self.straightened(bent))?
+    }
+
+    /// From the coordinates that [`Self::bend`] acts on to normalised ones; `None` for a fisheye's
+    /// rays at 90° and beyond.
+    pub(super) fn straightened(&self, bent: DVec2) -> Option<DVec2> {
+        if !self.is_fisheye() {
+            return Some(bent);
+        }
+        let theta = bent.length();
+        if theta >= std::f64::consts::FRAC_PI_2 {
+            return None;
+        }
+        let scale = if theta < 1e-9 {
+            1.0
+        } else {
+            theta.tan() / theta
+        };
+        Some(bent * scale)
+    }
+
+    /// Newton's iteration on [`Self::bend`], with halved steps where a full one does not help.
+    pub(super) fn invert(&self, distorted: DVec2) -> Option<DVec2> {
+        if !distorted.is_finite() {
+            return None;
+        }
+        if *self == Self::None {
+            return Some(distorted);
+        }
+        let mut x = distorted;
+        // Far outside, the polynomial may explode: begin where it is close to the identity.
+        if (self.bend(x) - distorted).length() > x.length() {
+            x = DVec2::ZERO;
+        }
+        let mut error = self.bend(x) - distorted;
+        for _ in 0..100 {
+            if error.length() <= 1e-15 * (1.0 + distorted.length()) {
+                break;
+            }
+            let step = self.slope(x).inverse() * error;
+            if !step.is_finite() {
+                return None;
+            }
+            let mut fraction = 1.0;
+            let next = loop {
+                let candidate = x - step * fraction;
+                let next_error = self.bend(candidate) - distorted;
+                if next_error.length() < error.length() {
+                    break Some((candidate, next_error));
+                }
+                fraction *= 0.5;
+                if fraction < 1e-3 {
+                    break None;
+                }
+            };
+            // At the limit of rounding no step helps any more.
+            let Some((candidate, next_error)) = next else {
+                break;
+            };
+            (x, error) = (candidate, next_error);
+        }
+        let converged = error.length() <= 1e-12 * (1.0 + distorted.length());
+        converged.then_some(x)
+    }
+
+    /// True where the map has kept its orientation all the way from the axis to `x`.
+    fn unfolded_up_to(&self, x: DVec2) -> bool {
+        (1..=16).all(|i| self.is_unfolded_at(x * (f64::from(i) / 16.0)))
+    }
+
+    fn is_unfolded_at(&self, x: DVec2) -> bool {
+        let slope = self.slope(x);
+        slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO
+    }
+
+    /// The radius (of normalised coordinates, for fisheyes the angle in radians) within which the
+    /// map does not fold back, to 1/128; infinite for a pinhole, at most 10 (84°) for perspective
+    /// lenses.
+    pub(super) fn fold_radius(&self) -> f64 {
+        if *self == Self::None {
+            return f64::INFINITY;
+        }
+        let limit = if self.is_fisheye() {
+            std::f64::consts::FRAC_PI_2
+        } else {
+            10.0
+        };
+        let unfolded = |radius: f64| {
+            (0..8).all(|i| {
+                let (sine, cosine) = (f64::from(i) * std::f64::consts::FRAC_PI_4).sin_cos();
+                self.is_unfolded_at(DVec2::new(cosine, sine) * radius)
+            })
+        };
+        (1..)
+            .map(|i| f64::from(i) / 128.0)
+            .find(|radius| *radius >= limit || !unfolded(*radius))
+            .map_or(limit, |radius| radius.min(limit))
+    }
+
+    /// Derivative of [`Self::bend`] by central differences.
+    fn slope(&self, x: DVec2) -> DMat2 {
+        let h = 1e-6 * (1.0 + x.length());
+        let along = |step: DVec2| (self.bend(x + step) - self.bend(x - step)) / (2.0 * h);
+        DMat2::from_cols(along(DVec2::new(h, 0.0)), along(DVec2::new(0.0, h)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::Lens;
+    use glam::DVec3;
+
+    #[test]
+    fn folded_polynomials_are_not_inverted_nor_projected() {
+        // 1 − r² turns back at r = 1/√3, where the radius is 0.385.
+        let fold = Distortion::Radial { k: [-1.0, 0.0] };
+        assert!(fold.undistort(DVec2::new(0.38, 0.0)).is_some());
+        assert!(fold.undistort(DVec2::new(0.4, 0.0)).is_none());
+        let lens = Lens::new((100.0, 100.0), (50.0, 50.0), (100, 100), fold).unwrap();
+        let outside = DVec3::new(1.0, 0.0, 1.0);
+        assert!(lens.project(outside).is_some());
+        assert!(lens.project_unfolded(outside).is_none());
+        let fisheye = Distortion::OpenCvFisheye { k: [0.0; 4] };
+        assert!(fisheye.undistort(DVec2::new(1.6, 0.0)).is_none());
+        assert!(fisheye.undistort(DVec2::new(f64::NAN, 0.0)).is_none());
+    }
+}

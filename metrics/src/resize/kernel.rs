@@ -1,0 +1,302 @@
+//! The kernels by name.
+
+use std::fmt;
+use std::str::FromStr;
+
+use image::{ImageBuffer, Rgb};
+
+use super::{area, area_enlarging, pillow, torch};
+use crate::picture::{Picture, PictureError};
+
+/// A resizing function of a library.
+///
+/// Pixel centres lie at half integers in all of them (`align_corners=False`); each channel is
+/// resized by itself, in the encoding that it comes in (sRGB, not linear light).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ResizeKernel {
+    /// `torch.nn.functional.interpolate(mode="bilinear", align_corners=False)`: four neighbours, no
+    /// filter when it reduces. 8-bit pictures are divided by 255 first and stay floats.
+    Bilinear,
+    /// The same with `antialias=True`: a triangle as wide as the reduction. The same as
+    /// [`Self::Bilinear`] when it enlarges, up to rounding.
+    BilinearAntialias,
+    /// PIL's `Image.resize` with `BICUBIC` (a = −0.5, antialiased).
+    Bicubic,
+    /// PIL's `Image.resize` with `LANCZOS` (three lobes, antialiased).
+    Lanczos,
+    /// OpenCV's `resize` with `INTER_AREA`: means over pixel areas where both sides shrink, a narrow
+    /// kind of bilinear otherwise.
+    Area,
+}
+
+impl ResizeKernel {
+    /// Every kernel, in the order of the documentation.
+    pub const ALL: [Self; 5] = [
+        Self::Bilinear,
+        Self::BilinearAntialias,
+        Self::Bicubic,
+        Self::Lanczos,
+        Self::Area,
+    ];
+
+    /// The name on command lines and in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bilinear => "bilinear",
+            Self::BilinearAntialias => "bilinear-antialias",
+            Self::Bicubic => "bicubic",
+            Self::Lanczos => "lanczos",
+            Self::Area => "area",
+        }
+    }
+
+    /// The call of the library that it is equal to and its arithmetic, for reports.
+    pub const fn describe(self) -> &'static str {
+        match self {
+            Self::Bilinear => {
+                "torch F.interpolate(mode='bilinear', align_corners=False) of float32 in 0..1; \
+                 8-bit pictures are divided by 255 and not rounded back"
+            }
+            Self::BilinearAntialias => {
+                "torch F.interpolate(mode='bilinear', align_corners=False, antialias=True) of \
+                 float32 in 0..1; 8-bit pictures are divided by 255 and not rounded back"
+            }
+            Self::Bicubic => {
+                "PIL Image.resize(BICUBIC); 8-bit pictures in its fixed point, rounded to 8 bits \
+                 after each pass; float pictures as mode F, clamped to 0..1"
+            }
+            Self::Lanczos => {
+                "PIL Image.resize(LANCZOS); 8-bit pictures in its fixed point, rounded to 8 bits \
+                 after each pass; float pictures as mode F, clamped to 0..1"
+            }
+            Self::Area => {
+                "cv2.resize(interpolation=INTER_AREA); 8-bit pictures are rounded to 8 bits, float \
+                 pictures stay float32"
+            }
+        }
+    }
+}
+
+impl fmt::Display for ResizeKernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A kernel of that name does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no resize kernel {0:?}: bilinear, bilinear-antialias, bicubic, lanczos and area exist")]
+pub struct ResizeKernelError(String);
+
+impl FromStr for ResizeKernel {
+    type Err = ResizeKernelError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|kernel| kernel.name() == name)
+            .ok_or_else(|| ResizeKernelError(name.to_owned()))
+    }
+}
+
+/// The picture at `width` × `height` pixels, as the kernel's library makes it.
+///
+/// * torch's kernels give floats (f32 in 0..1), also of 8-bit pictures;
+/// * PIL's and OpenCV's give 8 bits of 8 bits, equal to the last bit, and f32 of f32.
+///
+/// Floats agree with the library to its own rounding (1e-6). Values that bicubic and Lanczos swing
+/// beyond 0..1 are clamped. A picture that has the size already is returned unchanged. The same
+/// bytes for any number of threads.
+///
+/// # Errors
+/// [`PictureError`] when the picture has no pixel or one that is not in 0..1, or when `width` or
+/// `height` is 0.
+pub fn resize(
+    picture: &Picture,
+    width: u32,
+    height: u32,
+    kernel: ResizeKernel,
+) -> Result<Picture, PictureError> {
+    picture.check()?;
+    if width == 0 || height == 0 {
+        return Err(PictureError::Empty { width, height });
+    }
+    let (from, to) = (picture.dimensions(), (width, height));
+    if from == to {
+        return Ok(picture.clone());
+    }
+    let (from, to) = (Size::from(from), Size::from(to));
+    Ok(match kernel {
+        ResizeKernel::Bilinear => {
+            Picture::RgbF32(unit_range(torch::bilinear(&floats(picture), from, to), to))
+        }
+        ResizeKernel::BilinearAntialias => Picture::RgbF32(unit_range(
+            torch::bilinear_antialias(&floats(picture), from, to),
+            to,
+        )),
+        ResizeKernel::Bicubic => with_pillow(picture, from, to, &pillow::BICUBIC),
+        ResizeKernel::Lanczos => with_pillow(picture, from, to, &pillow::LANCZOS),
+        ResizeKernel::Area => {
+            let shrinks = to.width <= from.width && to.height <= from.height;
+            match picture {
+                Picture::Rgb8(picture) if shrinks => {
+                    Picture::Rgb8(buffer(area::shrink(picture.as_raw(), from, to), to))
+                }
+                Picture::Rgb8(picture) => Picture::Rgb8(buffer(
+                    area_enlarging::of_u8(picture.as_raw(), from, to),
+                    to,
+                )),
+                Picture::RgbF32(picture) if shrinks => {
+                    Picture::RgbF32(unit_range(area::shrink(picture.as_raw(), from, to), to))
+                }
+                Picture::RgbF32(picture) => Picture::RgbF32(unit_range(
+                    area_enlarging::of_f32(picture.as_raw(), from, to),
+                    to,
+                )),
+            }
+        }
+    })
+}
+
+/// Width and height of a picture of interleaved RGB, pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Size {
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl From<(u32, u32)> for Size {
+    fn from((width, height): (u32, u32)) -> Self {
+        Self {
+            width: width as usize,
+            height: height as usize,
+        }
+    }
+}
+
+fn with_pillow(picture: &Picture, from: Size, to: Size, filter: &pillow::Filter) -> Picture {
+    match picture {
+        Picture::Rgb8(picture) => Picture::Rgb8(buffer(
+            pillow::resize(picture.as_raw(), from, to, filter),
+            to,
+        )),
+        Picture::RgbF32(picture) => Picture::RgbF32(unit_range(
+            pillow::resize(picture.as_raw(), from, to, filter),
+            to,
+        )),
+    }
+}
+
+/// Interleaved f32 in 0..1, as `torchvision`'s `to_tensor` makes them.
+fn floats(picture: &Picture) -> Vec<f32> {
+    match picture {
+        Picture::Rgb8(picture) => {
+            let levels = picture.as_raw().iter();
+            levels.map(|&level| f32::from(level) / 255.0).collect()
+        }
+        Picture::RgbF32(picture) => picture.as_raw().clone(),
+    }
+}
+
+/// Weights that sum to one but for rounding may leave 0..1 by an ulp, negative ones by more.
+fn unit_range(mut values: Vec<f32>, size: Size) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
+    for value in &mut values {
+        *value = value.clamp(0.0, 1.0);
+    }
+    buffer(values, size)
+}
+
+/// A picture of interleaved values, exactly `3 × width × height` of them.
+pub(super) fn buffer<T>(values: Vec<T>, size: Size) -> ImageBuffer<Rgb<T>, Vec<T>>
+where
+    T: image::Primitive,
+    Rgb<T>: image::Pixel<Subpixel = T>,
+{
+    let mut made = ImageBuffer::new(size.width as u32, size.height as u32);
+    made.copy_from_slice(&values);
+    made
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{Rgb32FImage, RgbImage};
+
+    fn both(width: u32, height: u32) -> [Picture; 2] {
+        let level = |x: u32, y: u32, c: u32| ((x * 37 + y * 91 + c * 53) % 256) as u8;
+        let bytes = RgbImage::from_fn(width, height, |x, y| {
+            Rgb([level(x, y, 0), level(x, y, 1), level(x, y, 2)])
+        });
+        let floats = Rgb32FImage::from_fn(width, height, |x, y| {
+            Rgb(bytes.get_pixel(x, y).0.map(|v| f32::from(v) / 255.0))
+        });
+        [bytes.into(), floats.into()]
+    }
+
+    #[test]
+    fn names_return_to_their_kernels() {
+        for kernel in ResizeKernel::ALL {
+            assert_eq!(kernel.to_string().parse(), Ok(kernel));
+        }
+        let error = "cubic".parse::<ResizeKernel>().unwrap_err().to_string();
+        for kernel in ResizeKernel::ALL {
+            assert!(error.contains(kernel.name()), "{error}");
+        }
+    }
+
+    #[test]
+    fn sizes_come_out_and_the_same_size_changes_nothing() {
+        for picture in both(17, 11) {
+            for kernel in ResizeKernel::ALL {
+                for size in [(1, 1), (5, 30), (34, 22), (40, 3), (17, 22), (8, 11)] {
+                    let out = resize(&picture, size.0, size.1, kernel).unwrap();
+                    assert_eq!(out.dimensions(), size, "{kernel}");
+                    assert_eq!(out.check(), Ok(()), "{kernel} {size:?}");
+                }
+                assert_eq!(resize(&picture, 17, 11, kernel).as_ref(), Ok(&picture));
+            }
+        }
+    }
+
+    #[test]
+    fn flat_pictures_stay_flat() {
+        let flat = Picture::from(RgbImage::from_pixel(13, 9, Rgb([0, 200, 255])));
+        for kernel in ResizeKernel::ALL {
+            for size in [(5, 4), (29, 31), (13, 18), (6, 20)] {
+                let out = resize(&flat, size.0, size.1, kernel).unwrap();
+                for (x, y) in [(0, 0), (size.0 - 1, size.1 - 1), (size.0 / 2, size.1 / 2)] {
+                    for (channel, level) in [(0, 0.0), (1, 200.0), (2, 255.0)] {
+                        let value = out.value(x, y, channel);
+                        assert!((value - level / 255.0).abs() < 1e-6, "{kernel} {value}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_resized_is_an_error() {
+        let [picture, _] = both(4, 4);
+        let empty = resize(&picture, 0, 3, ResizeKernel::Area);
+        assert!(matches!(empty, Err(PictureError::Empty { width: 0, .. })));
+        let nan = Picture::from(Rgb32FImage::from_pixel(2, 2, Rgb([f32::NAN; 3])));
+        assert!(resize(&nan, 4, 4, ResizeKernel::Bicubic).is_err());
+    }
+
+    #[test]
+    fn the_same_on_one_thread() {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .unwrap();
+        for picture in both(97, 61) {
+            for kernel in ResizeKernel::ALL {
+                for (width, height) in [(40, 33), (150, 200)] {
+                    let many = resize(&picture, width, height, kernel);
+                    let one = pool.install(|| resize(&picture, width, height, kernel));
+                    assert_eq!(many, one);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! Resizing exactly as the libraries do it that published numbers were made with.
+//!
+//! A prediction smaller than its ground truth is resized before it is scored, and the libraries
+//! disagree in the second decimal of a PSNR. So a [`ResizeKernel`] is one function of one library,
+//! not a family of filters, and its name belongs to the number.
+//!
+//! # Contents
+//! * [`ResizeKernel`], [`resize`]: the kernels by name and the one entry point.
+//! * `torch`: bilinear of `torch.nn.functional.interpolate`, with and without antialiasing.
+//! * `pillow`: bicubic, Lanczos (and the bilinear of `dists[resize256]`) of PIL.
+//! * `area`: OpenCV's `INTER_AREA` where it reduces, `area_enlarging` where it does not.
+//! * `shorter_side`: the reduction of `dists[resize256]`.
+
+mod area;
+mod area_enlarging;
+mod kernel;
+mod pillow;
+mod shorter_side;
+mod torch;
+
+pub use kernel::{ResizeKernel, ResizeKernelError, resize};
+pub(crate) use shorter_side::to_shorter_side_256;
