@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::gemm::Epilogue;
 use crate::gemm::block::Block;
 use crate::gemm::micro::{KC, Tile, stride_for};
-use crate::gemm::packed::{PackedView, pack_into};
+use crate::gemm::packed::{PackedView, pack_rows, pack_transposed};
 use crate::math::exp;
 use crate::simd::{Simd, per_level};
 use crate::workspace::{SharedOut, Workspace};
@@ -77,12 +77,12 @@ pub fn attention(
         let at = |which: usize, t: usize| (first + t) * 3 * dim + which * dim + head * head_dim;
         let mut split = parts.split(scratch);
         split.keys.fill(0.0);
-        pack_into(split.keys, tile.nr, head_dim, tokens, |c, t| {
-            qkv[at(1, t) + c]
+        pack_transposed(split.keys, tile.nr, tokens, |t| {
+            &qkv[at(1, t)..][..head_dim]
         });
         split.values.fill(0.0);
-        pack_into(split.values, tile.nr, tokens, head_dim, |t, c| {
-            qkv[at(2, t) + c]
+        pack_rows(split.values, tile.nr, tokens, head_dim, |t| {
+            &qkv[at(2, t)..][..head_dim]
         });
         split.zeros.fill(0.0);
         for row in (0..tokens).step_by(parts.rows) {
@@ -282,29 +282,32 @@ fn softmax_body<const FMA: bool>(
 ) {
     for row in 0..rows {
         let scores = &mut scores[row * stride..][..tokens];
+        let (whole, rest) = scores.as_chunks::<LANES>();
         let mut max = [f32::NEG_INFINITY; LANES];
-        for chunk in scores.chunks(LANES) {
-            for (max, &s) in max.iter_mut().zip(chunk) {
-                *max = if s > *max { s } else { *max };
+        for chunk in whole {
+            for l in 0..LANES {
+                max[l] = if chunk[l] > max[l] { chunk[l] } else { max[l] };
             }
         }
         let mut top = f32::NEG_INFINITY;
-        for m in max {
-            top = top.max(m);
+        for &s in max.iter().chain(rest) {
+            top = top.max(s);
         }
+        let (whole, rest) = scores.as_chunks_mut::<LANES>();
         let mut sums = [0.0; LANES];
-        for chunk in scores.chunks_mut(LANES) {
-            for (sum, s) in sums.iter_mut().zip(chunk) {
-                // Below -80 nothing is left; see GELU about subnormal numbers. `if` rather than
-                // `max` keeps NaN.
-                let x = scale * (*s - top);
-                *s = exp::<FMA>(if x < -80.0 { -80.0 } else { x });
-                *sum += *s;
+        for chunk in whole {
+            for l in 0..LANES {
+                chunk[l] = weight::<FMA>(chunk[l], top, scale);
+                sums[l] += chunk[l];
             }
         }
         let mut sum = 0.0;
         for s in sums {
             sum += s;
+        }
+        for s in rest {
+            *s = weight::<FMA>(*s, top, scale);
+            sum += *s;
         }
         let factor = 1.0 / sum;
         for (k, part) in scores.chunks(KC).enumerate() {
@@ -314,6 +317,14 @@ fn softmax_body<const FMA: bool>(
             }
         }
     }
+}
+
+/// `exp(scale · (score - top))`. Below -80 nothing is left, and still smaller weights would be
+/// subnormal, which is slow. Comparing rather than `max` keeps NaN.
+#[inline(always)]
+fn weight<const FMA: bool>(score: f32, top: f32, scale: f32) -> f32 {
+    let x = scale * (score - top);
+    exp::<FMA>(if x < -80.0 { -80.0 } else { x })
 }
 
 #[cfg(test)]

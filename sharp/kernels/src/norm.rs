@@ -46,22 +46,30 @@ fn normalise_rows_body<const FMA: bool>(
 ) {
     let dim = gamma.len();
     for (x, out) in x.chunks_exact(dim).zip(out.chunks_exact_mut(dim)) {
+        let (whole, tail) = x.as_chunks::<LANES>();
         let mut sums = [0.0_f32; LANES];
-        for chunk in x.chunks(LANES) {
-            for (sum, v) in sums.iter_mut().zip(chunk) {
-                *sum += v;
+        for chunk in whole {
+            for l in 0..LANES {
+                sums[l] += chunk[l];
             }
+        }
+        for (sum, v) in sums.iter_mut().zip(tail) {
+            *sum += v;
         }
         // The mean in two parts, lest its rounding be multiplied where the variance is small.
         let exact = total(&sums) / dim as f64;
         let mean = exact as f32;
         let rest = (exact - f64::from(mean)) as f32;
         let mut squares = [0.0_f32; LANES];
-        for chunk in x.chunks(LANES) {
-            for (sum, v) in squares.iter_mut().zip(chunk) {
-                let v = v - mean - rest;
-                *sum = fma::<FMA>(v, v, *sum);
+        for chunk in whole {
+            for l in 0..LANES {
+                let v = chunk[l] - mean - rest;
+                squares[l] = fma::<FMA>(v, v, squares[l]);
             }
+        }
+        for (sum, v) in squares.iter_mut().zip(tail) {
+            let v = v - mean - rest;
+            *sum = fma::<FMA>(v, v, *sum);
         }
         let variance = total(&squares) / dim as f64;
         let factor = (1.0 / (variance + f64::from(eps)).sqrt()) as f32;
@@ -183,22 +191,35 @@ per_level! {
 
 #[inline(always)]
 fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
+    // Two lines of memory of each pixel at a time.
+    const WIDE: usize = 2 * LANES;
     let channels = sums.len();
-    for first in (0..channels).step_by(LANES) {
-        let lanes = LANES.min(channels - first);
-        let (mut sum, mut square) = ([0.0_f64; LANES], [0.0_f64; LANES]);
-        for pixel in x.chunks_exact(channels) {
-            let pixel = &pixel[first..first + lanes];
-            for ((sum, square), v) in sum.iter_mut().zip(&mut square).zip(pixel) {
-                let v = f64::from(*v);
-                *sum += v;
-                // Exact in f64 before the addition, fused or not.
-                *square += v * v;
+    for first in (0..channels).step_by(WIDE) {
+        let lanes = WIDE.min(channels - first);
+        let (mut sum, mut square) = ([0.0_f64; WIDE], [0.0_f64; WIDE]);
+        if lanes == WIDE {
+            for pixel in x.chunks_exact(channels) {
+                let mut v = [0.0_f32; WIDE];
+                v.copy_from_slice(&pixel[first..first + WIDE]);
+                for l in 0..WIDE {
+                    // The square is exact in f64, so that fusing would change nothing.
+                    let v = f64::from(v[l]);
+                    sum[l] += v;
+                    square[l] += v * v;
+                }
+            }
+        } else {
+            for pixel in x.chunks_exact(channels) {
+                for (l, v) in pixel[first..].iter().enumerate() {
+                    let v = f64::from(*v);
+                    sum[l] += v;
+                    square[l] += v * v;
+                }
             }
         }
-        for lane in 0..lanes {
-            sums[first + lane][0] += sum[lane];
-            sums[first + lane][1] += square[lane];
+        for l in 0..lanes {
+            sums[first + l][0] += sum[l];
+            sums[first + l][1] += square[l];
         }
     }
 }

@@ -54,8 +54,8 @@ impl Winograd {
         for o in 0..n {
             for i in 0..c {
                 let filter = transform::filter(&weight[(o * c + i) * 9..][..9]);
-                for (place, value) in filter.into_iter().enumerate() {
-                    transformed[(place * c + i) * n + o] = value;
+                for (place, value) in filter.iter().enumerate() {
+                    transformed[(place * c + i) * n + o] = *value;
                 }
             }
         }

@@ -22,7 +22,7 @@ impl PackedMatrix {
     /// them), and its bias `[n]`.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// When a length is wrong or a side is zero.
     pub fn from_out_in(
         simd: Simd,
         weight: &[f32],
@@ -31,13 +31,15 @@ impl PackedMatrix {
         k: usize,
     ) -> Self {
         assert_eq!(weight.len(), n * k, "weights of {n} outputs x {k} inputs");
-        Self::pack(simd, k, n, bias, |row, col| weight[col * k + row])
+        Self::with(simd, k, n, bias, |data, nr| {
+            pack_transposed(data, nr, n, |col| &weight[col * k..][..k]);
+        })
     }
 
     /// Packs a matrix given as `[k][n]`, and a bias `[n]`.
     ///
     /// # Panics
-    /// When a length is wrong.
+    /// When a length is wrong or a side is zero.
     pub fn from_in_out(
         simd: Simd,
         weight: &[f32],
@@ -46,7 +48,9 @@ impl PackedMatrix {
         n: usize,
     ) -> Self {
         assert_eq!(weight.len(), n * k, "weights of {k} inputs x {n} outputs");
-        Self::pack(simd, k, n, bias, |row, col| weight[row * n + col])
+        Self::with(simd, k, n, bias, |data, nr| {
+            pack_rows(data, nr, k, n, |row| &weight[row * n..][..n]);
+        })
     }
 
     /// Packs the matrix whose element in row `row` and column `col` is `value(row, col)`.
@@ -57,10 +61,24 @@ impl PackedMatrix {
         bias: Option<&[f32]>,
         value: impl Fn(usize, usize) -> f32,
     ) -> Self {
+        Self::with(simd, k, n, bias, |data, nr| {
+            pack_into(data, nr, k, n, value)
+        })
+    }
+
+    /// Lets `fill(data, nr)` pack the elements.
+    fn with(
+        simd: Simd,
+        k: usize,
+        n: usize,
+        bias: Option<&[f32]>,
+        fill: impl FnOnce(&mut [f32], usize),
+    ) -> Self {
+        assert!(k > 0 && n > 0, "a matrix of {k} x {n}");
         let nr = Tile::of(simd).nr;
         let n_padded = n.next_multiple_of(nr);
         let mut data = Aligned::zeros(k * n_padded);
-        pack_into(&mut data, nr, k, n, value);
+        fill(&mut data, nr);
         let mut padded_bias = Aligned::zeros(n_padded);
         if let Some(bias) = bias {
             assert_eq!(bias.len(), n, "one bias per output");
@@ -146,6 +164,45 @@ pub(crate) fn pack_into(
                 for (col, out) in out[..cols].iter_mut().enumerate() {
                     *out = value(k0 + row, panel * nr + col);
                 }
+            }
+        }
+    }
+}
+
+/// As [`pack_into`], for a matrix whose columns are at hand, each of the same length.
+pub(crate) fn pack_transposed<'a>(
+    data: &mut [f32],
+    nr: usize,
+    n: usize,
+    column: impl Fn(usize) -> &'a [f32],
+) {
+    let n_padded = n.next_multiple_of(nr);
+    for col in 0..n {
+        let (panel, lane) = (col / nr, col % nr);
+        for (run, part) in column(col).chunks(KC).enumerate() {
+            let start = run * KC * n_padded + panel * part.len() * nr;
+            for (out, v) in data[start..].chunks_exact_mut(nr).zip(part) {
+                out[lane] = *v;
+            }
+        }
+    }
+}
+
+/// As [`pack_into`], for a matrix whose rows are at hand: `row(k)` has `n` elements.
+pub(crate) fn pack_rows<'a>(
+    data: &mut [f32],
+    nr: usize,
+    k: usize,
+    n: usize,
+    row: impl Fn(usize) -> &'a [f32],
+) {
+    let n_padded = n.next_multiple_of(nr);
+    for k0 in (0..k).step_by(KC) {
+        let kc = KC.min(k - k0);
+        for i in 0..kc {
+            for (panel, part) in row(k0 + i).chunks(nr).enumerate() {
+                let start = k0 * n_padded + (panel * kc + i) * nr;
+                data[start..][..part.len()].copy_from_slice(part);
             }
         }
     }
