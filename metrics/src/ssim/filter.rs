@@ -1,0 +1,89 @@
+//! The window along one axis at a time, and the similarity of what it gathered.
+
+use crate::simd::with_widest_vectors;
+
+/// Elements that the inner loops take at once; row buffers are padded to a multiple of it.
+const BLOCK: usize = 32;
+/// Filtered quantities: a, b, a² + b², a b.
+pub(super) const QUANTITIES: usize = 4;
+
+/// What the similarity is formed with.
+#[derive(Clone, Copy)]
+pub(super) struct Constants {
+    /// (0.01 L)².
+    pub(super) c1: f64,
+    /// (0.03 L)².
+    pub(super) c2: f64,
+    /// Factor that turns population into sample covariance, or 1.
+    pub(super) covariance: f64,
+}
+
+/// Length of a row buffer that holds `n` elements.
+pub(super) fn padded(n: usize) -> usize {
+    n.next_multiple_of(BLOCK)
+}
+
+/// The window's sum over 2 × radius + 1 pixels along x, for every channel of every pixel.
+pub(super) fn filter_along_x(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]) {
+    with_widest_vectors!(filter_along_x_body(input, half, channels, out):
+        fn(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]));
+}
+
+#[inline(always)]
+fn filter_along_x_body(input: &[f64], half: &[f64], channels: usize, out: &mut [f64]) {
+    let radius = half.len() - 1;
+    for (block, out) in out.chunks_exact_mut(BLOCK).enumerate() {
+        let tap = |k: usize| &input[block * BLOCK + k * channels..][..BLOCK];
+        let mut sum = [0.0; BLOCK];
+        for k in 0..radius {
+            add_pair(&mut sum, half[k], tap(k), tap(2 * radius - k));
+        }
+        add_single(&mut sum, half[radius], tap(radius));
+        out.copy_from_slice(&sum);
+    }
+}
+
+/// The same along y for the four quantities, and the similarity that follows from them.
+pub(super) fn filter_along_y(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]) {
+    with_widest_vectors!(filter_along_y_body(rows, half, constants, out):
+        fn(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]));
+}
+
+#[inline(always)]
+fn filter_along_y_body(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]) {
+    let radius = half.len() - 1;
+    let length = out.len();
+    for (block, out) in out.chunks_exact_mut(BLOCK).enumerate() {
+        let mut filtered = [[0.0; BLOCK]; QUANTITIES];
+        for (quantity, sum) in filtered.iter_mut().enumerate() {
+            let tap = |k: usize| &rows[k][quantity * length + block * BLOCK..][..BLOCK];
+            for k in 0..radius {
+                add_pair(sum, half[k], tap(k), tap(2 * radius - k));
+            }
+            add_single(sum, half[radius], tap(radius));
+        }
+        let [mean_a, mean_b, squares, products] = &filtered;
+        for i in 0..BLOCK {
+            let (a, b) = (mean_a[i], mean_b[i]);
+            let (ab, aa_bb) = (a * b, a * a + b * b);
+            let variances = constants.covariance * (squares[i] - aa_bb);
+            let covariance = constants.covariance * (products[i] - ab);
+            out[i] = (2.0 * ab + constants.c1) * (2.0 * covariance + constants.c2)
+                / ((aa_bb + constants.c1) * (variances + constants.c2));
+        }
+    }
+}
+
+#[inline(always)]
+fn add_pair(sum: &mut [f64; BLOCK], weight: f64, a: &[f64], b: &[f64]) {
+    for ((sum, a), b) in sum.iter_mut().zip(a).zip(b) {
+        *sum += weight * (a + b);
+    }
+}
+
+#[inline(always)]
+fn add_single(sum: &mut [f64; BLOCK], weight: f64, a: &[f64]) {
+    for (sum, a) in sum.iter_mut().zip(a) {
+        *sum += weight * a;
+    }
+}

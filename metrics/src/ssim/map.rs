@@ -1,0 +1,77 @@
+//! The map of local similarities, row by row, never held as a whole.
+
+use rayon::prelude::*;
+
+use super::filter::{Constants, padded};
+use super::strip::Strip;
+use super::variant::Form;
+use crate::picture::Picture;
+use crate::scorer::Unavailable;
+
+/// Rows of the map that one task computes; each task filters 2 × radius rows more than that.
+const ROWS_PER_TASK: usize = 64;
+
+/// Applies `each` to every row of the map (interleaved channels); results in row order.
+pub(super) fn map_rows<T: Send>(
+    form: &Form,
+    prediction: &Picture,
+    target: &Picture,
+    each: impl Fn(usize, &[f64]) -> T + Sync,
+) -> Result<Vec<T>, Unavailable> {
+    let (map_width, map_height) = form.map_size(prediction.dimensions())?;
+    let range = if form.range_of_data {
+        let range = data_range(prediction).max(data_range(target));
+        if range == 0.0 {
+            let [a, b] = [prediction, target].map(|picture| picture.value(0, 0, 0));
+            if (a == 0.0) == (b == 0.0) {
+                return Err(Unavailable::NoRange);
+            }
+            // Contrast and structure are 0 / 0, but at most 1; the luminance before them is 0.
+            let zeros = vec![0.0; map_width * form.channels()];
+            return Ok((0..map_height).map(|y| each(y, &zeros)).collect());
+        }
+        range
+    } else {
+        1.0
+    };
+    let constants = Constants {
+        c1: (0.01 * range) * (0.01 * range),
+        c2: (0.03 * range) * (0.03 * range),
+        covariance: form.covariance,
+    };
+    let tasks: Vec<usize> = (0..map_height).step_by(ROWS_PER_TASK).collect();
+    let results: Vec<Vec<T>> = tasks
+        .into_par_iter()
+        .map(|first| {
+            let end = (first + ROWS_PER_TASK).min(map_height);
+            let mut strip = Strip::new(form, prediction, target, map_width);
+            let mut row = vec![0.0; padded(map_width * form.channels())];
+            for y in 0..2 * form.radius {
+                strip.push(first + y);
+            }
+            (first..end)
+                .map(|y| {
+                    strip.push(y + 2 * form.radius);
+                    strip.map_row(y, constants, &mut row);
+                    each(y, &row[..map_width * form.channels()])
+                })
+                .collect()
+        })
+        .collect();
+    Ok(results.into_iter().flatten().collect())
+}
+
+/// Maximum minus minimum over all pixels and channels.
+fn data_range(picture: &Picture) -> f64 {
+    let (width, height) = picture.dimensions();
+    let mut row = vec![0.0; 3 * width as usize];
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for y in 0..height as usize {
+        picture.row_f64(y, &mut row);
+        for &value in &row {
+            low = low.min(value);
+            high = high.max(value);
+        }
+    }
+    high - low
+}

@@ -1,0 +1,96 @@
+//! Structural similarity in every variant that public code computes.
+//!
+//! Wang et al. 2004: (2 μₐμᵦ + C₁)(2 σₐᵦ + C₂) / ((μₐ² + μᵦ² + C₁)(σₐ² + σᵦ² + C₂)) per channel
+//! with C₁ = (0.01 L)², C₂ = (0.03 L)², averaged over pixels and channels. The variants differ in
+//! window, border, covariance and L. Everything is f64: in f32 the variances, a difference of
+//! nearly equal numbers on flat areas, are off in the fifth decimal.
+//!
+//! # Contents
+//! * [`variant`]: the variants taken apart.
+//! * [`map`]: the map of local similarities, row by row.
+//! * [`strip`]: the rows under the window as it walks down the picture.
+//! * [`filter`]: the window along one axis, and the similarity.
+
+mod filter;
+mod map;
+mod strip;
+mod variant;
+
+use image::{ImageBuffer, Luma};
+
+use crate::identity::SsimVariant;
+use crate::picture::{Mask, Picture};
+use crate::scorer::{ScoreMap, Unavailable};
+use map::map_rows;
+use variant::Form;
+
+/// The mean of the SSIM map, with a mask the mean over the window centres inside it. The pictures
+/// (and the mask) are of one size.
+pub(crate) fn ssim(
+    variant: SsimVariant,
+    prediction: &Picture,
+    target: &Picture,
+    mask: Option<&Mask>,
+) -> Result<f64, Unavailable> {
+    let form = Form::of(variant);
+    let channels = form.channels();
+    let origin = form.origin();
+    let rows = map_rows(&form, prediction, target, |y, row| {
+        let Some(mask) = mask else {
+            return (sum_in_lanes(row), row.len());
+        };
+        let inside = &mask.row(y + origin)[origin..];
+        let mut sum = 0.0;
+        let mut count = 0;
+        for (values, &inside) in row.chunks_exact(channels).zip(inside) {
+            if inside {
+                sum += values.iter().sum::<f64>();
+                count += channels;
+            }
+        }
+        (sum, count)
+    })?;
+    let count: usize = rows.iter().map(|(_, count)| count).sum();
+    if count == 0 {
+        return Err(Unavailable::EmptyMask);
+    }
+    Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
+}
+
+/// The SSIM map, mean over channels.
+pub(crate) fn ssim_map(
+    variant: SsimVariant,
+    prediction: &Picture,
+    target: &Picture,
+) -> Result<ScoreMap, Unavailable> {
+    let form = Form::of(variant);
+    let channels = form.channels();
+    let rows = map_rows(&form, prediction, target, |_, row| {
+        row.chunks_exact(channels)
+            .map(|values| (values.iter().sum::<f64>() / channels as f64) as f32)
+            .collect::<Vec<_>>()
+    })?;
+    let width = rows.first().map_or(0, Vec::len) as u32;
+    let values = ImageBuffer::from_fn(width, rows.len() as u32, |x, y| {
+        Luma([rows[y as usize][x as usize]])
+    });
+    Ok(ScoreMap {
+        values,
+        origin: form.origin() as u32,
+    })
+}
+
+/// A sum in a fixed order that vectors can follow: eight running sums, then those.
+fn sum_in_lanes(values: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    let (chunks, rest) = values.as_chunks::<8>();
+    for chunk in chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane += value;
+        }
+    }
+    lanes.iter().chain(rest).sum()
+}
+
+#[cfg(test)]
+mod tests;
