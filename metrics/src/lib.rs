@@ -39,4 +39,5 @@ pub use scorer::{
     AllTerms, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms, Unavailable,
 };
 pub use selection::{Selected, Selection, SelectionError};
+pub use sharp_kernels::{Algorithm, Level, Simd};
 pub use weights::{Backbone, Weights, WeightsError, WeightsUsed};

@@ -89,6 +89,18 @@ pub struct ScorerOptions {
     pub strip_rows: Option<NonZeroUsize>,
 }
 
+impl ScorerOptions {
+    /// What the networks' features depend on besides weights and pictures, for records: `avx512,
+    /// winograd`. The height of strips and the number of threads change no bit.
+    pub fn arithmetic(&self) -> String {
+        let algorithm = match self.algorithm {
+            Algorithm::Winograd => "winograd",
+            Algorithm::Direct => "direct",
+        };
+        format!("{}, {algorithm}", self.simd.level())
+    }
+}
+
 impl Default for ScorerOptions {
     fn default() -> Self {
         Self {
@@ -104,6 +116,7 @@ impl Default for ScorerOptions {
 pub struct Scorer {
     keys: Vec<MetricKey>,
     engines: Engines,
+    options: ScorerOptions,
 }
 
 /// Where in the picture a metric finds the two pictures alike or different.
@@ -161,12 +174,21 @@ impl Scorer {
     ) -> Result<Self, WeightsError> {
         let keys: Vec<MetricKey> = selection.keys().collect();
         let engines = Engines::new(&keys, weights, options)?;
-        Ok(Self { keys, engines })
+        Ok(Self {
+            keys,
+            engines,
+            options,
+        })
     }
 
     /// The metrics in the order of the selection.
     pub fn keys(&self) -> &[MetricKey] {
         &self.keys
+    }
+
+    /// How the networks are computed.
+    pub fn options(&self) -> ScorerOptions {
+        self.options
     }
 
     /// The network weights in use.

@@ -155,7 +155,7 @@ impl Evaluation {
                     weights: metric.weights.clone(),
                 })
                 .collect(),
-            scoring: scoring_facts(),
+            scoring: scoring_facts(&self.scoring.scorer.options().arithmetic()),
         })
     }
 

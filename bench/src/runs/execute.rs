@@ -167,6 +167,10 @@ impl<'a> PairRun<'a> {
             ("method identity", &method.identity()),
             ("method inputs", &method_inputs),
             ("metrics", &metrics.join("\n")),
+            (
+                "metric networks",
+                &self.plan.scoring.scorer.options().arithmetic(),
+            ),
         ])
     }
 

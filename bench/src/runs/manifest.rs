@@ -116,8 +116,9 @@ impl Manifest {
     }
 }
 
-/// The scoring conventions of this build, for [`Manifest::scoring`].
-pub fn scoring_facts() -> BTreeMap<String, String> {
+/// The scoring conventions of this build, for [`Manifest::scoring`]; `networks` is how those behind the metrics
+/// are computed.
+pub fn scoring_facts(networks: &str) -> BTreeMap<String, String> {
     [
         ("prediction", "sRGB, 8 bit, rounded to nearest"),
         (
@@ -131,6 +132,7 @@ pub fn scoring_facts() -> BTreeMap<String, String> {
             "mean over pairs; a mean that holds inf is inf",
         ),
         ("frustum mask", "margin 1.05, z > 0, invalid depth outside"),
+        ("metric networks", networks),
     ]
     .map(|(name, value)| (name.to_owned(), value.to_owned()))
     .into()

@@ -1,6 +1,6 @@
 //! What a run evaluates: pairs whose views are known to exist, methods, metrics.
 
-use sharp_metrics::{Backbone, MetricKey, Scorer, Selection, Weights, WeightsError};
+use sharp_metrics::{Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
 use crate::durable::{FileError, file_sha256};
 use crate::methods::Method;
@@ -43,6 +43,18 @@ impl Scoring {
     /// # Errors
     /// When a weights file cannot be read or is not what it should be.
     pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, ScoringError> {
+        Self::with_options(selection, weights, ScorerOptions::default())
+    }
+
+    /// As [`new`](Self::new), with a choice of kernels.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_options(
+        selection: &Selection,
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, ScoringError> {
         let mut metrics = Vec::new();
         for key in selection.keys() {
             let weights = match Backbone::of(key.metric()) {
@@ -55,7 +67,7 @@ impl Scoring {
             metrics.push(ScoredMetric { key, weights });
         }
         Ok(Self {
-            scorer: Scorer::new(selection, weights)?,
+            scorer: Scorer::with_options(selection, weights, options)?,
             metrics,
         })
     }
