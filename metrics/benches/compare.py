@@ -1,68 +1,82 @@
-"""CPU seconds of this crate's metrics beside those of the public code, on one machine.
+"""CPU seconds and peak memory of this crate's metrics beside those of the public code.
 
-    python -m venv .venv && .venv/bin/pip install -r benches/requirements.txt
+    python3 -m venv .venv && .venv/bin/pip install -r benches/requirements.txt
     cargo build --release -p sharp-metrics --example measure
-    .venv/bin/python benches/compare.py TARGET_DIR/release/examples/measure [WIDTHxHEIGHT]
+    .venv/bin/python benches/compare.py TARGET_DIR/release/examples/measure 1752x1168 [ROW…]
 
-Two threads on both sides, random weights (time does not depend on them), each row the median of
-three runs, the two sides taking turns so that a busy machine slows both. CPU time, user and
-system, of the call alone: models, pictures and decoding are not counted.
+Two threads on both sides and random weights, on whose values time does not depend. The two sides
+take turns, so that a busy machine slows both, and each number is the median of several turns. What
+is counted is user and system time of the call alone: models, pictures and decoding are ready
+before, and every side has made one call that does not count. Each row of the table is a process of
+its own on either side, so that its peak of memory (picture and weights included) is its own.
+
+Exits with 1 if a ratio lies below its bar.
 """
 
+from __future__ import annotations
+
+import argparse
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
+import time
+import warnings
+from typing import Callable, NamedTuple
 
-import numpy as np
-import torch
-
-torch.set_num_threads(2)
-RUNS = 3
-
-
-def cpu_seconds() -> float:
-    times = os.times()
-    return times.user + times.system
-
-
-def timed(call) -> float:
-    before = cpu_seconds()
-    with torch.no_grad():
-        call()
-    return cpu_seconds() - before
+THREADS = 2
+# Before numpy and torch are imported, which read them once.
+for variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[variable] = str(THREADS)
 
 
 def pair(width: int, height: int):
-    generator = np.random.default_rng(0)
-    base = generator.integers(0, 256, (height, width, 3), dtype=np.uint8)
-    return base, np.roll(base, 3, axis=1)
+    """Two 8-bit pictures that differ everywhere."""
+    import numpy as np
+
+    first = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return first, np.roll(first, 3, axis=1)
 
 
 def tensors(pictures, signed: bool):
+    import torch
+
     planes = [torch.from_numpy(p).permute(2, 0, 1)[None].float() / 255 for p in pictures]
-    return [2 * p - 1 if signed else p for p in planes]
+    return [(2 * p - 1 if signed else p).contiguous() for p in planes]
 
 
-def lpips_call(net: str, channels_last: bool):
-    import lpips
-
-    model = lpips.LPIPS(net=net, pnet_rand=True, verbose=False).eval()
-
+def lpips_call(net: str, channels_last: bool = False, features_only: bool = False):
     def prepare(pictures):
+        import lpips
+        import torch
+
+        torch.set_num_threads(THREADS)
+        model = lpips.LPIPS(net=net, pnet_rand=True, verbose=False).eval()
         a, b = tensors(pictures, signed=True)
         if channels_last:
             model.to(memory_format=torch.channels_last)
             a, b = (t.contiguous(memory_format=torch.channels_last) for t in (a, b))
-        return lambda: model(a, b)
+
+        def call():
+            with torch.no_grad():
+                if features_only:
+                    for picture in (a, b):
+                        model.net(model.scaling_layer(picture))
+                else:
+                    model(a, b)
+
+        return call
 
     return prepare
 
 
 def dists_call(pictures):
+    import torch
     import torchvision
 
+    torch.set_num_threads(THREADS)
     # The package asks for pretrained weights; a network of the same shape is enough for time.
     original = torchvision.models.vgg16
     torchvision.models.vgg16 = lambda *_, **__: original(weights=None)
@@ -71,62 +85,161 @@ def dists_call(pictures):
     model = DISTS_pytorch.DISTS().eval()
     torchvision.models.vgg16 = original
     a, b = tensors(pictures, signed=False)
-    return lambda: model(a, b)
+
+    def call():
+        with torch.no_grad():
+            model(a, b)
+
+    return call
 
 
-def ssim_call(gaussian: bool):
-    from skimage.metrics import structural_similarity
-
-    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
-
+def ssim_call(**options):
     def prepare(pictures):
+        from skimage.metrics import structural_similarity
+
         a, b = pictures
-        more = options if gaussian else {}
-        return lambda: structural_similarity(a, b, channel_axis=2, data_range=255, **more)
+        return lambda: structural_similarity(a, b, channel_axis=2, data_range=255, **options)
 
     return prepare
 
 
-def psnr_call(pictures):
+def psnr_skimage(pictures):
     from skimage.metrics import peak_signal_noise_ratio
 
     a, b = pictures
     return lambda: peak_signal_noise_ratio(a, b, data_range=255)
 
 
-ROWS = [
-    ("psnr", "scikit-image", psnr_call),
-    ("ssim-uniform7-sample", "scikit-image", ssim_call(False)),
-    ("ssim-gauss11-valid", "scikit-image", ssim_call(True)),
-    ("lpips-alex", "lpips", lpips_call("alex", False)),
-    ("lpips-squeeze", "lpips", lpips_call("squeeze", False)),
-    ("lpips-vgg", "lpips", lpips_call("vgg", False)),
-    ("lpips-vgg", "lpips, channels last", lpips_call("vgg", True)),
-    ("dists", "DISTS-pytorch", dists_call),
-]
+def psnr_numpy(pictures):
+    import numpy as np
+
+    a, b = pictures
+
+    def call():
+        difference = a.astype(np.float32) - b.astype(np.float32)
+        return 10 * np.log10(255**2 / np.mean(difference * difference))
+
+    return call
 
 
-def main() -> None:
-    measure = sys.argv[1]
-    size = sys.argv[2] if len(sys.argv) > 2 else "1024x768"
-    width, height = map(int, size.split("x"))
-    pictures = pair(width, height)
-    print(f"| key, {size} | public code | its CPU s | ours, CPU s | ratio | our peak MiB |")
-    print("|---|---|---|---|---|---|")
-    for key, name, prepare in ROWS:
-        call = prepare(pictures)
-        theirs, ours, peak = [], [], 0.0
-        repeat = 20 if key == "psnr" else 1
-        for _ in range(RUNS):
-            theirs.append(timed(lambda: [call() for _ in range(repeat)]) / repeat)
-            command = [measure, key, str(width), str(height), "threads=2", f"repeat={repeat}"]
-            result = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-            ours.append(result["cpu_s"])
-            peak = max(peak, result["peak_mib"])
-        a, b = statistics.median(theirs), statistics.median(ours)
-        ratio = a / b if b else float("inf")
-        print(f"| `{key}` | {name} | {a:.3f} | {b:.3f} | {ratio:.2f} | {peak:.0f} |", flush=True)
+GAUSSIAN = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+
+
+class Row(NamedTuple):
+    """A metric, the public code beside it, and how many times as fast ours has to be."""
+
+    key: str
+    peer: str
+    prepare: Callable
+    bar: float | None = None
+
+
+ROWS = {
+    "psnr": Row("psnr", "scikit-image", psnr_skimage, 1),
+    "psnr-numpy": Row("psnr", "numpy, f32", psnr_numpy, 1),
+    "ssim-gauss": Row("ssim-gauss11-valid", "scikit-image, same window", ssim_call(**GAUSSIAN), 5),
+    "ssim-box": Row("ssim-uniform7-sample", "scikit-image, default", ssim_call(), 5),
+    "alex": Row("lpips-alex", "lpips", lpips_call("alex"), 1.5),
+    "squeeze": Row("lpips-squeeze", "lpips", lpips_call("squeeze")),
+    "features": Row(
+        "lpips-vgg", "lpips, its VGG16 features alone", lpips_call("vgg", features_only=True), 3
+    ),
+    "features-last": Row(
+        "lpips-vgg",
+        "the same, channels last",
+        lpips_call("vgg", channels_last=True, features_only=True),
+        2.5,
+    ),
+    "vgg": Row("lpips-vgg", "lpips", lpips_call("vgg"), 3),
+    "vgg-last": Row("lpips-vgg", "lpips, channels last", lpips_call("vgg", channels_last=True), 2.5),
+    "dists": Row("dists", "DISTS-pytorch", dists_call, 3),
+}
+
+
+def repeats(row: Row) -> int:
+    """Calls a turn: a short call is repeated, so that the clock's steps do not matter."""
+    return {"psnr": 50}.get(row.key, 5 if row.key.startswith("ssim") else 1)
+
+
+def serve_peer(name: str, width: int, height: int) -> None:
+    """The public code's side: one turn for every line of standard input."""
+    warnings.filterwarnings("ignore")
+    call = ROWS[name].prepare(pair(width, height))
+    call()
+    count = repeats(ROWS[name])
+    for _ in sys.stdin:
+        before = time.process_time()
+        for _ in range(count):
+            call()
+        used = (time.process_time() - before) / count
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(json.dumps({"cpu_s": used, "peak_mib": peak}), flush=True)
+
+
+class Turns:
+    """A process that takes a turn when asked and answers with a line of JSON."""
+
+    def __init__(self, command: list[str]):
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        self.cpu, self.peak = [], 0.0
+
+    def take(self) -> None:
+        print(file=self.process.stdin, flush=True)
+        line = self.process.stdout.readline()
+        if not line:
+            raise SystemExit(f"failed: {' '.join(self.process.args)}")
+        answer = json.loads(line)
+        self.cpu.append(answer["cpu_s"])
+        self.peak = max(self.peak, answer["peak_mib"])
+
+    def close(self) -> None:
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def compare(name: str, measure: str, width: int, height: int, turns: int) -> bool:
+    row = ROWS[name]
+    size = [str(width), str(height)]
+    peer = Turns([sys.executable, __file__, measure, "x".join(size), "--peer", name])
+    options = [f"threads={THREADS}", f"repeat={repeats(row)}", "turns"]
+    ours = Turns([measure, row.key, *size, *options])
+    for _ in range(turns):
+        peer.take()
+        ours.take()
+    for side in (peer, ours):
+        side.close()
+    theirs, own = statistics.median(peer.cpu), statistics.median(ours.cpu)
+    ratio = theirs / own
+    bar = "" if row.bar is None else f"{row.bar:g}"
+    print(
+        f"| `{row.key}` | {row.peer} | {theirs:.4g} | {own:.4g} | {ratio:.2f} | {bar} "
+        f"| {peer.peak:.0f} | {ours.peak:.0f} |",
+        flush=True,
+    )
+    return row.bar is None or ratio >= row.bar
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("measure", help="the example of that name, built")
+    parser.add_argument("size", help="WIDTHxHEIGHT, pixels")
+    parser.add_argument("rows", nargs="*", help=f"of {' '.join(ROWS)}; all of them by default")
+    parser.add_argument("--turns", type=int, default=5, help="turns of each side (default 5)")
+    parser.add_argument("--peer", choices=ROWS, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    width, height = map(int, arguments.size.split("x"))
+    if arguments.peer:
+        serve_peer(arguments.peer, width, height)
+        return 0
+    names = arguments.rows or list(ROWS)
+    if unknown := set(names) - set(ROWS):
+        parser.error(f"no such row: {' '.join(sorted(unknown))}")
+    print(f"| key, {arguments.size} | beside | its CPU s | ours | ratio | bar | its MiB | ours |")
+    print("|---|---|---|---|---|---|---|---|")
+    results = [compare(name, arguments.measure, width, height, arguments.turns) for name in names]
+    return 0 if all(results) else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

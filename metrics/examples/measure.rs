@@ -1,21 +1,24 @@
 //! Measures one metric on one pair: CPU seconds, wall seconds, peak memory, as a line of JSON.
 //!
 //! ```text
-//! measure KEY WIDTH HEIGHT [repeat=N] [threads=N] [strip=N] [simd=portable|avx2|avx512] [direct]
+//! measure KEY WIDTH HEIGHT [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
 //! ```
 //! The pair is synthetic, the weights deterministic: what is measured does not depend on values.
-//! CPU time and memory come from Linux's `/proc` and are 0 elsewhere. Preparing the weights and
-//! the pictures is not counted as time. `benches/compare.py` sets the numbers beside those of
-//! PyTorch and scikit-image.
+//! Preparing the weights and the pictures is not counted as time. With `turns` a first call is not
+//! counted either, and then every line of standard input is answered by a measurement:
+//! `benches/compare.py` takes turns with PyTorch and scikit-image. The peak of memory comes from
+//! Linux's `/proc` and is 0 elsewhere.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
 use std::error::Error;
 use std::time::Instant;
 
+use cpu_time::ProcessTime;
 use image::{Rgb, RgbImage};
-use sharp_kernels::{Algorithm, Level, Simd};
-use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights};
+use sharp_metrics::{
+    Algorithm, Level, MetricKey, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
+};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -25,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let key: MetricKey = key.parse()?;
     let (width, height) = (width.parse()?, height.parse()?);
     let mut options = ScorerOptions::default();
-    let mut repeat = 1_u32;
+    let (mut repeat, mut turns) = (1_u32, false);
     for option in rest {
         match option.split_once('=') {
             Some(("repeat", n)) => repeat = n.parse()?,
@@ -38,28 +41,47 @@ fn main() -> Result<(), Box<dyn Error>> {
                 options.simd = Simd::new(level).ok_or("this machine lacks it")?;
             }
             None if option == "direct" => options.algorithm = Algorithm::Direct,
+            None if option == "turns" => turns = true,
             _ => return Err(format!("unknown option '{option}'").into()),
         }
     }
     let scorer =
         Scorer::with_options(&Selection::of(&[key]), &Weights::deterministic(""), options)?;
-    let (prediction, target) = (texture(width, height, 0), texture(width, height, 40));
-    let (cpu, wall) = (cpu_seconds(), Instant::now());
-    let mut score = f64::NAN;
-    for _ in 0..repeat {
-        let (_, value) = scorer.score(&prediction, &target, None)?.swap_remove(0);
-        score = value?;
+    let pair = [0, 40].map(|seed| texture(width, height, seed));
+    if turns {
+        score(&scorer, &pair)?;
+        for line in std::io::stdin().lines() {
+            line?;
+            println!("{}", measure(&scorer, &pair, repeat)?);
+        }
+    } else {
+        println!("{}", measure(&scorer, &pair, repeat)?);
     }
-    let repeat = f64::from(repeat);
-    println!(
-        "{{\"key\": \"{key}\", \"width\": {width}, \"height\": {height}, \"cpu_s\": {:.4}, \
-         \"wall_s\": {:.4}, \"peak_mib\": {:.0}, \"score\": {score:.9}, \"simd\": \"{}\"}}",
-        (cpu_seconds() - cpu) / repeat,
-        wall.elapsed().as_secs_f64() / repeat,
-        peak_mib(),
-        options.simd.level(),
-    );
     Ok(())
+}
+
+fn score(scorer: &Scorer, [prediction, target]: &[Picture; 2]) -> Result<f64, Box<dyn Error>> {
+    let (_, value) = scorer.score(prediction, target, None)?.swap_remove(0);
+    Ok(value?)
+}
+
+fn measure(scorer: &Scorer, pair: &[Picture; 2], repeat: u32) -> Result<String, Box<dyn Error>> {
+    let (cpu, wall) = (ProcessTime::now(), Instant::now());
+    let mut value = f64::NAN;
+    for _ in 0..repeat {
+        value = score(scorer, pair)?;
+    }
+    let share = |seconds: f64| seconds / f64::from(repeat);
+    let (width, height) = pair[0].dimensions();
+    Ok(format!(
+        "{{\"key\": \"{}\", \"width\": {width}, \"height\": {height}, \"cpu_s\": {:.6}, \
+         \"wall_s\": {:.6}, \"peak_mib\": {:.0}, \"score\": {value:.9}, \"networks\": \"{}\"}}",
+        scorer.keys()[0],
+        share(cpu.elapsed().as_secs_f64()),
+        share(wall.elapsed().as_secs_f64()),
+        peak_mib(),
+        scorer.options().arithmetic(),
+    ))
 }
 
 /// Waves and noise in 8 bits.
@@ -70,14 +92,6 @@ fn texture(width: u32, height: u32, seed: u32) -> Picture {
         let level = |period: f32| (127.0 + wave(period)) as u32 + noise;
         Rgb([level(7.0), level(23.0), level(61.0)].map(|v| v.min(255) as u8))
     }))
-}
-
-/// User and system time of the process, in the kernel's ticks of a hundredth of a second.
-fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after_name = stat.rsplit(')').next().unwrap_or_default();
-    let ticks = after_name.split_whitespace().skip(11).take(2);
-    ticks.filter_map(|t| t.parse::<f64>().ok()).sum::<f64>() / 100.0
 }
 
 fn peak_mib() -> f64 {

@@ -121,18 +121,21 @@ fn texture(width: u32, height: u32) -> Picture {
 fn the_same_bits_for_any_strip_and_number_of_threads() {
     let picture = texture(37, 50);
     let norm = Normalization::new(2.0, -1.0, [0.0; 3], [1.0; 3]);
+    let run = |network: &Network, threads: usize, strip: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let pool = pool.build().unwrap();
+        pool.install(|| features(network, &picture, &norm, strip))
+    };
     for simd in Simd::available() {
-        for backbone in Backbone::ALL {
-            let (network, kernels) = network(backbone, simd, Algorithm::Winograd);
-            for network in [network.with_l2_pooling(kernels), network] {
-                let run = |threads: usize, strip: usize| {
-                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-                    let pool = pool.build().unwrap();
-                    pool.install(|| features(&network, &picture, &norm, strip))
-                };
-                let whole = run(1, 50);
-                for (threads, strip) in [(3, 1), (2, 16)] {
-                    assert!(run(threads, strip) == whole, "{backbone} {threads} {strip}");
+        for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
+            for backbone in Backbone::ALL {
+                let (network, kernels) = network(backbone, simd, algorithm);
+                for network in [network.with_l2_pooling(kernels), network] {
+                    let whole = run(&network, 1, 50);
+                    for (threads, strip) in [(2, 16), (3, 1), (8, 7)] {
+                        let same = run(&network, threads, strip) == whole;
+                        assert!(same, "{simd:?} {algorithm:?} {backbone} {threads} {strip}");
+                    }
                 }
             }
         }
