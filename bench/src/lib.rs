@@ -8,6 +8,7 @@
 //!   checkpoints as files.
 //! * [`process_memory`]: how much memory this process has used.
 //! * [`protocol`]: which pairs are evaluated, and the geometry that decides it.
+//! * [`exchange`]: what foreign methods are given, as files.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`runs`]: plans, units and the folder that keeps their results.
 //! * [`report`]: tables, plots and a browsable page from records.
@@ -15,6 +16,7 @@
 
 pub mod cli;
 pub mod durable;
+pub mod exchange;
 pub mod methods;
 pub mod model_files;
 pub mod picture_pairs;

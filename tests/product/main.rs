@@ -7,6 +7,8 @@ mod metrics_command;
 #[cfg(test)]
 mod model_commands;
 #[cfg(test)]
+mod pairs_command;
+#[cfg(test)]
 mod run_command;
 #[cfg(test)]
 mod support;

@@ -59,6 +59,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         methods: &METHODS.map(str::to_owned),
         scoring,
         limit: None,
+        common_region: false,
     })?
     .run(&args.out.join("run"), Keep::All)?;
     let outcome = report::outcome(&finished.executed);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use sharp_datasets::Scene;
 
 use super::data_args::{self, OpenDataset, PairOrigin};
@@ -32,6 +32,7 @@ pub(super) struct Evaluation {
     methods: Vec<Box<dyn Method>>,
     scoring: Scoring,
     limit: Option<usize>,
+    common_region: bool,
 }
 
 /// What is to be evaluated, as given.
@@ -42,6 +43,7 @@ pub(super) struct Request<'a> {
     pub(super) methods: &'a [String],
     pub(super) scoring: Scoring,
     pub(super) limit: Option<usize>,
+    pub(super) common_region: bool,
 }
 
 /// A finished run.
@@ -70,7 +72,7 @@ impl Evaluation {
             }
             PairOrigin::Given(path) => {
                 let list = PairList::read(path)?;
-                warn_of_other_files(&list, &scenes)?;
+                warn_of_other_files(&list, &scenes);
                 list
             }
         };
@@ -83,6 +85,7 @@ impl Evaluation {
             methods,
             scoring: request.scoring,
             limit: request.limit,
+            common_region: request.common_region,
         };
         if evaluation.pairs()?.is_empty() {
             bail!(
@@ -155,8 +158,17 @@ impl Evaluation {
                     weights: metric.weights.clone(),
                 })
                 .collect(),
-            scoring: scoring_facts(&self.scoring.scorer.options().arithmetic()),
+            scoring: self.scoring_facts(),
         })
+    }
+
+    fn scoring_facts(&self) -> BTreeMap<String, String> {
+        let mut facts = scoring_facts(&self.scoring.scorer.options().arithmetic());
+        if self.common_region {
+            let rule = "on the part of a target that all methods predict (--common-region)";
+            facts.insert("region".to_owned(), rule.to_owned());
+        }
+        facts
     }
 
     /// Evaluates into a run folder.
@@ -171,6 +183,7 @@ impl Evaluation {
             methods: &self.methods,
             scoring: &self.scoring,
             keep,
+            common_region: self.common_region,
         };
         let bar = progress::bar(plan.pairs.len() * plan.methods.len(), "units");
         let executed = execute(&plan, &folder, |pair_id, method| {
@@ -220,15 +233,22 @@ pub(super) fn build(
     Ok(build)
 }
 
-fn warn_of_other_files(list: &PairList, scenes: &[Scene]) -> anyhow::Result<()> {
-    let mismatches = list
-        .verify(scenes)
-        .with_context(|| format!("checking the photographs of {}", list.path.display()))?;
-    for mismatch in mismatches {
+/// A list that was made from other photographs or poses is evaluated all the same, and said to be so.
+fn warn_of_other_files(list: &PairList, scenes: &[Scene]) {
+    let found = list.verify(scenes);
+    for mismatch in found.different {
         output::remark(format!(
             "warning: {}/{}/{}: the photograph is not the one the list was made from (sha256 {} instead of {})",
             mismatch.dataset, mismatch.scene, mismatch.view, mismatch.found, mismatch.expected
         ));
     }
-    Ok(())
+    if let Some(first) = found.moved.first() {
+        output::remark(format!(
+            "warning: {} of the list's pairs have other cameras than it says, such as {}: baseline {} m instead of {} m",
+            found.moved.len(),
+            first.pair_id,
+            first.found.0,
+            first.expected.0
+        ));
+    }
 }

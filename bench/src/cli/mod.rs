@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod camera_file;
+mod cameras;
 mod completions;
 mod data_args;
 mod demo;
@@ -42,6 +43,7 @@ enum Command {
     Run(run::RunArgs),
     Report(report::ReportArgs),
     Pairs(pairs::PairsArgs),
+    Cameras(cameras::CamerasArgs),
     Metrics(metrics::MetricsArgs),
     Predict(model::predict::PredictArgs),
     Render(render::RenderArgs),
@@ -64,6 +66,7 @@ impl Cli {
             Command::Run(args) => run::execute(&args),
             Command::Report(args) => report::execute(&args),
             Command::Pairs(args) => pairs::execute(&args),
+            Command::Cameras(args) => cameras::execute(&args),
             Command::Metrics(args) => metrics::execute(&args),
             Command::Predict(args) => model::predict::execute(&args),
             Command::Gaussians(args) => model::gaussians::execute(&args),

@@ -29,6 +29,9 @@ pub(super) struct RunArgs {
     /// Evaluate at most this many pairs, the first ones by id
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
+    /// Score all methods of a pair on the part of the target that all of them predict
+    #[arg(long)]
+    common_region: bool,
     /// The run folder
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -70,6 +73,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         methods: &args.methods,
         scoring,
         limit: args.limit,
+        common_region: args.common_region,
     })?;
     if args.dry_run {
         return dry_run(&evaluation, args.json);

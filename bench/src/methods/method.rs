@@ -1,12 +1,14 @@
 //! The trait that every method implements, what it is given and what it returns.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use sharp::camera::RigidTransform;
 use sharp_datasets::{DatasetError, View};
-use sharp_metrics::Picture;
+use sharp_metrics::{Mask, Picture, Scorer, Scores};
+
+use crate::protocol::Region;
 
 /// One pair, as a method sees it.
 ///
@@ -38,8 +40,10 @@ impl PairInput<'_> {
 /// What a method made of a pair.
 #[derive(Debug, Clone)]
 pub struct Prediction {
-    /// sRGB, of the target's size.
+    /// sRGB, of the target's size, or of [`Self::region`]'s.
     pub picture: Picture,
+    /// The part of the target that the picture shows; `None` for all of it.
+    pub region: Option<Region>,
     /// Facts about this prediction that become columns (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
 }
@@ -49,8 +53,31 @@ impl Prediction {
     pub fn plain(image: RgbImage) -> Self {
         Self {
             picture: Picture::Rgb8(image),
+            region: None,
             extras: BTreeMap::new(),
         }
+    }
+
+    /// Scores it against the ground truth, cropped like itself. Errors are the bare reason.
+    pub(crate) fn score(
+        &self,
+        scorer: &Scorer,
+        truth: &Picture,
+        mask: Option<&Mask>,
+    ) -> Result<Scores, String> {
+        let size = truth.dimensions();
+        let region = self.region.unwrap_or(Region::whole(size));
+        if !region.fits(size) {
+            return Err(format!(
+                "the crop {region} is not inside the target, {}x{}",
+                size.0, size.1
+            ));
+        }
+        let truth = region.crop(truth);
+        let mask = mask.and_then(|mask| region.crop_mask(mask));
+        scorer
+            .score(&self.picture, &truth, mask.as_deref())
+            .map_err(|error| error.to_string())
     }
 }
 
@@ -100,6 +127,18 @@ pub trait Method: Send + Sync {
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
+
+    /// The part of the target, of the given size, that the method predicts, where its options or files say so before
+    /// it predicts; `None` for all of it.
+    ///
+    /// # Errors
+    /// As [`Self::predict`].
+    fn region(&self, _pair_id: &str, _target: (u32, u32)) -> Result<Option<Region>, MethodError> {
+        Ok(None)
+    }
+
+    /// Told once, before the first prediction of a run, the folder for logs; it need not exist.
+    fn begin(&self, _logs: &Path) {}
 
     /// Predicts the target view.
     ///

@@ -41,6 +41,7 @@ pub(super) fn render(
     let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
     Ok(Prediction {
         picture: Picture::Rgb8(output.srgb8(Background::Black, Quantization::Round)),
+        region: None,
         extras: BTreeMap::from([
             ("mean_alpha".to_owned(), covered / n),
             ("hole_share".to_owned(), holes as f64 / n),

@@ -14,6 +14,7 @@
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
 //! * [`frustum_mask`]: which target pixels lie inside the source's field of view.
+//! * [`region`]: parts of a picture, for methods that crop.
 
 pub mod alignment;
 pub mod depth;
@@ -25,6 +26,7 @@ pub mod pair_id;
 pub mod pair_list;
 pub mod pairs;
 pub mod random;
+pub mod region;
 pub mod sampling;
 pub mod sets;
 #[cfg(test)]
@@ -34,3 +36,4 @@ pub use error::ProtocolError;
 pub use options::PairOptions;
 pub use pair_list::PairList;
 pub use pairs::{Pair, PairBuild, build_pairs};
+pub use region::Region;

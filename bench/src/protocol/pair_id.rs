@@ -67,6 +67,16 @@ impl PairName {
     }
 }
 
+/// `dataset/scene`, encoded as in pair ids: a folder of things that belong to views.
+pub fn scene_path(dataset: &str, scene: &str) -> String {
+    format!("{}/{}", encode_part(dataset), encode_part(scene))
+}
+
+/// A view's name, encoded as in pair ids: the stem of a file that belongs to it.
+pub fn view_name(view: &str) -> String {
+    encode_part(view)
+}
+
 fn encode_part(text: &str) -> String {
     let bytes = text.as_bytes();
     let mut out = String::with_capacity(bytes.len());

@@ -8,10 +8,12 @@ use sharp_datasets::View;
 use sharp_metrics::{Mask, Picture};
 
 use super::plan::{Keep, RunPlan};
+use super::region::{common_region, cut, region_extras};
 use super::store::{RunFolder, Timing};
 use super::unit::{SOURCE_FINGERPRINT, UnitKey, cpu_backend};
 use crate::durable::{FileError, file_sha256, sha256_hex};
 use crate::methods::{Method, PairInput, Prediction};
+use crate::protocol::Region;
 use crate::protocol::depth::PosedDepth;
 use crate::protocol::frustum_mask::{FrustumMaskOptions, frustum_mask};
 use crate::protocol::pair_list::ResolvedPair;
@@ -57,6 +59,9 @@ pub fn execute(
 ) -> Result<Executed, FileError> {
     let mut executed = Executed::default();
     let mut hashes = ViewHashes::default();
+    for method in plan.methods {
+        method.begin(&folder.logs_path());
+    }
     for planned in &plan.pairs {
         let mut pair = PairRun::new(plan, planned, &mut hashes);
         for method in plan.methods {
@@ -118,6 +123,8 @@ struct PairRun<'a> {
     plan: &'a RunPlan<'a>,
     planned: &'a ResolvedPair<'a>,
     inputs: String,
+    /// What all methods predict of the target, where that is asked for.
+    common: Option<Region>,
     loaded: Option<Result<Loaded, String>>,
 }
 
@@ -136,6 +143,9 @@ impl<'a> PairRun<'a> {
             plan,
             planned,
             inputs: inputs.join(" "),
+            common: plan
+                .common_region
+                .then(|| common_region(plan.methods, planned)),
             loaded: None,
         }
     }
@@ -170,6 +180,10 @@ impl<'a> PairRun<'a> {
             (
                 "metric networks",
                 &self.plan.scoring.scorer.options().arithmetic(),
+            ),
+            (
+                "region",
+                &self.common.map_or_else(String::new, |r| r.to_string()),
             ),
         ])
     }
@@ -241,15 +255,14 @@ impl<'a> PairRun<'a> {
             target_image: &loaded.target,
         };
         let started = Instant::now();
-        let prediction = method.predict(&input).map_err(|error| error.to_string())?;
+        let mut prediction = method.predict(&input).map_err(|error| error.to_string())?;
         timing.predict_secs = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
-        let scores = plan
-            .scoring
-            .scorer
-            .score(&prediction.picture, &loaded.truth, loaded.mask.as_ref())
-            .map_err(|error| error.to_string())?;
+        if let Some(common) = self.common {
+            cut(&mut prediction, common, loaded.truth.dimensions())?;
+        }
+        let scores = prediction.score(&plan.scoring.scorer, &loaded.truth, loaded.mask.as_ref())?;
         timing.score_secs = started.elapsed().as_secs_f64();
         record.scores = scores
             .into_iter()
@@ -264,6 +277,10 @@ impl<'a> PairRun<'a> {
             })
             .collect();
         record.extras = prediction.extras.clone();
+        if let Some(region) = prediction.region {
+            let size = loaded.truth.dimensions();
+            record.extras.extend(region_extras(&region, size));
+        }
         Ok(prediction)
     }
 

@@ -5,11 +5,13 @@
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
 //! * [`execute`]: predicts, scores and records what is not done yet.
+//! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
 
 pub mod execute;
 pub mod manifest;
 pub mod plan;
+mod region;
 pub mod scores;
 pub mod store;
 pub mod unit;

@@ -16,6 +16,8 @@ pub struct RunPlan<'a> {
     pub scoring: &'a Scoring,
     /// Which predictions to keep.
     pub keep: Keep,
+    /// Score all methods on what all of them predict of a pair's target, instead of each on all that it predicts.
+    pub common_region: bool,
 }
 
 /// Metrics with everything that decides their values.

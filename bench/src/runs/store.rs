@@ -8,6 +8,7 @@
 //! RUN/records.jsonl                         the records of the last run, in order
 //! RUN/scores.csv                            the same as a table
 //! RUN/timings.csv                           seconds, beside the scores
+//! RUN/logs/METHOD.log                       what a program that predicts wrote on its standard error
 //! ```
 
 use std::fs;
@@ -107,6 +108,11 @@ impl RunFolder {
     /// `timings.csv`.
     pub fn timings_path(&self) -> PathBuf {
         self.root.join("timings.csv")
+    }
+
+    /// Where methods keep their logs.
+    pub fn logs_path(&self) -> PathBuf {
+        self.root.join("logs")
     }
 
     /// Where the prediction of a method for a pair is kept.

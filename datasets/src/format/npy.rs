@@ -253,10 +253,15 @@ impl Element {
 /// # Errors
 /// [`DatasetError::Io`].
 pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
+    std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
+}
+
+/// What [`write`] writes.
+pub fn to_bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = header("<f4", map).into_bytes();
     bytes.splice(0..0, preamble(bytes.len()));
     bytes.extend(map.iter().flat_map(|v| v.to_le_bytes()));
-    std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
+    bytes
 }
 
 /// Padded so that the data begins at a multiple of 64 bytes.

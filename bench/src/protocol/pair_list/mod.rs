@@ -6,17 +6,18 @@
 
 mod csv_form;
 mod diff;
+mod verify;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use rayon::prelude::*;
 use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
 use self::csv_form::{parse_row, to_csv};
 pub use self::diff::{FieldChange, ListDiff};
+pub use self::verify::{HashMismatch, MovedCamera, Verification};
 use super::ProtocolError;
 use super::pairs::Pair;
 use crate::durable::{FileError, sha256_hex, write_atomic};
@@ -161,46 +162,6 @@ impl PairList {
             .map(resolve_one)
             .collect()
     }
-
-    /// Compares the photographs' hashes with the list's. Empty means that every photograph that the
-    /// list has a hash of is the one that the list was made from.
-    ///
-    /// # Errors
-    /// As [`Self::resolve`]; [`ProtocolError::Dataset`] if a photograph cannot be read.
-    pub fn verify(&self, scenes: &[Scene]) -> Result<Vec<HashMismatch>, ProtocolError> {
-        let mut expected: BTreeMap<(&str, &str, &str), (&View, BTreeSet<&str>)> = BTreeMap::new();
-        for found in self.resolve(scenes)? {
-            let pair = found.pair;
-            for (view, hash) in [
-                (found.source, &pair.source_sha256),
-                (found.target, &pair.target_sha256),
-            ] {
-                if !hash.is_empty() {
-                    let key = (pair.dataset.as_str(), pair.scene.as_str(), view.id.as_str());
-                    let entry = expected.entry(key).or_insert((view, BTreeSet::new()));
-                    entry.1.insert(hash);
-                }
-            }
-        }
-        let checks: Vec<_> = expected.into_iter().collect();
-        let found: Result<Vec<_>, ProtocolError> = checks
-            .par_iter()
-            .map(|(_, (view, _))| Ok(view.content.image_sha256()?))
-            .collect();
-        let mut mismatches = Vec::new();
-        for (((dataset, scene, view), (_, hashes)), found) in checks.into_iter().zip(found?) {
-            for expected in hashes.into_iter().filter(|hash| **hash != found) {
-                mismatches.push(HashMismatch {
-                    dataset: dataset.to_owned(),
-                    scene: scene.to_owned(),
-                    view: view.to_owned(),
-                    expected: expected.to_owned(),
-                    found: found.clone(),
-                });
-            }
-        }
-        Ok(mismatches)
-    }
 }
 
 /// A pair with the views that it names.
@@ -214,21 +175,6 @@ pub struct ResolvedPair<'a> {
     pub source: &'a View,
     /// The view to predict.
     pub target: &'a View,
-}
-
-/// A photograph that is not the one that a list was made from.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct HashMismatch {
-    /// Name of the dataset instance.
-    pub dataset: String,
-    /// Id of the scene.
-    pub scene: String,
-    /// Id of the view.
-    pub view: String,
-    /// The list's sha256.
-    pub expected: String,
-    /// The photograph's.
-    pub found: String,
 }
 
 fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {

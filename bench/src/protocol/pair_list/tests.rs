@@ -80,16 +80,54 @@ fn views_that_are_absent_are_named_with_file_and_line() {
 }
 
 #[test]
-fn hashes_are_verified() {
+fn photographs_and_cameras_are_verified() {
+    let build = |pairs: Vec<Pair>| PairList::new("pairs.csv", pairs);
+    let pairs = || {
+        let options = "limit=4".parse().unwrap();
+        build_pairs(&[scene()], &options, &BuildContext::default())
+            .unwrap()
+            .pairs
+    };
     let scenes = [scene()];
-    assert!(list().verify(&scenes).unwrap().is_empty());
-    let mut pairs = list().pairs;
-    pairs[0].source_sha256 = "f".repeat(64);
-    pairs[1].target_sha256 = String::new();
-    let mismatches = PairList::new("pairs.csv", pairs).verify(&scenes).unwrap();
-    assert_eq!(mismatches.len(), 1);
-    assert_eq!(mismatches[0].view, "v0");
-    assert_eq!(mismatches[0].expected, "f".repeat(64));
+    let good = build(pairs()).verify(&scenes);
+    assert!(good.is_good());
+    assert_eq!((good.photographs, good.equal), (3, 3));
+
+    let mut other = pairs();
+    other[0].source_sha256 = "f".repeat(64);
+    other[1].target_sha256 = String::new();
+    let found = build(other).verify(&scenes);
+    assert!(!found.is_good());
+    assert_eq!(found.different.len(), 1);
+    assert_eq!(found.different[0].view, "v0");
+    assert_eq!(found.different[0].expected, "f".repeat(64));
+    assert_eq!((found.photographs, found.equal), (3, 2));
+
+    let mut unhashed = pairs();
+    for pair in &mut unhashed {
+        pair.source_sha256.clear();
+        pair.target_sha256.clear();
+    }
+    let found = build(unhashed).verify(&scenes);
+    assert!(found.is_good());
+    assert_eq!((found.unhashed, found.equal), (3, 0));
+
+    let mut moved = pairs();
+    moved[2].baseline_m += 1e-6;
+    let found = build(moved.clone()).verify(&scenes);
+    assert_eq!(found.moved.len(), 1);
+    assert_eq!(found.moved[0].pair_id, moved[2].pair_id);
+
+    let mut shorter = scene();
+    shorter.views.pop();
+    let found = build(pairs()).verify(&[shorter]);
+    assert_eq!(
+        found.absent,
+        ["view 'v2' is not in scene 's \"1\"' of dataset 'd,x'"]
+    );
+    assert_eq!(found.photographs, 2);
+    let nowhere = build(pairs()).verify(&[]);
+    assert_eq!(nowhere.absent, ["dataset 'd,x' is not given; given: none"]);
 }
 
 #[test]

@@ -1,49 +1,40 @@
-//! `pairs`: the list of pairs of a dataset, as a file.
+//! `pairs --dataset … --out FILE`: the list of pairs of a dataset.
 
 use std::path::PathBuf;
 
+use anyhow::Context;
 use clap::Args;
 use serde_json::{Map, json};
 use sharp_datasets::Scene;
 
-use super::data_args::{self, DatasetArgs};
-use super::{Outcome, evaluate, output};
+use super::super::data_args::{self, DatasetArgs};
+use super::super::{Outcome, evaluate, output};
 use crate::durable::write_atomic;
 use crate::protocol::{PairList, PairOptions};
 
-/// Build the list of pairs of a dataset
-///
-/// The list is an artifact: CSV with a sha256, to be published, compared and evaluated with `run --pairs`.
+/// What `pairs` without a subcommand takes.
 #[derive(Debug, Args)]
-#[command(after_help = help())]
-pub(super) struct PairsArgs {
+pub(super) struct BuildArgs {
     #[command(flatten)]
     datasets: DatasetArgs,
     /// Choices that the paper leaves open, key=value,…
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
     /// Where to write the list
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE", required = true)]
+    out: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
-fn help() -> String {
-    format!(
-        "Choices and their defaults:\n  {}\n\n{}\nExample:\n  sharp-bench pairs --dataset synthetic --out pairs.csv",
-        PairOptions::default().to_string().replace(',', "\n  "),
-        data_args::formats_help()
-    )
-}
-
-pub(super) fn execute(args: &PairsArgs) -> anyhow::Result<Outcome> {
+pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
+    let out = args.out.as_deref().context("--out FILE is needed")?;
     let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
     let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
     let build = evaluate::build(&scenes, &args.pair_options, &datasets)?;
-    let list = PairList::new(&args.out, build.pairs);
-    write_atomic(&args.out, list.to_csv().as_bytes())?;
+    let list = PairList::new(out, build.pairs);
+    write_atomic(out, list.to_csv().as_bytes())?;
 
     if args.json {
         let counts: Map<String, _> = build
@@ -65,7 +56,7 @@ pub(super) fn execute(args: &PairsArgs) -> anyhow::Result<Outcome> {
             })
             .collect();
         output::json(&json!({
-            "out": args.out.display().to_string(),
+            "out": out.display().to_string(),
             "sha256": list.sha256,
             "options": args.pair_options.to_string(),
             "datasets": counts,
@@ -89,6 +80,6 @@ pub(super) fn execute(args: &PairsArgs) -> anyhow::Result<Outcome> {
     }
     output::line(format!("options {}", args.pair_options))?;
     output::line(format!("sha256  {}", list.sha256))?;
-    output::line(format!("list    {}", args.out.display()))?;
+    output::line(format!("list    {}", out.display()))?;
     Ok(Outcome::Done)
 }

@@ -1,0 +1,67 @@
+//! `cameras export`: views as files.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+use sharp_datasets::Scene;
+
+use super::data_args::{self, DatasetArgs};
+use super::{Outcome, output, progress};
+use crate::exchange::cameras;
+
+/// Write views as files: pictures and cameras
+#[derive(Debug, Args)]
+pub(super) struct CamerasArgs {
+    #[command(subcommand)]
+    command: CamerasCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum CamerasCommand {
+    Export(CamerasExportArgs),
+}
+
+/// Write every view's picture and camera: OUT/<dataset>/<scene>/<view>.png and .json
+///
+/// For what works on views and not on pairs: monocular depth for `--overlap-depth`, reconstructions, Gaussians. The
+/// pictures are those that are scored: undistorted and resized. Names are percent-encoded as in pair ids.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sharp-bench cameras export --dataset eth3d=data/eth3d --out views"
+)]
+struct CamerasExportArgs {
+    #[command(flatten)]
+    datasets: DatasetArgs,
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
+    let CamerasCommand::Export(args) = &args.command;
+    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
+    let views = scenes.iter().map(|scene| scene.views.len()).sum();
+    let bar = progress::bar(views, "views");
+    let exported = cameras::export(&scenes, &args.out, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let out = args.out.display();
+    if args.json {
+        output::json(&json!({
+            "out": out.to_string(),
+            "views": views,
+            "written": exported.written,
+            "kept": exported.kept,
+        }))?;
+    } else {
+        let (written, kept) = (exported.written, exported.kept);
+        output::line(format!(
+            "{views} views in {out}: {written} written, {kept} kept"
+        ))?;
+    }
+    Ok(Outcome::Done)
+}

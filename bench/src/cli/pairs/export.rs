@@ -1,0 +1,109 @@
+//! `pairs export`: everything a foreign method needs, as files.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::json;
+use sharp_datasets::Scene;
+
+use super::super::data_args::{self, DatasetArgs};
+use super::super::{Outcome, output, progress};
+use crate::durable::write_atomic;
+use crate::exchange::pairs;
+use crate::protocol::PairList;
+
+/// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
+///
+/// OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, sizes, conventions, the prediction's file
+/// name). Stopped and started again, it goes on where it was; files of a changed dataset are made anew.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  sharp-bench pairs --dataset middlebury=data/Middlebury2014 --out pairs.csv
+  sharp-bench pairs export --pairs pairs.csv --dataset middlebury=data/Middlebury2014 --out for-mine
+  (predict each for-mine/<pair_id>/source.png into predictions/<pair_id>.png)
+  sharp-bench run --pairs pairs.csv --dataset middlebury=data/Middlebury2014 \\
+      --method imported:label=mine,dir=predictions --out runs/mine")]
+pub(super) struct ExportArgs {
+    /// The list, CSV as written by `pairs`; only selected pairs are written
+    #[arg(long, value_name = "FILE")]
+    pairs: PathBuf,
+    #[command(flatten)]
+    datasets: DatasetArgs,
+    /// Write pairs that are not selected too
+    #[arg(long)]
+    all: bool,
+    /// At most this many pairs, the first ones by id
+    #[arg(long, value_name = "N")]
+    limit: Option<usize>,
+    /// More to write: the ground truth, depth of both views (.npy, metres)
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    with: Vec<More>,
+    /// The folder to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum More {
+    /// target.png
+    Target,
+    /// source_depth.npy and target_depth.npy
+    Depth,
+}
+
+pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
+    let list = PairList::read(&args.pairs)?;
+    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
+    let mut pairs = list.resolve(&scenes)?;
+    pairs.retain(|resolved| args.all || resolved.pair.selected);
+    pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
+    pairs.truncate(args.limit.unwrap_or(usize::MAX));
+    anyhow::ensure!(
+        !pairs.is_empty(),
+        "{}: no pair of the list is selected (--all exports the others too)",
+        list.path.display()
+    );
+    let found = list.verify(&scenes);
+    if let Some(first) = found.different.first() {
+        output::remark(format!(
+            "warning: {} photographs are not those that the list was made from, such as {}/{}/{}",
+            found.different.len(),
+            first.dataset,
+            first.scene,
+            first.view
+        ));
+    }
+    let options = pairs::ExportOptions {
+        target: args.with.contains(&More::Target),
+        depth: args.with.contains(&More::Depth),
+    };
+    let bar = progress::bar(pairs.len(), "pairs");
+    let exported = pairs::export(&pairs, &args.out, options, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let copy = args.out.join("pairs.csv");
+    write_atomic(&copy, list.to_csv().as_bytes())?;
+    if args.json {
+        output::json(&json!({
+            "out": args.out.display().to_string(),
+            "pairs": pairs.len(),
+            "written": exported.written,
+            "kept": exported.kept,
+            "list": copy.display().to_string(),
+            "sha256": list.sha256,
+        }))?;
+    } else {
+        output::line(format!(
+            "{} pairs in {}: {} written, {} kept",
+            pairs.len(),
+            args.out.display(),
+            exported.written,
+            exported.kept
+        ))?;
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,42 @@
+//! What a foreign method is given: pictures and cameras in files, with their conventions spelled out.
+//!
+//! * [`description`]: one pair in JSON, `pair.json`.
+//! * [`pairs`]: the pairs of a list, a folder each.
+//! * [`cameras`]: every view of some scenes, for those who make depth maps or reconstructions.
+//! * `file`: files that are written once.
+
+pub mod cameras;
+pub mod description;
+mod file;
+pub mod pairs;
+
+use std::path::PathBuf;
+
+use sharp_datasets::DatasetError;
+
+use crate::durable::FileError;
+
+/// Why something could not be exported.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// A file of ours that the system refused.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A file of the dataset.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Depth was asked for and there is none.
+    #[error("{view}: the dataset has no depth of this view")]
+    NoDepth {
+        /// `dataset/scene/view`.
+        view: String,
+    },
+    /// The folder holds something else.
+    #[error("{}: {reason}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
