@@ -9,6 +9,14 @@ mod model_commands;
 #[cfg(test)]
 mod pairs_command;
 #[cfg(test)]
+mod photographs;
+#[cfg(test)]
 mod run_command;
 #[cfg(test)]
 mod support;
+#[cfg(test)]
+mod tiny;
+#[cfg(test)]
+mod traced_models;
+#[cfg(test)]
+mod weights_command;

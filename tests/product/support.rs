@@ -53,12 +53,18 @@ impl Said {
 
 /// Runs `sharp-bench` in a folder.
 pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {
+    sharp_bench_with(folder, &[], args)
+}
+
+/// Runs `sharp-bench` in a folder with environment variables.
+pub(crate) fn sharp_bench_with(folder: &Path, variables: &[(&str, &Path)], args: &[&str]) -> Said {
     let Output {
         status,
         stdout,
         stderr,
     } = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
         .args(args)
+        .envs(variables.iter().copied())
         .current_dir(folder)
         .output()
         .unwrap();

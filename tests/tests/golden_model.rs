@@ -149,8 +149,38 @@ fn judge(result: &Result<Comparison, String>, stage: &str, tolerance: f64) -> Re
     Err(format!("{:.2e} above {tolerance:.0e} {note}", found.rel_error).into())
 }
 
+/// `tiny` with an epsilon of 1e-5 in its layer norms, a likely mistake, on either engine: the first block must be
+/// beyond the tolerance, and every stage before it within.
+fn another_epsilon_is_seen(engine: fn() -> Engine) -> Result<(), Failed> {
+    let mistaken = Case {
+        name: "tiny-eps-1e-5",
+        config: || {
+            let mut config = from_file("tiny");
+            config.vit.norm_eps = 1e-5;
+            config
+        },
+        engine,
+        ..CASES[0]
+    };
+    let tolerance = mistaken.tolerance;
+    let found = run(&mistaken, MAIN[0])?;
+    let first = found.first_divergence(tolerance);
+    let first = first.ok_or("every stage is within the tolerance")?;
+    if first.stage != "patch_encoder.block0" {
+        return Err(format!("diverges first at {}", first.stage).into());
+    }
+    judge(&Ok(found), "deltas", tolerance)
+        .err()
+        .map(|_| ())
+        .ok_or_else(|| "the deltas are within the tolerance".into())
+}
+
 fn main() {
     let mut trials = Vec::new();
+    for (name, engine) in [("kernels", CASES[0].engine), ("tensors", CASES[2].engine)] {
+        let name = format!("tiny-eps-1e-5::{name}::is_beyond_the_tolerance_from_the_first_block");
+        trials.push(Trial::test(name, move || another_epsilon_is_seen(engine)));
+    }
     for case in &CASES {
         let recording = Recording::open(&golden(case.recording)).unwrap();
         for image in case.images {

@@ -48,7 +48,8 @@ pub const KINDS: [KindInfo; 7] = [
     KindInfo {
         name: "sharp",
         options: &Sharp::OPTIONS,
-        summary: "the SHARP network (checkpoint=FILE, config=FILE#NAME, depth=none|privileged, device=cpu)",
+        summary: "the SHARP network (checkpoint=FILE, config=FILE#NAME, depth=none|privileged, device=cpu, \
+                  allow_unused=PREFIX,…)",
     },
     KindInfo {
         name: "gaussians",

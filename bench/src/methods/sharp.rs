@@ -4,14 +4,16 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use sharp::gaussians::Gaussians;
-use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor, Silent, predictor::Planes};
+use sharp::model::predictor::Planes;
+use sharp::model::{DeviceChoice, ModelConfig, ModelError, Precision, Predictor, Silent};
 use sharp_datasets::DepthMap;
 
 use super::method::{Method, MethodError, PairInput, Prediction};
 use super::spec::{MethodSpec, SpecError};
 use super::splat::{planes, render_from_ndc};
-use crate::durable::file_sha256;
+use crate::durable::{file_sha256, sha256_hex};
 use crate::model_files::find_checkpoint;
+use crate::model_files::record::{compare_or_record, record_file};
 use crate::protocol::alignment::median_scale;
 
 /// What a method may know of the source's true depth.
@@ -36,9 +38,11 @@ pub struct Sharp {
     checkpoint: PathBuf,
     checkpoint_sha256: String,
     config: ModelConfig,
-    config_name: String,
+    allow_unused: Vec<String>,
     depth: KnownDepth,
     device: DeviceChoice,
+    /// What the device turned out to be: `auto` is no identity.
+    engine: String,
     predictor: OnceLock<Result<Predictor, String>>,
     /// The last source's Gaussians: pairs come sorted, so that those of one source follow each other.
     last: Mutex<Option<(String, Arc<SourcePrediction>)>>,
@@ -52,12 +56,14 @@ struct SourcePrediction {
 
 impl Sharp {
     /// Options of the kind.
-    pub const OPTIONS: [&'static str; 4] = ["checkpoint", "config", "depth", "device"];
+    pub const OPTIONS: [&'static str; 5] =
+        ["checkpoint", "config", "depth", "device", "allow_unused"];
 
     /// Reads the options; the weights are loaded at the first prediction.
     ///
     /// # Errors
-    /// When the checkpoint is not found or an option's value is not known.
+    /// When the checkpoint is not found or is not the one recorded, the device is not there, or an option's value is
+    /// not known.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let option = |key: &str| spec.options.get(key).map(String::as_str);
         let depth = match option("depth") {
@@ -65,25 +71,39 @@ impl Sharp {
             Some("privileged") => KnownDepth::Privileged,
             Some(other) => return Err(spec.error(format!("depth={other}: none or privileged"))),
         };
-        let device = option("device").unwrap_or("cpu").parse();
-        let device = device.map_err(|error| spec.error(format!("{error}")))?;
+        let refused = |error: &dyn std::fmt::Display| spec.error(error.to_string());
+        let device: DeviceChoice = option("device")
+            .unwrap_or("cpu")
+            .parse()
+            .map_err(|error: ModelError| refused(&error))?;
+        let engine = device.open(Precision::Fast).map_err(|e| refused(&e))?;
         let checkpoint = match option("checkpoint") {
             Some(file) => PathBuf::from(file),
-            None => find_checkpoint().map_err(|error| spec.error(error.to_string()))?,
+            None => find_checkpoint().map_err(|error| refused(&error))?,
         };
         let config = match option("config") {
-            Some(file) => ModelConfig::load(file).map_err(|error| spec.error(error.to_string()))?,
+            Some(file) => ModelConfig::load(file).map_err(|error| refused(&error))?,
             None => ModelConfig::release(),
         };
+        let checkpoint_sha256 = file_sha256(&checkpoint).map_err(|error| refused(&error))?;
+        // The official checkpoint, found rather than named, has to be the one that was used before.
+        if let (None, Some(record)) = (option("checkpoint"), record_file()) {
+            compare_or_record(&checkpoint, &checkpoint_sha256, &record)
+                .map_err(|error| refused(&error))?;
+        }
+        let prefixes = option("allow_unused").unwrap_or_default().split(',');
         Ok(Self {
             label: spec.label.clone(),
-            checkpoint_sha256: file_sha256(&checkpoint)
-                .map_err(|error| spec.error(error.to_string()))?,
             checkpoint,
-            config_name: option("config").unwrap_or("release").to_owned(),
+            checkpoint_sha256,
             config,
+            allow_unused: prefixes
+                .filter(|prefix| !prefix.is_empty())
+                .map(str::to_owned)
+                .collect(),
             depth,
             device,
+            engine: engine.name(),
             predictor: OnceLock::new(),
             last: Mutex::new(None),
         })
@@ -93,7 +113,7 @@ impl Sharp {
         let load = || {
             let engine = self.device.open(Precision::Fast);
             let engine = engine.map_err(|error| error.to_string())?;
-            Predictor::load(&self.config, &self.checkpoint, engine, &[])
+            Predictor::load(&self.config, &self.checkpoint, engine, &self.allow_unused)
                 .map_err(|error| error.to_string())
         };
         self.predictor
@@ -143,14 +163,15 @@ impl Method for Sharp {
 
     fn identity(&self) -> String {
         format!(
-            "sharp(checkpoint={},config={},depth={},device={:?})",
+            "sharp(checkpoint={},config={}:{},depth={},engine={})",
             self.checkpoint_sha256,
-            self.config_name,
+            self.config.preset,
+            &config_sha256(&self.config)[..16],
             match self.depth {
                 KnownDepth::None => "none",
                 KnownDepth::Privileged => "privileged",
             },
-            self.device
+            self.engine
         )
     }
 
@@ -174,6 +195,12 @@ impl Method for Sharp {
             .insert("median_scale".to_owned(), found.scale);
         Ok(rendered)
     }
+}
+
+/// What the configuration says, whatever file it stands in.
+fn config_sha256(config: &ModelConfig) -> String {
+    // Debug output of numbers, texts and lists of them: as unambiguous as JSON, and it cannot fail.
+    sha256_hex(format!("{config:?}").as_bytes())
 }
 
 /// Gaussians scaled about the source camera. Normalised x and y are ratios, so that one factor on the whole space is a
@@ -219,5 +246,34 @@ mod tests {
             let error = Sharp::from_spec(&spec).err().unwrap().to_string();
             assert!(error.contains(part), "{error}");
         }
+        if !cfg!(feature = "cuda") {
+            let spec: MethodSpec = "sharp:device=cuda".parse().unwrap();
+            let error = Sharp::from_spec(&spec).err().unwrap().to_string();
+            assert!(error.contains("--features cuda"), "{error}");
+        }
+    }
+
+    #[test]
+    fn identity_is_what_computes_and_unused_tensors_can_be_allowed() {
+        let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/model");
+        let sharp = |more: &str| {
+            let text = format!(
+                "sharp:checkpoint={golden}/tiny_model.pt,config={golden}/tiny_config.json#tiny{more}"
+            );
+            Sharp::from_spec(&text.parse().unwrap()).unwrap()
+        };
+        let plain = sharp("");
+        // The device that was found, not what was asked for.
+        assert!(
+            plain.identity().contains("engine=cpu-"),
+            "{}",
+            plain.identity()
+        );
+        let more = sharp(",allow_unused='ema.,aux.'");
+        assert_eq!(more.allow_unused, ["ema.", "aux."]);
+        assert_eq!(more.identity(), plain.identity());
+        let mut other = sharp("");
+        other.config.vit.norm_eps = 1e-5;
+        assert_ne!(other.identity(), plain.identity());
     }
 }

@@ -29,6 +29,10 @@ pub struct VitConfig {
     pub img_size: usize,
     /// Side of a token's square, pixels.
     pub patch_size: usize,
+    /// Added to the variance of every normalisation of tokens. The release's is 1e-6, not the 1e-5 of most
+    /// transformers.
+    #[serde(default = "release_norm_eps")]
+    pub norm_eps: f32,
     /// Outputs of the classification head, which is never used.
     pub num_classes: usize,
     /// Pooling of the classification head, which is never used.
@@ -82,6 +86,10 @@ fn release_stride() -> usize {
     2
 }
 
+fn release_norm_eps() -> f32 {
+    1e-6
+}
+
 impl Default for ModelConfig {
     fn default() -> Self {
         Self::release()
@@ -101,6 +109,7 @@ impl ModelConfig {
                 init_values: 1e-5,
                 img_size: 384,
                 patch_size: 16,
+                norm_eps: release_norm_eps(),
                 num_classes: 21841,
                 global_pool: String::new(),
             },
@@ -194,6 +203,10 @@ impl ModelConfig {
             ),
             (vit.in_chans == 3, "`vit.in_chans` is not 3"),
             (
+                vit.norm_eps > 0.0 && vit.norm_eps <= 1.0,
+                "`vit.norm_eps` is not a small positive number",
+            ),
+            (
                 vit.depth <= 256 && self.alignment_steps <= 8,
                 "too many blocks or steps",
             ),
@@ -275,7 +288,7 @@ mod tests {
         ModelConfig::release().validate().unwrap();
         let tiny = ModelConfig::load(&format!("{FILE}#tiny")).unwrap();
         assert_eq!(tiny.internal_resolution, 192);
-        assert_eq!(tiny.gaussian_stride, 2);
+        assert_eq!((tiny.gaussian_stride, tiny.vit.norm_eps), (2, 1e-6));
         assert!(
             ModelConfig::load(&format!("{FILE}#narrow"))
                 .unwrap()
@@ -302,7 +315,9 @@ mod tests {
     #[test]
     fn impossible_networks_are_named() {
         type Change = fn(&mut ModelConfig);
-        let broken: [(Change, &str); 6] = [
+        let broken: [(Change, &str); 8] = [
+            (|c| c.vit.norm_eps = 0.0, "norm_eps"),
+            (|c| c.vit.norm_eps = f32::NAN, "norm_eps"),
             (|c| c.vit.num_heads = 0, "a size is 0"),
             (|c| c.vit.num_heads = 7, "num_heads"),
             (|c| c.internal_resolution = 1024, "internal_resolution"),

@@ -127,8 +127,20 @@ impl CheckpointSource {
     /// `allow_unused`. What inference never uses ([`Parameter::used`]) may be absent.
     ///
     /// # Errors
-    /// [`ModelError::Incomplete`] with everything that differs; [`ModelError::Config`].
+    /// [`ModelError::Config`] for an impossible configuration or one of another Gaussian stride than the weights';
+    /// [`ModelError::Incomplete`] with everything else that differs.
     pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
+        config.validate()?;
+        if let Some(stride) = self.stride()
+            && stride != config.gaussian_stride
+        {
+            return Err(ModelError::Config(format!(
+                "`{}`: Gaussian stride {}, but the weights in {} are of stride {stride}: set `gaussian_stride`",
+                config.preset,
+                config.gaussian_stride,
+                self.0.path().display()
+            )));
+        }
         let expected: Vec<Expected> = inventory(config)?
             .into_iter()
             .filter(|p| p.used || self.0.contains(&p.name))
@@ -139,7 +151,18 @@ impl CheckpointSource {
             .collect();
         Ok(self.0.check(&expected, allow_unused)?)
     }
+
+    /// The Gaussian stride of the weights: the kernel of the convolution that takes image and depth to the Gaussians'
+    /// grid. `None` if the file has no such convolution.
+    fn stride(&self) -> Option<usize> {
+        match *self.0.shape(SKIP_CONVOLUTION).ok()? {
+            [_, _, rows, columns] if rows == columns => Some(rows),
+            _ => None,
+        }
+    }
 }
+
+const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 
 impl Source for CheckpointSource {
     fn values(&self, name: &str, _: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
@@ -178,10 +201,27 @@ mod tests {
     fn another_stride_changes_the_skip_convolution() {
         let mut config = ModelConfig::release();
         config.gaussian_stride = 4;
-        let skip = "feature_model.image_encoder.conv.weight";
         let found = inventory(&config).unwrap();
-        let skip = found.iter().find(|p| p.name == skip).unwrap();
+        let skip = found.iter().find(|p| p.name == SKIP_CONVOLUTION).unwrap();
         assert_eq!(skip.shape, [128, 5, 4, 4]);
+    }
+
+    #[test]
+    fn weights_of_another_stride_are_a_configuration_error() {
+        for stride in [4, 8] {
+            let mut config = tiny();
+            config.gaussian_stride = stride;
+            let error = official_tiny().check(&config, &[]).unwrap_err();
+            assert!(matches!(error, ModelError::Config(_)), "{error:?}");
+            let text = error.to_string();
+            for part in [
+                &format!("Gaussian stride {stride}"),
+                "of stride 2",
+                "tiny_model.pt",
+            ] {
+                assert!(text.contains(part), "{text}");
+            }
+        }
     }
 
     fn tiny() -> ModelConfig {

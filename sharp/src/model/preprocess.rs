@@ -1,9 +1,16 @@
 //! A photograph from a file: pixels, orientation, focal length.
 //!
-//! As the release reads it, with these differences, where the release's way loses the picture:
-//! palettes become colours (there: indices as grey), grey with alpha is accepted (there: an
-//! error), 16-bit images keep their range (there: divided by 255), CMYK JPEGs become RGB.
-//! HEIC is not read. Alpha is dropped, not composited; colour profiles are not applied.
+//! PNG and JPEG, read as the release reads them, with these differences, where the release's way loses the picture:
+//!
+//! | picture | here | release |
+//! |---|---|---|
+//! | palette, two levels | its colours | the indices as grey |
+//! | grey with alpha | grey | an error |
+//! | 16 bit | divided by 65535 | divided by 255, beyond 1 |
+//! | CMYK | converted to RGB by (1 − ink)(1 − black) | cyan, magenta and yellow as red, green and blue |
+//!
+//! HEIC, which the release reads, is not. As there, grey is repeated in all three channels, alpha is dropped, not
+//! composited, and colour profiles are not applied.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -144,7 +151,21 @@ fn photo_from_bytes(bytes: &[u8], options: &PhotoOptions) -> Result<Photo, Strin
     })
 }
 
+/// First bytes of what else people may take for a photograph: floats without a stated encoding, and whatever values.
+const OTHER_FILES: [(&[u8], &str); 2] = [
+    (b"\x76\x2f\x31\x01", "an OpenEXR file"),
+    (b"\x93NUMPY", "a NumPy array"),
+];
+
 fn decode(bytes: &[u8], max_pixels: u64) -> Result<DynamicImage, String> {
+    if let Some((_, what)) = OTHER_FILES
+        .iter()
+        .find(|(start, _)| bytes.starts_with(start))
+    {
+        return Err(format!(
+            "not an image that can be read: {what}; photographs are sRGB-encoded PNG or JPEG"
+        ));
+    }
     let not_an_image = |e: image::ImageError| format!("not an image that can be read: {e}");
     let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()

@@ -13,9 +13,6 @@ use super::params::{Parameter, Params};
 /// Images whose intermediate values are in memory at a time: some 100 MB for the release.
 const IMAGES_AT_ONCE: usize = 5;
 
-/// Normalisation of tokens: not the 1e-5 of most transformers.
-const LAYER_NORM_EPS: f32 = 1e-6;
-
 /// Weight and bias of a linear layer or a normalisation.
 struct Affine {
     weight: Parameter,
@@ -60,7 +57,7 @@ struct Block {
     ls2: Parameter,
 }
 
-/// Sizes.
+/// Sizes, and the one constant of the arithmetic.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
     /// Side of an image, pixels.
@@ -73,6 +70,8 @@ struct Shape {
     dim: usize,
     /// Attention heads.
     heads: usize,
+    /// Added to the variance by normalisations.
+    norm_eps: f32,
 }
 
 impl Shape {
@@ -120,6 +119,7 @@ impl Vit {
                 side,
                 dim,
                 heads: config.num_heads,
+                norm_eps: config.norm_eps,
             },
         }
     }

@@ -1,5 +1,6 @@
 //! `predict IMAGE…`: photographs to Gaussians.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -30,7 +31,10 @@ Examples:
   sharp-bench predict photo.png --checkpoint mine.pt --config mine.json --focal-px 1200 --out photo.ply
 
 The focal length sets the metric scale. It comes from --focal-px, else from the file's EXIF tags, else it is that of a
-30 mm lens on 35 mm film, with a warning.")]
+30 mm lens on 35 mm film, with a warning.
+
+Photographs are PNG or JPEG: colour, grey, palette, 8 or 16 bit, CMYK; alpha is dropped. Palettes, 16 bit and CMYK keep
+their colours, where the release takes indices for grey, 16 bit for 8, and inks for light.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
@@ -68,23 +72,40 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
         "--out {}: several photographs need a folder",
         args.out.display()
     );
+    let outputs = if to_file {
+        vec![args.out.clone()]
+    } else {
+        named_after(&args.images, &args.out)?
+    };
     let predictor = args.model.load()?;
     let mut results = Vec::new();
-    for image in &args.images {
-        let ply = if to_file {
-            args.out.clone()
-        } else {
-            let stem = image
-                .file_stem()
-                .context("a photograph needs a file name")?;
-            args.out.join(stem).with_extension("ply")
-        };
-        results.push(predict_one(args, &predictor, image, &ply)?);
+    for (image, ply) in args.images.iter().zip(&outputs) {
+        results.push(predict_one(args, &predictor, image, ply)?);
     }
     if args.json {
         output::json(&results)?;
     }
     Ok(Outcome::Done)
+}
+
+/// One PLY file a photograph in `folder`.
+fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let mut outputs = Vec::with_capacity(images.len());
+    for image in images {
+        let stem = image
+            .file_stem()
+            .with_context(|| format!("{}: a photograph needs a file name", image.display()))?;
+        let mut name = stem.to_owned();
+        name.push(".ply");
+        let ply = folder.join(name);
+        ensure!(
+            !outputs.contains(&ply),
+            "{}: two photographs of one name would be written there twice",
+            ply.display()
+        );
+        outputs.push(ply);
+    }
+    Ok(outputs)
 }
 
 fn predict_one(
@@ -95,7 +116,9 @@ fn predict_one(
 ) -> anyhow::Result<serde_json::Value> {
     let started = Instant::now();
     let photo = args.photo.load(image)?;
-    let prediction = forward(predictor, &photo).with_context(|| image.display().to_string())?;
+    let mut parts = Parts::new();
+    let prediction =
+        forward(predictor, &photo, &mut parts).with_context(|| image.display().to_string())?;
     let intrinsics = release_intrinsics(photo.focal_px, photo.width as u32, photo.height as u32)?;
     let gaussians = unproject(&prediction.gaussians, &intrinsics);
     let count = gaussians.len();
@@ -131,18 +154,20 @@ fn predict_one(
         "gaussians": count,
         "focal_px": photo.focal_px,
         "seconds": seconds,
+        "stages": parts.to_json(),
         "peak_memory_bytes": peak_bytes(),
     }))
 }
 
-/// Runs the network under a progress bar, which is silent where standard error is no terminal.
-fn forward(predictor: &Predictor, photo: &Photo) -> anyhow::Result<Prediction> {
+/// Runs the network under a progress bar, or with a line a part where standard error is no terminal.
+fn forward(predictor: &Predictor, photo: &Photo, parts: &mut Parts) -> anyhow::Result<Prediction> {
     let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = ProgressBar::new(1000).with_style(style);
     let mut progress = Progress::new(predictor.config().vit.depth, |part, done: f64| {
         bar.set_message(part);
         bar.set_position((1000.0 * done) as u64);
+        parts.reached(part);
     });
     let prediction = predictor.predict(
         photo.planes(),
@@ -151,7 +176,54 @@ fn forward(predictor: &Predictor, photo: &Photo) -> anyhow::Result<Prediction> {
         &mut progress,
     )?;
     bar.finish_and_clear();
+    parts.finish();
     Ok(prediction)
+}
+
+/// How long each part of the network took.
+struct Parts {
+    /// When the last milestone was reached.
+    last: Instant,
+    seconds: Vec<(&'static str, f64)>,
+    terminal: bool,
+}
+
+impl Parts {
+    fn new() -> Self {
+        Self {
+            last: Instant::now(),
+            seconds: Vec::new(),
+            terminal: std::io::stderr().is_terminal(),
+        }
+    }
+
+    /// A milestone of a part: the time since the last one was its.
+    fn reached(&mut self, part: &'static str) {
+        let now = Instant::now();
+        let passed = now.duration_since(self.last).as_secs_f64();
+        self.last = now;
+        match self.seconds.last_mut() {
+            Some((name, seconds)) if *name == part => *seconds += passed,
+            _ => {
+                self.finish();
+                self.seconds.push((part, passed));
+            }
+        }
+    }
+
+    /// Says that the last part is over.
+    fn finish(&self) {
+        if let Some((name, seconds)) = self.seconds.last()
+            && !self.terminal
+        {
+            output::remark(format!("  {name:<18} {seconds:>8.2} s"));
+        }
+    }
+
+    fn to_json(&self) -> Vec<serde_json::Value> {
+        let one = |(stage, seconds): &(&str, f64)| json!({ "stage": stage, "seconds": seconds });
+        self.seconds.iter().map(one).collect()
+    }
 }
 
 fn write_depth(

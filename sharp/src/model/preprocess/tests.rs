@@ -161,6 +161,39 @@ fn every_kind_of_pixel() {
     assert_eq!(first(&png(deep_grey)), [0.2; 3]);
 }
 
+/// A file by Pillow, and the four colours it shows.
+#[test]
+fn every_kind_of_file() {
+    const COLOURS: [[u8; 3]; 4] = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [128; 3]];
+    const GREYS: [[u8; 3]; 4] = [[76; 3], [150; 3], [29; 3], [128; 3]];
+    const TWO: [[u8; 3]; 4] = [[0; 3], [255; 3], [0; 3], [255; 3]];
+    for (file, quadrants, tolerance) in [
+        ("palette.png", COLOURS, 0.0),
+        ("palette_transparent.png", COLOURS, 0.0),
+        ("bilevel.png", TWO, 0.0),
+        ("grey.png", GREYS, 0.0),
+        ("grey_alpha.png", GREYS, 0.0),
+        ("grey16.png", GREYS, 0.0),
+        ("rgba.png", COLOURS, 0.0),
+        ("grey.jpg", GREYS, 1.0),
+        ("cmyk.jpg", COLOURS, 2.0),
+    ] {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/photographs");
+        let photo = load_photo(&Path::new(folder).join(file), &PhotoOptions::default()).unwrap();
+        assert_eq!((photo.width, photo.height), (32, 32), "{file}");
+        for (k, quadrant) in quadrants.iter().enumerate() {
+            let at = (8 + 16 * (k / 2)) * 32 + 8 + 16 * (k % 2);
+            for (c, &expected) in quadrant.iter().enumerate() {
+                let found = photo.values[c * 32 * 32 + at] * 255.0;
+                assert!(
+                    (found - f32::from(expected)).abs() <= tolerance + 1e-4,
+                    "{file}, quadrant {k}, channel {c}: {found}, not {expected}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn unusable_files_are_named() {
     let refused = |bytes: &[u8], expected: &str| {
@@ -169,6 +202,11 @@ fn unusable_files_are_named() {
     };
     refused(b"", "not an image");
     refused(b"<html>404</html>", "not an image");
+    refused(
+        b"\x76\x2f\x31\x01\x02\0\0\0",
+        "OpenEXR file; photographs are",
+    );
+    refused(b"\x93NUMPY\x01\0", "NumPy array; photographs are");
     refused(&png(RgbImage::new(1, 5)), "1x5");
     let whole = png(grid());
     refused(&whole[..whole.len() - 20], "not an image");

@@ -22,13 +22,11 @@ pub struct StageComparison {
     pub note: Option<String>,
 }
 
-/// All stages in order of computation.
+/// All stages of a recording: those computed in order of computation, then those that were not, infinitely far off.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Comparison {
-    /// Stages that are in the recording and were computed.
+    /// The stages.
     pub stages: Vec<StageComparison>,
-    /// Stages that are in the recording and were not computed.
-    pub not_computed: Vec<String>,
 }
 
 impl Comparison {
@@ -41,7 +39,7 @@ impl Comparison {
 
     /// True when every recorded stage was computed and lies within `tolerance`.
     pub fn passes(&self, tolerance: f64) -> bool {
-        self.not_computed.is_empty() && self.first_divergence(tolerance).is_none()
+        self.first_divergence(tolerance).is_none()
     }
 }
 
@@ -54,7 +52,7 @@ const KNOWN_DEPTH: &str = "alignment.gt_depth";
 /// where recorded, runs on the recording's own known depth.
 ///
 /// # Errors
-/// [`ModelError`] of the prediction or of a recording whose parts do not fit together.
+/// [`ModelError`] of the prediction, of a recording whose parts do not fit together, or of one without that prefix.
 pub fn compare(
     predictor: &Predictor,
     image: Planes<'_>,
@@ -67,6 +65,12 @@ pub fn compare(
         .filter(|s| ![GAUGE, KNOWN_DEPTH].contains(s))
         .map(str::to_owned)
         .collect();
+    if pending.is_empty() {
+        return Err(recording.error(format!(
+            "no stages under prefix {prefix}; there are {}",
+            recording.prefixes().join(", ")
+        )));
+    }
     let mut comparer = Comparer {
         recording,
         prefix,
@@ -86,10 +90,18 @@ pub fn compare(
             comparer.stage("alignment.map", StageValue::host(&shape, &factors))?;
         }
     }
-    Ok(Comparison {
-        stages: comparer.stages,
-        not_computed: comparer.pending.into_iter().collect(),
-    })
+    let Comparer {
+        mut stages,
+        pending,
+        ..
+    } = comparer;
+    stages.extend(pending.into_iter().map(|stage| StageComparison {
+        stage,
+        rel_error: f64::INFINITY,
+        values: 0,
+        note: Some("recorded, not computed".to_owned()),
+    }));
+    Ok(Comparison { stages })
 }
 
 struct Comparer<'a> {
@@ -176,7 +188,6 @@ mod tests {
         };
         let comparison = Comparison {
             stages: vec![stage("b", 1e-7), stage("c", f64::NAN), stage("a", 1.0)],
-            not_computed: Vec::new(),
         };
         assert_eq!(comparison.first_divergence(1e-4).unwrap().stage, "c");
         assert!(!comparison.passes(1e-4));

@@ -195,7 +195,7 @@ impl Recording {
         Ok(bytes.as_chunks().0.iter().map(|b| decode(*b)).collect())
     }
 
-    fn error(&self, reason: impl ToString) -> ModelError {
+    pub(super) fn error(&self, reason: impl ToString) -> ModelError {
         ModelError::file(self.file.path(), reason)
     }
 }

@@ -3,7 +3,7 @@
 use sharp_kernels::{AttentionShape, Epilogue, PackedMatrix, Simd, Workspace, attention};
 use sharp_kernels::{layer_norm, matmul};
 
-use super::{Affine, Block, Features, IMAGES_AT_ONCE, LAYER_NORM_EPS, Vit};
+use super::{Affine, Block, Features, IMAGES_AT_ONCE, Vit};
 use crate::model::ModelError;
 use crate::model::engine::Runtime;
 use crate::model::map::{HostMap, Map};
@@ -37,7 +37,7 @@ impl Vit {
         let mut tapped = Vec::with_capacity(taps.len());
         let mut buffers = Buffers::default();
         for (k, block) in self.blocks.iter().enumerate() {
-            let packed = PackedBlock::new(rt, simd, block)?;
+            let packed = PackedBlock::new(rt, simd, block, shape.norm_eps)?;
             for part in x.chunks_mut(IMAGES_AT_ONCE * tokens * dim) {
                 let images = part.len() / (tokens * dim);
                 let attention = AttentionShape {
@@ -53,7 +53,7 @@ impl Vit {
                 tapped.push(self.maps(&x));
             }
         }
-        let norm = Norm::new(rt, &self.norm)?;
+        let norm = Norm::new(rt, &self.norm, shape.norm_eps)?;
         let mut normal = vec![0.0; x.len()];
         norm.run(simd, &x, &mut normal);
         let last = self.maps(&normal);
@@ -110,18 +110,20 @@ impl Vit {
 struct Norm {
     gamma: Vec<f32>,
     beta: Vec<f32>,
+    eps: f32,
 }
 
 impl Norm {
-    fn new(rt: &Runtime, affine: &Affine) -> Result<Self, ModelError> {
+    fn new(rt: &Runtime, affine: &Affine, eps: f32) -> Result<Self, ModelError> {
         Ok(Self {
             gamma: rt.values(&affine.weight)?.into_owned(),
             beta: rt.values(&affine.bias)?.into_owned(),
+            eps,
         })
     }
 
     fn run(&self, simd: Simd, x: &[f32], out: &mut [f32]) {
-        layer_norm(simd, x, &self.gamma, &self.beta, LAYER_NORM_EPS, out);
+        layer_norm(simd, x, &self.gamma, &self.beta, self.eps, out);
     }
 }
 
@@ -145,12 +147,12 @@ struct PackedBlock {
 }
 
 impl PackedBlock {
-    fn new(rt: &Runtime, simd: Simd, block: &Block) -> Result<Self, ModelError> {
+    fn new(rt: &Runtime, simd: Simd, block: &Block, eps: f32) -> Result<Self, ModelError> {
         Ok(Self {
-            norm1: Norm::new(rt, &block.norm1)?,
+            norm1: Norm::new(rt, &block.norm1, eps)?,
             qkv: pack(rt, simd, &block.qkv, None)?,
             proj: pack(rt, simd, &block.proj, Some(&block.ls1))?,
-            norm2: Norm::new(rt, &block.norm2)?,
+            norm2: Norm::new(rt, &block.norm2, eps)?,
             fc1: pack(rt, simd, &block.fc1, None)?,
             fc2: pack(rt, simd, &block.fc2, Some(&block.ls2))?,
         })

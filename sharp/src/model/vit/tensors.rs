@@ -2,7 +2,7 @@
 
 use candle_core::{D, Device, Tensor};
 
-use super::{Affine, Block, Features, IMAGES_AT_ONCE, LAYER_NORM_EPS, Shape, Vit};
+use super::{Affine, Block, Features, IMAGES_AT_ONCE, Shape, Vit};
 use crate::model::ModelError;
 use crate::model::engine::Runtime;
 use crate::model::map::Map;
@@ -47,7 +47,7 @@ impl Vit {
                 tapped.push(self.tensor_maps(&x)?);
             }
         }
-        let last = self.tensor_maps(&norm(rt, &self.norm, &x)?)?;
+        let last = self.tensor_maps(&norm(rt, &self.norm, &x, self.shape.norm_eps)?)?;
         observer.stage(&format!("{name}.out"), StageValue::maps(&last))?;
         Ok(Features { taps: tapped, last })
     }
@@ -79,9 +79,15 @@ impl Block {
                 let images = IMAGES_AT_ONCE.min(count - first);
                 let x = x.narrow(0, first, images)?;
                 let x = x.reshape((images * tokens, dim))?;
-                let attended = self.attention(rt, &norm(rt, &self.norm1, &x)?, images, shape)?;
+                let attended = self.attention(
+                    rt,
+                    &norm(rt, &self.norm1, &x, shape.norm_eps)?,
+                    images,
+                    shape,
+                )?;
                 let x = (x + attended.broadcast_mul(&ls1)?)?;
-                let hidden = linear(rt, &self.fc1, &norm(rt, &self.norm2, &x)?)?.gelu_erf()?;
+                let hidden = linear(rt, &self.fc1, &norm(rt, &self.norm2, &x, shape.norm_eps)?)?
+                    .gelu_erf()?;
                 let refined = linear(rt, &self.fc2, &hidden)?.broadcast_mul(&ls2)?;
                 Ok((x + refined)?.reshape((images, tokens, dim))?)
             })
@@ -125,10 +131,10 @@ fn linear(rt: &Runtime, affine: &Affine, x: &Tensor) -> Result<Tensor, ModelErro
 }
 
 /// Centred first, then squared: a difference of large sums would lose digits.
-fn norm(rt: &Runtime, affine: &Affine, x: &Tensor) -> Result<Tensor, ModelError> {
+fn norm(rt: &Runtime, affine: &Affine, x: &Tensor, eps: f32) -> Result<Tensor, ModelError> {
     let centered = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centered.sqr()?.mean_keepdim(D::Minus1)?;
-    let deviation = (variance + f64::from(LAYER_NORM_EPS))?.sqrt()?;
+    let deviation = (variance + f64::from(eps))?.sqrt()?;
     Ok(centered
         .broadcast_div(&deviation)?
         .broadcast_mul(&rt.tensor(&affine.weight, x.device())?)?

@@ -1,0 +1,302 @@
+//! `weights`: what is in files, what they are refused for, and how the official checkpoint is got and recognised.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use sharp::model::ModelConfig;
+use sharp::model::params::inventory;
+use sharp_checkpoint::{Checkpoint, DType, OutTensor, write_safetensors};
+use sharp_tests::hostile_checkpoints;
+
+use crate::support::{Said, sharp_bench as run, sharp_bench_with};
+use crate::tiny::{golden, recorded_input, with_checkpoint};
+
+#[test]
+fn weights_are_made_checked_and_converted() {
+    let dir = tempfile::tempdir().unwrap();
+    let config = golden("tiny_config.json#tiny");
+    run(
+        dir.path(),
+        &[
+            "weights",
+            "synth",
+            "--config",
+            &config,
+            "--out",
+            "a.safetensors",
+        ],
+    )
+    .ends_with(0);
+    let pt = golden("tiny_model.pt");
+    run(dir.path(), &["weights", "convert", &pt, "b.safetensors"]).ends_with(0);
+    let check = |file: &str| {
+        run(
+            dir.path(),
+            &["weights", "check", file, "--config", &config, "--json"],
+        )
+        .ends_with(0)
+        .json()
+    };
+    let (synthetic, converted) = (check("a.safetensors"), check("b.safetensors"));
+    assert_eq!(synthetic["parameters"], converted["parameters"]);
+    assert_eq!(synthetic["modules"], converted["modules"]);
+    assert_eq!(converted["not_finite"], 0);
+
+    // The release's network is another one: everything that does not fit is listed.
+    let said = run(dir.path(), &["weights", "check", "a.safetensors", "--json"]).ends_with(1);
+    assert!(
+        said.err.contains("missing") && said.err.contains("shape"),
+        "{}",
+        said.err
+    );
+    std::fs::write(dir.path().join("page.pt"), b"<!DOCTYPE html>").unwrap();
+    assert_eq!(run(dir.path(), &["weights", "check", "page.pt"]).code, 1);
+}
+
+#[test]
+fn hostile_files_are_refused_in_one_line_and_nothing_is_run() {
+    let dir = tempfile::tempdir().unwrap();
+    for (what, bytes) in hostile_checkpoints::all() {
+        fs::write(dir.path().join("evil.pt"), bytes).unwrap();
+        let started = Instant::now();
+        let said = run(dir.path(), &["weights", "check", "evil.pt"]);
+        said.is_error_with(&["evil.pt"]);
+        assert!(started.elapsed() < Duration::from_secs(20), "{what}");
+        assert_eq!(said.out, "", "{what}");
+        assert!(!dir.path().join("pwned").exists(), "{what}");
+    }
+}
+
+#[test]
+fn the_release_has_its_702_305_169_parameters() {
+    // The official names and shapes over a hole in a file: nothing is written but the header.
+    let dir = tempfile::tempdir().unwrap();
+    let mut header = serde_json::Map::new();
+    let mut at = 0;
+    for parameter in inventory(&ModelConfig::release()).unwrap() {
+        let end = at + 4 * parameter.len();
+        let entry = serde_json::json!({
+            "dtype": "F32", "shape": parameter.shape, "data_offsets": [at, end],
+        });
+        header.insert(parameter.name, entry);
+        at = end;
+    }
+    let mut text = serde_json::to_vec(&header).unwrap();
+    text.resize(text.len().next_multiple_of(8), b' ');
+    let path = dir.path().join("release.safetensors");
+    let mut file = (text.len() as u64).to_le_bytes().to_vec();
+    file.extend(&text);
+    fs::write(&path, &file).unwrap();
+    let hole = fs::File::options().write(true).open(&path).unwrap();
+    hole.set_len((file.len() + at) as u64).unwrap();
+    let said = run(dir.path(), &["weights", "check", "release.safetensors"]).ends_with(0);
+    for line in [
+        "702 305 169 in 1038 tensors  in all",
+        "326 126 929",
+        "  7 783 104",
+        "  2 015 281",
+        "not finite    0",
+        "complete for release",
+    ] {
+        assert!(said.out.contains(line), "{line}: {}", said.out);
+    }
+}
+
+#[test]
+fn values_that_are_not_finite_are_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let tensor = OutTensor {
+        name: "w".into(),
+        dtype: DType::F32,
+        shape: vec![3],
+    };
+    let values = [f32::NAN, 1.0, f32::INFINITY];
+    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    write_safetensors(
+        &dir.path().join("w.safetensors"),
+        &BTreeMap::new(),
+        &[tensor],
+        |_| Ok(Cow::Owned(bytes.clone())),
+    )
+    .unwrap();
+    let said = run(dir.path(), &["weights", "check", "w.safetensors"]);
+    said.is_error_with(&["w.safetensors", "2 values are not finite"]);
+    assert!(said.out.contains("not finite    2"), "{}", said.out);
+}
+
+/// The tiny network's weights and a tensor that it does not have.
+fn with_a_surplus_tensor(path: &Path) {
+    let official = Checkpoint::open(golden("tiny_model.pt")).unwrap();
+    let mut tensors: Vec<OutTensor> = official
+        .names()
+        .map(|name| OutTensor {
+            name: name.to_owned(),
+            dtype: official.dtype(name).unwrap(),
+            shape: official.shape(name).unwrap().to_vec(),
+        })
+        .collect();
+    tensors.push(OutTensor {
+        name: "ema.decay".into(),
+        dtype: DType::F32,
+        shape: vec![1],
+    });
+    write_safetensors(path, &BTreeMap::new(), &tensors, |tensor| {
+        if official.contains(&tensor.name) {
+            official.tensor_bytes(&tensor.name)
+        } else {
+            Ok(Cow::Owned(vec![0; 4]))
+        }
+    })
+    .unwrap();
+}
+
+#[test]
+fn surplus_tensors_are_refused_until_they_are_allowed_everywhere() {
+    let dir = tempfile::tempdir().unwrap();
+    with_a_surplus_tensor(&dir.path().join("more.safetensors"));
+    let (image, _) = recorded_input();
+    let config = golden("tiny_config.json#tiny");
+    let model = with_checkpoint("more.safetensors");
+    let model: Vec<&str> = model.iter().map(String::as_str).collect();
+    let predict = [&["predict", &image, "--out", "p.ply"][..], &model].concat();
+    let check = ["weights", "check", "more.safetensors", "--config", &config];
+    for command in [&predict[..], &check] {
+        let said = run(dir.path(), command).ends_with(1);
+        assert!(said.err.contains("surplus   ema.decay"), "{}", said.err);
+        run(dir.path(), &[command, &["--allow-unused", "ema."]].concat()).ends_with(0);
+    }
+    let evaluate = |more: &str| {
+        let method = format!("sharp:checkpoint=more.safetensors,config={config}{more}");
+        let args = [
+            "run",
+            "--dataset",
+            "S:synthetic=size=96x72,views=20",
+            "--limit",
+            "1",
+        ];
+        let rest = [
+            "--metrics",
+            "psnr",
+            "--out",
+            "r",
+            "--method",
+            &method,
+            "--json",
+        ];
+        run(dir.path(), &[&args[..], &rest].concat())
+    };
+    let said = evaluate("").ends_with(4);
+    assert_eq!(said.json()["failed"], 1, "{}", said.out);
+    assert_eq!(
+        evaluate(",allow_unused=ema.").ends_with(0).json()["failed"],
+        0
+    );
+}
+
+/// Runs a command of someone whose home and caches lie in `dir`.
+fn at_home(dir: &Path, args: &[&str]) -> Said {
+    let (home, cache, torch, ours) = (
+        dir.join("home"),
+        dir.join("cache"),
+        dir.join("torch"),
+        dir.join("ours"),
+    );
+    let variables = [
+        ("HOME", &*home),
+        ("XDG_CACHE_HOME", &*cache),
+        ("TORCH_HOME", &*torch),
+        ("SHARP_BENCH_WEIGHTS", &*ours),
+    ];
+    sharp_bench_with(dir, &variables, args)
+}
+
+#[test]
+fn without_a_checkpoint_the_licence_and_the_ways_to_get_it_are_shown() {
+    let dir = tempfile::tempdir().unwrap();
+    let address = "https://ml-site.cdn-apple.com/models/sharp/sharp_2572gikvuh.pt";
+    let said = at_home(dir.path(), &["weights", "fetch", "sharp"]);
+    said.is_error_with(&["--accept-licence", address, "ours/sharp_2572gikvuh.pt"]);
+    for part in [
+        "Apple Machine Learning Research Model License",
+        "https://github.com/apple/ml-sharp/blob/main/LICENSE_MODEL",
+        "research only",
+    ] {
+        assert!(said.err.contains(part), "{part}: {}", said.err);
+    }
+    if !cfg!(feature = "download") {
+        let accepted = at_home(
+            dir.path(),
+            &["weights", "fetch", "sharp", "--accept-licence"],
+        );
+        accepted.is_error_with(&["--features download", address, "--checkpoint FILE"]);
+    }
+    let offline = ["weights", "fetch", "sharp", "--offline", "--accept-licence"];
+    at_home(dir.path(), &offline).is_error_with(&["--offline", address]);
+    at_home(dir.path(), &["weights", "fetch", "sharpe"]).is_error_with(&["sharpe"]);
+    let list = at_home(dir.path(), &["weights", "list"]).ends_with(0);
+    assert!(
+        list.out.contains("unverified until its first use"),
+        "{}",
+        list.out
+    );
+    // `predict` says where it looked.
+    let (image, _) = recorded_input();
+    at_home(dir.path(), &["predict", &image, "--out", "p.ply"]).is_error_with(&[
+        "torch/hub/checkpoints",
+        "ours/",
+        "--checkpoint FILE",
+    ]);
+}
+
+#[test]
+fn a_checkpoint_in_torchs_folder_is_found_recorded_and_recognised() {
+    let dir = tempfile::tempdir().unwrap();
+    let hub = dir.path().join("torch/hub/checkpoints");
+    fs::create_dir_all(&hub).unwrap();
+    let file = hub.join("sharp_2572gikvuh.pt");
+    fs::copy(golden("tiny_model.pt"), &file).unwrap();
+    let fetch = || at_home(dir.path(), &["weights", "fetch", "sharp", "--json"]);
+    let first = fetch().ends_with(0).json();
+    assert_eq!(first[0]["verified"], false);
+    assert!(
+        first[0]["record"]
+            .as_str()
+            .unwrap()
+            .starts_with("unverified")
+    );
+    assert!(first[0]["file"].as_str().unwrap().contains("torch/hub"));
+    let text = fs::read_to_string(dir.path().join("ours/sharp_2572gikvuh.pt.json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(record["bytes"], fs::metadata(&file).unwrap().len());
+    let again = fetch().ends_with(0).json();
+    assert_eq!(again[0]["verified"], true);
+    let day = record["recorded"].as_str().unwrap();
+    let matches = format!("matches the one recorded on {day}");
+    assert_eq!(again[0]["record"], matches);
+    let list = at_home(dir.path(), &["weights", "list"]).ends_with(0);
+    assert!(list.out.contains(record["sha256"].as_str().unwrap()));
+    // `check` compares too, before it finds that this is another network than the release.
+    let check = ["weights", "check", file.to_str().unwrap()];
+    let checked = at_home(dir.path(), &check).ends_with(1);
+    assert!(checked.out.contains(&matches), "{}", checked.out);
+    // Another file under the same name is no longer taken.
+    let mut bytes = fs::read(&file).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&file, bytes).unwrap();
+    for command in [&check[..], &["weights", "fetch", "sharp"]] {
+        at_home(dir.path(), command).is_error_with(&["recorded on", "delete"]);
+    }
+    let evaluate = [
+        "run",
+        "--dataset",
+        "S:synthetic=size=96x72,views=20",
+        "--out",
+        "r",
+    ];
+    let evaluate = [&evaluate[..], &["--method", "sharp", "--metrics", "psnr"]].concat();
+    at_home(dir.path(), &evaluate).is_error_with(&["recorded on"]);
+}
