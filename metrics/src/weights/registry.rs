@@ -1,6 +1,7 @@
 //! Where torchvision's weights are published, and where they are kept here.
 
 use std::borrow::Cow;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use super::{Backbone, Weights};
@@ -55,12 +56,12 @@ impl Published {
         }
     }
 
-    /// Whether a number of bytes rounds to the published size.
-    pub fn has_size(&self, bytes: u64) -> bool {
+    /// The numbers of bytes that round to the published size.
+    pub fn sizes(&self) -> RangeInclusive<u64> {
         const MIB: u64 = 1 << 20;
         // In units of a two-thousandth of a MiB the published size covers 2 s − 1 to 2 s + 1.
         let (low, high) = (2 * self.size_milli_mib - 1, 2 * self.size_milli_mib + 1);
-        (low * MIB..=high * MIB).contains(&(bytes * 2000))
+        (low * MIB).div_ceil(2000)..=high * MIB / 2000
     }
 
     /// The copy that keeps the features only, in a cache folder.
@@ -116,9 +117,9 @@ mod tests {
             assert!(published.file.contains(&*published.sha256_prefix));
             assert!(published.address.ends_with(&*published.file));
         }
-        let vgg = Published::of(Backbone::Vgg16);
-        assert!(vgg.has_size(553_433_881));
-        assert!(!vgg.has_size(553_433_881 + 2_000) && !vgg.has_size(553_433_881 - 2_000));
+        let vgg = Published::of(Backbone::Vgg16).sizes();
+        assert!(vgg.contains(&553_433_881));
+        assert!(!vgg.contains(&(553_433_881 + 2_000)) && !vgg.contains(&(553_433_881 - 2_000)));
     }
 
     #[test]

@@ -10,6 +10,7 @@
 //! * [`completeness`]: every tensor expected is there, every tensor there is expected.
 //! * [`convert`]: writing safetensors.
 //! * [`deterministic`]: weights as a pure function of names, for tests and golden data.
+//! * `download`: fetching a file, resumed and bounded (feature `transfer`, with TLS: `download`).
 //! * [`error`]: why a file was refused.
 //! * [`tensor`]: element types and strided layouts.
 //!
@@ -20,6 +21,8 @@ pub mod checkpoint;
 pub mod completeness;
 pub mod convert;
 pub mod deterministic;
+#[cfg(any(feature = "transfer", test))]
+pub mod download;
 pub mod error;
 mod legacy;
 mod mapped;

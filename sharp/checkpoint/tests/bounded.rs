@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use sharp_checkpoint::Checkpoint;
+use sharp_tests::hostile_checkpoints;
 
 struct Counting;
 
@@ -43,44 +44,22 @@ fn peak(path: &Path) -> usize {
     PEAK.load(Relaxed) - before
 }
 
-/// A pickle after the four that precede the object in PyTorch's older format.
-fn older(object: &[u8]) -> Vec<u8> {
-    let mut out = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.".to_vec();
-    out.extend(b"\x80\x02M\xe9\x03.\x80\x02}.");
-    out.extend(object);
-    out
-}
-
 // One test, so that no other one allocates meanwhile.
 #[test]
 fn hostile_files_allocate_little() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("hostile.pt");
-    let mut json = vec![];
-    json.extend((1_u64 << 40).to_le_bytes());
-    json.extend(b"{\"a\":1}");
-    let huge_list = [&b"]("[..], &vec![b'N'; 4 << 20]].concat();
-    let many_lists = vec![b']'; 4 << 20];
-    let ordered = [
-        &b"]q\x00("[..],
-        &b"NN\x86".repeat(50_000),
-        b"e0ccollections\nOrderedDict\nq\x01",
-        &b"h\x01h\x00\x85R".repeat(50_000),
-    ]
-    .concat();
-    for (what, bytes) in [
-        ("long header", json),
-        ("long string", older(b"X\xff\xff\xff\xffabc")),
-        ("long list", older(&huge_list)),
-        ("many lists", older(&many_lists)),
-        ("one list in many dicts", older(&ordered)),
-    ] {
+    for (what, bytes) in hostile_checkpoints::all() {
         fs::write(&path, &bytes).unwrap();
+        assert!(Checkpoint::open(&path).is_err(), "{what}");
         let peak = peak(&path);
         assert!(peak < 96 << 20, "{what}: {peak} bytes");
     }
     // A sparse file of 64 GiB that is one endless pickle, then one that is one endless header.
-    for start in [older(b"\x80\x02"), vec![0, 0, 0, 0, 8, 0, 0, 0, b'{']] {
+    for start in [
+        hostile_checkpoints::older(b"\x80\x02"),
+        vec![0, 0, 0, 0, 8, 0, 0, 0, b'{'],
+    ] {
         fs::write(&path, &start).unwrap();
         File::options()
             .write(true)

@@ -1,0 +1,155 @@
+//! `weights check`: what is in a file, and whether it fits a network.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::json;
+use sharp::model::params::inventory;
+use sharp_checkpoint::{Checkpoint, Expected};
+
+use super::super::{Outcome, output};
+use super::load_config;
+use crate::model_files::RELEASE_FILE;
+use crate::model_files::record::{compare_or_record, record_file};
+
+#[derive(Debug, Default)]
+struct Module {
+    tensors: usize,
+    parameters: usize,
+    not_finite: usize,
+}
+
+pub(super) fn execute(
+    file: &Path,
+    config: Option<&str>,
+    allow_unused: &[String],
+    json: bool,
+) -> anyhow::Result<Outcome> {
+    let checkpoint = Checkpoint::open(file)?;
+    let mut modules: BTreeMap<String, Module> = BTreeMap::new();
+    for name in checkpoint.names() {
+        let module = modules.entry(module_of(name)).or_default();
+        let values = checkpoint.tensor_f32_cow(name)?;
+        module.tensors += 1;
+        module.parameters += values.len();
+        module.not_finite += values.iter().filter(|v| !v.is_finite()).count();
+    }
+    let total: usize = modules.values().map(|m| m.parameters).sum();
+    let not_finite: usize = modules.values().map(|m| m.not_finite).sum();
+    let sha256 = checkpoint.sha256();
+    let standing = standing(file, &sha256)?;
+    if json {
+        let modules: BTreeMap<_, _> = modules
+            .iter()
+            .map(|(name, m)| {
+                let facts = json!({
+                    "tensors": m.tensors, "parameters": m.parameters, "not_finite": m.not_finite,
+                });
+                (name, facts)
+            })
+            .collect();
+        output::json(&json!({
+            "file": file.display().to_string(),
+            "sha256": sha256,
+            "record": standing,
+            "tensors": checkpoint.names().len(),
+            "parameters": total,
+            "not_finite": not_finite,
+            "modules": modules,
+        }))?;
+    } else {
+        for (name, module) in &modules {
+            output::line(format!(
+                "{:>13} in {:>4} tensors  {name}",
+                grouped(module.parameters),
+                module.tensors
+            ))?;
+        }
+        output::line(format!(
+            "{:>13} in {:>4} tensors  in all",
+            grouped(total),
+            checkpoint.names().len()
+        ))?;
+        output::line(format!("not finite    {not_finite}"))?;
+        output::line(format!("sha256        {sha256}"))?;
+        if let Some(standing) = standing {
+            output::line(format!("record        {standing}"))?;
+        }
+    }
+    // A file with SHARP's modules is checked against the release even when nothing is said.
+    let looks_like_sharp = modules
+        .keys()
+        .any(|name| name.starts_with("monodepth_model"));
+    if let Some(config) = config.or(looks_like_sharp.then_some("release")) {
+        let expected: Vec<Expected> = inventory(&load_config(config)?)?
+            .into_iter()
+            .map(|parameter| Expected {
+                name: parameter.name,
+                shape: parameter.shape,
+            })
+            .collect();
+        checkpoint.check(&expected, allow_unused)?;
+        if !json {
+            output::line(format!("complete for {config}"))?;
+        }
+    }
+    anyhow::ensure!(
+        not_finite == 0,
+        "{}: {not_finite} values are not finite",
+        file.display()
+    );
+    Ok(Outcome::Done)
+}
+
+/// How the official checkpoint stands to its record; `None` for other files.
+fn standing(file: &Path, sha256: &str) -> anyhow::Result<Option<String>> {
+    let official = file.file_name().is_some_and(|name| name == RELEASE_FILE);
+    match record_file().filter(|_| official) {
+        Some(record) => Ok(Some(compare_or_record(file, sha256, &record)?.to_string())),
+        None => Ok(None),
+    }
+}
+
+/// The part of a network that a tensor belongs to: four levels deep inside SHARP's encoder, three inside the rest of
+/// its depth network, one elsewhere.
+fn module_of(name: &str) -> String {
+    let levels = if name.starts_with("monodepth_model.monodepth_predictor.encoder.") {
+        4
+    } else if name.starts_with("monodepth_model.") {
+        3
+    } else {
+        1
+    };
+    name.split('.').take(levels).collect::<Vec<_>>().join(".")
+}
+
+/// Thousands apart: 702 305 169.
+fn grouped(n: usize) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (at, digit) in digits.chars().enumerate() {
+        if at > 0 && (digits.len() - at).is_multiple_of(3) {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modules_and_thousands() {
+        let encoder =
+            "monodepth_model.monodepth_predictor.encoder.patch_encoder.blocks.0.ls1.gamma";
+        assert_eq!(
+            module_of(encoder),
+            "monodepth_model.monodepth_predictor.encoder.patch_encoder"
+        );
+        assert_eq!(module_of("features.0.weight"), "features");
+        assert_eq!(grouped(702_305_169), "702 305 169");
+        assert_eq!(grouped(12), "12");
+    }
+}

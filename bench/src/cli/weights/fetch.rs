@@ -1,0 +1,200 @@
+//! `weights fetch`: published weights into the cache.
+
+use std::path::Path;
+
+use anyhow::bail;
+use clap::Args;
+use serde_json::{Value, json};
+use sharp_metrics::Backbone;
+use sharp_metrics::weights::{Published, cache_folder};
+
+use super::super::{Outcome, output};
+use crate::durable::file_sha256;
+use crate::model_files::find_checkpoint;
+use crate::model_files::record::{Standing, compare_or_record, record_file};
+use crate::model_files::release::{
+    LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, licence_text,
+};
+
+/// What to fetch, and what was agreed to.
+#[derive(Debug, Args)]
+pub(super) struct FetchArgs {
+    /// `metrics` for all three backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint
+    #[arg(required = true, value_name = "NAME")]
+    names: Vec<String>,
+    /// Only say whether they are at hand
+    #[arg(long)]
+    offline: bool,
+    /// You have read the licence of SHARP's checkpoint, which is shown without this, and accept it
+    #[arg(long)]
+    accept_licence: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// How to get a program that downloads.
+#[cfg(not(feature = "download"))]
+const CANNOT: &str = "this build cannot download; build with `cargo build --release -p sharp-bench --features download`";
+
+pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
+    let wanted = Wanted::of(&args.names)?;
+    let Some(cache) = cache_folder() else {
+        bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
+    };
+    let mut results = Vec::new();
+    for backbone in wanted.backbones {
+        results.push(backbone_features(args, backbone, &cache)?);
+    }
+    if wanted.sharp {
+        results.push(checkpoint(args, &cache)?);
+    }
+    if args.json {
+        output::json(&results)?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// What a list of names stands for, each once.
+#[derive(Debug, Default, PartialEq, Eq)]
+struct Wanted {
+    backbones: Vec<Backbone>,
+    sharp: bool,
+}
+
+impl Wanted {
+    fn of(names: &[String]) -> anyhow::Result<Self> {
+        let mut wanted = Self::default();
+        for name in names {
+            match name.as_str() {
+                "metrics" => wanted.backbones.extend(Backbone::ALL),
+                "sharp" => wanted.sharp = true,
+                name => wanted.backbones.push(name.parse().map_err(|error| {
+                    anyhow::anyhow!(
+                        "{error}; `metrics` means these three, `sharp` the official checkpoint"
+                    )
+                })?),
+            }
+        }
+        wanted.backbones.sort();
+        wanted.backbones.dedup();
+        Ok(wanted)
+    }
+}
+
+/// Brings a backbone's features to the cache and says where they are.
+fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
+    let published = Published::of(backbone);
+    #[cfg(feature = "download")]
+    let file = {
+        let bar = super::super::progress::bar(0, "bytes");
+        bar.set_message(backbone.name());
+        let file = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
+            bar.set_length(at.total);
+            bar.set_position(at.done);
+        })?;
+        bar.finish_and_clear();
+        file
+    };
+    #[cfg(not(feature = "download"))]
+    let file = {
+        let file = published.cached(cache);
+        if !file.is_file() {
+            bail!(
+                "{}: not at hand; {CANNOT}, or get the file yourself and pass --weights {backbone}=FILE",
+                published.address
+            );
+        }
+        file
+    };
+    if !args.json {
+        output::line(format!("{:<14} {}", backbone.name(), file.display()))?;
+    }
+    Ok(json!({ "name": backbone.name(), "file": file.display().to_string() }))
+}
+
+/// Finds or fetches the official checkpoint, compares it with its record and says how it stands.
+fn checkpoint(args: &FetchArgs, cache: &Path) -> anyhow::Result<Value> {
+    let (file, standing) = match find_checkpoint() {
+        Ok(file) => {
+            let sha256 = file_sha256(&file)?;
+            let record =
+                record_file().unwrap_or_else(|| cache.join(format!("{RELEASE_FILE}.json")));
+            let standing = compare_or_record(&file, &sha256, &record)?;
+            (file, standing)
+        }
+        Err(_) => transfer(args, cache)?,
+    };
+    if !args.json {
+        output::line(format!(
+            "{:<14} {}\n{:<14} {standing}",
+            "sharp",
+            file.display(),
+            ""
+        ))?;
+    }
+    Ok(json!({
+        "name": "sharp",
+        "file": file.display().to_string(),
+        "verified": matches!(standing, Standing::Matches(_)),
+        "record": standing.to_string(),
+        "licence": LICENCE_NAME,
+        "licence_address": LICENCE_ADDRESS,
+    }))
+}
+
+/// Shows the licence and, once it is accepted, fetches the checkpoint.
+fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBuf, Standing)> {
+    output::remark(licence_text());
+    let by_hand = format!(
+        "get {RELEASE_ADDRESS} yourself and put it at {} or name it with --checkpoint FILE",
+        cache.join(RELEASE_FILE).display()
+    );
+    if args.offline {
+        bail!(
+            "the checkpoint is not at hand and was not fetched, because --offline was given; {by_hand}"
+        );
+    }
+    let agree = if args.accept_licence {
+        ""
+    } else {
+        " and accept the licence above with --accept-licence"
+    };
+    #[cfg(not(feature = "download"))]
+    bail!("{CANNOT}{agree}; or {by_hand}");
+    #[cfg(feature = "download")]
+    {
+        if !args.accept_licence {
+            bail!("nothing was fetched: read{agree}; or {by_hand}");
+        }
+        let bar = super::super::progress::bar(0, "bytes");
+        bar.set_message("sharp");
+        let release = crate::model_files::release::Release::official();
+        let found = crate::model_files::fetch::fetch(&release, cache, |at| {
+            bar.set_length(at.total);
+            bar.set_position(at.done);
+        })?;
+        bar.finish_and_clear();
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stand_for_files_and_each_is_fetched_once() {
+        let of =
+            |names: &[&str]| Wanted::of(&names.iter().map(ToString::to_string).collect::<Vec<_>>());
+        let found = of(&["vgg16", "metrics", "sharp", "sharp"]).unwrap();
+        assert_eq!(found.backbones, Backbone::ALL);
+        assert!(found.sharp);
+        assert!(!of(&["alexnet"]).unwrap().sharp);
+        let error = of(&["vgg19"]).unwrap_err().to_string();
+        assert!(
+            error.contains("vgg19") && error.contains("`sharp`"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,85 @@
+//! What is known about the official checkpoint before it is there.
+
+use std::ops::RangeInclusive;
+
+use sharp::model::ModelConfig;
+
+/// File name of the official release's checkpoint.
+pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
+
+/// Where the official release downloads it from.
+pub const RELEASE_ADDRESS: &str = "https://ml-site.cdn-apple.com/models/sharp/sharp_2572gikvuh.pt";
+
+/// What the checkpoint's licence is called.
+pub const LICENCE_NAME: &str = "Apple Machine Learning Research Model License Agreement";
+
+/// Where its text is.
+pub const LICENCE_ADDRESS: &str = "https://github.com/apple/ml-sharp/blob/main/LICENSE_MODEL";
+
+/// What it allows, in short; the text decides.
+pub const LICENCE_SUMMARY: &str = "use for research only: no commercial use, no product development, no part in a \
+                                   commercial product or service; this also holds for models derived from it";
+
+/// The licence's name, address and gist, for a person to read before accepting it.
+pub fn licence_text() -> String {
+    format!(
+        "SHARP's checkpoint {RELEASE_FILE} is not part of this program. It is Apple's, under the\n  \
+         {LICENCE_NAME}\n  {LICENCE_ADDRESS}\nIn short (its text decides): {LICENCE_SUMMARY}."
+    )
+}
+
+/// A checkpoint to be fetched.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Release {
+    /// Its address.
+    pub address: String,
+    /// The network that it must fit.
+    pub config: ModelConfig,
+    /// Sizes that it may have, bytes.
+    pub sizes: RangeInclusive<u64>,
+}
+
+/// f32 values of the release's state dict.
+const PARAMETERS: u64 = 702_305_169;
+
+/// What names, shapes and alignment of a thousand tensors may add to them.
+const OVERHEAD: u64 = 16 << 20;
+
+impl Release {
+    /// The official one. Neither its size nor a hash is published; the size follows from its parameters but for the
+    /// table of contents.
+    pub fn official() -> Self {
+        Self {
+            address: RELEASE_ADDRESS.to_owned(),
+            config: ModelConfig::release(),
+            sizes: 4 * PARAMETERS..=4 * PARAMETERS + OVERHEAD,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sharp::model::params::{Parameter, inventory};
+
+    #[test]
+    fn the_size_is_that_of_the_releases_parameters() {
+        let release = Release::official();
+        let parameters = inventory(&release.config).unwrap();
+        let count: usize = parameters.iter().map(Parameter::len).sum();
+        assert_eq!(count as u64, PARAMETERS);
+        assert!(release.address.ends_with(RELEASE_FILE));
+    }
+
+    #[test]
+    fn the_licence_is_shown_with_its_name_its_address_and_what_it_allows() {
+        let text = licence_text();
+        for part in [
+            "Research Model License",
+            "LICENSE_MODEL",
+            "no commercial use",
+        ] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+}
