@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::backbone::{Network, Taps, stream};
+use crate::backbone::{Extractor, Taps};
 use crate::picture::{Normalization, Picture};
 use crate::scorer::Unavailable;
 use crate::simd::with_widest_vectors;
@@ -35,7 +35,7 @@ impl Similarity {
 /// DISTS with its weights.
 #[derive(Debug)]
 pub(crate) struct Dists {
-    network: Arc<Network>,
+    network: Arc<Extractor>,
     /// Weights of the structure and texture terms, of all taps' channels; they sum to 1 together.
     alpha: Vec<f64>,
     beta: Vec<f64>,
@@ -46,7 +46,7 @@ const MOMENTS: usize = 5;
 
 impl Dists {
     /// `network` is VGG16 with L2 pooling; the weights are of the 1475 channels of all taps.
-    pub(crate) fn new(network: Arc<Network>, alpha: &[f32], beta: &[f32]) -> Self {
+    pub(crate) fn new(network: Arc<Extractor>, alpha: &[f32], beta: &[f32]) -> Self {
         let all = alpha.iter().chain(beta);
         let sum: f64 = all.map(|&w| f64::from(w)).sum();
         let share = |weights: &[f32]| weights.iter().map(|&w| f64::from(w) / sum).collect();
@@ -69,8 +69,7 @@ impl Dists {
         let mut moments = vec![picture_moments(pair)];
         moments.resize(TAPS, Vec::new());
         let mut pixels = vec![f64::from(width) * f64::from(height); TAPS];
-        stream(
-            &self.network,
+        self.network.stream(
             (width as usize, height as usize),
             strip,
             |picture, y, out| normalization.row(pair[picture], y, out),
@@ -95,12 +94,7 @@ impl Dists {
                     add(sums, &row);
                 }
             },
-        )
-        .ok_or(Unavailable::TooSmall {
-            width,
-            height,
-            smallest: 1,
-        })?;
+        )?;
         Ok(self.similarity(&moments, &pixels))
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use image::ImageBuffer;
 
-use crate::backbone::{Kernels, Network};
+use crate::backbone::{Extractor, Kernels};
 use crate::dists::{Dists, Similarity};
 use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey};
 use crate::lpips::{Distance, Epsilon, InputRange, Lpips};
@@ -60,7 +60,8 @@ impl Engines {
             let Some(loaded) = weights.load(backbone)? else {
                 continue;
             };
-            let network = Arc::new(Network::new(backbone, &loaded.tensors, kernels));
+            let network = Extractor::new(backbone, &loaded.tensors, options.device, kernels)?;
+            let network = Arc::new(network);
             engines.used.push(loaded.used);
             for net in LpipsNet::ALL {
                 let wanted =
@@ -74,7 +75,7 @@ impl Engines {
                 |key: &MetricKey| matches!(key.metric(), Metric::Dists | Metric::DistsResize256);
             if backbone == Backbone::Vgg16 && keys.iter().any(wanted) {
                 let [alpha, beta] = dists_weights()?;
-                let network = Arc::new(network.with_l2_pooling(kernels));
+                let network = Arc::new(network.with_l2_pooling()?);
                 engines.dists = Some(Dists::new(network, &alpha, &beta));
             }
         }

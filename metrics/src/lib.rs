@@ -12,11 +12,13 @@
 //! * [`resize`]: the resizing functions of torch, PIL and OpenCV, by name.
 //! * [`scorer`]: all selected metrics of a pair.
 //! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
+//! * [`device`]: where the networks of the last two are computed.
 //! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
 //! * `backbone`: the networks behind the last two, streamed in row strips.
 //! * [`weights`]: which network weights a metric needs and where they come from.
 
 mod backbone;
+pub mod device;
 mod dists;
 mod engines;
 mod explain;
@@ -32,6 +34,7 @@ mod spatial;
 mod ssim;
 pub mod weights;
 
+pub use device::Device;
 pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
 pub use picture::{Mask, Picture, PictureError};
 pub use resize::{ResizeKernel, resize};

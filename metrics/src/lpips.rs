@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::backbone::{Network, Taps, stream};
+use crate::backbone::{Extractor, Taps};
 use crate::picture::{Normalization, Picture};
 use crate::scorer::Unavailable;
 use crate::simd::with_widest_vectors;
@@ -68,14 +68,14 @@ pub(crate) struct Distance {
 /// LPIPS with one network.
 #[derive(Debug)]
 pub(crate) struct Lpips {
-    network: Arc<Network>,
+    network: Arc<Extractor>,
     /// For each tap the weight of each channel.
     linear: Vec<Vec<f64>>,
 }
 
 impl Lpips {
     /// `linear` has the weights of each tap's channels.
-    pub(crate) fn new(network: Arc<Network>, linear: &[Vec<f32>]) -> Self {
+    pub(crate) fn new(network: Arc<Extractor>, linear: &[Vec<f32>]) -> Self {
         let widen = |weights: &Vec<f32>| weights.iter().map(|&w| f64::from(w)).collect();
         Self {
             network,
@@ -98,8 +98,7 @@ impl Lpips {
         // [epsilon][tap] → a sum for each row; [epsilon][tap] → the map so far.
         let mut sums = vec![vec![Vec::<f64>::new(); taps]; epsilons.len()];
         let mut maps = vec![vec![Vec::<f32>::new(); taps]; epsilons.len()];
-        let sizes = stream(
-            &self.network,
+        let sizes = self.network.stream(
             (width as usize, height as usize),
             strip,
             |picture, y, out| normalization.row(pair[picture], y, out),
@@ -127,12 +126,7 @@ impl Lpips {
                     }
                 }
             },
-        )
-        .ok_or(Unavailable::TooSmall {
-            width,
-            height,
-            smallest: self.network.smallest_side() as u32,
-        })?;
+        )?;
         let distances = sums.into_iter().zip(maps).map(|(sums, maps)| Distance {
             layers: sums
                 .iter()

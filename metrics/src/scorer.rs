@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use image::{ImageBuffer, Luma};
 use sharp_kernels::{Algorithm, Simd};
 
+use crate::device::Device;
 use crate::dists::Similarity;
 use crate::engines::{Engines, Resolution};
 use crate::identity::{Family, Metric, MetricKey};
@@ -45,6 +46,14 @@ pub enum Unavailable {
     /// Both pictures are constant and the range was to be taken from them.
     #[error("both pictures are constant, so their data range is zero and the value undefined")]
     NoRange,
+    /// The device failed on this pair: its memory, mostly.
+    #[error("{device}: {reason}")]
+    Device {
+        /// What was to compute the network.
+        device: Device,
+        /// What it said.
+        reason: String,
+    },
 }
 
 /// Why a pair cannot be scored at all.
@@ -77,10 +86,11 @@ pub enum ScoreError {
     Target(PictureError),
 }
 
-/// How the networks are computed. Only `simd` and `algorithm` change values, in the last digits of
-/// f32.
+/// How the networks are computed. All but `strip_rows` change values, in the last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
+    /// Where; the next two count on the CPU's kernels only.
+    pub device: Device,
     /// Instruction set; by default the fastest of the machine.
     pub simd: Simd,
     /// Winograd (the default) or direct convolution, which takes longer and rounds less.
@@ -91,8 +101,14 @@ pub struct ScorerOptions {
 
 impl ScorerOptions {
     /// What the networks' features depend on besides weights and pictures, for records: `avx512,
-    /// winograd`. The height of strips and the number of threads change no bit.
+    /// winograd` on the CPU, `candle on cuda` elsewhere. The number of threads changes no bit, nor does the height of
+    /// strips on the CPU's kernels.
     pub fn arithmetic(&self) -> String {
+        match self.device {
+            Device::Cpu => {}
+            Device::CandleCpu => return "candle on cpu".to_owned(),
+            Device::Cuda | Device::Metal => return format!("candle on {}", self.device),
+        }
         let algorithm = match self.algorithm {
             Algorithm::Winograd => "winograd",
             Algorithm::Direct => "direct",
@@ -104,6 +120,7 @@ impl ScorerOptions {
 impl Default for ScorerOptions {
     fn default() -> Self {
         Self {
+            device: Device::Cpu,
             simd: Simd::detect(),
             algorithm: Algorithm::Winograd,
             strip_rows: None,

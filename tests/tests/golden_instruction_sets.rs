@@ -1,5 +1,6 @@
 //! The learned metrics against the f64 references with every instruction set and algorithm forced,
-//! one named test a pair, and their bits for any number of threads and any strips.
+//! one named test a pair, and their bits for any number of threads and any strips. The same by candle's
+//! tensors on the CPU, which is the code that GPUs run.
 //!
 //! What a machine lacks is reported as ignored. `golden_metrics` checks every pair and variant with
 //! what the machine does best; here a few pairs of each kind suffice.
@@ -10,7 +11,9 @@ use std::sync::{Arc, OnceLock};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use serde_json::Value;
-use sharp_metrics::{Algorithm, Level, Picture, Scorer, ScorerOptions, Selection, Simd, Weights};
+use sharp_metrics::{
+    Algorithm, Device, Level, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
+};
 
 /// Odd sides, the smallest sides, gray, a strong and a hardly visible difference.
 const PAIRS: [&str; 6] = [
@@ -53,7 +56,46 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             trials.push(trial.with_ignored_flag(absent));
         }
     }
+    let shared: Arc<OnceLock<Result<Scorer, String>>> = Arc::default();
+    for pair in PAIRS {
+        let recorded = pairs.iter().find(|p| p["name"] == pair);
+        let recorded = recorded.ok_or("a pair is not in golden.json")?.clone();
+        let shared = shared.clone();
+        trials.push(Trial::test(format!("candle-cpu {pair}"), move || {
+            let scorer = shared.get_or_init(|| on_tensors(None));
+            agrees(&recorded, scorer.as_ref()?)
+        }));
+    }
+    trials.push(Trial::test("candle-cpu strips", strips_of_tensors));
     libtest_mimic::run(&arguments, trials).exit();
+}
+
+fn on_tensors(strip: Option<usize>) -> Result<Scorer, String> {
+    let options = ScorerOptions {
+        device: Device::CandleCpu,
+        strip_rows: strip.and_then(NonZeroUsize::new),
+        ..ScorerOptions::default()
+    };
+    with_options(options)
+}
+
+/// The height of strips must not matter beyond the rounding of f32 features; a row at a wrong place does.
+fn strips_of_tensors() -> Result<(), Failed> {
+    let pair = ["ref", "dist"]
+        .map(|side| picture(&Value::from(format!("images/rocket_odd97x131_{side}.png"))));
+    let [a, b] = pair;
+    let pair = [a?, b?];
+    let whole = scores(&on_tensors(Some(131))?, &pair)?;
+    for strip in [1, 7, 16, 100] {
+        let found = scores(&on_tensors(Some(strip))?, &pair)?;
+        for ((key, whole), found) in KEYS.iter().zip(&whole).zip(found) {
+            let off = (whole.clone()? - found?).abs();
+            if off > 1e-7 {
+                return Err(format!("{key}: strips of {strip} rows are {off:.1e} off").into());
+            }
+        }
+    }
+    Ok(())
 }
 
 fn golden() -> PathBuf {
@@ -70,7 +112,12 @@ fn scorer(level: Level, algorithm: Algorithm, strip: Option<usize>) -> Result<Sc
         simd: Simd::new(level).ok_or("the machine lacks it")?,
         algorithm,
         strip_rows: strip.and_then(NonZeroUsize::new),
+        ..ScorerOptions::default()
     };
+    with_options(options)
+}
+
+fn with_options(options: ScorerOptions) -> Result<Scorer, String> {
     let selection = Selection::parse(&KEYS.join(",")).map_err(|e| e.to_string())?;
     Scorer::with_options(&selection, &Weights::deterministic(""), options)
         .map_err(|e| e.to_string())

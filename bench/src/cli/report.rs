@@ -20,6 +20,7 @@ use crate::report::{
     ReportFiles, ReportInput, text_tables, write_report,
 };
 use crate::runs::execute::Executed;
+use crate::runs::device_class::check_one_class;
 use crate::runs::manifest::{Manifest, MethodFacts};
 use crate::runs::store::RunFolder;
 
@@ -171,6 +172,7 @@ fn input<'a>(
     published: Published,
 ) -> anyhow::Result<ReportInput<'a>> {
     let manifests: Vec<&Manifest> = runs.iter().map(|run| &run.manifest).collect();
+    check_one_class(&manifests)?;
     let methods = manifests
         .iter()
         .flat_map(|manifest| &manifest.methods)

@@ -2,12 +2,14 @@
 //!
 //! * [`plan`]: which pairs, which methods, which metrics.
 //! * [`mod@unit`]: the key of a unit, a hash of all that its value depends on.
+//! * [`device_class`]: on what kind of device the networks behind the metrics were computed.
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
 //! * [`execute`]: predicts, scores and records what is not done yet.
 //! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
 
+pub mod device_class;
 pub mod execute;
 pub mod manifest;
 pub mod plan;

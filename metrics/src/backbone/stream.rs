@@ -115,7 +115,7 @@ impl Passage {
 }
 
 /// The rows that fit into [`MEMORY`], a multiple of 16 because pooling halves four times.
-fn default_strip(sizes: &[Size]) -> usize {
+pub(super) fn default_strip(sizes: &[Size]) -> usize {
     let values: f64 = sizes
         .iter()
         .map(|size| size.row_len() as f64 * size.height as f64)

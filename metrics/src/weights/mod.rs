@@ -5,7 +5,7 @@
 //! leading `features.`); only the convolutions are read.
 
 mod embedded;
-#[cfg(feature = "download")]
+#[cfg(any(feature = "download", test))]
 mod fetch;
 mod load;
 mod registry;
@@ -18,11 +18,12 @@ use std::str::FromStr;
 use sharp_checkpoint::CheckpointError;
 
 pub(crate) use embedded::{dists_weights, linear_weights};
-#[cfg(feature = "download")]
-pub use fetch::{FetchError, Progress, fetch};
+#[cfg(any(feature = "download", test))]
+pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
 pub use registry::{Published, cache_folder};
 
+use crate::device::Device;
 use crate::identity::{LpipsNet, Metric};
 
 /// A network whose features LPIPS or DISTS compare; only its convolutions are needed.
@@ -69,6 +70,14 @@ pub enum WeightsError {
         path: PathBuf,
         /// Name of the tensor.
         tensor: String,
+    },
+    /// The network cannot be put where it was to be computed.
+    #[error("the networks cannot be computed on {device}: {reason}")]
+    Device {
+        /// Where.
+        device: Device,
+        /// Why not.
+        reason: String,
     },
     /// The weights that ship with the crate are damaged.
     #[error("the built-in weights {file} are damaged: {reason}")]

@@ -1,0 +1,103 @@
+//! A network on whatever computes it.
+
+use super::network::{Kernels, Network};
+use super::rows::Size;
+use super::stream::{Taps, stream};
+#[cfg(feature = "tensors")]
+use super::tensors::TensorNetwork;
+use crate::device::Device;
+use crate::scorer::Unavailable;
+use crate::weights::{Backbone, Tensors, WeightsError};
+
+/// A network with its weights, on our kernels or on a device of candle's.
+#[derive(Debug)]
+pub(crate) enum Extractor {
+    Kernels(Network, Kernels),
+    #[cfg(feature = "tensors")]
+    Tensors(TensorNetwork, Device),
+}
+
+impl Extractor {
+    /// Builds the network as it was trained; `kernels` count on the CPU only.
+    pub(crate) fn new(
+        backbone: Backbone,
+        tensors: &Tensors,
+        device: Device,
+        kernels: Kernels,
+    ) -> Result<Self, WeightsError> {
+        if device == Device::Cpu {
+            return Ok(Self::Kernels(
+                Network::new(backbone, tensors, kernels),
+                kernels,
+            ));
+        }
+        let refused = |reason: String| WeightsError::Device { device, reason };
+        #[cfg(feature = "tensors")]
+        {
+            let place = device.open().map_err(refused)?;
+            let network = TensorNetwork::new(backbone, tensors, &place)
+                .map_err(|error| refused(error.to_string()))?;
+            Ok(Self::Tensors(network, device))
+        }
+        #[cfg(not(feature = "tensors"))]
+        Err(refused(device.how_to_build()))
+    }
+
+    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    pub(crate) fn with_l2_pooling(&self) -> Result<Self, WeightsError> {
+        match self {
+            Self::Kernels(network, kernels) => {
+                Ok(Self::Kernels(network.with_l2_pooling(*kernels), *kernels))
+            }
+            #[cfg(feature = "tensors")]
+            Self::Tensors(network, device) => network
+                .with_l2_pooling()
+                .map(|network| Self::Tensors(network, *device))
+                .map_err(|error| WeightsError::Device {
+                    device: *device,
+                    reason: error.to_string(),
+                }),
+        }
+    }
+
+    fn smallest_side(&self) -> usize {
+        match self {
+            Self::Kernels(network, _) => network.smallest_side(),
+            #[cfg(feature = "tensors")]
+            Self::Tensors(network, _) => network.smallest_side(),
+        }
+    }
+
+    /// Runs the network over two pictures of `size`; see [`stream`].
+    pub(crate) fn stream(
+        &self,
+        size: (usize, usize),
+        strip: Option<usize>,
+        input: impl Fn(usize, usize, &mut [f32]) + Sync,
+        each: impl FnMut(Taps),
+    ) -> Result<Vec<Size>, Unavailable> {
+        let smallest = self.smallest_side();
+        let too_small = || Unavailable::TooSmall {
+            width: size.0 as u32,
+            height: size.1 as u32,
+            smallest: smallest as u32,
+        };
+        if size.0.min(size.1) < smallest {
+            return Err(too_small());
+        }
+        match self {
+            Self::Kernels(network, _) => {
+                stream(network, size, strip, input, each).ok_or_else(too_small)
+            }
+            #[cfg(feature = "tensors")]
+            Self::Tensors(network, device) => {
+                network
+                    .stream(size, strip, input, each)
+                    .map_err(|error| Unavailable::Device {
+                        device: *device,
+                        reason: error.to_string(),
+                    })
+            }
+        }
+    }
+}

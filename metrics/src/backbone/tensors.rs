@@ -1,0 +1,369 @@
+//! The networks by candle tensors, on a GPU or, as the reference of that, on the CPU.
+//!
+//! As [`stream`](super::stream()) on the kernels: row strips, each layer holding what its next rows need, so that
+//! memory does not grow with the picture's height. Both pictures are one batch. Features leave the device as f32; what
+//! follows them is the same code in f64 as for the kernels.
+
+use std::ops::Range;
+
+use candle_core::{Device, Result, Tensor};
+
+use super::architecture::{Step, smallest_side, steps};
+use super::rows::Size;
+use super::stream::{Taps, default_strip};
+use crate::weights::{Backbone, Tensors};
+
+/// A network on a device.
+#[derive(Debug, Clone)]
+pub(crate) struct TensorNetwork {
+    device: Device,
+    layers: Vec<Layer>,
+    smallest_side: usize,
+}
+
+#[derive(Debug, Clone)]
+struct Layer {
+    op: Op,
+    window: Window,
+    /// Which tap its output is.
+    tap: Option<usize>,
+}
+
+/// What is computed from the windows.
+#[derive(Debug, Clone)]
+enum Op {
+    /// Convolution, bias, ReLU.
+    Conv(Weights),
+    /// SqueezeNet's 1×1 and 3×3 side by side, each with bias and ReLU.
+    Expand(Weights, Weights),
+    MaxPool,
+    /// DISTS's pooling: the root of the squares' mean under a 3×3 Hann window `[1, 1, 3, 3]`.
+    L2Pool(Tensor),
+}
+
+#[derive(Debug, Clone)]
+struct Weights {
+    /// `[out, in, k, k]`.
+    weight: Tensor,
+    /// `[1, out, 1, 1]`.
+    bias: Tensor,
+}
+
+/// Which inputs an output is computed from, the same along rows and columns.
+#[derive(Debug, Clone, Copy)]
+struct Window {
+    size: usize,
+    stride: usize,
+    padding: usize,
+    /// Whether a last window that reaches beyond the input counts.
+    ceil: bool,
+}
+
+impl Window {
+    fn out_side(&self, side: usize) -> usize {
+        let beyond = if self.ceil { self.stride - 1 } else { 0 };
+        let Some(room) = (side + 2 * self.padding + beyond).checked_sub(self.size) else {
+            return 0;
+        };
+        let outputs = room / self.stride + 1;
+        if self.ceil {
+            outputs.min(side.div_ceil(self.stride))
+        } else {
+            outputs
+        }
+    }
+
+    /// The inputs of `out` among `side`, and how many zeros stand before and after them.
+    fn inputs(&self, out: &Range<usize>, side: usize) -> (Range<usize>, usize, usize) {
+        let start = out.start * self.stride;
+        let end = (out.end - 1) * self.stride + self.size;
+        let (first, last) = (
+            start.saturating_sub(self.padding),
+            end.saturating_sub(self.padding),
+        );
+        let before = self.padding.saturating_sub(start);
+        (first..last.min(side), before, last.saturating_sub(side))
+    }
+}
+
+impl Weights {
+    fn new(tensors: &Tensors, name: &str, device: &Device) -> Result<Self> {
+        let (shape, values) = tensors.get(&format!("{name}.weight"));
+        let (_, bias) = tensors.get(&format!("{name}.bias"));
+        Ok(Self {
+            weight: Tensor::from_slice(values, shape, device)?,
+            bias: Tensor::from_slice(bias, (1, bias.len(), 1, 1), device)?,
+        })
+    }
+
+    /// `[2, in, rows, columns]`, padded, to what a ReLU leaves.
+    fn apply(&self, x: &Tensor, stride: usize) -> Result<Tensor> {
+        x.conv2d(&self.weight, 0, stride, 1, 1)?
+            .broadcast_add(&self.bias)?
+            .relu()
+    }
+
+    fn channels(&self) -> usize {
+        self.weight.dims()[0]
+    }
+}
+
+impl Layer {
+    fn channels(&self, input: usize) -> usize {
+        match &self.op {
+            Op::Conv(conv) => conv.channels(),
+            Op::Expand(one, three) => one.channels() + three.channels(),
+            Op::MaxPool | Op::L2Pool(_) => input,
+        }
+    }
+
+    /// The output rows `out` of a map of `size` from its rows from `first` on, `[2, channels, rows, columns]`.
+    fn rows(&self, x: &Tensor, first: usize, size: Size, out: &Range<usize>) -> Result<Tensor> {
+        let columns = 0..self.window.out_side(size.width);
+        let (rows, above, below) = self.window.inputs(out, size.height);
+        let (_, left, right) = self.window.inputs(&columns, size.width);
+        let held = x.narrow(2, rows.start - first, rows.len())?;
+        // Every pooled value is a ReLU's: a zero beyond the border is no more than what is inside.
+        let x = held
+            .pad_with_zeros(2, above, below)?
+            .pad_with_zeros(3, left, right)?
+            .contiguous()?;
+        let Window { size, stride, .. } = self.window;
+        match &self.op {
+            Op::Conv(conv) => conv.apply(&x, stride),
+            Op::Expand(one, three) => {
+                let inner = x
+                    .narrow(2, 1, out.len())?
+                    .narrow(3, 1, columns.len())?
+                    .contiguous()?;
+                Tensor::cat(&[one.apply(&inner, 1)?, three.apply(&x, 1)?], 1)
+            }
+            Op::MaxPool => x.max_pool2d_with_stride(size, stride),
+            Op::L2Pool(hann) => {
+                let (batch, channels, rows, width) = x.dims4()?;
+                let squares = x.sqr()?.reshape((batch * channels, 1, rows, width))?;
+                let means = (squares.conv2d(hann, 0, stride, 1, 1)? + 1e-12)?;
+                means
+                    .sqrt()?
+                    .reshape((batch, channels, out.len(), columns.len()))
+            }
+        }
+    }
+}
+
+impl TensorNetwork {
+    /// Builds the network as it was trained.
+    pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
+        let conv = |name: &str| Weights::new(tensors, name, device);
+        let mut layers: Vec<Layer> = Vec::new();
+        let mut taps = 0;
+        for step in steps(backbone) {
+            let (op, size, stride, padding, ceil) = match *step {
+                Step::Conv {
+                    index,
+                    kernel,
+                    stride,
+                    padding,
+                    ..
+                } => (
+                    Op::Conv(conv(&index.to_string())?),
+                    kernel,
+                    stride,
+                    padding,
+                    false,
+                ),
+                Step::MaxPool { kernel, ceil } => (Op::MaxPool, kernel, 2, 0, ceil),
+                Step::Fire { index, .. } => {
+                    layers.push(Layer {
+                        op: Op::Conv(conv(&format!("{index}.squeeze"))?),
+                        window: Window {
+                            size: 1,
+                            stride: 1,
+                            padding: 0,
+                            ceil: false,
+                        },
+                        tap: None,
+                    });
+                    let one = conv(&format!("{index}.expand1x1"))?;
+                    let three = conv(&format!("{index}.expand3x3"))?;
+                    (Op::Expand(one, three), 3, 1, 1, false)
+                }
+                Step::Tap => {
+                    if let Some(layer) = layers.last_mut() {
+                        layer.tap = Some(taps);
+                        taps += 1;
+                    }
+                    continue;
+                }
+            };
+            layers.push(Layer {
+                op,
+                window: Window {
+                    size,
+                    stride,
+                    padding,
+                    ceil,
+                },
+                tap: None,
+            });
+        }
+        Ok(Self {
+            device: device.clone(),
+            layers,
+            smallest_side: smallest_side(backbone),
+        })
+    }
+
+    /// The same network with DISTS's L2 pooling in place of max pooling; weights are shared.
+    pub(crate) fn with_l2_pooling(&self) -> Result<Self> {
+        let hann = [1.0, 2.0, 1.0, 2.0, 4.0, 2.0, 1.0, 2.0, 1.0].map(|w: f32| w / 16.0);
+        let hann = Tensor::from_slice(&hann, (1, 1, 3, 3), &self.device)?;
+        let mut network = self.clone();
+        for layer in &mut network.layers {
+            if matches!(layer.op, Op::MaxPool) {
+                layer.op = Op::L2Pool(hann.clone());
+                layer.window = Window {
+                    size: 3,
+                    stride: 2,
+                    padding: 1,
+                    ceil: false,
+                };
+            }
+        }
+        network.smallest_side = 1;
+        Ok(network)
+    }
+
+    /// The smallest side of a picture that the network takes.
+    pub(crate) fn smallest_side(&self) -> usize {
+        self.smallest_side
+    }
+
+    fn sizes(&self, width: usize, height: usize) -> Vec<Size> {
+        let picture = Size {
+            height,
+            width,
+            channels: 3,
+        };
+        let next = |size: &mut Size, layer: &Layer| {
+            *size = Size {
+                height: layer.window.out_side(size.height),
+                width: layer.window.out_side(size.width),
+                channels: layer.channels(size.channels),
+            };
+            Some(*size)
+        };
+        let outputs = self.layers.iter().scan(picture, next);
+        std::iter::once(picture).chain(outputs).collect()
+    }
+
+    /// As [`stream`](super::stream()); the pictures are large enough.
+    pub(crate) fn stream(
+        &self,
+        (width, height): (usize, usize),
+        strip: Option<usize>,
+        input: impl Fn(usize, usize, &mut [f32]),
+        mut each: impl FnMut(Taps),
+    ) -> Result<Vec<Size>> {
+        let sizes = self.sizes(width, height);
+        let strip = strip.unwrap_or_else(|| default_strip(&sizes)).max(1);
+        let mut held: Vec<Held> = sizes.iter().map(|_| Held::default()).collect();
+        for first in (0..height).step_by(strip) {
+            let rows = first..(first + strip).min(height);
+            let mut values = vec![0.0; 2 * rows.len() * sizes[0].row_len()];
+            let places = (0..2).flat_map(|picture| rows.clone().map(move |y| (picture, y)));
+            for ((picture, y), out) in places.zip(values.chunks_exact_mut(sizes[0].row_len())) {
+                input(picture, y, out);
+            }
+            let pixels = Tensor::from_vec(values, (2, rows.len(), width, 3), &self.device)?;
+            held[0].push(pixels.permute((0, 3, 1, 2))?.contiguous()?)?;
+            for (i, layer) in self.layers.iter().enumerate() {
+                let out = layer.ready(sizes[i], sizes[i + 1], &held[i], held[i + 1].end);
+                if !out.is_empty()
+                    && let Some(x) = &held[i].rows
+                {
+                    let made = layer.rows(x, held[i].first, sizes[i], &out)?;
+                    if let Some(tap) = layer.tap {
+                        let [a, b] = [host_rows(&made, 0)?, host_rows(&made, 1)?];
+                        each(Taps {
+                            tap,
+                            size: sizes[i + 1],
+                            rows: [&a, &b],
+                        });
+                    }
+                    held[i + 1].push(made)?;
+                }
+                let next = held[i + 1].end;
+                let needed = if next < sizes[i + 1].height {
+                    layer
+                        .window
+                        .inputs(&(next..next + 1), sizes[i].height)
+                        .0
+                        .start
+                } else {
+                    held[i].end
+                };
+                held[i].drop_before(needed)?;
+            }
+            if let Some(last) = held.last_mut() {
+                last.drop_before(last.end)?;
+            }
+        }
+        let outputs = self.layers.iter().zip(&sizes[1..]);
+        let tapped = outputs.filter(|(layer, _)| layer.tap.is_some());
+        Ok(tapped.map(|(_, &size)| size).collect())
+    }
+}
+
+impl Layer {
+    /// The next output rows for which all input is there; `end` is one past the last one made.
+    fn ready(&self, from: Size, to: Size, held: &Held, end: usize) -> Range<usize> {
+        let there = |y: &usize| self.window.inputs(&(*y..*y + 1), from.height).0.end <= held.end;
+        let next = (end..to.height).take_while(there).last();
+        end..next.map_or(end, |y| y + 1)
+    }
+}
+
+/// Rows of a map that are held until the next layer has used them.
+#[derive(Default)]
+struct Held {
+    first: usize,
+    /// One past the last row that was pushed.
+    end: usize,
+    /// `[2, channels, end − first, columns]`.
+    rows: Option<Tensor>,
+}
+
+impl Held {
+    fn push(&mut self, more: Tensor) -> Result<()> {
+        self.end += more.dims()[2];
+        self.rows = Some(match &self.rows {
+            Some(rows) => Tensor::cat(&[rows, &more], 2)?,
+            None => more,
+        });
+        Ok(())
+    }
+
+    fn drop_before(&mut self, row: usize) -> Result<()> {
+        let row = row.clamp(self.first, self.end);
+        self.rows = match &self.rows {
+            // Contiguous, so that the rows before it are freed.
+            Some(rows) if row < self.end => Some(
+                rows.narrow(2, row - self.first, self.end - row)?
+                    .contiguous()?,
+            ),
+            _ => None,
+        };
+        self.first = row;
+        Ok(())
+    }
+}
+
+/// One picture's rows with channels innermost.
+fn host_rows(rows: &Tensor, picture: usize) -> Result<Vec<f32>> {
+    rows.get(picture)?
+        .permute((1, 2, 0))?
+        .contiguous()?
+        .flatten_all()?
+        .to_vec1()
+}
