@@ -3,6 +3,8 @@
 #[cfg(test)]
 mod demo_command;
 #[cfg(test)]
+mod metric_devices;
+#[cfg(test)]
 mod metrics_command;
 #[cfg(test)]
 mod model_commands;

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Selection, Weights};
+use sharp_metrics::{Device, ScorerOptions, Selection, Weights};
 
 use crate::protocol::PairOptions;
 use crate::runs::plan::Scoring;
@@ -20,6 +20,10 @@ pub(super) struct MetricArgs {
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub(super) weights: Vec<String>,
+    /// Where the networks behind LPIPS and DISTS are computed: cpu; cuda or metal in a build that has them (untested on
+    /// real GPUs); candle-cpu (slow) to try on the CPU what GPUs run
+    #[arg(long, value_name = "DEVICE", default_value_t)]
+    pub(super) device: Device,
 }
 
 impl MetricArgs {
@@ -28,7 +32,24 @@ impl MetricArgs {
     }
 
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
-        Ok(Scoring::new(&self.selection()?, &self.weights()?)?)
+        Ok(Scoring::with_options(
+            &self.selection()?,
+            &self.weights()?,
+            self.options()?,
+        )?)
+    }
+
+    /// How the networks are computed: by default, but for the device.
+    pub(super) fn options(&self) -> anyhow::Result<ScorerOptions> {
+        let device = self.device;
+        ensure!(
+            device.is_built(),
+            "--device {device}: this build has no {device}: build with `--features {device}`"
+        );
+        Ok(ScorerOptions {
+            device,
+            ..ScorerOptions::default()
+        })
     }
 
     /// The files given, then what was fetched earlier.

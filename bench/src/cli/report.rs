@@ -19,8 +19,8 @@ use crate::report::{
     Better, Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published,
     ReportFiles, ReportInput, text_tables, write_report,
 };
-use crate::runs::execute::Executed;
 use crate::runs::device_class::check_one_class;
+use crate::runs::execute::Executed;
 use crate::runs::manifest::{Manifest, MethodFacts};
 use crate::runs::store::RunFolder;
 

@@ -59,7 +59,10 @@ mod tests {
 
     #[test]
     fn only_learned_metrics_of_different_kinds_of_devices_are_refused() {
-        let (cpu, other) = (run("vgg16=a", Some("avx512, winograd")), run("vgg16=a", None));
+        let (cpu, other) = (
+            run("vgg16=a", Some("avx512, winograd")),
+            run("vgg16=a", None),
+        );
         let (gpu, psnr) = (
             run("vgg16=a", Some("candle on cuda")),
             run("", Some("candle on cuda")),

@@ -1,0 +1,23 @@
+//! Downloads go through the proxy that the environment names. A test of its own, because the environment is the
+//! process's.
+
+use sharp_checkpoint::download::Download;
+use sharp_tests::unreliable_server::{Answer, Server};
+
+#[test]
+fn the_proxy_of_the_environment_is_asked() {
+    let proxy = Server::start(Vec::new(), "v1", vec![Answer::Status(403)]);
+    // SAFETY: this is the only test of its process, and no other thread of it reads or writes the environment.
+    unsafe { std::env::set_var("ALL_PROXY", proxy.host()) };
+    let folder = tempfile::tempdir().unwrap();
+    let download = Download {
+        // Reserved: no such host exists, so that only a proxy can be asked for it.
+        address: "http://weights.invalid/sharp.pt".to_owned(),
+        sizes: 1..=100,
+        size_text: "7 bytes".to_owned(),
+    };
+    let error = download.fetch(&folder.path().join("part"), |_| {});
+    assert!(error.unwrap_err().to_string().contains("weights.invalid"));
+    let requests = proxy.requests();
+    assert!(requests[0].contains("weights.invalid"), "{requests:?}");
+}
