@@ -1,7 +1,10 @@
-//! Whole frames of the speed scene on the CPU, in CPU-seconds of the process (all threads
-//! together), which a busy machine distorts less than wall time.
+//! Whole frames of the speed scene, in CPU-seconds of the process (all threads together), which a
+//! busy machine distorts less than wall time; a software adapter's threads belong to the process.
+//! With the feature `gpu` on every adapter too, with the time of each pass by the device's clock.
 //!
-//! `cargo bench -p sharp --bench render`
+//! `cargo bench -p sharp --features gpu --bench render`
+
+#![allow(clippy::print_stdout, reason = "a benchmark prints")]
 
 mod speed_scene;
 
@@ -61,9 +64,48 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
+/// Frames of an uploaded scene.
+#[cfg(feature = "gpu")]
+fn gpu_frames(criterion: &mut Criterion<CpuTime>) {
+    use sharp::render::{GpuAdapter, GpuRenderer};
+    let mut group = criterion.benchmark_group("gpu-frame");
+    group.sample_size(10).warm_up_time(Duration::from_secs(1));
+    for adapter in GpuAdapter::all() {
+        for (sigma, width, height) in [
+            (1.0, 1536, 1536),
+            (2.0, 1536, 1536),
+            (1.0, 3000, 2000),
+            (1.0, 6048, 4032),
+        ] {
+            let scene = speed_scene::scene(sigma);
+            let view = speed_scene::view(width, height);
+            let Ok(mut renderer) = GpuRenderer::new(&adapter) else {
+                continue;
+            };
+            let title = format!("{width}x{height} sigma {sigma}");
+            if let Ok(mut loaded) = renderer.load(&scene) {
+                let id = BenchmarkId::new(adapter.name(), &title);
+                group.bench_function(id, |b| b.iter(|| loaded.render(&view)));
+            }
+            for time in renderer.pass_times() {
+                println!(
+                    "{title}: {} {:.1} ms in {} dispatches",
+                    time.pass,
+                    time.seconds * 1e3,
+                    time.dispatches
+                );
+            }
+        }
+    }
+    group.finish();
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpu_frames(_criterion: &mut Criterion<CpuTime>) {}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(CpuTime);
-    targets = frames
+    targets = frames, gpu_frames
 }
 criterion_main!(benches);
