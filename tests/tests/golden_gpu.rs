@@ -33,7 +33,7 @@ fn main() -> ExitCode {
             golden(adapter, name, eps);
         }));
     }
-    let tests: [(&str, Test); 13] = [
+    let tests: [(&str, Test); 14] = [
         ("three runs give the same bytes", repeated),
         ("tile sizes give the same bytes", tile_sizes),
         ("sub-frames give the same bytes", split_into_sub_frames),
@@ -43,6 +43,7 @@ fn main() -> ExitCode {
         ("host order draws the golden pictures", host_order),
         ("degenerate scenes", degenerate),
         ("needles, and opacities of 0 and 1", needles),
+        ("every reason to drop is counted as on the CPU", reasons),
         ("pictures of every shape", shapes),
         ("16384 wide", wide),
         (
@@ -252,6 +253,61 @@ fn degenerate(adapter: &GpuAdapter) {
     }
     let behind = renderer.render(&scene, &view).unwrap();
     assert_eq!(behind.rgb_linear, vec![[0.0; 3]; 3500]);
+}
+
+/// One Gaussian at or beyond each threshold: the same count, and equality survives.
+fn reasons(adapter: &GpuAdapter) {
+    let mut renderer = GpuRenderer::new(adapter).unwrap();
+    let next_down = |x: f32| f32::from_bits(x.to_bits() - 1);
+    let next_up = |x: f32| f32::from_bits(x.to_bits() + 1);
+    type Change<'a> = (&'a str, bool, &'a dyn Fn(&mut Gaussians));
+    let at_depth = |s: &mut Gaussians, z: f32| {
+        s.means[0][2] = z;
+        s.scales[0] = [0.1 * z; 3];
+    };
+    let threshold = 1.0 / 255.0;
+    let changes: [Change<'_>; 21] = [
+        ("as it is", true, &|_| ()),
+        ("on the near plane", true, &|s| s.means[0][2] = 0.01),
+        ("before it", false, &|s| s.means[0][2] = next_down(0.01)),
+        ("at the eye", false, &|s| s.means[0][2] = 0.0),
+        ("behind", false, &|s| s.means[0][2] = -2.0),
+        ("on the far plane", true, &|s| at_depth(s, 1e10)),
+        ("beyond it", false, &|s| at_depth(s, next_up(1e10))),
+        ("opacity 1/255", true, &|s| s.opacities[0] = threshold),
+        ("less", false, &|s| s.opacities[0] = next_down(threshold)),
+        ("opacity 0", false, &|s| s.opacities[0] = 0.0),
+        ("opacity 1", true, &|s| s.opacities[0] = 1.0),
+        ("opacity NaN", false, &|s| s.opacities[0] = f32::NAN),
+        ("mean NaN", false, &|s| s.means[0][1] = f32::NAN),
+        ("mean infinite", false, &|s| s.means[0][0] = f32::INFINITY),
+        ("scale NaN", false, &|s| s.scales[0][2] = f32::NAN),
+        ("colour NaN", false, &|s| s.colors[0][2] = f32::NAN),
+        ("quaternion NaN", false, &|s| s.quaternions[0][3] = f32::NAN),
+        ("no quaternion", false, &|s| s.quaternions[0] = [0.0; 4]),
+        ("no size", false, &|s| s.scales[0] = [0.0; 3]),
+        ("to the right", false, &|s| s.means[0][0] = 10.0),
+        ("above", false, &|s| s.means[0][1] = -10.0),
+    ];
+    for (name, drawn, change) in changes {
+        let mut scene = Gaussians {
+            means: vec![[0.0, 0.0, 2.0]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            scales: vec![[0.1; 3]],
+            opacities: vec![0.5],
+            colors: vec![[0.2, 0.5, 0.8]],
+        };
+        change(&mut scene);
+        let view = random::view(16, 16);
+        let found = renderer.render(&scene, &view).unwrap();
+        let cpu = CpuRenderer::new().render(&scene, &view).unwrap();
+        assert_eq!(found.dropped, cpu.dropped, "{name}");
+        assert_eq!(found.drawn, u64::from(drawn), "{name}");
+        assert_eq!(found.drawn + found.dropped.total(), 1, "{name}");
+        let seen = |output: &RenderOutput| output.alpha.iter().any(|a| *a > 0.0);
+        assert_eq!(seen(&found), seen(&cpu), "{name}");
+        assert!(drawn || !seen(&found), "{name}");
+    }
 }
 
 fn needles(adapter: &GpuAdapter) {

@@ -1,9 +1,12 @@
 //! The backend on wgpu: the same passes as WGSL compute shaders, one file each under `shaders/`.
 //!
 //! Depth order is made once a frame; binning and rasterising run per sub-frame, a rectangle of
-//! tiles whose buffers fit the adapter's binding limit. A sub-frame with too many pairs is cut in
-//! half, so nothing is ever truncated. No pass depends on timing: the same adapter and driver give
-//! the same bytes, whatever the limits.
+//! tiles whose buffers fit the adapter's binding limit and 128 MiB. A sub-frame with too many pairs
+//! is cut in half, so nothing is ever truncated. No pass depends on timing: the same adapter and
+//! driver give the same bytes, whatever the limits.
+//!
+//! No pass uses subgroup operations: ranking by masks in workgroup memory needs none, and one
+//! variant is one set of bytes to vouch for.
 
 mod adapter;
 mod buffers;
