@@ -36,24 +36,82 @@ impl FileError {
 /// # Errors
 /// Names the file and what the system said.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    let folder = match path.parent() {
+    let mut file = PartialFile::create(path)?;
+    file.write_all(bytes)
+        .map_err(FileError::new(path, "write"))?;
+    file.commit()
+}
+
+/// A file in the making, for content that comes piece by piece: it takes its name, whole, at [`Self::commit`]; dropped
+/// before, it leaves nothing behind.
+#[derive(Debug)]
+pub struct PartialFile {
+    path: PathBuf,
+    file: tempfile::NamedTempFile,
+}
+
+impl PartialFile {
+    /// Starts a file, creating its folder.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn create(path: &Path) -> Result<Self, FileError> {
+        let create = || -> io::Result<tempfile::NamedTempFile> {
+            let folder = folder_of(path);
+            fs::create_dir_all(folder)?;
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(".partial-");
+            // Temporary files are private by default; results are for everyone whom the umask admits.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            builder.tempfile_in(folder)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            file: create().map_err(FileError::new(path, "write"))?,
+        })
+    }
+
+    /// Where the content grows, for another program to write it.
+    pub fn temporary_path(&self) -> &Path {
+        self.file.path()
+    }
+
+    /// The name that the file will take.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn commit(self) -> Result<(), FileError> {
+        let Self { path, file } = self;
+        let commit = || -> io::Result<()> {
+            file.as_file().sync_all()?;
+            file.persist(&path).map_err(|error| error.error)?;
+            sync_folder(folder_of(&path))
+        };
+        commit().map_err(FileError::new(&path, "write"))
+    }
+}
+
+impl Write for PartialFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    };
-    let write = || -> io::Result<()> {
-        fs::create_dir_all(folder)?;
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".partial-");
-        // Temporary files are private by default; results are for everyone whom the umask admits.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let mut file = builder.tempfile_in(folder)?;
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path).map_err(|error| error.error)?;
-        sync_folder(folder)
-    };
-    write().map_err(FileError::new(path, "write"))
+    }
 }
 
 /// Makes a rename survive a power cut, where folders can be synced.
@@ -115,6 +173,13 @@ mod tests {
             .map(|e| e.unwrap().file_name())
             .collect();
         assert_eq!(names, ["c.txt"]);
+
+        let mut dropped = PartialFile::create(&path).unwrap();
+        dropped.write_all(b"thr").unwrap();
+        drop(dropped);
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+
         assert_eq!(file_sha256(&path).unwrap(), sha256_hex(b"two"));
     }
 

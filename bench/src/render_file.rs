@@ -5,7 +5,7 @@ use std::path::Path;
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
 };
-use image::{ExtendedColorType, ImageEncoder, RgbImage, codecs::png::PngEncoder};
+use image::{ExtendedColorType, GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::render::RenderOutput;
 
@@ -34,6 +34,23 @@ pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
 /// Names the file and the reason.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
     write_atomic(path, &encode_png(image, path)?)
+}
+
+/// Writes 8-bit grey levels as PNG.
+///
+/// # Errors
+/// Names the file and the reason.
+pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes)
+        .write_image(
+            image.as_raw(),
+            image.width(),
+            image.height(),
+            ExtendedColorType::L8,
+        )
+        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
+    write_atomic(path, &bytes)
 }
 
 /// Writes linear RGB (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z, metres;

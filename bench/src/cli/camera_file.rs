@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use glam::DAffine3;
+use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
 use sharp::camera::{Intrinsics, affine_from_row_major};
+
+use crate::durable::write_atomic;
 
 /// A camera as people script it. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +31,24 @@ impl CameraFile {
         let text = std::fs::read_to_string(path).with_context(context)?;
         let camera: Self = serde_json::from_str(&text).with_context(context)?;
         camera.check().with_context(context)
+    }
+
+    /// The file of a camera; [`Self::read`] gives the same camera back, bit for bit.
+    pub(super) fn of(intrinsics: &Intrinsics, camera_from_world: &DAffine3) -> Self {
+        let row_major = DMat4::from(*camera_from_world).transpose();
+        Self {
+            width: intrinsics.width,
+            height: intrinsics.height,
+            k: intrinsics.matrix().transpose().to_cols_array(),
+            camera_from_world: row_major.to_cols_array(),
+        }
+    }
+
+    /// Writes the file.
+    pub(super) fn write(&self, path: &Path) -> anyhow::Result<()> {
+        let mut text = serde_json::to_string(self)?;
+        text.push('\n');
+        Ok(write_atomic(path, text.as_bytes())?)
     }
 
     fn check(&self) -> anyhow::Result<(Intrinsics, DAffine3)> {
@@ -57,6 +77,23 @@ mod tests {
             k: [5.0, 0.0, 2.0, 0.0, 6.0, 1.5, 0.0, 0.0, 1.0],
             camera_from_world,
         }
+    }
+
+    #[test]
+    fn a_written_camera_reads_back_bit_for_bit() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cam.json");
+        let mut moved = camera();
+        moved.k[0] = 0.1 + 0.2;
+        moved.camera_from_world[..4].copy_from_slice(&[1.0 / 3.0, -0.1, 1e-300, 2.0_f64.sqrt()]);
+        let (intrinsics, camera_from_world) = moved.check().unwrap();
+        CameraFile::of(&intrinsics, &camera_from_world)
+            .write(&path)
+            .unwrap();
+        assert_eq!(
+            CameraFile::read(&path).unwrap(),
+            (intrinsics, camera_from_world)
+        );
     }
 
     #[test]

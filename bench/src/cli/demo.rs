@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+use sharp::render::Backend;
 
 use super::data_args::MetricArgs;
 use super::data_args::PairOrigin;
@@ -60,6 +61,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         scoring,
         limit: None,
         common_region: false,
+        backend: &Backend::Cpu,
     })?
     .run(&args.out.join("run"), Keep::All)?;
     let outcome = report::outcome(&finished.executed);

@@ -8,6 +8,7 @@ use sharp_metrics::weights::{Published, cache_folder};
 
 use super::{Outcome, output};
 use crate::model_files::find_checkpoint;
+use crate::movie::mp4::ffmpeg_version;
 use crate::runs::unit::{SOURCE_FINGERPRINT, cpu_backend};
 
 /// Show what this machine has, what lacks, and how to get it
@@ -72,6 +73,20 @@ fn findings() -> Vec<Finding> {
             advice: "use your own with --dataset FORMAT=PATH".to_owned(),
         },
     ];
+    findings.extend(gpu_adapters(&adapters()));
+    findings.push(match ffmpeg_version() {
+        Some(version) => Finding {
+            what: "ffmpeg",
+            found: version,
+            advice: String::new(),
+        },
+        None => Finding {
+            what: "ffmpeg",
+            found: "not in PATH".to_owned(),
+            advice: "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg"
+                .to_owned(),
+        },
+    });
     findings.extend(Backbone::ALL.map(backbone));
     findings.push(match find_checkpoint() {
         Ok(path) => Finding {
@@ -86,6 +101,57 @@ fn findings() -> Vec<Finding> {
         },
     });
     findings
+}
+
+/// An adapter, as people see it.
+struct AdapterFacts {
+    /// Name, interface and driver.
+    name: String,
+    software: bool,
+}
+
+#[cfg(feature = "gpu")]
+fn adapters() -> Vec<AdapterFacts> {
+    sharp::render::GpuAdapter::all()
+        .iter()
+        .map(|adapter| AdapterFacts {
+            name: format!("{adapter}, {}", adapter.kind()),
+            software: adapter.is_software(),
+        })
+        .collect()
+}
+
+/// None that this build could use.
+#[cfg(not(feature = "gpu"))]
+fn adapters() -> Vec<AdapterFacts> {
+    Vec::new()
+}
+
+/// Every adapter, and which one `--backend auto` takes.
+fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
+    const WHAT: &str = "gpu adapter";
+    if adapters.is_empty() {
+        return vec![Finding {
+            what: WHAT,
+            found: "none; `render` uses the CPU".to_owned(),
+            advice: "a GPU needs its Vulkan, Metal or Direct3D 12 driver".to_owned(),
+        }];
+    }
+    let chosen = adapters.iter().position(|adapter| !adapter.software);
+    adapters
+        .iter()
+        .enumerate()
+        .map(|(index, adapter)| Finding {
+            what: WHAT,
+            found: adapter.name.clone(),
+            advice: match (adapter.software, chosen == Some(index)) {
+                (true, _) => "software: used only when named, `render --adapter NAME`",
+                (false, true) => "what `render` chooses by itself",
+                (false, false) => "used when named, `render --adapter NAME`",
+            }
+            .to_owned(),
+        })
+        .collect()
 }
 
 /// Whether the weights that LPIPS or DISTS need were fetched.
@@ -110,5 +176,26 @@ fn backbone(backbone: Backbone) -> Finding {
                 backbone.name()
             ),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_hardware_is_chosen_and_software_is_called_so() {
+        let adapter = |name: &str, software| AdapterFacts {
+            name: name.to_owned(),
+            software,
+        };
+        let found = gpu_adapters(&[adapter("A", false), adapter("B", false), adapter("C", true)]);
+        let advice: Vec<&str> = found.iter().map(|f| f.advice.as_str()).collect();
+        assert!(advice[0].contains("chooses by itself"));
+        assert!(advice[1].contains("when named") && !advice[1].contains("software"));
+        assert!(advice[2].contains("software"));
+        let software_only = gpu_adapters(&[adapter("C", true)]);
+        assert!(software_only[0].advice.contains("only when named"));
+        assert!(gpu_adapters(&[])[0].found.contains("none"));
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::bail;
+use sharp::render::Backend;
 use sharp_datasets::Scene;
 
 use super::data_args::{self, OpenDataset, PairOrigin};
@@ -13,6 +14,7 @@ use crate::methods::{self, Method, MethodSpec};
 use crate::protocol::pair_list::ResolvedPair;
 use crate::protocol::pairs::{BuildContext, PairBuild};
 use crate::protocol::{PairList, PairOptions, build_pairs};
+use crate::rendering::SharedRenderer;
 use crate::runs::execute::{Executed, execute};
 use crate::runs::manifest::{
     DatasetFacts, FORMAT, Manifest, MethodFacts, MetricFacts, PairFacts, scoring_facts,
@@ -20,7 +22,7 @@ use crate::runs::manifest::{
 use crate::runs::plan::{Keep, RunPlan, Scoring};
 use crate::runs::scores::{scores_csv, timings_csv};
 use crate::runs::store::RunFolder;
-use crate::runs::unit::{SOURCE_FINGERPRINT, cpu_backend};
+use crate::runs::unit::SOURCE_FINGERPRINT;
 
 /// Everything that decides what is evaluated.
 pub(super) struct Evaluation {
@@ -33,6 +35,7 @@ pub(super) struct Evaluation {
     scoring: Scoring,
     limit: Option<usize>,
     common_region: bool,
+    renderer: SharedRenderer,
 }
 
 /// What is to be evaluated, as given.
@@ -44,6 +47,7 @@ pub(super) struct Request<'a> {
     pub(super) scoring: Scoring,
     pub(super) limit: Option<usize>,
     pub(super) common_region: bool,
+    pub(super) backend: &'a Backend,
 }
 
 /// A finished run.
@@ -86,6 +90,7 @@ impl Evaluation {
             scoring: request.scoring,
             limit: request.limit,
             common_region: request.common_region,
+            renderer: SharedRenderer::open(request.backend)?,
         };
         if evaluation.pairs()?.is_empty() {
             bail!(
@@ -129,7 +134,7 @@ impl Evaluation {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source_fingerprint: SOURCE_FINGERPRINT.to_owned(),
-            backend: cpu_backend().to_owned(),
+            backend: self.renderer.name().to_owned(),
             datasets: self.datasets.iter().map(facts).collect(),
             pairs: PairFacts {
                 sha256: self.list.sha256.clone(),
@@ -163,7 +168,8 @@ impl Evaluation {
     }
 
     fn scoring_facts(&self) -> BTreeMap<String, String> {
-        let mut facts = scoring_facts(&self.scoring.scorer.options().arithmetic());
+        let networks = self.scoring.scorer.options().arithmetic();
+        let mut facts = scoring_facts(self.renderer.name(), &networks);
         if self.common_region {
             let rule = "on the part of a target that all methods predict (--common-region)";
             facts.insert("region".to_owned(), rule.to_owned());
@@ -175,6 +181,7 @@ impl Evaluation {
     pub(super) fn run(self, out: &Path, keep: Keep) -> anyhow::Result<Finished> {
         let manifest = self.manifest()?;
         let folder = RunFolder::create(out)?;
+        manifest.check_backend(&folder)?;
         manifest.write(&folder)?;
         write_atomic(&folder.pairs_path(), self.list.to_csv().as_bytes())?;
 
@@ -182,6 +189,7 @@ impl Evaluation {
             pairs: self.pairs()?,
             methods: &self.methods,
             scoring: &self.scoring,
+            renderer: &self.renderer,
             keep,
             common_region: self.common_region,
         };

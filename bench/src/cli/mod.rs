@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod backend_args;
 mod camera_file;
 mod cameras;
 mod completions;
@@ -29,7 +30,8 @@ pub use outcome::Outcome;
     version,
     about,
     arg_required_else_help = true,
-    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 4 finished with recorded failures\n\n\
+    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 4 finished with recorded failures · \
+                  75 stopped early, the same command goes on\n\n\
                   Start with: sharp-bench demo"
 )]
 pub struct Cli {

@@ -2,13 +2,15 @@
 
 use std::process::ExitCode;
 
-/// Success in two shades; what could not finish is an error instead.
+/// Success in three shades; what could not finish is an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// All well: exit code 0.
     Done,
     /// Finished, but some units are recorded failures: exit code 4.
     RecordedFailures,
+    /// Stopped early; the same command goes on where it stopped: exit code 75.
+    Resumable,
 }
 
 impl From<Outcome> for ExitCode {
@@ -16,6 +18,7 @@ impl From<Outcome> for ExitCode {
         match outcome {
             Outcome::Done => Self::SUCCESS,
             Outcome::RecordedFailures => Self::from(4),
+            Outcome::Resumable => Self::from(75),
         }
     }
 }

@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
+use sharp::render::Backend;
 
 use super::data_args::{DatasetArgs, MetricArgs, PairArgs};
 use super::evaluate::{Evaluation, Request};
-use super::{Outcome, output, report};
+use super::{Outcome, backend_args, output, report};
+use crate::runs::execute::RunError;
 use crate::runs::plan::Keep;
 
 /// Evaluate methods on datasets into a run folder
@@ -38,6 +40,13 @@ pub(super) struct RunArgs {
     /// Which predicted pictures to keep
     #[arg(long, value_enum, default_value_t = Keep::All)]
     keep: Keep,
+    /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
+    /// result's identity, and a run has one
+    #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
+    backend: Backend,
+    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -65,6 +74,11 @@ fn help() -> String {
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
+    let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
+    anyhow::ensure!(
+        backend != Backend::Auto,
+        "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu"
+    );
     let scoring = args.metrics.scoring()?;
     let evaluation = Evaluation::prepare(Request {
         datasets: &args.datasets.datasets,
@@ -74,11 +88,18 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         scoring,
         limit: args.limit,
         common_region: args.common_region,
+        backend: &backend,
     })?;
     if args.dry_run {
         return dry_run(&evaluation, args.json);
     }
-    let finished = evaluation.run(&args.out, args.keep)?;
+    let finished = match evaluation.run(&args.out, args.keep) {
+        Err(error) if matches!(error.downcast_ref(), Some(RunError::Device { .. })) => {
+            output::remark(format!("stopped: {error:#}"));
+            return Ok(Outcome::Resumable);
+        }
+        result => result?,
+    };
     let outcome = report::outcome(&finished.executed);
     let (root, scores) = (
         finished.folder.root().display().to_string(),

@@ -10,6 +10,8 @@ use sharp_metrics::{Mask, Picture, Scorer, Scores};
 
 use crate::protocol::Region;
 
+use crate::rendering::SharedRenderer;
+
 /// One pair, as a method sees it.
 ///
 /// The target view is handed over whole, but only its camera may be used for a prediction; the
@@ -26,6 +28,8 @@ pub struct PairInput<'a> {
     pub source_image: &'a RgbImage,
     /// The target's photograph, 8-bit sRGB: the ground truth.
     pub target_image: &'a RgbImage,
+    /// Renders the Gaussians of methods that have some.
+    pub renderer: &'a SharedRenderer,
 }
 
 impl PairInput<'_> {
@@ -109,6 +113,10 @@ pub enum MethodError {
     /// The renderer refused.
     #[error("render: {0}")]
     Render(String),
+    /// The renderer's device was lost or is out of memory. It says nothing about the pair: the run ends, the unit
+    /// stays undone, and a restart tries it again.
+    #[error("{0}")]
+    Device(String),
 }
 
 /// A way to predict a target view from a source view.

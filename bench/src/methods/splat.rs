@@ -7,7 +7,7 @@ use image::RgbImage;
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
-use sharp::render::{Background, RenderView, render_cpu};
+use sharp::render::{Background, RenderError, RenderView};
 use sharp_metrics::Picture;
 
 use super::method::{MethodError, PairInput, Prediction};
@@ -34,8 +34,10 @@ pub(super) fn render(
     pair: &PairInput,
 ) -> Result<Prediction, MethodError> {
     let view = RenderView::new(target_camera_from_gaussians, pair.target.intrinsics);
-    let output =
-        render_cpu(gaussians, &view).map_err(|error| MethodError::Render(error.to_string()))?;
+    let output = pair
+        .renderer
+        .render(gaussians, &view)
+        .map_err(method_error)?;
     let n = output.alpha.len() as f64;
     let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
     let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
@@ -47,6 +49,14 @@ pub(super) fn render(
             ("hole_share".to_owned(), holes as f64 / n),
         ]),
     })
+}
+
+fn method_error(error: RenderError) -> MethodError {
+    if error.is_device_fault() {
+        MethodError::Device(error.to_string())
+    } else {
+        MethodError::Render(error.to_string())
+    }
 }
 
 /// `[3, height, width]` in 0..1 from interleaved bytes.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::store::RunFolder;
+use super::unit::cpu_backend;
 use crate::durable::{FileError, write_atomic};
 
 /// Changes whenever an older reader would misunderstand the folder.
@@ -20,7 +21,7 @@ pub struct Manifest {
     pub version: String,
     /// Hash of the sources and locked dependencies it was built from.
     pub source_fingerprint: String,
-    /// Instruction set of renderer and kernels.
+    /// The exact backend that renders, `cpu-avx512` or `wgpu:<adapter, driver>`; one for the whole run.
     pub backend: String,
     /// In the order given.
     pub datasets: Vec<DatasetFacts>,
@@ -99,6 +100,24 @@ impl Manifest {
         write_atomic(&path, &bytes)
     }
 
+    /// Refuses to go on in a folder whose results another backend rendered: a run has one.
+    ///
+    /// # Errors
+    /// Names the folder and both backends.
+    pub fn check_backend(&self, folder: &RunFolder) -> Result<(), FileError> {
+        // A folder without a readable manifest holds no finished run; its units are found by their keys.
+        match Self::read(folder) {
+            Ok(before) if before.backend != self.backend => {
+                let reason = std::io::Error::other(format!(
+                    "it was started with backend {}, this is {}; a run has one backend: choose another folder",
+                    before.backend, self.backend
+                ));
+                Err(FileError::new(folder.root(), "go on in")(reason))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Reads the manifest of a run.
     ///
     /// # Errors
@@ -116,9 +135,11 @@ impl Manifest {
     }
 }
 
-/// The scoring conventions of this build, for [`Manifest::scoring`]; `networks` is how those behind the metrics
-/// are computed.
-pub fn scoring_facts(networks: &str) -> BTreeMap<String, String> {
+/// The scoring conventions of this build, for [`Manifest::scoring`]; `renderer` is the exact backend, `networks` how
+/// those behind the metrics are computed.
+pub fn scoring_facts(renderer: &str, networks: &str) -> BTreeMap<String, String> {
+    let kind = renderer.split([':', '-']).next().unwrap_or(renderer);
+    let renderer = format!("{kind}, near 0.01, far 1e10, eps2d 0");
     [
         ("prediction", "sRGB, 8 bit, rounded to nearest"),
         (
@@ -126,7 +147,8 @@ pub fn scoring_facts(networks: &str) -> BTreeMap<String, String> {
             "full resolution of the target; nothing is resized",
         ),
         ("background", "black, in linear light"),
-        ("renderer", "cpu, near 0.01, far 1e10, eps2d 0"),
+        ("renderer", renderer.as_str()),
+        ("kernels", cpu_backend()),
         (
             "aggregation",
             "mean over pairs; a mean that holds inf is inf",

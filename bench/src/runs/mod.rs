@@ -5,7 +5,7 @@
 //! * [`device_class`]: on what kind of device the networks behind the metrics were computed.
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
-//! * [`execute`]: predicts, scores and records what is not done yet.
+//! * [`execute`]: predicts and scores what is not done yet, one unit ahead of the other, and records it.
 //! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
 
@@ -13,6 +13,7 @@ pub mod device_class;
 pub mod execute;
 pub mod manifest;
 pub mod plan;
+mod predict;
 mod region;
 pub mod scores;
 pub mod store;

@@ -5,6 +5,7 @@ use sharp_metrics::{Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weigh
 use crate::durable::{FileError, file_sha256};
 use crate::methods::Method;
 use crate::protocol::pair_list::ResolvedPair;
+use crate::rendering::SharedRenderer;
 
 /// Everything that [`execute`](super::execute::execute) does.
 pub struct RunPlan<'a> {
@@ -14,6 +15,8 @@ pub struct RunPlan<'a> {
     pub methods: &'a [Box<dyn Method>],
     /// Computes the metrics.
     pub scoring: &'a Scoring,
+    /// Renders for the methods; its backend is part of every unit's key.
+    pub renderer: &'a SharedRenderer,
     /// Which predictions to keep.
     pub keep: Keep,
     /// Score all methods on what all of them predict of a pair's target, instead of each on all that it predicts.

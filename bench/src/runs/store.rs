@@ -23,9 +23,9 @@ use crate::record::Record;
 /// Seconds that a unit took. Kept beside its scores, never part of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
-    /// Wall time of the prediction, rendering included.
+    /// Wall time of the prediction, rendering included, while the unit before was being scored.
     pub predict_secs: f64,
-    /// Wall time of all metrics.
+    /// Wall time of all metrics, while the next unit was being predicted.
     pub score_secs: f64,
 }
 

@@ -30,7 +30,7 @@ impl UnitKey {
     }
 }
 
-/// The instruction set of the CPU renderer and kernels, part of a unit's key: results are
+/// The instruction set of the metrics' and the network's kernels, part of a unit's key: results are
 /// bit-identical within one, not across.
 pub fn cpu_backend() -> &'static str {
     #[cfg(target_arch = "x86_64")]

@@ -16,7 +16,8 @@
 //!   `GpuAdapter` (feature `gpu`): the one on wgpu.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
-//! * [`trajectory`]: the release's camera paths; [`turbo`]: colours for inverse depth.
+//! * [`trajectory`]: the release's camera paths; [`release_screen`]: its half-pixel shift and sizes;
+//!   [`turbo`]: colours for inverse depth.
 //!
 //! # Passes
 //! `project` → `scan` → `radix` (front to back) → `emit` → `radix` (by tile) → `ranges` →
@@ -39,6 +40,7 @@ mod ranges;
 mod raster;
 mod renderer;
 mod scan;
+mod screen;
 mod simd;
 pub mod trajectory;
 mod view;
@@ -52,5 +54,6 @@ pub use cpu::{CpuRenderer, render_cpu};
 pub use output::{Dropped, RenderOutput};
 pub use post::Background;
 pub use renderer::{LoadedScene, RenderError, Renderer, TileSize};
+pub use screen::release_screen;
 pub use simd::SimdLevel;
 pub use view::RenderView;

@@ -5,7 +5,7 @@
 
 use crate::camera::{Intrinsics, RigidTransform};
 use crate::gaussians::Gaussians;
-use glam::{DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use std::f64::consts::TAU;
 
 /// The release's paths. `t` runs from 0 to the number of repeats, both included, so that the last
@@ -97,10 +97,20 @@ impl DepthRange {
     /// Measures a scene in the photograph's camera space; `None` when nothing finite lies in
     /// front of it.
     pub fn of(scene: &Gaussians) -> Option<Self> {
+        Self::seen_from(scene, &DAffine3::IDENTITY)
+    }
+
+    /// Measures a scene in any space from the photograph's camera; `None` when nothing finite
+    /// lies in front of it.
+    pub fn seen_from(scene: &Gaussians, camera_from_scene: &DAffine3) -> Option<Self> {
         let mut depths: Vec<f32> = scene
             .means
             .iter()
-            .map(|mean| mean[2])
+            .map(|mean| {
+                camera_from_scene
+                    .transform_point3(DVec3::from(mean.map(f64::from)))
+                    .z as f32
+            })
             .filter(|z| *z > 0.0 && z.is_finite())
             .collect();
         if depths.is_empty() {
@@ -314,6 +324,10 @@ mod tests {
         assert!((range.focus - 3.4).abs() < 1e-12);
         assert!((range.near - 3.004).abs() < 1e-12);
         assert!((range.far - 6.996).abs() < 1e-12);
+        let nearer = DAffine3::from_translation(DVec3::new(9.0, 0.0, -1.0));
+        let seen = DepthRange::seen_from(&scene, &nearer).unwrap();
+        // 2, 3, 4, 5, 6: what lay at 0 is behind the camera now.
+        assert!((seen.near - 2.004).abs() < 1e-12 && (seen.far - 5.996).abs() < 1e-12);
         scene.means.truncate(1);
         assert_eq!(DepthRange::of(&scene), None);
         scene.means.push([0.0, 0.0, 0.5]);

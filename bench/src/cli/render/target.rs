@@ -1,0 +1,246 @@
+//! Where rendered views go: one picture, a folder of frames, or a movie.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use sharp::color::{Quantization, quantize};
+use sharp::render::{Background, RenderOutput};
+
+use crate::movie::Movie;
+use crate::movie::gif::GifMovie;
+use crate::movie::mp4::Mp4Movie;
+use crate::render_file;
+
+/// What the name given by `--out` asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// One view: `.png`, `.exr` or `.safetensors`.
+    Picture,
+    /// A folder with a PNG a frame.
+    Frames,
+    /// An animated GIF.
+    Gif,
+    /// MP4.
+    Mp4,
+}
+
+impl Form {
+    /// Reads the form off a name; without an extension it is a folder.
+    pub(super) fn of(out: &Path) -> anyhow::Result<Self> {
+        let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase());
+        Ok(match extension.as_deref() {
+            Some("png" | "exr" | "safetensors") => Self::Picture,
+            Some("gif") => Self::Gif,
+            Some("mp4") => Self::Mp4,
+            None => Self::Frames,
+            Some(_) if out.is_dir() => Self::Frames,
+            Some(_) => bail!(
+                "{}: OUT ends in .png, .exr, .safetensors, .gif or .mp4, or is a folder",
+                out.display()
+            ),
+        })
+    }
+}
+
+/// How a view becomes pictures for eyes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    pub(super) background: Background,
+    pub(super) quantization: Quantization,
+    /// The ends of the depth colours, metres; `None` where no depth is wanted.
+    pub(super) depth_m: Option<[f32; 2]>,
+    /// Whether coverage is wanted.
+    pub(super) alpha: bool,
+}
+
+impl Look {
+    fn color(&self, view: &RenderOutput) -> RgbImage {
+        view.srgb8(self.background, self.quantization)
+    }
+
+    fn depth_colors(&self, view: &RenderOutput) -> Option<RgbImage> {
+        let [near, far] = self.depth_m?;
+        Some(view.inverse_depth_colors(near..=far))
+    }
+
+    /// Coverage as grey levels: linear, neither encoded nor composited.
+    fn alpha(&self, view: &RenderOutput) -> Option<GrayImage> {
+        self.alpha.then(|| {
+            GrayImage::from_fn(view.width, view.height, |x, y| {
+                let alpha = view.alpha[y as usize * view.width as usize + x as usize];
+                Luma([quantize(alpha, self.quantization)])
+            })
+        })
+    }
+
+    /// The files of one view whose colour goes to `path`.
+    pub(super) fn files(&self, path: &Path) -> Vec<PathBuf> {
+        let mut files = vec![path.to_owned()];
+        if self.depth_m.is_some() {
+            files.extend(["depth.exr", "depth.png"].map(|end| path.with_extension(end)));
+        }
+        if self.alpha {
+            files.push(path.with_extension("alpha.png"));
+        }
+        files
+    }
+
+    /// Writes a view: colour to `path`, depth and alpha beside it.
+    fn write(&self, path: &Path, view: &RenderOutput) -> anyhow::Result<()> {
+        if self.depth_m.is_some() {
+            let size = (view.width as usize, view.height as usize);
+            let depth = view.expected_depth();
+            let channel = [("Z".to_owned(), depth.as_raw().as_slice())];
+            render_file::write_exr_channels(&path.with_extension("depth.exr"), size, &channel)?;
+        }
+        if let Some(picture) = self.depth_colors(view) {
+            render_file::write_png(&path.with_extension("depth.png"), &picture)?;
+        }
+        if let Some(picture) = self.alpha(view) {
+            render_file::write_gray_png(&path.with_extension("alpha.png"), &picture)?;
+        }
+        // Last, so that a frame with its colour is complete.
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("exr") => render_file::write_exr(path, view)?,
+            Some("safetensors") => render_file::write_safetensors(path, view)?,
+            _ => render_file::write_png(path, &self.color(view))?,
+        }
+        Ok(())
+    }
+}
+
+/// Takes rendered views.
+pub(super) enum Target {
+    /// One file a view.
+    Files {
+        /// By the number of the view.
+        paths: Vec<PathBuf>,
+        look: Look,
+    },
+    /// Movies side by side: colour, and depth and alpha where wanted.
+    Movies {
+        color: Box<dyn Movie>,
+        depth: Option<Box<dyn Movie>>,
+        alpha: Option<Box<dyn Movie>>,
+        look: Look,
+    },
+}
+
+impl Target {
+    /// Files for views, in their order.
+    pub(super) fn files(paths: Vec<PathBuf>, look: Look) -> Self {
+        Self::Files { paths, look }
+    }
+
+    /// Movies at `path` and beside it.
+    pub(super) fn movies(
+        path: &Path,
+        size: (u32, u32),
+        fps: u32,
+        look: Look,
+    ) -> anyhow::Result<Self> {
+        let open = |path: &Path| -> anyhow::Result<Box<dyn Movie>> {
+            Ok(match Form::of(path)? {
+                Form::Gif => Box::new(GifMovie::create(path, size, fps)?),
+                _ => Box::new(Mp4Movie::create(path, size, fps)?),
+            })
+        };
+        let [color, depth, alpha] = movie_paths(path);
+        Ok(Self::Movies {
+            color: open(&color)?,
+            depth: look.depth_m.map(|_| open(&depth)).transpose()?,
+            alpha: look.alpha.then(|| open(&alpha)).transpose()?,
+            look,
+        })
+    }
+
+    /// Takes view `index`; a movie takes them in order.
+    pub(super) fn take(&mut self, index: usize, view: &RenderOutput) -> anyhow::Result<()> {
+        match self {
+            Self::Files { paths, look } => {
+                let path = paths.get(index).context("a view without a name")?;
+                look.write(path, view)
+            }
+            Self::Movies {
+                color,
+                depth,
+                alpha,
+                look,
+            } => {
+                color.push(&look.color(view))?;
+                if let (Some(movie), Some(frame)) = (depth, look.depth_colors(view)) {
+                    movie.push(&frame)?;
+                }
+                if let (Some(movie), Some(frame)) = (alpha, look.alpha(view)) {
+                    movie.push(&gray_as_rgb(&frame))?;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Gives movies their names.
+    pub(super) fn finish(self) -> anyhow::Result<()> {
+        if let Self::Movies {
+            color,
+            depth,
+            alpha,
+            ..
+        } = self
+        {
+            for movie in [depth, alpha, Some(color)].into_iter().flatten() {
+                movie.finish()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Movies of colour, depth and alpha: `x.gif`, `x.depth.gif`, `x.alpha.gif`.
+pub(super) fn movie_paths(path: &Path) -> [PathBuf; 3] {
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let beside = |what: &str| path.with_extension(format!("{what}.{extension}"));
+    [path.to_owned(), beside("depth"), beside("alpha")]
+}
+
+/// `x.layer0.png` for `x.png`, `frames/layer0` for the folder `frames`.
+pub(super) fn of_layer(out: &Path, form: Form, layer: usize) -> PathBuf {
+    match (form, out.extension()) {
+        (Form::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
+        (_, Some(end)) => out.with_extension(format!("layer{layer}.{}", end.to_string_lossy())),
+    }
+}
+
+/// The colour file of a frame.
+pub(super) fn frame_path(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("frame-{index:05}.png"))
+}
+
+/// Options that only pictures for eyes obey are refused where the file holds linear floats.
+pub(super) fn refuse_for_floats(
+    out: &Path,
+    options: &[(&'static str, bool)],
+) -> anyhow::Result<()> {
+    let floats = ["exr", "safetensors"];
+    if out
+        .extension()
+        .is_some_and(|e| floats.iter().any(|f| e == *f))
+    {
+        for (name, given) in options {
+            ensure!(
+                !given,
+                "{}: it holds linear RGB, premultiplied, without a background; leave out {name}",
+                out.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+fn gray_as_rgb(gray: &GrayImage) -> RgbImage {
+    RgbImage::from_fn(gray.width(), gray.height(), |x, y| {
+        let Luma([level]) = *gray.get_pixel(x, y);
+        Rgb([level; 3])
+    })
+}
