@@ -6,6 +6,7 @@ use clap::Parser;
 use sharp_bench::cli::Cli;
 
 fn main() -> ExitCode {
+    quieten_mesa();
     match Cli::parse().execute() {
         Ok(outcome) => outcome.into(),
         Err(error) => {
@@ -16,6 +17,20 @@ fn main() -> ExitCode {
         }
     }
 }
+
+/// Without a session, Mesa's device-select layer complains on standard error that it cannot ask the desktop which GPU
+/// is the default one. The layer is left out then; adapters are ordered by ourselves anyway.
+#[cfg(target_os = "linux")]
+fn quieten_mesa() {
+    let set = |name| std::env::var_os(name).is_some();
+    if !set("XDG_RUNTIME_DIR") && !set("MESA_VK_DEVICE_SELECT") {
+        // SAFETY: called first in `main`, before there is another thread that could read the environment.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn quieten_mesa() {}
 
 /// An error with its causes, without those that its text already holds: one line that names file and reason.
 fn one_line(error: &anyhow::Error) -> String {

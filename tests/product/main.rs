@@ -13,6 +13,10 @@ mod pairs_command;
 #[cfg(test)]
 mod photographs;
 #[cfg(test)]
+mod render_command;
+#[cfg(test)]
+mod render_scene;
+#[cfg(test)]
 mod run_command;
 #[cfg(test)]
 mod support;

@@ -1,0 +1,244 @@
+//! The binary on what a machine may or may not have: GPU adapters, and ffmpeg. What is not there is reported as
+//! ignored, by name.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "test code outside of #[test] functions"
+)]
+
+mod render_scene;
+#[allow(dead_code, reason = "shared with the other tests of the binary")]
+mod support;
+
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use libtest_mimic::{Arguments, Trial};
+use render_scene::folder;
+use support::{Said, sharp_bench};
+
+fn main() -> ExitCode {
+    let arguments = Arguments::from_args();
+    let mut trials = vec![
+        Trial::test(
+            "an MP4 has its frames, even sides and its colours named",
+            || {
+                movies();
+                Ok(())
+            },
+        )
+        .with_ignored_flag(!has("ffmpeg") || !has("ffprobe")),
+    ];
+    let adapters = adapters();
+    for (title, test) in [
+        ("a view on wgpu is the CPU's view", view as fn(&str)),
+        ("a run on wgpu says so and stays on it", evaluate),
+    ] {
+        if adapters.is_empty() {
+            trials.push(
+                Trial::test(format!("{title} (no adapter)"), || Ok(())).with_ignored_flag(true),
+            );
+        }
+        for adapter in adapters.clone() {
+            trials.push(Trial::test(format!("{title}: {adapter}"), move || {
+                test(&adapter);
+                Ok(())
+            }));
+        }
+    }
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+fn has(program: &str) -> bool {
+    Command::new(program).arg("-version").output().is_ok()
+}
+
+/// As `doctor` lists them.
+fn adapters() -> Vec<String> {
+    let said = sharp_bench(Path::new("."), &["doctor", "--json"]).ends_with(0);
+    let found = said.json();
+    found
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|finding| finding["what"] == "gpu adapter")
+        .filter_map(|finding| finding["found"].as_str())
+        .filter(|found| !found.starts_with("none"))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// The driver's name for an adapter, without interface and version.
+fn short(adapter: &str) -> &str {
+    adapter.split(" (").next().unwrap()
+}
+
+fn render(dir: &Path, more: &[&str]) -> Said {
+    sharp_bench(dir, &[&["render", "scene.ply"], more].concat()).ends_with(0)
+}
+
+fn view(adapter: &str) {
+    let dir = folder();
+    let dir = dir.path();
+    let json = render(
+        dir,
+        &["--adapter", short(adapter), "--out", "gpu.png", "--json"],
+    )
+    .json();
+    let backend = json["backend"].as_str().unwrap();
+    assert!(
+        backend.starts_with("wgpu:") && backend.contains(short(adapter)),
+        "{backend}"
+    );
+    assert_eq!(
+        backend.contains("[software]"),
+        adapter.contains("[software]")
+    );
+    render(dir, &["--backend", "cpu", "--out", "cpu.png"]);
+    let [gpu, cpu] = ["gpu.png", "cpu.png"].map(|name| {
+        let bytes = std::fs::read(dir.join(name)).unwrap();
+        image::load_from_memory(&bytes).unwrap().to_rgb8()
+    });
+    // A threshold that falls the other way moves a pixel by at most one part in 255 of linear light, 13 levels of
+    // sRGB in the dark; it may happen to a pixel here and there. Rounding moves one level.
+    let levels = gpu
+        .as_raw()
+        .iter()
+        .zip(cpu.as_raw())
+        .map(|(a, b)| a.abs_diff(*b));
+    let (mut far, mut most) = (0, 0);
+    for off in levels {
+        far += usize::from(off > 1);
+        most = most.max(off);
+    }
+    assert!(
+        most <= 13 && far <= gpu.as_raw().len() / 100,
+        "{most} {far}"
+    );
+    // A path: one upload, the same first view as a view of its own.
+    render(
+        dir,
+        &[
+            "--adapter",
+            short(adapter),
+            "--trajectory",
+            "swipe",
+            "--frames",
+            "3",
+            "--out",
+            "frames",
+            "--write-cameras",
+        ],
+    );
+    render(
+        dir,
+        &[
+            "--adapter",
+            short(adapter),
+            "--camera",
+            "frames/frame-00002.json",
+            "--out",
+            "last.png",
+        ],
+    );
+    let [frame, alone] =
+        ["frames/frame-00002.png", "last.png"].map(|name| std::fs::read(dir.join(name)).unwrap());
+    assert_eq!(frame, alone);
+}
+
+fn evaluate(adapter: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let run = |out: &str, more: &[&str]| {
+        let args = [
+            "run",
+            "--dataset",
+            "S:synthetic=size=48x36,views=20",
+            "--method",
+            "depth-splat:resolution=64",
+            "--metrics",
+            "psnr",
+            "--limit",
+            "2",
+            "--json",
+            "--out",
+            out,
+        ];
+        sharp_bench(dir, &[&args[..], more].concat())
+    };
+    let wgpu = ["--backend", "wgpu", "--adapter", short(adapter)];
+    let json = run("gpu", &wgpu).ends_with(0).json();
+    let backend = json["manifest"]["backend"].as_str().unwrap().to_owned();
+    assert!(
+        backend.starts_with("wgpu:") && backend.contains(short(adapter)),
+        "{backend}"
+    );
+    assert_eq!(run("gpu", &wgpu).ends_with(0).json()["reused"], 2);
+    // A run has one backend.
+    run("gpu", &[]).is_error_with(&["gpu", &backend, "cpu-"]);
+
+    run("cpu", &[]).ends_with(0);
+    let psnr = |out: &str| -> Vec<f64> {
+        let text = std::fs::read_to_string(dir.join(out).join("records.jsonl")).unwrap();
+        text.lines()
+            .map(|line| {
+                let record: serde_json::Value = serde_json::from_str(line).unwrap();
+                record["scores"]["psnr"].as_f64().unwrap()
+            })
+            .collect()
+    };
+    for (gpu, cpu) in psnr("gpu").into_iter().zip(psnr("cpu")) {
+        assert!((gpu - cpu).abs() < 0.05, "{gpu} {cpu}");
+    }
+}
+
+fn movies() {
+    let dir = folder();
+    let dir = dir.path();
+    let odd = r#"{"width":63,"height":47,"K":[60,0,32,0,60,24,0,0,1],
+        "camera_from_world":[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]}"#;
+    std::fs::write(dir.join("odd.json"), odd).unwrap();
+    render(
+        dir,
+        &[
+            "--backend",
+            "cpu",
+            "--camera",
+            "odd.json",
+            "--trajectory",
+            "rotate",
+            "--frames",
+            "7",
+            "--fps",
+            "10",
+            "--depth",
+            "--out",
+            "odd.mp4",
+        ],
+    );
+    for name in ["odd.mp4", "odd.depth.mp4"] {
+        let probe = Command::new("ffprobe")
+            .args(["-v", "error", "-count_frames", "-show_entries"])
+            .arg("stream=width,height,nb_read_frames,color_space,color_transfer,r_frame_rate")
+            .args(["-of", "json", name])
+            .current_dir(dir)
+            .output()
+            .unwrap();
+        let found: serde_json::Value = serde_json::from_slice(&probe.stdout).unwrap();
+        let stream = &found["streams"][0];
+        assert_eq!(
+            (stream["width"].as_u64(), stream["height"].as_u64()),
+            (Some(64), Some(48))
+        );
+        assert_eq!(stream["nb_read_frames"], "7", "{name}");
+        assert_eq!(stream["r_frame_rate"], "10/1");
+        assert_eq!(
+            (
+                stream["color_space"].as_str(),
+                stream["color_transfer"].as_str()
+            ),
+            (Some("bt709"), Some("iec61966-2-1"))
+        );
+    }
+}
