@@ -549,7 +549,7 @@ fn what_cannot_be_rendered_is_one_line() {
     );
     usage(&["--frames", "5", "--out", "f"], "--trajectory");
     usage(&["--offset-m", "1,2", "--out", "x.png"], "X,Y,Z");
-    usage(&["--eps2d", "-1", "--out", "x.png"], "eps2d");
+    usage(&["--eps2d=-1", "--out", "x.png"], "eps2d");
     usage(&["--background", "grey", "--out", "x.png"], "#RRGGBB");
     usage(&["--layer", "2", "--out", "x.png"], "all");
     // Nothing in front of the camera: a path has no size, a view is empty.

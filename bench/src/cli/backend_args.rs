@@ -11,7 +11,7 @@ pub(super) fn chosen(backend: &Backend, adapter: Option<&str>) -> anyhow::Result
             Ok(Backend::Wgpu(Some(name.to_owned())))
         }
         (Backend::Cpu, Some(_)) => {
-            bail!("--adapter names a GPU: leave it out, or use --backend wgpu")
+            bail!("--adapter names a GPU, --backend cpu wants none: use --backend wgpu")
         }
         (Backend::Wgpu(Some(_)), Some(_)) => bail!("--backend {backend} names an adapter already"),
     }

@@ -115,7 +115,11 @@ fn adapters() -> Vec<AdapterFacts> {
     sharp::render::GpuAdapter::all()
         .iter()
         .map(|adapter| AdapterFacts {
-            name: format!("{adapter}, {}", adapter.kind()),
+            // A software adapter's description says so itself.
+            name: match adapter.is_software() {
+                true => adapter.to_string(),
+                false => format!("{adapter} [{}]", adapter.kind()),
+            },
             software: adapter.is_software(),
         })
         .collect()

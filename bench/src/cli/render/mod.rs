@@ -378,7 +378,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Renders on this thread and writes on another, one view behind.
+    /// Renders on this thread and writes on another, one view behind: two views are in memory.
     fn draw(
         &self,
         renderer: &mut BatchRenderer,
@@ -389,7 +389,7 @@ impl<'a> Job<'a> {
     ) -> anyhow::Result<()> {
         let views: Vec<RenderView> = waiting.iter().map(|&index| self.views[index]).collect();
         let bar = progress::bar(views.len(), "views");
-        let (sender, receiver) = sync_channel::<(usize, RenderOutput)>(1);
+        let (sender, receiver) = sync_channel::<(usize, RenderOutput)>(0);
         let (rendered, written) = std::thread::scope(|scope| {
             let target = &mut target;
             let writer = scope.spawn(move || -> anyhow::Result<()> {
