@@ -139,7 +139,7 @@ half() { # cpu | gpu, folder, list, names
             echo "SURVIVED  $backend: $name"
             survived=1
         else
-            echo "caught    $backend: $name ($(grep -cE '^test .*FAILED' "$copy/log" || true) tests fail)"
+            echo "caught    $backend: $name ($(grep -cE '^test .* FAILED$' "$copy/log" || true) tests fail)"
         fi
         cp "$root/$file" "$copy/$file"
     done <<<"$3"
