@@ -30,6 +30,14 @@ fn weights_are_made_checked_and_converted() {
         ],
     )
     .ends_with(0);
+    // Another salt makes other values of the same shapes; the same makes the same bytes.
+    let synth = ["weights", "synth", "--config", &config, "--out"];
+    let salted = |salt: &str, out: &str| {
+        run(dir.path(), &[&synth[..], &[out, "--salt", salt]].concat()).ends_with(0);
+        fs::read(dir.path().join(out)).unwrap()
+    };
+    assert_ne!(salted("x", "c.safetensors"), salted("y", "d.safetensors"));
+    assert_eq!(salted("x", "e.safetensors"), salted("x", "c.safetensors"));
     let pt = golden("tiny_model.pt");
     run(dir.path(), &["weights", "convert", &pt, "b.safetensors"]).ends_with(0);
     let check = |file: &str| {

@@ -13,7 +13,7 @@ use super::spec::{MethodSpec, SpecError};
 use super::splat::{planes, render_from_ndc};
 use crate::durable::{file_sha256, sha256_hex};
 use crate::model_files::find_checkpoint;
-use crate::model_files::record::{compare_or_record, record_file};
+use crate::model_files::record::{RecordError, compare_or_record, record_file};
 use crate::protocol::alignment::median_scale;
 
 /// What a method may know of the source's true depth.
@@ -86,10 +86,13 @@ impl Sharp {
             None => ModelConfig::release(),
         };
         let checkpoint_sha256 = file_sha256(&checkpoint).map_err(|error| refused(&error))?;
-        // The official checkpoint, found rather than named, has to be the one that was used before.
+        // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
+        // be written is no reason against it.
         if let (None, Some(record)) = (option("checkpoint"), record_file()) {
-            compare_or_record(&checkpoint, &checkpoint_sha256, &record)
-                .map_err(|error| refused(&error))?;
+            match compare_or_record(&checkpoint, &checkpoint_sha256, &record) {
+                Ok(_) | Err(RecordError::File(_)) => {}
+                Err(error) => return Err(refused(&error)),
+            }
         }
         let prefixes = option("allow_unused").unwrap_or_default().split(',');
         Ok(Self {
