@@ -1,18 +1,22 @@
-//! Hashes the sources that results depend on, so that a unit's key changes with the code.
+//! Hashes what results depend on, sources and compiler, so that a unit's key changes with the code.
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use sha2::{Digest, Sha256};
 
 /// Folders below the workspace, with the locked dependencies, that can change a number.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 10] = [
     "sharp/src",
     "sharp/kernels/src",
     "sharp/checkpoint/src",
     "metrics/src",
+    "metrics/weights",
     "datasets/src",
     "bench/src",
+    "shaders",
+    "Cargo.toml",
     "Cargo.lock",
 ];
 
@@ -34,6 +38,11 @@ fn main() -> std::io::Result<()> {
         hasher.update(fs::read(file)?);
         hasher.update([0]);
     }
+    // Compiler and target too: functions such as `powf` come from the platform's mathematics.
+    let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
+    let version = Command::new(compiler).arg("-vV").output()?;
+    hasher.update(&version.stdout);
+    hasher.update(std::env::var("TARGET").unwrap_or_default().as_bytes());
     let digest: String = hasher
         .finalize()
         .iter()

@@ -3,6 +3,7 @@
 //! Data flows one way; each module uses only those above it.
 //!
 //! * [`durable`]: files that are whole or absent, and their hashes.
+//! * `counted`: numbers with their nouns.
 //! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
 //! * [`pictures`], [`picture_pairs`], [`render_file`], [`scene_file`], [`model_files`]: pictures, renderings, scenes and
 //!   checkpoints as files.
@@ -17,6 +18,7 @@
 //! * [`cli`]: the command line.
 
 pub mod cli;
+mod counted;
 pub mod durable;
 pub mod exchange;
 pub mod methods;

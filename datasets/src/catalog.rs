@@ -37,8 +37,9 @@ impl DatasetSpec {
             text: text.to_owned(),
             reason,
         };
-        let (head, rest) = match text.split_once('=') {
-            Some((head, rest)) => (head, Some(rest)),
+        // Without a path the settings may follow the format at once: `synthetic,views=4`.
+        let (head, rest) = match text.find(['=', ',']) {
+            Some(at) => (&text[..at], Some(&text[at + 1..])),
             None => (text, None),
         };
         let (name, format_name) = match head.rsplit_once(':') {
@@ -60,6 +61,9 @@ impl DatasetSpec {
             return Err(error("the name before ':' is empty".into()));
         }
         let procedural = format.name == synthetic::FORMAT.name;
+        if !procedural && text[head.len()..].starts_with(',') {
+            return Err(error(format!("no folder: write {format_name}=FOLDER")));
+        }
         // Settings are taken from the end, so that a path may hold commas and equal signs.
         let mut path = rest.unwrap_or("");
         let mut settings = BTreeMap::new();
@@ -138,6 +142,8 @@ mod tests {
         ] {
             assert_eq!(DatasetSpec::parse(text).unwrap().to_string(), text);
         }
+        let spec = DatasetSpec::parse("synthetic,views=4").unwrap();
+        assert_eq!(spec.to_string(), "synthetic=views=4");
         let spec = DatasetSpec::parse("middlebury=./a,b").unwrap();
         assert_eq!(spec.path, PathBuf::from("./a,b"));
         assert_eq!(spec.setting("right"), "im1");
@@ -148,6 +154,7 @@ mod tests {
         for (text, reason) in [
             ("kitti=/x", "known: middlebury"),
             ("middlebury", "middlebury=FOLDER"),
+            ("middlebury,right=im1E", "middlebury=FOLDER"),
             (":middlebury=/x", "empty"),
             ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
             ("middlebury=/x,left=im0", "no setting 'left'"),

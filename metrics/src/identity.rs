@@ -264,7 +264,7 @@ impl MetricKey {
     /// `SSIM gauss11 valid`, `LPIPS alex`, `DISTS`.
     pub fn label(self) -> String {
         let base = match self.metric {
-            Metric::Psnr => "PSNR (dB)".to_owned(),
+            Metric::Psnr => "PSNR".to_owned(),
             Metric::Ssim(variant) => format!("SSIM {}", variant.text().replace(',', " ")),
             Metric::Lpips(net, variant) => {
                 let suffix = match variant {
@@ -412,7 +412,7 @@ mod tests {
     fn direction_unit_and_heading() {
         assert!(MetricKey::PSNR.higher_is_better() && MetricKey::SSIM.higher_is_better());
         assert!(!MetricKey::LPIPS.higher_is_better() && !MetricKey::DISTS.higher_is_better());
-        assert_eq!(MetricKey::PSNR.label(), "PSNR (dB)");
+        assert_eq!(MetricKey::PSNR.label(), "PSNR");
         assert_eq!(MetricKey::PSNR.unit(), "dB");
         assert_eq!(MetricKey::SSIM.label(), "SSIM gauss11 valid");
         assert_eq!(MetricKey::DISTS.decimals(), 3);

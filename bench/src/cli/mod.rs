@@ -82,10 +82,16 @@ impl Cli {
     }
 }
 
+/// More than any machine has; beyond it starting them takes longer than the work.
+const MAX_THREADS: usize = 4096;
+
 /// Sizes the one thread pool; without a number it has all cores.
 fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
     if let Some(threads) = threads {
-        anyhow::ensure!(threads > 0, "--threads 0: at least one is needed");
+        anyhow::ensure!(
+            (1..=MAX_THREADS).contains(&threads),
+            "--threads {threads}: between 1 and {MAX_THREADS}"
+        );
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()?;

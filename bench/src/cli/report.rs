@@ -6,18 +6,19 @@ use anyhow::{Context, bail};
 use clap::Args;
 use image::RgbImage;
 use serde_json::json;
-use sharp_datasets::{Scene, View};
+use sharp_datasets::{DatasetSpec, Scene, View};
 use sharp_metrics::MetricKey;
 
 use super::evaluate::Finished;
 use super::{Outcome, data_args, output};
+use crate::counted::counted;
 use crate::methods::KINDS;
 use crate::pictures::read_rgb8;
 use crate::record::Record;
 use crate::report::scores::merged;
 use crate::report::{
-    Better, Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published,
-    ReportFiles, ReportInput, text_tables, write_report,
+    Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published, ReportFiles,
+    ReportInput, text_tables, write_report,
 };
 use crate::runs::device_class::check_one_class;
 use crate::runs::execute::Executed;
@@ -188,9 +189,15 @@ fn input<'a>(
         if datasets.iter().all(|d| d.name != facts.name) {
             datasets.push(Dataset {
                 description: format!(
-                    "{} ({} scenes, {} views)",
-                    facts.spec, facts.scenes, facts.views
+                    "{} ({}, {})",
+                    facts.spec,
+                    counted(facts.scenes, "scene"),
+                    counted(facts.views, "view")
                 ),
+                // A name is anyone's choice; the format says whose pictures they are.
+                published_as: DatasetSpec::parse(&facts.spec)
+                    .ok()
+                    .map(|spec| spec.format.to_owned()),
                 ..Dataset::named(&facts.name)
             });
         }
@@ -198,13 +205,16 @@ fn input<'a>(
     Ok(ReportInput {
         title: "View synthesis from a single photograph".to_owned(),
         summary: format!(
-            "{} pairs, {} methods, evaluated by sharp-bench {}.",
-            manifests
-                .iter()
-                .map(|m| m.pairs.evaluated)
-                .max()
-                .unwrap_or(0),
-            manifests.iter().map(|m| m.methods.len()).sum::<usize>(),
+            "{}, {}, evaluated by sharp-bench {}.",
+            counted(
+                manifests
+                    .iter()
+                    .map(|m| m.pairs.evaluated)
+                    .max()
+                    .unwrap_or(0),
+                "pair"
+            ),
+            counted(manifests.iter().map(|m| m.methods.len()).sum(), "method"),
             manifests.first().map_or("", |m| &m.version)
         ),
         records,
@@ -236,43 +246,39 @@ fn metrics(manifests: &[&Manifest]) -> anyhow::Result<Vec<Metric>> {
             continue;
         }
         metrics.push(Metric {
-            key: facts.key.clone(),
-            label: key.label(),
-            unit: key.unit().to_owned(),
-            decimals: key.decimals(),
-            better: if key.higher_is_better() {
-                Better::Higher
-            } else {
-                Better::Lower
-            },
             convention: match facts.weights.as_str() {
                 "" => facts.convention.clone(),
                 weights => format!("{} Weights: {weights}.", facts.convention),
             },
+            ..Metric::from(key)
         });
     }
     Ok(metrics)
 }
 
+/// What methods report about their predictions.
 fn extras() -> Vec<Metric> {
-    let share = |key: &str, label: &str, convention: &str| Metric {
-        key: key.to_owned(),
-        label: label.to_owned(),
-        unit: String::new(),
-        decimals: 3,
-        better: Better::Neither,
-        convention: convention.to_owned(),
-    };
+    let extra = |key, label, convention| Metric::reported(key, label, "", 3, convention);
     vec![
-        share(
+        extra(
             "mean_alpha",
             "Mean alpha",
             "mean coverage of the rendering, 0..1",
         ),
-        share(
+        extra(
             "hole_share",
             "Hole share",
             "share of pixels whose alpha is below 0.5",
+        ),
+        extra(
+            "median_scale",
+            "Depth scale",
+            "the factor that median alignment put on the predicted depth",
+        ),
+        extra(
+            "dropped_blocks",
+            "Dropped blocks",
+            "blocks of pixels without a valid depth, for which no Gaussian was made",
         ),
     ]
 }

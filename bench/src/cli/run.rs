@@ -9,6 +9,7 @@ use sharp::render::Backend;
 use super::data_args::{DatasetArgs, MetricArgs, PairArgs};
 use super::evaluate::{Evaluation, Request};
 use super::{Outcome, backend_args, output, report};
+use crate::counted::counted;
 use crate::runs::execute::RunError;
 use crate::runs::plan::Keep;
 
@@ -130,8 +131,11 @@ fn dry_run(evaluation: &Evaluation, json: bool) -> anyhow::Result<Outcome> {
     }
     for dataset in &manifest.datasets {
         output::line(format!(
-            "dataset {}: {} scenes, {} views ({})",
-            dataset.name, dataset.scenes, dataset.views, dataset.spec
+            "dataset {}: {}, {} ({})",
+            dataset.name,
+            counted(dataset.scenes, "scene"),
+            counted(dataset.views, "view"),
+            dataset.spec
         ))?;
     }
     output::line(format!(

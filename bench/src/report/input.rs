@@ -55,16 +55,10 @@ pub struct Metric {
 
 impl From<MetricKey> for Metric {
     fn from(key: MetricKey) -> Self {
-        let unit = key.unit().to_owned();
-        let label = key.label();
         Self {
             key: key.to_string(),
-            // The unit stands apart: in the axis of a plot, not in the head of a column.
-            label: match label.strip_suffix(&format!(" ({unit})")) {
-                Some(bare) => bare.to_owned(),
-                None => label,
-            },
-            unit,
+            label: key.label(),
+            unit: key.unit().to_owned(),
             decimals: key.decimals(),
             better: if key.higher_is_better() {
                 Better::Higher

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::durable::write_atomic;
+use crate::counted::counted;
+use crate::durable::{FileError, write_atomic};
 
 use super::error::ReportError;
 use super::gallery::Gallery;
@@ -28,8 +29,12 @@ pub struct ReportFiles {
     pub all: Vec<PathBuf>,
 }
 
-/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}` and `plots/*.{svg,png}`. Each file appears whole or not
-/// at all; files of an earlier report that this one does not have are left alone.
+/// The names of a report's files, so that the next one can take away what it no longer has.
+const LIST: &str = "files.txt";
+
+/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}` and `plots/*.{svg,png}`, and their names in `files.txt`.
+/// Each file appears whole or not at all; files of an earlier report that this one does not have are removed, others
+/// in the folder are left alone.
 ///
 /// # Errors
 /// When records contradict each other, an option is out of range, or a file cannot be written.
@@ -39,7 +44,11 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let mut ours = build::of_scores(&board, &input.metrics);
     ours.extend(build::of_extras(&board, &input.extras));
     let known: Vec<_> = board.datasets.iter().map(|d| d.dataset.clone()).collect();
-    let published = paper::beside(&known, &input.metrics, input.published);
+    let mut published = paper::beside(&known, &input.metrics, input.published);
+    let here = pairs_here(&board);
+    for note in published.iter_mut().filter_map(|t| t.notes.first_mut()) {
+        note.push_str(&here);
+    }
 
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
     for table in ours.iter().chain(&published) {
@@ -83,7 +92,16 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     };
     files.push(("index.html".into(), html::page(&page).into_bytes()));
 
-    let mut all = Vec::new();
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    let list = out.join(LIST);
+    for name in listed_earlier(&list) {
+        let path = out.join(&name);
+        if !names.contains(&name.as_str()) && path.is_file() {
+            std::fs::remove_file(&path).map_err(FileError::new(&path, "remove"))?;
+        }
+    }
+    write_atomic(&list, (names.join("\n") + "\n").as_bytes())?;
+    let mut all = vec![list];
     for (name, bytes) in files {
         let path = out.join(name);
         write_atomic(&path, &bytes)?;
@@ -107,6 +125,32 @@ pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
     let tables: Vec<Table> = build::of_scores(&board, &input.metrics);
     let texts: Vec<String> = tables.iter().map(super::tables::text::text).collect();
     Ok(texts.join("\n"))
+}
+
+/// The names in the list of an earlier report; only such as a report can have written.
+fn listed_earlier(list: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(list).unwrap_or_default();
+    let ours = |name: &&str| {
+        !name.contains("..")
+            && ["tables/", "plots/"]
+                .iter()
+                .any(|folder| name.strip_prefix(folder).is_some_and(|n| !n.contains('/')))
+    };
+    text.lines().filter(ours).map(str::to_owned).collect()
+}
+
+/// How much was measured here of what the paper's tables are about.
+fn pairs_here(board: &Board<'_>) -> String {
+    let of_paper: Vec<String> = board
+        .datasets
+        .iter()
+        .filter(|d| paper::position(&d.dataset).is_some())
+        .map(|d| format!("{} of {}", counted(d.pairs.len(), "pair"), d.dataset.name))
+        .collect();
+    match of_paper.is_empty() {
+        true => String::new(),
+        false => format!(" Measured here: {}.", of_paper.join(", ")),
+    }
 }
 
 /// Histogram, then each metric against the baseline, by file stem.
