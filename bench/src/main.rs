@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use sharp_bench::cli::Cli;
+use sharp_bench::cli::{Cli, is_usage};
 
 fn main() -> ExitCode {
     quieten_mesa();
@@ -13,7 +13,10 @@ fn main() -> ExitCode {
             let line = format!("error: {}\n", one_line(&error));
             // Nothing is left to do when standard error itself is gone.
             let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-            ExitCode::FAILURE
+            match is_usage(&error) {
+                true => ExitCode::from(2),
+                false => ExitCode::FAILURE,
+            }
         }
     }
 }

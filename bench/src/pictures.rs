@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use exr::prelude::{MetaData, read_first_rgba_layer_from_file};
+use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
 use image::{Rgb, Rgb32FImage, RgbImage};
-use sharp::color::{Quantization, quantize};
-use sharp_checkpoint::Checkpoint;
+use sharp::color::{Quantization, quantize, srgb_from_linear};
+use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
 use sharp_datasets::files;
 use sharp_datasets::format::{npy, picture};
 use sharp_metrics::{Picture, PictureError};
+
+use crate::render_file::{LINEAR, TRANSFER};
 
 /// Why a picture could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +27,9 @@ pub enum ReadError {
         /// What is wrong with it.
         reason: String,
     },
+    /// A `.safetensors` file that cannot be read.
+    #[error(transparent)]
+    Tensors(#[from] CheckpointError),
     /// Floats that are no picture: not finite or outside 0..1.
     #[error("{}: {source}", path.display())]
     Values {
@@ -50,7 +55,7 @@ pub fn is_picture(path: &Path) -> bool {
 }
 
 /// Reads a picture: 8-bit files as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of sRGB-encoded
-/// values in 0..1.
+/// values in 0..1. An EXR that our renderer wrote says that it is linear and is clamped and encoded.
 ///
 /// # Errors
 /// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1.
@@ -133,12 +138,18 @@ fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
         },
     )
     .map_err(reason)?;
-    Ok(image.layer_data.channel_data.pixels)
+    let mut pixels = image.layer_data.channel_data.pixels;
+    let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
+    if transfer == Some(&AttributeValue::Text(LINEAR.into())) {
+        for value in pixels.iter_mut() {
+            *value = srgb_from_linear(value.clamp(0.0, 1.0));
+        }
+    }
+    Ok(pixels)
 }
 
 fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
-    let reason = |error: sharp_checkpoint::CheckpointError| malformed(path, error.to_string());
-    let file = Checkpoint::open(path).map_err(reason)?;
+    let file = Checkpoint::open(path)?;
     let names: Vec<&str> = file.names().collect();
     let [name] = names.as_slice() else {
         return Err(malformed(
@@ -149,8 +160,8 @@ fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
             ),
         ));
     };
-    let shape = file.shape(name).map_err(reason)?.to_vec();
-    let values = file.tensor_f32(name).map_err(reason)?;
+    let shape = file.shape(name)?.to_vec();
+    let values = file.tensor_f32(name)?;
     from_floats(path, &shape, values)
 }
 

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage,
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer, LayerAttributes,
+    WritableImage,
 };
 use image::{ExtendedColorType, GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
 use safetensors::tensor::{Dtype, TensorView};
@@ -53,8 +54,14 @@ pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
     write_atomic(path, &bytes)
 }
 
+/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. EXR files
+/// of others, which lack it, hold sRGB values when they are handed in as pictures.
+pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
+pub(crate) const LINEAR: &str = "linear";
+
 /// Writes linear RGB (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z, metres;
-/// divide by alpha for the expected depth) as f32, without loss.
+/// divide by alpha for the expected depth) as f32, without loss. The file says that it is linear, so that it is encoded
+/// when it is read as a picture.
 ///
 /// # Errors
 /// Names the file and the reason.
@@ -71,7 +78,11 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
         ("A".to_owned(), &rendered.alpha),
         ("Z".to_owned(), &rendered.depth_acc),
     ];
-    write_exr_channels(path, size, &channels)
+    let mut attributes = LayerAttributes::default();
+    attributes
+        .other
+        .insert(TRANSFER.into(), AttributeValue::Text(LINEAR.into()));
+    write_layer(path, size, attributes, &channels)
 }
 
 /// Writes planes `[height, width]` as named f32 channels, without loss.
@@ -80,15 +91,24 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
 /// Names the file and the reason.
 pub fn write_exr_channels(
     path: &Path,
-    (width, height): (usize, usize),
+    size: (usize, usize),
+    channels: &[(String, &[f32])],
+) -> Result<(), FileError> {
+    write_layer(path, size, LayerAttributes::default(), channels)
+}
+
+fn write_layer(
+    path: &Path,
+    size: (usize, usize),
+    attributes: LayerAttributes,
     channels: &[(String, &[f32])],
 ) -> Result<(), FileError> {
     let channels = channels
         .iter()
         .map(|(name, values)| AnyChannel::new(name.as_str(), FlatSamples::F32(values.to_vec())));
     let layer = Layer::new(
-        (width, height),
-        LayerAttributes::default(),
+        size,
+        attributes,
         Encoding::FAST_LOSSLESS,
         AnyChannels::sort(channels.collect()),
     );
@@ -130,4 +150,36 @@ pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), Fil
 /// safetensors stores little endian on every machine.
 fn bytes_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use sharp::color::Quantization;
+    use sharp::render::{Background, Dropped};
+
+    use super::*;
+    use crate::pictures;
+
+    #[test]
+    fn a_rendering_is_the_same_picture_from_exr_and_png() {
+        let dir = tempfile::tempdir().unwrap();
+        let rendered = RenderOutput {
+            width: 3,
+            height: 2,
+            rgb_linear: (0..6).map(|i| [0.2 * i as f32, 0.01, 0.5]).collect(),
+            alpha: vec![1.0; 6],
+            depth_acc: vec![2.0; 6],
+            drawn: 6,
+            dropped: Dropped::default(),
+        };
+        let (exr, png) = (dir.path().join("view.exr"), dir.path().join("view.png"));
+        write_exr(&exr, &rendered).unwrap();
+        write_png(
+            &png,
+            &rendered.srgb8(Background::Black, Quantization::Round),
+        )
+        .unwrap();
+        let found = pictures::read_rgb8(&exr).unwrap();
+        assert_eq!(found, pictures::read_rgb8(&png).unwrap());
+    }
 }

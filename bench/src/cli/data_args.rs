@@ -6,8 +6,9 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Device, ScorerOptions, Selection, Weights};
+use sharp_metrics::{Backbone, Device, ScorerOptions, Selection, Unavailable, Weights};
 
+use super::usage::UsageError;
 use crate::protocol::PairOptions;
 use crate::runs::plan::Scoring;
 
@@ -52,12 +53,31 @@ impl MetricArgs {
         })
     }
 
+    /// As [`scoring`](Self::scoring), for work that takes long: a metric named itself whose weights lack is an error
+    /// before anything is computed, not an empty column after hours.
+    pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
+        let (selection, scoring) = (self.selection()?, self.scoring()?);
+        for metric in &scoring.metrics {
+            let lacks =
+                Backbone::of(metric.key.metric()).filter(|_| metric.weights.ends_with("=absent"));
+            if let Some(backbone) = lacks.filter(|_| selection.is_explicit(metric.key)) {
+                bail!(
+                    "--metrics {}: {}",
+                    metric.key,
+                    Unavailable::NoWeights { backbone }
+                );
+            }
+        }
+        Ok(scoring)
+    }
+
     /// The files given, then what was fetched earlier.
     fn weights(&self) -> anyhow::Result<Weights> {
         let mut weights = Weights::none();
         for spec in &self.weights {
             let Some((name, file)) = spec.split_once('=') else {
-                bail!("--weights {spec}: NAME=FILE is needed, as in vgg16=vgg16-397923af.pth");
+                let reason = "NAME=FILE is needed, as in vgg16=vgg16-397923af.pth";
+                return Err(UsageError(format!("--weights {spec}: {reason}")).into());
             };
             weights = weights.with_file(name.parse()?, file);
         }
@@ -91,6 +111,11 @@ pub(super) struct OpenDataset {
 }
 
 impl OpenDataset {
+    /// The settings in force, `key=value` by commas.
+    pub(super) fn readings(&self) -> String {
+        self.readings.join(",")
+    }
+
     /// What the reader chose, assumed or left out, for the manifest.
     pub(super) fn notes(&self) -> Vec<String> {
         let of_scenes = self.scenes.iter().flat_map(|scene| {

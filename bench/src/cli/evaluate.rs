@@ -8,11 +8,13 @@ use sharp::render::Backend;
 use sharp_datasets::Scene;
 
 use super::data_args::{self, OpenDataset, PairOrigin};
+use super::usage::UsageError;
 use super::{output, progress};
+use crate::counted::counted;
 use crate::durable::write_atomic;
 use crate::methods::{self, Method, MethodSpec};
 use crate::protocol::pair_list::ResolvedPair;
-use crate::protocol::pairs::{BuildContext, PairBuild};
+use crate::protocol::pairs::{BuildContext, PairBuild, PairCounts};
 use crate::protocol::{PairList, PairOptions, build_pairs};
 use crate::rendering::SharedRenderer;
 use crate::runs::execute::{Executed, execute};
@@ -34,6 +36,7 @@ pub(super) struct Evaluation {
     methods: Vec<Box<dyn Method>>,
     scoring: Scoring,
     limit: Option<usize>,
+    only_scenes: Option<String>,
     common_region: bool,
     renderer: SharedRenderer,
 }
@@ -72,6 +75,11 @@ impl Evaluation {
         let list = match &request.pairs {
             PairOrigin::Built(options) => {
                 let build = build(&scenes, options, &datasets)?;
+                for (dataset, counts) in &build.summaries {
+                    if counts.selected == 0 {
+                        output::remark(format!("warning: {}", counted_pairs(dataset, counts)));
+                    }
+                }
                 PairList::new("pairs.csv", build.pairs)
             }
             PairOrigin::Given(path) => {
@@ -89,24 +97,41 @@ impl Evaluation {
             methods,
             scoring: request.scoring,
             limit: request.limit,
+            only_scenes: request.scenes.map(str::to_owned),
             common_region: request.common_region,
             renderer: SharedRenderer::open(request.backend)?,
         };
+        if evaluation.limit == Some(0) {
+            return Err(UsageError("--limit 0: no pair to evaluate".to_owned()).into());
+        }
         if evaluation.pairs()?.is_empty() {
-            bail!(
-                "no pair to evaluate: none of {} listed pairs is selected",
-                evaluation.list.pairs.len()
-            );
+            match evaluation.list.pairs.len() {
+                0 => bail!("no pair to evaluate: the pair list is empty"),
+                n => bail!("no pair to evaluate: none of the {n} in the list is selected"),
+            }
         }
         Ok(evaluation)
     }
 
-    /// The selected pairs, as many as the limit allows.
+    /// The selected pairs by id. A limit takes the first of each dataset in turn, so that every one is tried.
     pub(super) fn pairs(&self) -> anyhow::Result<Vec<ResolvedPair<'_>>> {
         let mut pairs = self.list.resolve(&self.scenes)?;
         pairs.retain(|resolved| resolved.pair.selected);
         pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
-        pairs.truncate(self.limit.unwrap_or(usize::MAX));
+        let Some(limit) = self.limit else {
+            return Ok(pairs);
+        };
+        let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut turns: Vec<(usize, ResolvedPair<'_>)> = Vec::with_capacity(pairs.len());
+        for resolved in pairs {
+            let turn = taken.entry(resolved.pair.dataset.as_str()).or_default();
+            turns.push((*turn, resolved));
+            *turn += 1;
+        }
+        turns.sort_by_key(|(turn, _)| *turn);
+        turns.truncate(limit);
+        let mut pairs: Vec<ResolvedPair<'_>> = turns.into_iter().map(|(_, pair)| pair).collect();
+        pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
         Ok(pairs)
     }
 
@@ -126,6 +151,7 @@ impl Evaluation {
         let facts = |dataset: &OpenDataset| DatasetFacts {
             name: dataset.name.clone(),
             spec: dataset.spec.clone(),
+            only_scenes: self.only_scenes.clone(),
             scenes: dataset.scenes.len(),
             views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
             notes: dataset.notes(),
@@ -140,6 +166,7 @@ impl Evaluation {
                 sha256: self.list.sha256.clone(),
                 listed: self.list.pairs.len(),
                 evaluated: self.pairs()?.len(),
+                limit: self.limit,
                 origin: origin.to_owned(),
                 options,
             },
@@ -182,12 +209,18 @@ impl Evaluation {
         let manifest = self.manifest()?;
         let folder = RunFolder::create(out)?;
         manifest.check_backend(&folder)?;
+        folder.reopen()?;
         manifest.write(&folder)?;
         write_atomic(&folder.pairs_path(), self.list.to_csv().as_bytes())?;
 
         let plan = RunPlan {
             pairs: self.pairs()?,
             methods: &self.methods,
+            readings: self
+                .datasets
+                .iter()
+                .map(|dataset| (dataset.name.as_str(), dataset.readings()))
+                .collect(),
             scoring: &self.scoring,
             renderer: &self.renderer,
             keep,
@@ -239,6 +272,22 @@ pub(super) fn build(
         output::remark(format!("warning: {}", problem.reason));
     }
     Ok(build)
+}
+
+/// What became of a dataset's pairs, in a line.
+pub(super) fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
+    format!(
+        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
+        counted(counts.scenes, "scene"),
+        counted(counts.views, "view"),
+        counted(counts.sets, "set"),
+        counted(counts.considered, "ordered pair"),
+        counts.without_depth,
+        counts.too_little_overlap,
+        counts.too_near,
+        counts.qualified,
+        counts.selected
+    )
 }
 
 /// A list that was made from other photographs or poses is evaluated all the same, and said to be so.

@@ -17,11 +17,15 @@ mod progress;
 mod render;
 mod report;
 mod run;
+mod usage;
 mod weights;
 
 use clap::{Parser, Subcommand};
 
 pub use outcome::Outcome;
+pub use usage::is_usage;
+
+use usage::UsageError;
 
 /// Evaluates single-photograph view synthesis the way the SHARP paper does.
 #[derive(Debug, Parser)]
@@ -88,10 +92,10 @@ const MAX_THREADS: usize = 4096;
 /// Sizes the one thread pool; without a number it has all cores.
 fn set_threads(threads: Option<usize>) -> anyhow::Result<()> {
     if let Some(threads) = threads {
-        anyhow::ensure!(
-            (1..=MAX_THREADS).contains(&threads),
-            "--threads {threads}: between 1 and {MAX_THREADS}"
-        );
+        if !(1..=MAX_THREADS).contains(&threads) {
+            let reason = format!("--threads {threads}: between 1 and {MAX_THREADS}");
+            return Err(UsageError(reason).into());
+        }
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global()?;

@@ -10,6 +10,7 @@ use sharp_datasets::{DatasetSpec, Scene, View};
 use sharp_metrics::MetricKey;
 
 use super::evaluate::Finished;
+use super::usage::UsageError;
 use super::{Outcome, data_args, output};
 use crate::counted::counted;
 use crate::methods::KINDS;
@@ -22,6 +23,7 @@ use crate::report::{
 };
 use crate::runs::device_class::check_one_class;
 use crate::runs::execute::Executed;
+use crate::runs::identity::identity_difference;
 use crate::runs::manifest::{Manifest, MethodFacts};
 use crate::runs::store::RunFolder;
 
@@ -111,10 +113,14 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         .iter()
         .map(|root| LoadedRun::open(root))
         .collect::<Result<_, _>>()?;
+    check_identities(&runs)?;
     let out = match (&args.out, runs.as_slice()) {
         (Some(out), _) => out.clone(),
         (None, [run]) => run.folder.root().join("report"),
-        (None, _) => bail!("--out DIR is needed for a report on several runs"),
+        (None, _) => {
+            let reason = "--out DIR is needed for a report on several runs";
+            return Err(UsageError(reason.to_owned()).into());
+        }
     };
     let published = match args.published {
         PublishedChoice::Never => Published::Never,
@@ -189,9 +195,13 @@ fn input<'a>(
         if datasets.iter().all(|d| d.name != facts.name) {
             datasets.push(Dataset {
                 description: format!(
-                    "{} ({}, {})",
+                    "{} ({}{}, {})",
                     facts.spec,
                     counted(facts.scenes, "scene"),
+                    facts
+                        .only_scenes
+                        .as_ref()
+                        .map_or_else(String::new, |glob| format!(" matching {glob}")),
                     counted(facts.views, "view")
                 ),
                 // A name is anyone's choice; the format says whose pictures they are.
@@ -236,6 +246,31 @@ fn description(method: &MethodFacts) -> String {
         .find(|known| known.name == kind)
         .map_or("", |known| known.summary);
     format!("{summary} ({})", method.identity)
+}
+
+/// Refuses to put numbers of different identity into one column.
+fn check_identities(runs: &[LoadedRun]) -> anyhow::Result<()> {
+    let Some((first, others)) = runs.split_first() else {
+        return Ok(());
+    };
+    let name = |run: &LoadedRun| run.folder.root().display().to_string();
+    for other in others {
+        if let Some(difference) = identity_difference(&first.manifest, &other.manifest) {
+            bail!(
+                "{} and {} cannot stand in one report: {difference}",
+                name(first),
+                name(other)
+            );
+        }
+        if first.manifest.source_fingerprint != other.manifest.source_fingerprint {
+            output::remark(format!(
+                "warning: {} and {} were evaluated by different builds",
+                name(first),
+                name(other)
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn metrics(manifests: &[&Manifest]) -> anyhow::Result<Vec<Metric>> {
@@ -296,6 +331,12 @@ fn facts(run: &LoadedRun) -> Vec<FactGroup> {
         text("listed", &manifest.pairs.listed.to_string()),
         text("evaluated", &manifest.pairs.evaluated.to_string()),
     ];
+    if let Some(limit) = manifest.pairs.limit {
+        pair_facts.push(text(
+            "limit",
+            &format!("{limit} (not all that are selected)"),
+        ));
+    }
     pair_facts.extend(manifest.pairs.options.clone());
     let notes: Vec<_> = manifest
         .datasets

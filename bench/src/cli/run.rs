@@ -8,6 +8,7 @@ use sharp::render::Backend;
 
 use super::data_args::{DatasetArgs, MetricArgs, PairArgs};
 use super::evaluate::{Evaluation, Request};
+use super::usage::UsageError;
 use super::{Outcome, backend_args, output, report};
 use crate::counted::counted;
 use crate::runs::execute::RunError;
@@ -29,7 +30,7 @@ pub(super) struct RunArgs {
     metrics: MetricArgs,
     #[command(flatten)]
     pairs: PairArgs,
-    /// Evaluate at most this many pairs, the first ones by id
+    /// Evaluate at most this many pairs: the first ones by id of each dataset in turn
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// Score all methods of a pair on the part of the target that all of them predict
@@ -76,11 +77,11 @@ fn help() -> String {
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
-    anyhow::ensure!(
-        backend != Backend::Auto,
-        "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu"
-    );
-    let scoring = args.metrics.scoring()?;
+    if backend == Backend::Auto {
+        let reason = "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu";
+        return Err(UsageError(reason.to_owned()).into());
+    }
+    let scoring = args.metrics.complete_scoring()?;
     let evaluation = Evaluation::prepare(Request {
         datasets: &args.datasets.datasets,
         scenes: args.datasets.scenes.as_deref(),

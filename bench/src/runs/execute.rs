@@ -9,8 +9,8 @@ use sharp_metrics::Picture;
 use super::plan::{Keep, RunPlan};
 use super::predict::{Loaded, PredictedUnit, Step, predict_all};
 use super::region::{cut, region_extras};
-use super::store::{RunFolder, Timing};
-use crate::durable::FileError;
+use super::store::{RunFolder, Timing, UnitFile};
+use crate::durable::{FileError, file_sha256};
 use crate::methods::Prediction;
 use crate::record::{Record, Score, Status};
 use crate::render_file::write_png;
@@ -122,6 +122,7 @@ impl PredictedUnit {
             }
             Ok(prediction)
         });
+        let mut prediction_sha256 = None;
         match scored {
             Ok(prediction) => {
                 if plan.keep == Keep::All
@@ -129,6 +130,7 @@ impl PredictedUnit {
                 {
                     let path = folder.prediction_path(&record.method, &record.pair_id);
                     write_png(&path, image)?;
+                    prediction_sha256 = Some(file_sha256(&path)?);
                 }
                 record.extras = prediction.extras;
             }
@@ -138,8 +140,14 @@ impl PredictedUnit {
                 };
             }
         }
-        folder.save(&key, record.clone(), timing)?;
-        Ok((record, timing))
+        let unit = UnitFile {
+            key: key.as_str().to_owned(),
+            record,
+            prediction_sha256,
+            timing,
+        };
+        folder.save(&key, &unit)?;
+        Ok((unit.record, unit.timing))
     }
 }
 

@@ -42,6 +42,9 @@ pub struct DatasetFacts {
     pub name: String,
     /// `[NAME:]FORMAT=PATH` as given.
     pub spec: String,
+    /// The wildcard that chose among its scenes (`--scenes`); `None` for all of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub only_scenes: Option<String>,
     /// Scenes found.
     pub scenes: usize,
     /// Views found.
@@ -59,6 +62,9 @@ pub struct PairFacts {
     pub listed: usize,
     /// Pairs that this run evaluates.
     pub evaluated: usize,
+    /// The limit of the run (`--limit`); `None` for all selected pairs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<usize>,
     /// `built`, or `given` where a list was handed in.
     pub origin: String,
     /// Every open choice of the protocol, by name.

@@ -5,12 +5,14 @@
 //! * [`device_class`]: on what kind of device the networks behind the metrics were computed.
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
+//! * [`identity`]: whether two runs may share a column.
 //! * [`execute`]: predicts and scores what is not done yet, one unit ahead of the other, and records it.
 //! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
 
 pub mod device_class;
 pub mod execute;
+pub mod identity;
 pub mod manifest;
 pub mod plan;
 mod predict;

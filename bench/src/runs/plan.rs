@@ -1,5 +1,7 @@
 //! What a run evaluates: pairs whose views are known to exist, methods, metrics.
 
+use std::collections::BTreeMap;
+
 use sharp_metrics::{Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
 use crate::durable::{FileError, file_sha256};
@@ -13,6 +15,8 @@ pub struct RunPlan<'a> {
     pub pairs: Vec<ResolvedPair<'a>>,
     /// In the order given; labels are unique.
     pub methods: &'a [Box<dyn Method>],
+    /// The settings in force of each dataset, by name: the same files mean other views under others.
+    pub readings: BTreeMap<&'a str, String>,
     /// Computes the metrics.
     pub scoring: &'a Scoring,
     /// Renders for the methods; its backend is part of every unit's key.

@@ -155,6 +155,13 @@ impl<'a> PairRun<'a> {
             ("pair", pair_id),
             ("facts", &self.pair_facts()),
             ("inputs", &self.inputs),
+            (
+                "reading",
+                self.plan
+                    .readings
+                    .get(self.planned.scene.dataset.as_str())
+                    .map_or("", String::as_str),
+            ),
             ("method", method.label()),
             ("method identity", &method.identity()),
             ("method inputs", &method_inputs),
@@ -183,11 +190,14 @@ impl<'a> PairRun<'a> {
         )
     }
 
-    fn prediction_is_kept(&self, folder: &RunFolder, method: &str) -> bool {
-        self.plan.keep == Keep::None
-            || folder
-                .prediction_path(method, &self.planned.pair.pair_id)
-                .is_file()
+    /// Whether the kept picture, if any is wanted, is the one that was scored.
+    fn prediction_is_kept(&self, folder: &RunFolder, unit: &UnitFile) -> bool {
+        let path = folder.prediction_path(&unit.record.method, &unit.record.pair_id);
+        match (&unit.prediction_sha256, self.plan.keep) {
+            (_, Keep::None) => true,
+            (Some(sha256), Keep::All) => file_sha256(&path).is_ok_and(|found| found == *sha256),
+            (None, Keep::All) => false,
+        }
     }
 
     /// Takes over what is stored, or predicts.
@@ -196,7 +206,7 @@ impl<'a> PairRun<'a> {
         let stored = folder
             .load(&key)?
             .filter(|unit| unit.record.status == Status::Ok)
-            .filter(|_| self.prediction_is_kept(folder, method.label()));
+            .filter(|unit| self.prediction_is_kept(folder, unit));
         if let Some(unit) = stored {
             return Ok(Step::Stored(Box::new(unit)));
         }

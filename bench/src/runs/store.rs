@@ -8,11 +8,13 @@
 //! RUN/records.jsonl                         the records of the last run, in order
 //! RUN/scores.csv                            the same as a table
 //! RUN/timings.csv                           seconds, beside the scores
+//! RUN/.lock                                 held while a process writes here
 //! RUN/logs/METHOD.log                       what a program that predicts wrote on its standard error
 //! ```
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +38,9 @@ pub struct UnitFile {
     pub key: String,
     /// The result.
     pub record: Record,
+    /// sha256 of the kept picture that the scores are of; `None` where none was kept.
+    #[serde(default)]
+    pub prediction_sha256: Option<String>,
     /// How long it took.
     pub timing: Timing,
 }
@@ -44,6 +49,8 @@ pub struct UnitFile {
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
+    /// Held by the one process that writes here, as long as it lives.
+    _lock: Option<Arc<File>>,
 }
 
 impl RunFolder {
@@ -54,9 +61,13 @@ impl RunFolder {
     /// Names the folder and why it cannot be used.
     pub fn create(root: &Path) -> Result<Self, FileError> {
         fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
-        let mut entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
+        let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
+        // Names with a dot are ours: the lock, and what a killed process left half written.
+        let foreign = entries
+            .filter_map(Result::ok)
+            .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
         let started = ["manifest.json", "records"].map(|name| root.join(name));
-        if entries.next().is_some() && !started.iter().any(|path| path.exists()) {
+        if foreign && !started.iter().any(|path| path.exists()) {
             return Err(FileError {
                 path: root.to_owned(),
                 action: "use as run folder",
@@ -65,6 +76,7 @@ impl RunFolder {
         }
         Ok(Self {
             root: root.to_owned(),
+            _lock: Some(Arc::new(lock(root)?)),
         })
     }
 
@@ -77,6 +89,7 @@ impl RunFolder {
         fs::metadata(&manifest).map_err(FileError::new(&manifest, "read"))?;
         Ok(Self {
             root: root.to_owned(),
+            _lock: None,
         })
     }
 
@@ -132,10 +145,11 @@ impl RunFolder {
             .join(format!("{key}.json"))
     }
 
-    /// The stored result of a unit, if it is there and whole.
+    /// The stored result of a unit, if it is there and whole. A file that is damaged, or another unit's, is none:
+    /// the unit is done again and takes its place.
     ///
     /// # Errors
-    /// When a file exists but cannot be read or is not the unit's: results are never guessed.
+    /// When a file exists but the system cannot read it.
     pub fn load(&self, key: &UnitKey) -> Result<Option<UnitFile>, FileError> {
         let path = self.record_path(key);
         let bytes = match fs::read(&path) {
@@ -143,31 +157,37 @@ impl RunFolder {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(FileError::new(&path, "read")(error)),
         };
-        let unit: UnitFile = serde_json::from_slice(&bytes)
-            .map_err(|error| FileError::new(&path, "parse")(error.into()))?;
-        if unit.key != key.as_str() {
-            let wrong =
-                std::io::Error::other("the file names another unit; delete it to redo this one");
-            return Err(FileError::new(&path, "use")(wrong));
-        }
-        Ok(Some(unit))
+        let unit = serde_json::from_slice::<UnitFile>(&bytes).ok();
+        Ok(unit.filter(|unit| unit.key == key.as_str()))
     }
 
     /// Stores a unit's result.
     ///
     /// # Errors
     /// Names the file and what the system said.
-    pub fn save(&self, key: &UnitKey, record: Record, timing: Timing) -> Result<(), FileError> {
+    pub fn save(&self, key: &UnitKey, unit: &UnitFile) -> Result<(), FileError> {
         let path = self.record_path(key);
-        let unit = UnitFile {
-            key: key.as_str().to_owned(),
-            record,
-            timing,
-        };
-        let mut bytes = serde_json::to_vec_pretty(&unit)
+        let mut bytes = serde_json::to_vec_pretty(unit)
             .map_err(|error| FileError::new(&path, "encode")(error.into()))?;
         bytes.push(b'\n');
         write_atomic(&path, &bytes)
+    }
+
+    /// Takes away what an earlier run concluded, before a run with other settings writes its manifest: a folder
+    /// without `records.jsonl` is a run that has not ended. The units stay.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn reopen(&self) -> Result<(), FileError> {
+        for path in [self.records_path(), self.scores_path(), self.timings_path()] {
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(FileError::new(&path, "remove")(error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// Writes the records of a run, a line each.
@@ -191,7 +211,12 @@ impl RunFolder {
     /// When the file is missing (the run did not finish) or a line is not a record; names the line.
     pub fn read_records(&self) -> Result<Vec<Record>, FileError> {
         let path = self.records_path();
-        let text = fs::read_to_string(&path).map_err(FileError::new(&path, "read"))?;
+        let text = fs::read_to_string(&path).map_err(|error| match error.kind() {
+            std::io::ErrorKind::NotFound => FileError::new(&self.root, "report")(
+                std::io::Error::other("the run has not ended; the same `run` command goes on"),
+            ),
+            _ => FileError::new(&path, "read")(error),
+        })?;
         text.lines()
             .enumerate()
             .map(|(at, line)| {
@@ -201,5 +226,18 @@ impl RunFolder {
                 })
             })
             .collect()
+    }
+}
+
+/// Takes the folder for this process. Where the file system has no locks, nothing is taken.
+fn lock(root: &Path) -> Result<File, FileError> {
+    let path = root.join(".lock");
+    let file = File::create(&path).map_err(FileError::new(&path, "create"))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            let reason = std::io::Error::other("another process is writing this run");
+            Err(FileError::new(root, "use as run folder")(reason))
+        }
+        _ => Ok(file),
     }
 }

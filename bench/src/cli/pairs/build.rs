@@ -64,19 +64,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     for (dataset, counts) in &build.summaries {
-        output::line(format!(
-            "{dataset}: {} scenes, {} views, {} sets, {} ordered pairs; without depth {}, too little overlap {}, \
-             too near {}; {} qualify, {} selected",
-            counts.scenes,
-            counts.views,
-            counts.sets,
-            counts.considered,
-            counts.without_depth,
-            counts.too_little_overlap,
-            counts.too_near,
-            counts.qualified,
-            counts.selected
-        ))?;
+        output::line(evaluate::counted_pairs(dataset, counts))?;
     }
     output::line(format!("options {}", args.pair_options))?;
     output::line(format!("sha256  {}", list.sha256))?;

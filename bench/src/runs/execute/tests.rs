@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use sharp::gaussians::Gaussians;
 use sharp::render::{CpuRenderer, LoadedScene, RenderError, Renderer};
@@ -81,6 +82,7 @@ impl Bench {
         RunPlan {
             pairs: resolved,
             methods,
+            readings: BTreeMap::from([("S", "size=48x36".to_owned())]),
             scoring: &self.scoring,
             renderer,
             keep: Keep::None,
@@ -160,13 +162,110 @@ fn prediction_runs_one_step_ahead_of_scoring_and_no_further() {
     let plan = bench.plan(&methods, &cpu, 6);
     let seen = Mutex::new(Vec::new());
     let executed = execute(&plan, &folder, |_, _| {
-        // Long enough for the other thread to get as far as it may.
-        std::thread::sleep(std::time::Duration::from_millis(100));
-        seen.lock().unwrap().push(predicted.load(Ordering::SeqCst));
+        // The other thread gets as far as it may, and time to go further, which it must not.
+        let mut seen = seen.lock().unwrap();
+        let expected = (seen.len() + 2).min(6);
+        let patience = Instant::now() + Duration::from_secs(20);
+        while predicted.load(Ordering::SeqCst) < expected && Instant::now() < patience {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        seen.push(predicted.load(Ordering::SeqCst));
     })
     .unwrap();
     let ids = executed.units.iter().map(|(record, _)| &record.pair_id);
     assert!(ids.eq(plan.pairs.iter().map(|planned| &planned.pair.pair_id)));
     // When unit k is about to be scored, unit k + 1 is predicted and waits to be taken.
     assert_eq!(*seen.lock().unwrap(), [2, 3, 4, 5, 6, 6]);
+}
+
+/// Answers every pair with one grey.
+struct Grey(u8);
+
+impl Method for Grey {
+    fn label(&self) -> &str {
+        "grey"
+    }
+
+    fn identity(&self) -> String {
+        format!("grey {}", self.0)
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        let mut image = pair.source_image.clone();
+        image.fill(self.0);
+        Ok(Prediction::plain(image))
+    }
+}
+
+#[test]
+fn kept_pictures_are_those_that_were_scored() {
+    let bench = Bench::new();
+    let dir = tempfile::tempdir().unwrap();
+    let folder = RunFolder::create(dir.path()).unwrap();
+    let cpu = SharedRenderer::cpu();
+    for (grey, reused) in [(10, 0), (200, 0), (10, 0), (10, 1)] {
+        let methods: Vec<Box<dyn Method>> = vec![Box::new(Grey(grey))];
+        let mut plan = bench.plan(&methods, &cpu, 1);
+        plan.keep = Keep::All;
+        let executed = execute(&plan, &folder, |_, _| {}).unwrap();
+        assert_eq!(executed.reused, reused, "{grey}");
+        let path = folder.prediction_path("grey", &plan.pairs[0].pair.pair_id);
+        let kept = image::open(path).unwrap().into_rgb8();
+        assert_eq!(kept.get_pixel(0, 0).0, [grey; 3]);
+    }
+}
+
+#[test]
+fn other_settings_of_a_dataset_are_other_units() {
+    let (bench, cpu) = (Bench::new(), SharedRenderer::cpu());
+    let dir = tempfile::tempdir().unwrap();
+    let folder = RunFolder::create(dir.path()).unwrap();
+    let methods: Vec<Box<dyn Method>> = vec![Box::new(Grey(10))];
+    for (reading, reused) in [
+        ("depth-unit=0.001", 0),
+        ("depth-unit=0.002", 0),
+        ("depth-unit=0.001", 1),
+    ] {
+        let mut plan = bench.plan(&methods, &cpu, 1);
+        plan.readings.insert("S", reading.to_owned());
+        let executed = execute(&plan, &folder, |_, _| {}).unwrap();
+        assert_eq!(executed.reused, reused, "{reading}");
+    }
+}
+
+#[test]
+fn a_damaged_record_is_made_again() {
+    let (bench, cpu) = (Bench::new(), SharedRenderer::cpu());
+    let dir = tempfile::tempdir().unwrap();
+    let folder = RunFolder::create(dir.path()).unwrap();
+    let methods: Vec<Box<dyn Method>> = vec![Box::new(Grey(10))];
+    let plan = bench.plan(&methods, &cpu, 1);
+    let expected = execute(&plan, &folder, |_, _| {}).unwrap().records();
+    let units = dir.path().join("records");
+    let sub = std::fs::read_dir(units).unwrap().next().unwrap().unwrap();
+    let unit = std::fs::read_dir(sub.path())
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap();
+    let whole = std::fs::read(unit.path()).unwrap();
+    std::fs::write(unit.path(), &whole[..whole.len() / 2]).unwrap();
+    let again = execute(&plan, &folder, |_, _| {}).unwrap();
+    assert_eq!((again.reused, again.records()), (0, expected));
+    assert_eq!(execute(&plan, &folder, |_, _| {}).unwrap().reused, 1);
+}
+
+#[test]
+fn a_run_folder_has_one_writer_and_no_results_until_it_ended() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = RunFolder::create(dir.path()).unwrap();
+    let error = RunFolder::create(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("another process"), "{error}");
+    folder.write_records(&[]).unwrap();
+    folder.reopen().unwrap();
+    let error = folder.read_records().unwrap_err().to_string();
+    assert!(error.contains("has not ended"), "{error}");
+    drop(folder);
+    RunFolder::create(dir.path()).unwrap();
 }
