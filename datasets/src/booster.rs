@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, Node, Storage};
 use crate::format::picture;
 use crate::rig::Side;
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -54,13 +54,17 @@ pub(crate) const FORMAT: Format = Format {
     open,
 };
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let folders = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
     let mut scenes = Vec::new();
     for folder in folders {
         if is_wanted(&folder, spec.setting("split"), spec.setting("set")) {
-            read_scene(spec, &root, &folder, &mut scenes)?;
+            let found = scenes.len();
+            if let Err(error) = read_scene(spec, &root, &folder, &mut scenes) {
+                scenes.truncate(found);
+                scenes.push(Err(error));
+            }
         }
     }
     if scenes.is_empty() {
@@ -96,7 +100,7 @@ fn read_scene(
     spec: &DatasetSpec,
     root: &Root,
     folder: &Path,
-    scenes: &mut Vec<Scene>,
+    scenes: &mut Attempts,
 ) -> Result<(), DatasetError> {
     let (number, calibration) = ["02", "01"]
         .iter()
@@ -135,7 +139,7 @@ fn read_scene(
                 source,
             })?);
         }
-        scenes.push(Scene {
+        scenes.push(Ok(Scene {
             dataset: spec.name.clone(),
             id: format!("{id}/{stem}"),
             cluster: cluster.clone(),
@@ -145,7 +149,7 @@ fn read_scene(
                 target: 1,
             },
             notes,
-        });
+        }));
         if spec.setting("illuminations") == "first" {
             break;
         }

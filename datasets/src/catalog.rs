@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use crate::spec::{DatasetSpec, Format};
+use crate::spec::{Attempts, DatasetSpec, Format};
 use crate::{
     DatasetError, Scene, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
     synthetic, tanks_and_temples, wildrgbd,
@@ -86,7 +86,7 @@ impl DatasetSpec {
                     known.join(", ")
                 )));
             };
-            if !setting.choices.is_empty() && setting.choices.iter().all(|c| c.value != value) {
+            if !setting.any && setting.choices.iter().all(|c| c.value != value) {
                 let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
                 return Err(error(format!(
                     "'{key}' cannot be '{value}'; it is one of: {}",
@@ -115,8 +115,16 @@ impl DatasetSpec {
 /// natural order of their ids.
 ///
 /// # Errors
-/// Names the file or folder and what is wrong with it.
+/// Names the file or folder and what is wrong with it; the first one, if several are.
 pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    open_each(spec)?.into_iter().collect()
+}
+
+/// As [`open`], with every scene that could not be read in its place among the others.
+///
+/// # Errors
+/// When there is no scene at all, or the dataset's own lists cannot be read.
+pub(crate) fn open_each(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let format = formats()
         .iter()
         .find(|f| f.name == spec.format)

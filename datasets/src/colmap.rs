@@ -13,7 +13,7 @@ use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
 use crate::format::colmap;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Choice, DatasetSpec, Format, OUTSIDE, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -62,13 +62,13 @@ const MODELS: [&str; 6] = [
     ".",
 ];
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
     let folders = root.find_folders(3, &|folder| model_of(folder).is_some())?;
     let mut scenes = Vec::new();
     for folder in &folders {
         if let Some(model) = model_of(folder) {
-            scenes.push(read_scene(spec, &root, folder, &model)?);
+            scenes.push(read_scene(spec, &root, folder, &model));
         }
     }
     if scenes.is_empty() {
@@ -100,7 +100,7 @@ fn read_scene(
     folder: &Path,
     model_folder: &Path,
 ) -> Result<Scene, DatasetError> {
-    root.check(model_folder)?;
+    colmap::check_inside(root, model_folder)?;
     let model = colmap::read_model(model_folder)?;
     let images_file = model.files.last().cloned().unwrap_or_default();
     let scale = spec.positive("scale")?;

@@ -42,7 +42,13 @@ impl ViewContent for FileContent {
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
-        self.depth.as_ref().map(|depth| depth.load()).transpose()
+        let Some(depth) = &self.depth else {
+            return Ok(None);
+        };
+        // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
+        // for any amount of memory.
+        check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
+        depth.load().map(Some)
     }
 
     fn image_file(&self) -> Option<&Path> {

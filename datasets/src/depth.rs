@@ -194,6 +194,9 @@ impl DepthSource for MaskedDepth {
     }
 }
 
+/// A picture may be this many times as wide as its depth map.
+const LARGEST_FACTOR: f64 = 64.0;
+
 /// Resizes a map of the picture's shape to the picture's size; refuses one of another shape.
 fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
     if map.dimensions() == size {
@@ -202,7 +205,9 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
     let (w, h) = (f64::from(map.width()), f64::from(map.height()));
     // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
     let other = w * f64::from(size.1) / f64::from(size.0);
-    if (other - h).abs() > 1.0 {
+    // No device stores depth smaller than that, and no small map may ask for a huge one.
+    let too_small = w * LARGEST_FACTOR < f64::from(size.0);
+    if too_small || (other - h).abs() > 1.0 {
         check_size(path, map.dimensions(), size)?;
     }
     // By hand: `image::imageops::resize` clamps floats to 0..1.

@@ -13,7 +13,7 @@ use crate::files::Root;
 use crate::format::colmap::{self, Model};
 use crate::format::colmap_records::Image;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 
@@ -39,7 +39,7 @@ pub(crate) const FORMAT: Format = Format {
     open,
 };
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let distorted = spec.setting("images") == "distorted";
     let calibration = if distorted {
@@ -59,10 +59,10 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
             },
         });
     }
-    folders
+    Ok(folders
         .iter()
         .map(|folder| read_scene(spec, &root, folder, calibration, distorted))
-        .collect()
+        .collect())
 }
 
 fn read_scene(
@@ -73,12 +73,14 @@ fn read_scene(
     distorted: bool,
 ) -> Result<Scene, DatasetError> {
     let model_folder = root.resolve(folder, calibration)?;
+    colmap::check_inside(root, &model_folder)?;
     let model = colmap::read_model(&model_folder)?;
     let id = root.id_of(folder);
     let mut notes = Vec::new();
     // Only the distorted cameras say where a depth sample lies.
     let stored_folder = root.resolve(folder, "dslr_calibration_jpg")?;
     let stored = if colmap::is_model(&stored_folder) {
+        colmap::check_inside(root, &stored_folder)?;
         Some(colmap::read_model(&stored_folder)?)
     } else {
         notes.push(format!(

@@ -38,10 +38,11 @@ const FACTS: [Facts; 10] = [
         terms: "free to use and publish; cite Scharstein et al., GCPR 2014",
         download: "zip/<Scene>-perfect.zip and -imperfect.zip (23 scenes each), or MiddEval3-data-F.zip \
                    with MiddEval3-GT0-F.zip",
-        size: "pictures of 5 to 6 megapixels; one scene is bundled at a quarter of the size",
+        size: "46 archives; pictures of 5 to 6 megapixels, disparity maps of 24 MB each; one scene is bundled at a \
+               quarter of the size",
         layout: "<Scene>/{im0.png, im1.png, calib.txt, disp0.pfm or disp0GT.pfm}",
         table_column: "Middlebury",
-        caveat: "the paper does not say which scenes and which rectification it used",
+        caveat: "the paper says neither which scenes nor which rectification it used",
     },
     Facts {
         format: "booster",
@@ -74,7 +75,7 @@ const FACTS: [Facts; 10] = [
         page: "https://github.com/wildrgbd/wildrgbd",
         terms: "MIT (the repository's licence; no separate terms for the data)",
         download: "one archive in parts a category; join the parts before unpacking",
-        size: "3.4 TB for all 46 categories",
+        size: "3.37 TB for all 46 categories, 4 TB unpacked",
         layout: "<category>/nvs_list.json, <category>/scenes/scene_*/{rgb, depth, metadata, \
                  cam_poses.txt}",
         table_column: "WildRGBD",
@@ -84,9 +85,9 @@ const FACTS: [Facts; 10] = [
         format: "tanks-and-temples",
         title: "Tanks and Temples, training set",
         page: "https://www.tanksandtemples.org/",
-        terms: "non-commercial research; no redistribution",
+        terms: "non-commercial research without redistribution, beside a CC BY 4.0 notice",
         download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
-        size: "1920x1080 pictures, 150 to 500 a scene",
+        size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
         layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/*.jpg}",
         table_column: "Tanks and Temples",
         caveat: "intrinsics were never published: give a COLMAP camera or accept 0.7 of the width",
@@ -97,7 +98,7 @@ const FACTS: [Facts; 10] = [
         page: "https://www.eth3d.net/datasets",
         terms: "CC BY-NC-SA 4.0",
         download: "<scene>_dslr_undistorted.7z, _dslr_jpg.7z and _dslr_depth.7z of 13 scenes",
-        size: "24-megapixel pictures, 14 to 76 a scene",
+        size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
         layout: "<scene>/{images/dslr_images_undistorted, dslr_calibration_undistorted, \
                  dslr_calibration_jpg, ground_truth_depth/dslr_images}",
         table_column: "ETH3D",

@@ -9,6 +9,7 @@
 //! * [`spec`]: what a format is and what can be set; [`catalog`]: the formats by name, and how one is
 //!   asked for and opened.
 //! * [`facts`]: what each dataset is and where to get it.
+//! * [`needed`]: the files that a photograph needs beside it.
 //! * [`check`](mod@check): what is there, what is broken, whether poses make sense.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
 //! * [`bundled`]: the dataset that comes with the program.
@@ -35,6 +36,7 @@ pub mod lens;
 mod mask;
 mod middlebury;
 pub mod natural;
+pub mod needed;
 mod nerfstudio;
 mod posed;
 mod rig;

@@ -14,7 +14,7 @@ use crate::depth::StereoGeometry;
 use crate::files::Root;
 use crate::format::{calib, picture};
 use crate::rig::Side;
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene, View};
 
 /// The catalogue's entry.
@@ -22,6 +22,14 @@ pub(crate) const FORMAT: Format = Format {
     name: "middlebury",
     summary: "Middlebury 2014 stereo (scenes2014 or MiddEval3): folders with im0.png, im1.png, calib.txt",
     settings: &[
+        Setting::choice(
+            "scenes",
+            "which scenes, by the folder's name without -perfect or -imperfect",
+            &[
+                Choice::new("found", "every scene folder found"),
+                Choice::new("training15", "the 15 of MiddEval3's training set"),
+            ],
+        ),
         Setting::choice(
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
@@ -48,7 +56,7 @@ pub(crate) const FORMAT: Format = Format {
 ///
 /// # Errors
 /// [`DatasetError::NoScene`] when nothing is found; errors of the files otherwise.
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let right = spec.setting("right");
     let right_name = format!("{right}.png");
@@ -66,10 +74,11 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
             "imperfect" => "-perfect",
             _ => "/",
         };
-        if id.ends_with(other) || !folder.join(&right_name).is_file() {
+        let listed = spec.setting("scenes") == "found" || is_training15(&id);
+        if !listed || id.ends_with(other) || !folder.join(&right_name).is_file() {
             continue;
         }
-        scenes.push(read_scene(&spec.name, &root, &folder, id, right)?);
+        scenes.push(read_scene(&spec.name, &root, &folder, id, right));
     }
     if scenes.is_empty() {
         return Err(DatasetError::NoScene {
@@ -155,14 +164,40 @@ fn find_disparity(
     Ok(None)
 }
 
+/// Whether MiddEval3's training set has a scene of that name.
+fn is_training15(id: &str) -> bool {
+    const NAMES: [&str; 15] = [
+        "Adirondack",
+        "ArtL",
+        "Jadeplant",
+        "Motorcycle",
+        "MotorcycleE",
+        "Piano",
+        "PianoL",
+        "Pipes",
+        "Playroom",
+        "Playtable",
+        "PlaytableP",
+        "Recycle",
+        "Shelves",
+        "Teddy",
+        "Vintage",
+    ];
+    NAMES.contains(&without_rectification(id))
+}
+
+/// The scene's folder name without `-perfect` or `-imperfect`.
+fn without_rectification(id: &str) -> &str {
+    let name = id.rsplit('/').next().unwrap_or(id);
+    name.strip_suffix("-perfect")
+        .or_else(|| name.strip_suffix("-imperfect"))
+        .unwrap_or(name)
+}
+
 /// The scene's folder name without `-perfect`/`-imperfect` and without MiddEval3's suffix for
 /// another exposure (E), lighting (L) or rectification (P) of the same set-up: `PianoL` → `Piano`.
 fn physical_scene(id: &str) -> String {
-    let name = id.rsplit('/').next().unwrap_or(id);
-    let name = name
-        .strip_suffix("-perfect")
-        .or_else(|| name.strip_suffix("-imperfect"))
-        .unwrap_or(name);
+    let name = without_rectification(id);
     let stem = name.strip_suffix(['E', 'L', 'P']).unwrap_or(name);
     let is_variant = stem.ends_with(|c: char| c.is_ascii_lowercase());
     (if is_variant { stem } else { name }).to_owned()
@@ -170,7 +205,13 @@ fn physical_scene(id: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::physical_scene;
+    use super::{is_training15, physical_scene};
+
+    #[test]
+    fn the_training_set_goes_by_names() {
+        assert!(is_training15("trainingF/PianoL") && is_training15("Adirondack-imperfect"));
+        assert!(!is_training15("Bicycle1-perfect") && !is_training15("Motorcycle-quarter"));
+    }
 
     #[test]
     fn variants_of_a_set_up_form_one_cluster() {

@@ -15,7 +15,7 @@ use crate::format::picture;
 use crate::format::transforms::{self, Frame};
 use crate::mask::Mask;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Choice, DatasetSpec, Format, OUTSIDE, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -44,7 +44,7 @@ pub(crate) const FORMAT: Format = Format {
 
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let (folder, only) = if spec.path.is_file() {
         let folder = spec.path.parent().filter(|p| !p.as_os_str().is_empty());
         (folder.unwrap_or(Path::new(".")), Some(spec.path.clone()))
@@ -67,10 +67,10 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
             expected: "transforms.json, up to three levels down",
         });
     }
-    jsons
+    Ok(jsons
         .iter()
         .map(|json| read_scene(spec, &root, json))
-        .collect()
+        .collect())
 }
 
 fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, DatasetError> {

@@ -17,7 +17,7 @@ use crate::lens::Lens;
 use crate::mask::Mask;
 use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 
@@ -26,11 +26,19 @@ pub(crate) const FORMAT: Format = Format {
     name: "scannetpp",
     summary: "ScanNet++ (v1, v2) DSLR: splits/<split>.txt and data/<scene>/dslr",
     settings: &[
-        Setting::free(
+        Setting::named(
             "split",
-            "a list in splits/, or 'all'; the paper names nvs_test, which has neither mesh nor \
-             test pictures, nvs_sem_val has both",
-            "nvs_test",
+            "a list in splits/, or every scene",
+            &[
+                Choice::new(
+                    "nvs_test",
+                    "the one the paper names: it has neither mesh nor test pictures, so that \
+                     frames=train and depth=points are what is left of it",
+                ),
+                Choice::proxy("nvs_sem_val", "has meshes and test pictures"),
+                Choice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
+                Choice::proxy("all", "every scene that is there"),
+            ],
         ),
         Setting::choice(
             "frames",
@@ -87,7 +95,7 @@ pub(crate) const FORMAT: Format = Format {
     open,
 };
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let data = root.resolve(root.path(), "data")?;
     let data = if data.is_dir() {
@@ -119,20 +127,20 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
                 dslr,
                 cache: &cache,
             };
-            scenes.push(reader.read(&name)?);
+            scenes.push(reader.read(&name));
         } else if split != "all" {
             missing.add("the split names scenes that are not there", &name);
         }
     }
-    match scenes.first_mut() {
-        Some(first) => first.notes.extend(missing.notes(&spec.path)),
-        None => {
-            return Err(DatasetError::NoScene {
-                path: spec.path.clone(),
-                format: FORMAT.name,
-                expected: "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all",
-            });
-        }
+    if scenes.is_empty() {
+        return Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: FORMAT.name,
+            expected: "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all",
+        });
+    }
+    if let Some(first) = scenes.iter_mut().flatten().next() {
+        first.notes.extend(missing.notes(&spec.path));
     }
     Ok(scenes)
 }
@@ -163,7 +171,7 @@ impl Reader<'_> {
         if matches!(source, Source::None) && self.spec.setting("depth") != "none" {
             notes.push(format!(
                 "{name}: neither dslr/render_depth nor scans/mesh_aligned_0.05.ply, so the views \
-                 have no depth"
+                 have no depth; depth=points takes COLMAP's points"
             ));
         }
         let choice = self.spec.setting("frames");
@@ -291,6 +299,7 @@ impl Reader<'_> {
             "mesh" => Source::Mesh(scan),
             "points" => {
                 let folder = self.root.resolve(&self.dslr, "colmap")?;
+                colmap::check_inside(self.root, &folder)?;
                 let ids = colmap::read_model(&folder)?
                     .images
                     .into_iter()

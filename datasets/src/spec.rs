@@ -15,8 +15,11 @@ pub struct Format {
     pub summary: &'static str,
     /// What can be chosen, for instance between readings of the paper.
     pub settings: &'static [Setting],
-    pub(crate) open: fn(&DatasetSpec) -> Result<Vec<Scene>, DatasetError>,
+    pub(crate) open: fn(&DatasetSpec) -> Result<Attempts, DatasetError>,
 }
+
+/// The scenes found, in order; one that cannot be read does not hide the others.
+pub(crate) type Attempts = Vec<Result<Scene, DatasetError>>;
 
 /// Something that can be chosen when a dataset is opened, as `key=value`.
 #[derive(Debug, PartialEq, Eq)]
@@ -25,9 +28,10 @@ pub struct Setting {
     pub key: &'static str,
     /// What it decides.
     pub meaning: &'static str,
-    /// The values there are, the default first. Empty when any value is allowed; then
-    /// [`Setting::default`] is the default.
+    /// The values that have a meaning of their own, the default first; empty when none has.
     pub choices: &'static [Choice],
+    /// Whether other values are allowed too.
+    pub any: bool,
     /// The default.
     pub default: &'static str,
 }
@@ -42,6 +46,22 @@ impl Setting {
             key,
             meaning,
             choices,
+            any: false,
+            default: choices[0].value,
+        }
+    }
+
+    /// Any value, of which some are described; the others count as proxies.
+    pub(crate) const fn named(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [Choice],
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            choices,
+            any: true,
             default: choices[0].value,
         }
     }
@@ -55,6 +75,7 @@ impl Setting {
             key,
             meaning,
             choices: &[],
+            any: true,
             default,
         }
     }
@@ -135,7 +156,8 @@ impl DatasetSpec {
             .iter()
             .map(|s| {
                 let value = self.setting(s.key);
-                let proxy = s.choices.iter().any(|c| c.value == value && c.proxy);
+                let chosen = s.choices.iter().find(|c| c.value == value);
+                let proxy = chosen.map_or(!s.choices.is_empty(), |c| c.proxy);
                 (s.key, value.to_owned(), proxy)
             })
             .collect()

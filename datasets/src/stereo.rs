@@ -13,7 +13,7 @@ use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::rig::Side;
-use crate::spec::{DatasetSpec, Format};
+use crate::spec::{Attempts, DatasetSpec, Format};
 use crate::{DatasetError, Pairing, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
@@ -28,7 +28,7 @@ pub(crate) const FORMAT: Format = Format {
     open,
 };
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let folders = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
     if folders.is_empty() {
@@ -38,10 +38,10 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
             expected: "folders with left.png, right.png and rig.txt, up to four levels down",
         });
     }
-    folders
+    Ok(folders
         .iter()
         .map(|folder| read_scene(&spec.name, &root, folder))
-        .collect()
+        .collect())
 }
 
 fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {

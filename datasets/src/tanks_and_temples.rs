@@ -13,7 +13,7 @@ use crate::format::{colmap, picture, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -44,7 +44,7 @@ pub(crate) const FORMAT: Format = Format {
 
 const LOG: &str = "_COLMAP_SfM.log";
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let radius = spec.setting("splat-radius");
     let splat_radius = radius
@@ -65,7 +65,7 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
                 folder,
                 log: &log,
             };
-            scenes.push(place.read_scene(spec, splat_radius, &cache)?);
+            scenes.push(place.read_scene(spec, splat_radius, &cache));
         }
     }
     if scenes.is_empty() {
@@ -221,6 +221,7 @@ impl Place<'_> {
         if choice == "auto" {
             for place in [".", "sparse/0", "sparse"] {
                 let model = self.root.resolve(self.folder, place)?;
+                colmap::check_inside(self.root, &model)?;
                 let Some((file, cameras)) = colmap::read_cameras(&model)? else {
                     continue;
                 };

@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
-use crate::spec::{Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -40,7 +40,7 @@ pub(crate) const FORMAT: Format = Format {
 
 const LIST: &str = "nvs_list.json";
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
     let split = spec.setting("split");
     let by_list = matches!(split, "val-scenes" | "train-scenes");
@@ -56,19 +56,20 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
             every_scene(category)?
         };
         for folder in folders {
-            scenes.push(read_scene(spec, &root, &folder, split == "val-frames")?);
+            scenes.push(read_scene(spec, &root, &folder, split == "val-frames"));
         }
     }
-    if let Some(first) = scenes.first_mut() {
-        first.notes.extend(missing.notes(&spec.path));
-        Ok(scenes)
-    } else {
-        Err(DatasetError::NoScene {
+    if scenes.is_empty() {
+        return Err(DatasetError::NoScene {
             path: spec.path.clone(),
             format: FORMAT.name,
             expected: "<category>/nvs_list.json and the scenes that it names, or split=all-scenes",
-        })
+        });
     }
+    if let Some(first) = scenes.iter_mut().flatten().next() {
+        first.notes.extend(missing.notes(&spec.path));
+    }
+    Ok(scenes)
 }
 
 /// The folders of the scenes that the category's list names, in natural order.

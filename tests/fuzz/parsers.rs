@@ -1,8 +1,16 @@
 // Every parser of untrusted bytes, by name. Shared by the fuzz targets and by the test that
 // mutates the fixtures. A parser may refuse; it must not panic, hang, or allocate without bound.
 
+mod catalogue;
+
+use std::path::Path;
+
+use sharp_bench::protocol::PairList;
+use sharp_checkpoint::Checkpoint;
 use sharp_datasets::format;
 use sharp_datasets::lens::Lens;
+
+pub(crate) use catalogue::FILES as DATASET_FILES;
 
 /// A parser, and how the files begin that it is fed with.
 pub(crate) struct Parser {
@@ -77,6 +85,26 @@ pub(crate) const PARSERS: &[Parser] = &[
         name: "colmap_binary",
         run: colmap_binary,
         seeds: &[".bin"],
+    },
+    Parser {
+        name: "catalogue",
+        run: catalogue::catalogue,
+        seeds: &[],
+    },
+    Parser {
+        name: "gaussian_ply",
+        run: gaussian_ply,
+        seeds: &[],
+    },
+    Parser {
+        name: "checkpoint",
+        run: checkpoint,
+        seeds: &[],
+    },
+    Parser {
+        name: "pair_list",
+        run: pair_list,
+        seeds: &[],
     },
 ];
 
@@ -156,6 +184,29 @@ fn colmap_binary(bytes: &[u8]) {
     }
     let _ = format::colmap_binary::images(bytes);
     let _ = format::colmap_binary::points(bytes);
+}
+
+fn gaussian_ply(bytes: &[u8]) {
+    let _ = sharp::ply::from_bytes(bytes, sharp::ply::ReadOptions::default());
+}
+
+/// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.
+fn checkpoint(bytes: &[u8]) {
+    let file = tempfile::NamedTempFile::new().expect("a temporary file");
+    std::fs::write(file.path(), bytes).expect("a temporary file");
+    if let Ok(checkpoint) = Checkpoint::open(file.path()) {
+        for name in checkpoint.names().take(16) {
+            let _ = checkpoint.tensor_f32(name);
+        }
+    }
+}
+
+fn pair_list(bytes: &[u8]) {
+    if let Ok(list) = PairList::parse(Path::new("pairs.csv"), bytes) {
+        // What was read can be written and read again.
+        let again = PairList::parse(Path::new("pairs.csv"), list.to_csv().as_bytes());
+        assert_eq!(again.expect("its own form").pairs, list.pairs);
+    }
 }
 
 /// A lens of any parameters must answer or refuse.

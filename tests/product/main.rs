@@ -1,6 +1,8 @@
 //! The whole product, as people run it: the binary, its files, its exit codes.
 
 #[cfg(test)]
+mod datasets_command;
+#[cfg(test)]
 mod demo_command;
 #[cfg(test)]
 mod metric_devices;

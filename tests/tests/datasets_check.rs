@@ -58,5 +58,6 @@ fn a_broken_picture_is_a_problem_that_names_it() {
     );
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["problems"], 1);
-    assert_eq!(json["readings"][0]["key"], "rectification");
+    assert_eq!(json["readings"][1]["key"], "rectification");
+    assert_eq!(json["unreadable"], serde_json::json!([]));
 }

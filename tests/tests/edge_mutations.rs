@@ -1,7 +1,12 @@
 //! Mutants of the fixtures, fed to every parser: it may refuse, but must not panic, hang or take
 //! memory that the bytes do not justify. Seeded; `SHARP_FUZZ_SECONDS` gives each parser that long.
 
-#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stderr,
+    reason = "test code outside of #[test] functions"
+)]
 
 #[path = "../fuzz/parsers.rs"]
 mod parsers;
@@ -13,10 +18,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use parsers::{PARSERS, Parser};
+use parsers::{DATASET_FILES, PARSERS, Parser};
 
 /// Mutants of each parser when no time is given.
 const MUTANTS: usize = 20_000;
+
+/// Parsers that read folders are slow: they stop after this long when no time is given.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Counts what each thread has asked for, to catch allocations that only a header justifies.
 struct Counting;
@@ -66,8 +74,18 @@ fn attack(parser: &Parser) -> Result<(), Failed> {
     let begin = Instant::now();
     let mut random = Random(0x5EED);
     for i in 0_usize.. {
-        let over = limit.map_or(i >= MUTANTS, |limit| begin.elapsed() >= limit);
+        let over = match limit {
+            Some(limit) => begin.elapsed() >= limit,
+            None => i >= MUTANTS || begin.elapsed() >= PATIENCE,
+        };
         if over {
+            if limit.is_some() {
+                eprintln!(
+                    "{}: {i} mutants in {} s",
+                    parser.name,
+                    begin.elapsed().as_secs()
+                );
+            }
             break;
         }
         let (_, seed) = &seeds[random.below(seeds.len())];
@@ -114,10 +132,15 @@ fn seeds(parser: &Parser) -> Vec<(PathBuf, Vec<u8>)> {
         files.extend(corpus.map(|entry| entry.unwrap().path()));
     }
     files.sort();
-    files
+    let mut seeds: Vec<(PathBuf, Vec<u8>)> = files
         .into_iter()
         .map(|path| (path.clone(), std::fs::read(path).unwrap()))
-        .collect()
+        .collect();
+    if parser.name == "catalogue" {
+        let datasets = DATASET_FILES.iter().zip(0_u8..);
+        seeds.extend(datasets.map(|((name, bytes), i)| (name.into(), [&[i], *bytes].concat())));
+    }
+    seeds
 }
 
 /// A few random changes, mostly near the beginning, where headers are.

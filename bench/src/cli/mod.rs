@@ -5,6 +5,7 @@ mod camera_file;
 mod cameras;
 mod completions;
 mod data_args;
+mod datasets;
 mod demo;
 mod doctor;
 mod evaluate;
@@ -50,6 +51,7 @@ enum Command {
     Report(report::ReportArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
+    Datasets(datasets::DatasetsArgs),
     Metrics(metrics::MetricsArgs),
     Predict(model::predict::PredictArgs),
     Render(render::RenderArgs),
@@ -73,6 +75,7 @@ impl Cli {
             Command::Report(args) => report::execute(&args),
             Command::Pairs(args) => pairs::execute(&args),
             Command::Cameras(args) => cameras::execute(&args),
+            Command::Datasets(args) => datasets::execute(&args),
             Command::Metrics(args) => metrics::execute(&args),
             Command::Predict(args) => model::predict::execute(&args),
             Command::Gaussians(args) => model::gaussians::execute(&args),

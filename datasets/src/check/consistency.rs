@@ -15,6 +15,11 @@ const PAIRS: usize = 4;
 const SAMPLES: usize = 20_000;
 /// Relative difference up to which depths agree.
 const TOLERANCE: f64 = 0.05;
+/// Depths that meet must agree at least this often in one pair of neighbours. Occlusion costs the
+/// right poses some of it; on real frames read wrongly a fifth agrees.
+const LEAST: f64 = 0.3;
+/// Fewer depths that meet say nothing about a pair.
+const ENOUGH: f64 = 0.05;
 
 /// The share of depth values that agree, by how the poses are taken; 0..1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -25,6 +30,13 @@ pub struct Consistency {
     pub inverted: f64,
     /// Camera axes of OpenGL instead of OpenCV, or the other way round.
     pub flipped_axes: f64,
+    /// Of the depth values that meet one of the other view, the share that agrees, in the pair in
+    /// which it is largest; `None` where too few meet (neighbours that see different things, or
+    /// sparse depth).
+    pub meeting: Option<f64>,
+    /// There: the median of the other view's depth over the depth carried to it, 1 where poses and
+    /// depth have the same unit.
+    pub unit_ratio: Option<f64>,
     /// Pairs of views that were looked at.
     pub pairs: usize,
 }
@@ -39,7 +51,7 @@ impl Consistency {
         } else if better(self.flipped_axes) {
             "OpenGL's camera axes taken for OpenCV's, or the other way round"
         } else {
-            return None;
+            return self.disagreement();
         };
         Some(format!(
             "the pose convention looks wrong: {:.0} % of depths agree between neighbouring views; \
@@ -50,9 +62,26 @@ impl Consistency {
     }
 }
 
+impl Consistency {
+    /// Poses that no other convention explains.
+    fn disagreement(&self) -> Option<String> {
+        let (meeting, ratio) = (self.meeting?, self.unit_ratio?);
+        (meeting < LEAST).then(|| {
+            format!(
+                "poses and depth do not fit together: of the depths that meet in neighbouring \
+                 views at most {:.0} % agree, and the other view's is {ratio:.3} times as large in \
+                 the median; the pose convention looks wrong, or the unit of depth or poses, or \
+                 the intrinsics",
+                100.0 * meeting
+            )
+        })
+    }
+}
+
 /// Measures neighbouring views of a scene; `None` when no two of them have depth that can be read.
 pub fn of(views: &[View]) -> Option<Consistency> {
     let mut sum = [0.0; 3];
+    let mut best: Option<(f64, f64)> = None;
     let mut pairs = 0;
     for i in evenly_spaced(views.len().saturating_sub(1), PAIRS) {
         let (a, b) = (&views[i], &views[i + 1]);
@@ -61,21 +90,31 @@ pub fn of(views: &[View]) -> Option<Consistency> {
         };
         let hypotheses: [fn(&RigidTransform) -> RigidTransform; 3] =
             [|pose| *pose, RigidTransform::inverse, flip];
-        let mut shares = [0.0; 3];
-        for (share, take) in shares.iter_mut().zip(hypotheses) {
+        let mut meetings = Vec::with_capacity(3);
+        for take in hypotheses {
             let pose_a = take(&a.camera_from_world);
             let b_from_a = take(&b.camera_from_world).after(&pose_a.inverse());
-            *share = agreement((a, &depth_a), (b, &depth_b), &b_from_a)?;
+            meetings.extend(meet((a, &depth_a), (b, &depth_b), &b_from_a));
+        }
+        let [as_read, _, _] = meetings.as_slice() else {
+            continue;
+        };
+        if let Some(found) = as_read.agreeing_where_met()
+            && best.is_none_or(|best| found.0 > best.0)
+        {
+            best = Some(found);
         }
         pairs += 1;
-        for (sum, share) in sum.iter_mut().zip(shares) {
-            *sum += share;
+        for (sum, meeting) in sum.iter_mut().zip(&meetings) {
+            *sum += meeting.agreement();
         }
     }
     (pairs > 0).then(|| Consistency {
         as_read: sum[0] / pairs as f64,
         inverted: sum[1] / pairs as f64,
         flipped_axes: sum[2] / pairs as f64,
+        meeting: best.map(|best| best.0),
+        unit_ratio: best.map(|best| best.1),
         pairs,
     })
 }
@@ -89,18 +128,51 @@ fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
     }
 }
 
-/// The share of a's sampled depth values that meet b's depth; `None` when a has none.
-fn agreement(
+/// Depth values of one view carried into another.
+struct Meeting {
+    samples: usize,
+    /// The other view's depth over the one carried there, where it has any.
+    ratios: Vec<f64>,
+}
+
+impl Meeting {
+    fn agreeing(&self) -> usize {
+        let fits = |ratio: &&f64| (**ratio - 1.0).abs() <= TOLERANCE;
+        self.ratios.iter().filter(fits).count()
+    }
+
+    /// The share of all samples that agrees.
+    fn agreement(&self) -> f64 {
+        self.agreeing() as f64 / self.samples as f64
+    }
+
+    /// The share of those that meet a depth, and the median ratio; `None` where too few do.
+    fn agreeing_where_met(&self) -> Option<(f64, f64)> {
+        let met = self.ratios.len();
+        if (met as f64) < ENOUGH * self.samples as f64 || met == 0 {
+            return None;
+        }
+        let mut sorted = self.ratios.clone();
+        sorted.sort_by(f64::total_cmp);
+        Some((self.agreeing() as f64 / met as f64, sorted[met / 2]))
+    }
+}
+
+/// Carries a's sampled depth values into b; `None` when a has none.
+fn meet(
     (a, depth_a): (&View, &DepthMap),
     (b, depth_b): (&View, &DepthMap),
     b_from_a: &RigidTransform,
-) -> Option<f64> {
+) -> Option<Meeting> {
     let valid = depth_a.iter().filter(|z| **z > 0.0).count();
     let stride = valid.div_ceil(SAMPLES).max(1);
-    let (mut samples, mut agreeing) = (0_u64, 0_u64);
+    let mut meeting = Meeting {
+        samples: 0,
+        ratios: Vec::new(),
+    };
     let with_depth = depth_a.enumerate_pixels().filter(|(_, _, z)| z.0[0] > 0.0);
     for (x, y, z) in with_depth.step_by(stride) {
-        samples += 1;
+        meeting.samples += 1;
         let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let point = b_from_a.apply(a.intrinsics.unproject(center, f64::from(z.0[0])));
         let Some(place) = b.intrinsics.project(point) else {
@@ -110,9 +182,11 @@ fn agreement(
             continue;
         }
         let there = f64::from(depth_b.get_pixel(place.x as u32, place.y as u32).0[0]);
-        agreeing += u64::from(there > 0.0 && (there - point.z).abs() <= TOLERANCE * point.z);
+        if there > 0.0 {
+            meeting.ratios.push(there / point.z);
+        }
     }
-    (samples > 0).then(|| agreeing as f64 / samples as f64)
+    (meeting.samples > 0).then_some(meeting)
 }
 
 #[cfg(test)]

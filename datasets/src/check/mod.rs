@@ -19,7 +19,7 @@ use consistency::Consistency;
 #[derive(Debug, Clone, Copy)]
 pub struct CheckOptions {
     /// At most this many views of a scene are decoded, evenly spaced; of the others only the
-    /// picture's existence is looked at.
+    /// existence of their files is looked at.
     pub views_per_scene: usize,
 }
 
@@ -40,7 +40,9 @@ pub struct DatasetReport {
     pub readings: Vec<Reading>,
     /// In the reader's order.
     pub scenes: Vec<SceneReport>,
-    /// Number of problems in all scenes.
+    /// Scenes that could not be read at all, a line each, naming the file.
+    pub unreadable: Vec<String>,
+    /// Number of problems in all scenes, unreadable ones included.
     pub problems: usize,
 }
 
@@ -88,11 +90,15 @@ pub fn check(
     options: &CheckOptions,
     done: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<DatasetReport, DatasetError> {
-    let scenes = catalog::open(spec)?;
-    let mut reports = Vec::with_capacity(scenes.len());
-    for (i, scene) in scenes.iter().enumerate() {
-        reports.push(check_scene(scene, options));
-        done(i + 1, scenes.len());
+    let attempts = catalog::open_each(spec)?;
+    let total = attempts.len();
+    let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
+    for (i, attempt) in attempts.into_iter().enumerate() {
+        match attempt {
+            Ok(scene) => reports.push(check_scene(&scene, options)),
+            Err(error) => unreadable.push(error.to_string()),
+        }
+        done(i + 1, total);
     }
     Ok(DatasetReport {
         dataset: spec.to_string(),
@@ -105,8 +111,9 @@ pub fn check(
                 proxy,
             })
             .collect(),
-        problems: reports.iter().map(|r| r.problems.len()).sum(),
+        problems: unreadable.len() + reports.iter().map(|r| r.problems.len()).sum::<usize>(),
         scenes: reports,
+        unreadable,
     })
 }
 
@@ -123,14 +130,18 @@ fn check_scene(scene: &Scene, options: &CheckOptions) -> SceneReport {
         .map(|&i| decode(&scene.views[i]))
         .collect();
     let mut problems: Vec<String> = decoded.iter().flat_map(|d| d.problems.clone()).collect();
+    let mut missing = BTreeSet::new();
     for (i, view) in scene.views.iter().enumerate() {
-        if !chosen.contains(&i)
-            && let Some(file) = view.content.image_file()
-            && !file.is_file()
-        {
-            problems.push(format!("{}: does not exist", file.display()));
+        if !chosen.contains(&i) {
+            let files = view.content.files();
+            missing.extend(files.into_iter().filter(|file| !file.is_file()));
         }
     }
+    problems.extend(
+        missing
+            .iter()
+            .map(|file| format!("{}: does not exist", file.display())),
+    );
     let ids: BTreeSet<_> = scene.views.iter().map(|v| &v.id).collect();
     if ids.len() < scene.views.len() {
         problems.push(format!("{}: two views have the same id", scene.id));

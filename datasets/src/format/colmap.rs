@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::colmap_records::{Camera, Image, Point};
 use super::{colmap_binary, colmap_text};
-use crate::{DatasetError, files};
+use crate::DatasetError;
+use crate::files::{self, Root};
 
 /// Cameras by their ids.
 pub type Cameras = BTreeMap<u32, Camera>;
@@ -30,6 +31,20 @@ pub fn is_model(folder: &Path) -> bool {
             .iter()
             .all(|name| folder.join(format!("{name}.{extension}")).is_file())
     })
+}
+
+/// Checks that no file of a model leads out of the dataset's folder.
+///
+/// # Errors
+/// As [`Root::check`].
+pub(crate) fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
+    root.check(folder)?;
+    for name in ["cameras", "images", "points3D"] {
+        for extension in ["bin", "txt"] {
+            root.check(&folder.join(format!("{name}.{extension}")))?;
+        }
+    }
+    Ok(())
 }
 
 /// Reads a model; binary if both are there, as COLMAP does.

@@ -73,7 +73,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     reader.no_limits();
     let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
     let (width, height) = decoder.dimensions();
-    check_size(width, height, bytes.len())?;
+    check_size(width, height, bytes.len() as u64, bits_per_pixel(bytes))?;
     DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())
 }
 
@@ -94,9 +94,16 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
     }
     let malformed = |reason: String| DatasetError::malformed(path, reason);
     let format = sniff(&start[..filled]).map_err(malformed)?;
-    ImageReader::with_format(BufReader::new(files::open(path)?), format)
+    let length = file
+        .metadata()
+        .map_err(|e| DatasetError::io(path, e))?
+        .len();
+    let (width, height) = ImageReader::with_format(BufReader::new(files::open(path)?), format)
         .into_dimensions()
-        .map_err(|e| malformed(e.to_string()))
+        .map_err(|e| malformed(e.to_string()))?;
+    let bits = bits_per_pixel(&start[..filled]);
+    check_size(width, height, length, bits).map_err(malformed)?;
+    Ok((width, height))
 }
 
 fn sniff(bytes: &[u8]) -> Result<ImageFormat, String> {
@@ -125,15 +132,43 @@ fn sniff(bytes: &[u8]) -> Result<ImageFormat, String> {
     Err(what.into())
 }
 
-/// Refuses a size that no file of this length can hold. Deflate expands at most 1032-fold, and a
-/// PNG pixel takes at least one bit; a JPEG takes at least one bit a block of 8×8 pixels.
-fn check_size(width: u32, height: u32, file_bytes: usize) -> Result<(), String> {
-    const PIXELS_PER_BYTE: u64 = 1032 * 8;
+/// What a pixel takes in a PNG before it is deflated, from the start of the file; `None` for a JPEG.
+fn bits_per_pixel(start: &[u8]) -> Option<u64> {
+    // After signature, length, name, width and height.
+    let (Some(depth), Some(kind)) = (start.get(24), start.get(25)) else {
+        return Some(1);
+    };
+    let channels = match kind {
+        2 => 3,
+        4 => 2,
+        6 => 4,
+        // Gray or an index into a palette.
+        _ => 1,
+    };
+    start
+        .starts_with(b"\x89PNG")
+        .then(|| (u64::from(*depth) * channels).max(1))
+}
+
+/// Refuses a size that no file of this length can hold. Deflate expands at most 1032-fold; a JPEG
+/// takes at least one bit a block of 8×8 pixels.
+fn check_size(
+    width: u32,
+    height: u32,
+    file_bytes: u64,
+    bits_per_pixel: Option<u64>,
+) -> Result<(), String> {
+    const DEFLATE: u64 = 1032;
+    const BLOCKS_PER_BYTE: u64 = 8;
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 {
         return Err(format!("the picture is {width}x{height}, without a pixel"));
     }
-    if pixels / PIXELS_PER_BYTE > file_bytes as u64 {
+    let least = match bits_per_pixel {
+        Some(bits) => u128::from(pixels) * u128::from(bits) / 8 / u128::from(DEFLATE),
+        None => u128::from(pixels) / 64 / u128::from(BLOCKS_PER_BYTE),
+    };
+    if least > u128::from(file_bytes) {
         return Err(format!(
             "the header promises {width}x{height} pixels, which {file_bytes} bytes cannot hold"
         ));
@@ -221,6 +256,23 @@ mod tests {
         bytes[29..33].copy_from_slice(&crc.to_be_bytes());
         let error = parse(&bytes).unwrap_err();
         assert!(error.contains("cannot hold"), "{error}");
+    }
+
+    #[test]
+    fn what_a_file_can_hold_depends_on_its_pixels() {
+        // A megapixel: 1,048,576 bytes of gray deflate to 1,016 at best, of 16-bit colour to 6,096.
+        for (bits, least) in [
+            (Some(8), 1016),
+            (Some(48), 6096),
+            (Some(1), 127),
+            (None, 2048),
+        ] {
+            assert!(check_size(1024, 1024, least, bits).is_ok(), "{bits:?}");
+            assert!(check_size(1024, 1024, least - 2, bits).is_err(), "{bits:?}");
+        }
+        let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(3, 2);
+        assert_eq!(bits_per_pixel(&png(deep.into())), Some(48));
+        assert_eq!(bits_per_pixel(&[0xFF, 0xD8, 0xFF, 0xE0].repeat(9)), None);
     }
 
     fn crc32(bytes: &[u8]) -> u32 {

@@ -28,7 +28,7 @@ use glam::DVec2;
 use sharp::camera::RigidTransform;
 
 use crate::lens::{Distortion, Lens};
-use crate::spec::{DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, DatasetSpec, Format, Setting};
 use crate::{DatasetError, Pairing, Scene, View};
 use content::ProceduralContent;
 use world::World;
@@ -208,7 +208,7 @@ fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidT
     }
 }
 
-fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let wrong = |key: &str, value: &str| DatasetError::Spec {
         text: spec.to_string(),
         reason: format!("'{key}' cannot be '{value}'"),
@@ -228,7 +228,7 @@ fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
         height,
         views: usize::try_from(number("views")?).unwrap_or(usize::MAX),
     })?;
-    Ok(vec![scene.scene(&spec.name)])
+    Ok(vec![Ok(scene.scene(&spec.name))])
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! The procedural scene, written in the layout of every dataset and read back: cameras to 1e-9,
-//! pictures byte for byte, depth to what the layout's files can hold.
+//! pictures byte for byte, depth to what the layout's files can hold, and the same scores.
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
@@ -15,6 +15,7 @@ use std::path::Path;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use sharp_datasets::{DatasetSpec, DepthMap, Scene, View, open};
+use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
 /// How closely depth must come back.
 #[derive(Clone, Copy)]
@@ -63,6 +64,25 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
             _ => compare_depth(&found.unwrap(), &truth.unwrap(), depth),
         }
     }
+    assert_eq!(scores(found), scores(written));
+}
+
+/// Every view predicted by a copy of the one before it, in bits.
+fn scores(views: &[View]) -> Vec<Vec<u64>> {
+    let selection = Selection::parse("psnr,ssim").unwrap();
+    let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+    let pictures: Vec<Picture> = views
+        .iter()
+        .map(|view| view.content.image().unwrap().into())
+        .collect();
+    let bits = |pair: &[Picture]| {
+        let scores = scorer.score(&pair[0], &pair[1], None).unwrap();
+        let values = scores
+            .into_iter()
+            .map(|(_, value)| value.unwrap().to_bits());
+        values.collect()
+    };
+    pictures.windows(2).map(bits).collect()
 }
 
 fn compare_cameras(a: &View, b: &View) {

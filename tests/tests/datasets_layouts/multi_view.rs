@@ -10,7 +10,9 @@ use sharp_datasets::format::{depth_png, exr_depth, npy};
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::SyntheticScene;
 
-use crate::{Depth, agreement, compare, compare_cameras, fisheye, psnr, read, scene, write};
+use crate::{
+    Depth, agreement, compare, compare_cameras, fisheye, psnr, read, scene, scores, write,
+};
 
 fn names(views: &[View], folder: &str, extension: &str) -> Vec<(String, RigidTransform)> {
     views
@@ -261,6 +263,7 @@ fn tanks_and_temples() {
         // Points of other views shine through between those of this one.
         assert!(share > 0.975, "{share}");
     }
+    assert_eq!(scores(&found.views), scores(scene.views()));
     assert_eq!(found.views[0].id, "000001");
     let guessed = read("tanks-and-temples,intrinsics=0.7w", folder.path());
     assert_eq!(guessed.views[0].intrinsics.fx, 0.7 * 96.0);
@@ -328,6 +331,7 @@ fn eth3d() {
         // Resampled twice: pixels along depth edges change sides.
         assert!(share > 0.985, "{share}");
     }
+    assert_eq!(scores(&found.views), scores(scene.views()));
     check_undistorted(
         &scene,
         &read("eth3d,images=distorted", folder.path()).views,

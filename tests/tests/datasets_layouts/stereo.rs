@@ -8,7 +8,7 @@ use sharp_datasets::format::{FloatMap, depth_png, npy, pfm};
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::{DatasetSpec, Scene, View, open};
 
-use crate::{compare_cameras, read, scene, write};
+use crate::{compare_cameras, read, scene, scores, write};
 
 const FOCAL: f64 = 86.4;
 const BASELINE_M: f64 = 0.1;
@@ -68,6 +68,7 @@ fn compare_pair(found: &Scene, pair: &[View]) {
         }
         assert!(valid > 500, "{valid}");
     }
+    assert_eq!(scores(&found.views), scores(pair));
 }
 
 fn calib() -> String {

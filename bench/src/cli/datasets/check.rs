@@ -1,0 +1,106 @@
+//! `datasets check`.
+
+use serde_json::json;
+use sharp_datasets::DatasetSpec;
+use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
+
+use crate::cli::{Outcome, output, progress};
+
+pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(views > 0, "--views 0: at least one is needed");
+    let specs: Vec<DatasetSpec> = specs
+        .iter()
+        .map(|text| DatasetSpec::parse(text))
+        .collect::<Result<_, _>>()?;
+    let options = CheckOptions {
+        views_per_scene: views,
+    };
+    let mut reports = Vec::with_capacity(specs.len());
+    for spec in &specs {
+        let bar = progress::bar(1, "scenes");
+        bar.set_message(spec.name.clone());
+        let report = check(spec, &options, &|finished, total| {
+            bar.set_length(total as u64);
+            bar.set_position(finished as u64);
+        })?;
+        bar.finish_and_clear();
+        reports.push(report);
+    }
+    let problems: usize = reports.iter().map(|report| report.problems).sum();
+    if json {
+        output::json(&json!({ "datasets": reports, "problems": problems }))?;
+    } else {
+        for report in &reports {
+            print(report)?;
+        }
+    }
+    Ok(if problems == 0 {
+        Outcome::Done
+    } else {
+        Outcome::RecordedFailures
+    })
+}
+
+fn print(report: &DatasetReport) -> anyhow::Result<()> {
+    output::line(&report.dataset)?;
+    for reading in &report.readings {
+        let proxy = if reading.proxy {
+            " (proxy: differs from the paper)"
+        } else {
+            ""
+        };
+        output::line(format!(
+            "  reading {}={}{proxy}",
+            reading.key, reading.value
+        ))?;
+    }
+    for scene in &report.scenes {
+        print_scene(scene)?;
+    }
+    for problem in &report.unreadable {
+        output::line(format!("  BROKEN {problem}"))?;
+    }
+    let views: usize = report.scenes.iter().map(|scene| scene.views).sum();
+    output::line(format!(
+        "{} scenes, {views} views; {} scenes unreadable; problems: {}",
+        report.scenes.len(),
+        report.unreadable.len(),
+        report.problems
+    ))
+}
+
+fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
+    let sizes = match scene.sizes.as_slice() {
+        sizes @ ([] | [_] | [_, _] | [_, _, _]) => sizes.join(", "),
+        [first, .., last] => format!("{} sizes from {first} to {last}", scene.sizes.len()),
+    };
+    let depth = match scene.depth_coverage {
+        Some(coverage) => format!(
+            "depth in {} of {} decoded, {:.1} % of their pixels",
+            scene.with_depth,
+            scene.decoded,
+            100.0 * coverage
+        ),
+        None => format!("no depth in {} decoded", scene.decoded),
+    };
+    output::line(format!(
+        "  {}: {} views, {sizes}; {depth}",
+        scene.id, scene.views
+    ))?;
+    if let Some(found) = &scene.consistency {
+        output::line(format!(
+            "    poses: {:.1} % of depths agree between neighbouring views ({:.1} % with poses inverted, {:.1} % with \
+             OpenGL's axes)",
+            100.0 * found.as_read,
+            100.0 * found.inverted,
+            100.0 * found.flipped_axes
+        ))?;
+    }
+    for note in &scene.notes {
+        output::line(format!("    note {note}"))?;
+    }
+    for problem in &scene.problems {
+        output::line(format!("    BROKEN {problem}"))?;
+    }
+    Ok(())
+}

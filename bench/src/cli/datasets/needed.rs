@@ -1,0 +1,151 @@
+//! `datasets list --needed-for`: exactly the files that a list of pairs needs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::json;
+use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for};
+use sharp_datasets::{DatasetSpec, catalog};
+
+use crate::cli::{Outcome, output};
+use crate::protocol::PairList;
+
+/// What a list needs of one dataset.
+#[derive(Debug, Serialize)]
+struct Needed {
+    /// The dataset's name in the list.
+    dataset: String,
+    /// Its format; `None` where neither the name nor --dataset says.
+    format: Option<&'static str>,
+    /// Selected pairs.
+    pairs: usize,
+    /// What to download from the official page.
+    archives: BTreeSet<String>,
+    files: Vec<Listed>,
+    /// Of the files, how many are not there; `None` where it is not known where the dataset lies.
+    missing: Option<usize>,
+}
+
+#[derive(Debug, Serialize)]
+struct Listed {
+    #[serde(flatten)]
+    file: NeededFile,
+    /// Whether it is there, under one of its names.
+    present: Option<bool>,
+}
+
+pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Result<Outcome> {
+    let list = PairList::read(list)?;
+    let mut specs: BTreeMap<String, DatasetSpec> = specs
+        .iter()
+        .map(|text| DatasetSpec::parse(text).map(|spec| (spec.name.clone(), spec)))
+        .collect::<Result<_, _>>()?;
+    let names: BTreeSet<&str> = list.pairs.iter().map(|p| p.dataset.as_str()).collect();
+    if let Some(unused) = specs.keys().find(|name| !names.contains(name.as_str())) {
+        anyhow::bail!(
+            "--dataset {unused}: the list has no dataset of that name, but {}; give it as NAME:FORMAT=PATH",
+            names.into_iter().collect::<Vec<_>>().join(", ")
+        );
+    }
+    let found: Vec<Needed> = names
+        .into_iter()
+        .map(|name| needed(&list, name, specs.remove(name)))
+        .collect();
+    let missing: usize = found.iter().filter_map(|needed| needed.missing).sum();
+    if json {
+        output::json(&json!({ "sha256": list.sha256, "datasets": found, "missing": missing }))?;
+    } else {
+        for needed in &found {
+            print(needed)?;
+        }
+    }
+    Ok(if missing == 0 {
+        Outcome::Done
+    } else {
+        Outcome::RecordedFailures
+    })
+}
+
+fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
+    let named = || {
+        let mut formats = catalog::formats().iter().map(|format| format.name);
+        formats.find(|format| format.eq_ignore_ascii_case(name))
+    };
+    let format = spec.as_ref().map(|spec| spec.format).or_else(named);
+    let (mut archives, mut files, mut pairs) = (BTreeSet::new(), BTreeSet::new(), 0);
+    for pair in list
+        .pairs
+        .iter()
+        .filter(|p| p.dataset == name && p.selected)
+    {
+        pairs += 1;
+        for picture in [&pair.source_file, &pair.target_file] {
+            // A procedural view has no file.
+            if !picture.is_empty() {
+                files.extend(files_for(format.unwrap_or(""), &pair.scene, picture));
+                archives.extend(archives_for(format.unwrap_or(""), &pair.scene, picture));
+            }
+        }
+    }
+    let root = spec.map(|spec| spec.path);
+    let files: Vec<Listed> = files
+        .into_iter()
+        .map(|file| {
+            let there = |root: &Path| {
+                let mut names = std::iter::once(&file.path).chain(&file.or);
+                names.any(|name| root.join(name).is_file())
+            };
+            let present = root.as_deref().map(there);
+            Listed { file, present }
+        })
+        .collect();
+    let lacking = |listed: &&Listed| {
+        // Not every picture has a mask, and a list is not needed once the pairs are known.
+        let counts = !matches!(listed.file.role, Role::Mask | Role::List);
+        counts && listed.present == Some(false)
+    };
+    Needed {
+        dataset: name.to_owned(),
+        format,
+        pairs,
+        archives,
+        missing: root.as_ref().map(|_| files.iter().filter(lacking).count()),
+        files,
+    }
+}
+
+fn print(needed: &Needed) -> anyhow::Result<()> {
+    let format = match needed.format {
+        Some(format) if format != needed.dataset => format!(" ({format})"),
+        Some(_) => String::new(),
+        None => " (format unknown: name it with --dataset NAME:FORMAT=PATH)".to_owned(),
+    };
+    output::line(format!(
+        "{}{format}: {} selected pairs, {} files",
+        needed.dataset,
+        needed.pairs,
+        needed.files.len()
+    ))?;
+    for archive in &needed.archives {
+        output::line(format!("  download {archive}"))?;
+    }
+    for listed in &needed.files {
+        let role = match listed.file.role {
+            Role::Picture => "picture",
+            Role::Camera => "camera",
+            Role::List => "list",
+            Role::Mask => "mask",
+            Role::Depth => "depth",
+        };
+        let names = std::iter::once(&listed.file.path).chain(&listed.file.or);
+        let names: Vec<&str> = names.map(String::as_str).collect();
+        let absent = if listed.present == Some(false) {
+            "  NOT THERE"
+        } else {
+            ""
+        };
+        output::line(format!("  {role:<8} {}{absent}", names.join(" or ")))?;
+    }
+    Ok(())
+}

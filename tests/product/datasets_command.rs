@@ -1,0 +1,314 @@
+//! `sharp-bench datasets`: what there is, what a pair list needs, what is broken.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde_json::{Value, json};
+use sharp::camera::RigidTransform;
+use sharp_datasets::format::npy;
+use sharp_datasets::lens::{Distortion, Lens};
+use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
+
+use crate::support::{read, sharp_bench};
+
+/// The bundled scene twice, as two scenes of Middlebury.
+fn middlebury(folder: &Path) {
+    let bundled = sharp_datasets::bundled::extract(folder).unwrap();
+    let scene = bundled.join("Motorcycle-quarter");
+    for name in ["One-perfect", "Two-imperfect"] {
+        let copy = folder.join("set").join(name);
+        std::fs::create_dir_all(&copy).unwrap();
+        for file in ["im0.png", "im1.png", "calib.txt", "disp0.pfm"] {
+            std::fs::copy(scene.join(file), copy.join(file)).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_sound_dataset_passes_its_check() {
+    let dir = tempfile::tempdir().unwrap();
+    middlebury(dir.path());
+    let said = sharp_bench(dir.path(), &["datasets", "check", "middlebury=set"]).ends_with(0);
+    for part in [
+        "One-perfect: 2 views, 741x500; depth in 1 of 2 decoded, 92.7 %",
+        "reading right=im1",
+        "2 scenes, 4 views; 0 scenes unreadable; problems: 0",
+    ] {
+        assert!(said.out.contains(part), "'{part}' is not in: {}", said.out);
+    }
+    let synthetic = [
+        "datasets",
+        "check",
+        "synthetic=size=96x72,views=12",
+        "--json",
+    ];
+    let json = sharp_bench(dir.path(), &synthetic).ends_with(0).json();
+    let scene = &json["datasets"][0]["scenes"][0];
+    assert_eq!(
+        (scene["views"].as_u64(), scene["decoded"].as_u64()),
+        (Some(12), Some(10))
+    );
+    assert!(scene["consistency"]["as_read"].as_f64().unwrap() > 0.7);
+    assert_eq!(json["problems"], 0);
+}
+
+#[test]
+fn everything_broken_is_named_in_one_go() {
+    let dir = tempfile::tempdir().unwrap();
+    middlebury(dir.path());
+    let set = dir.path().join("set");
+    let calib = read(set.join("One-perfect/calib.txt"));
+    std::fs::write(
+        set.join("One-perfect/calib.txt"),
+        calib.replace("baseline", "base"),
+    )
+    .unwrap();
+    let picture = std::fs::read(set.join("Two-imperfect/im1.png")).unwrap();
+    std::fs::write(set.join("Two-imperfect/im1.png"), &picture[..9000]).unwrap();
+    std::fs::write(set.join("Two-imperfect/disp0.pfm"), "Pf\n741 500\n-1\n").unwrap();
+    let said = sharp_bench(dir.path(), &["datasets", "check", "middlebury=set"]).ends_with(4);
+    let broken: Vec<&str> = said.out.lines().filter(|l| l.contains("BROKEN")).collect();
+    assert_eq!(broken.len(), 3, "{}", said.out);
+    for name in [
+        "One-perfect/calib.txt",
+        "Two-imperfect/im1.png",
+        "Two-imperfect/disp0.pfm",
+    ] {
+        assert!(
+            broken.iter().any(|line| line.contains(name)),
+            "{name}: {broken:?}"
+        );
+    }
+    let json = sharp_bench(
+        dir.path(),
+        &["datasets", "check", "middlebury=set", "--json"],
+    );
+    let json = json.ends_with(4).json();
+    assert_eq!(json["problems"], 3);
+    assert_eq!(
+        json["datasets"][0]["unreadable"].as_array().unwrap().len(),
+        1
+    );
+    sharp_bench(dir.path(), &["datasets", "check", "eth3d=set"]).is_error_with(&[
+        "set",
+        "no eth3d scene found",
+        "dslr_calibration_undistorted",
+    ]);
+}
+
+/// Views of the procedural world on a wide arc, as one's own pictures with `transforms.json`;
+/// `axes` are the signs of the camera axes that the poses are written with.
+fn own_pictures(folder: &Path, axes: [f64; 3]) {
+    let scene = SyntheticScene::new(SyntheticOptions {
+        width: 64,
+        height: 48,
+        views: 2,
+        ..SyntheticOptions::default()
+    })
+    .unwrap();
+    let k = scene.views()[0].intrinsics;
+    let size = (k.width, k.height);
+    let lens = Lens::new((k.fx, k.fy), (k.cx, k.cy), size, Distortion::None).unwrap();
+    std::fs::create_dir_all(folder).unwrap();
+    let mut frames = Vec::new();
+    for i in 0..4 {
+        let angle = 0.25 * f64::from(i) - 0.4;
+        let center = DVec3::new(-1.5 * angle, -0.2, 0.1 * f64::from(i));
+        let rotation = DMat3::from_rotation_y(-angle) * DMat3::from_rotation_x(0.15);
+        let pose = RigidTransform {
+            rotation,
+            translation: -(rotation * center),
+        };
+        let view = scene.view_through("v", lens, pose);
+        view.content
+            .image()
+            .unwrap()
+            .save(folder.join(format!("{i}.png")))
+            .unwrap();
+        let depth = view.content.depth().unwrap().unwrap();
+        npy::write(&folder.join(format!("{i}.npy")), &depth).unwrap();
+        let world_from_camera = pose.inverse();
+        let written = RigidTransform {
+            rotation: world_from_camera.rotation * DMat3::from_diagonal(DVec3::from(axes)),
+            translation: world_from_camera.translation,
+        };
+        let rows: Vec<_> = written
+            .to_row_major()
+            .chunks(4)
+            .map(<[f64]>::to_vec)
+            .collect();
+        frames.push(json!({
+            "file_path": format!("{i}.png"),
+            "depth_file_path": format!("{i}.npy"),
+            "transform_matrix": rows,
+        }));
+    }
+    let file = json!({
+        "fl_x": k.fx, "fl_y": k.fy, "cx": k.cx, "cy": k.cy, "w": k.width, "h": k.height,
+        "frames": frames,
+    });
+    std::fs::write(folder.join("transforms.json"), file.to_string()).unwrap();
+}
+
+#[test]
+fn poses_of_the_wrong_convention_are_noticed() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, axes, code) in [
+        ("right", [1.0, -1.0, -1.0], 0),
+        ("wrong", [1.0, 1.0, 1.0], 4),
+    ] {
+        own_pictures(&dir.path().join(name), axes);
+        let spec = format!("nerfstudio={name},depth-unit=1");
+        let said = sharp_bench(dir.path(), &["datasets", "check", &spec]).ends_with(code);
+        assert_eq!(said.out.contains("BROKEN"), code == 4, "{}", said.out);
+        if code == 4 {
+            assert!(
+                said.out.contains("the pose convention looks wrong"),
+                "{}",
+                said.out
+            );
+            assert!(said.out.contains("OpenGL's camera axes"), "{}", said.out);
+        }
+    }
+}
+
+#[test]
+fn the_list_has_every_format_with_its_readings() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = sharp_bench(dir.path(), &["datasets", "list", "--json"])
+        .ends_with(0)
+        .json();
+    let all = json.as_array().unwrap();
+    let names: Vec<&str> = all.iter().map(|f| f["format"].as_str().unwrap()).collect();
+    assert_eq!(
+        names.join(" "),
+        "middlebury booster scannetpp wildrgbd tanks-and-temples eth3d nerfstudio colmap stereo synthetic"
+    );
+    for dataset in &all[..6] {
+        for key in [
+            "title",
+            "page",
+            "terms",
+            "download",
+            "size",
+            "layout",
+            "table_column",
+            "caveat",
+        ] {
+            assert!(
+                !dataset[key].as_str().unwrap().is_empty(),
+                "{} {key}",
+                dataset["format"]
+            );
+        }
+        let readings = dataset["readings"].as_array().unwrap();
+        assert!(!readings.is_empty(), "{}", dataset["format"]);
+        for reading in readings
+            .iter()
+            .filter(|r| r["choices"] != Value::Array(vec![]))
+        {
+            let default = &reading["default"];
+            let mut choices = reading["choices"].as_array().unwrap().iter();
+            assert!(choices.any(|c| c["value"] == *default), "{reading}");
+        }
+    }
+    let text = sharp_bench(dir.path(), &["datasets", "list"])
+        .ends_with(0)
+        .out;
+    for part in [
+        "split=nvs_sem_val (proxy)",
+        "illuminations=all unless given",
+        "rectification=perfect",
+        "scenes=training15",
+        "split=val-frames",
+        "feeds     Tanks and Temples",
+    ] {
+        assert!(text.contains(part), "'{part}' is not in: {text}");
+    }
+}
+
+#[test]
+fn a_pair_list_needs_exactly_these_files() {
+    let dir = tempfile::tempdir().unwrap();
+    middlebury(dir.path());
+    let dataset = "M:middlebury=set,rectification=perfect";
+    sharp_bench(
+        dir.path(),
+        &["pairs", "--dataset", dataset, "--out", "pairs.csv"],
+    )
+    .ends_with(0);
+    let needed = |more: &[&str]| {
+        let args = [
+            &["datasets", "list", "--needed-for", "pairs.csv", "--json"],
+            more,
+        ]
+        .concat();
+        sharp_bench(dir.path(), &args)
+    };
+    // The name M says nothing about the format: only the pictures are known.
+    let json = needed(&[]).ends_with(0).json();
+    assert_eq!(json["datasets"][0]["format"], Value::Null);
+    assert_eq!(json["datasets"][0]["files"].as_array().unwrap().len(), 2);
+    let json = needed(&["--dataset", "M:middlebury=set"])
+        .ends_with(0)
+        .json();
+    let found = &json["datasets"][0];
+    let files: Vec<String> = found["files"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| {
+            format!(
+                "{} {}",
+                f["role"].as_str().unwrap(),
+                f["path"].as_str().unwrap()
+            )
+        })
+        .collect();
+    assert_eq!(
+        files,
+        [
+            "picture One-perfect/im0.png",
+            "picture One-perfect/im1.png",
+            "camera One-perfect/calib.txt",
+            "depth One-perfect/disp0.pfm",
+        ]
+    );
+    assert_eq!(found["archives"][0], "zip/One-perfect.zip");
+    assert_eq!(json["missing"], 0);
+    std::fs::remove_file(dir.path().join("set/One-perfect/disp0.pfm")).unwrap();
+    let said = needed(&["--dataset", "M:middlebury=set"]).ends_with(4);
+    assert_eq!(said.json()["missing"], 1);
+    needed(&["--dataset", "eth3d=set"]).is_error_with(&["eth3d", "but M"]);
+}
+
+#[test]
+fn readings_appear_in_the_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/booster");
+    let dataset = format!(
+        "booster={},illuminations=first,split=test",
+        fixture.display()
+    );
+    let args = [
+        "run",
+        "--dataset",
+        &dataset,
+        "--method",
+        "copy",
+        "--metrics",
+        "psnr",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &args).ends_with(0);
+    sharp_bench(dir.path(), &["report", "r"]).ends_with(0);
+    let page = read(dir.path().join("r/report/index.html"));
+    for reading in [
+        "illuminations=first",
+        "set=balanced",
+        "split=test (proxy: differs from the paper)",
+    ] {
+        assert!(page.contains(reading), "{reading}");
+    }
+}

@@ -1,0 +1,185 @@
+//! What readers do with a dataset's folder, in every layout: nothing outside of it is read, through
+//! symbolic links or names, and nothing is written into it. The layouts are the fuzz targets' small
+//! datasets.
+
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
+use std::path::{Path, PathBuf};
+
+use sharp_datasets::{DatasetSpec, Scene, open};
+
+const FORMATS: [&str; 9] = [
+    "middlebury",
+    "booster",
+    "scannetpp",
+    "wildrgbd",
+    "tanks-and-temples",
+    "eth3d",
+    "nerfstudio",
+    "colmap",
+    "stereo",
+];
+
+fn source(format: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fuzz/datasets")
+        .join(format)
+}
+
+/// Everything below a folder with its bytes, folders without; sorted.
+fn tree(folder: &Path) -> Vec<(PathBuf, Option<Vec<u8>>)> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        for entry in std::fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            let bytes = path.is_file().then(|| std::fs::read(&path).unwrap());
+            if bytes.is_none() {
+                open.push(path.clone());
+            }
+            found.push((path.strip_prefix(folder).unwrap().to_owned(), bytes));
+        }
+    }
+    found.sort();
+    found
+}
+
+fn copy(format: &str, to: &Path) {
+    for (path, bytes) in tree(&source(format)) {
+        match bytes {
+            None => std::fs::create_dir_all(to.join(path)).unwrap(),
+            Some(bytes) => {
+                std::fs::create_dir_all(to.join(&path).parent().unwrap()).unwrap();
+                std::fs::write(to.join(path), bytes).unwrap();
+            }
+        }
+    }
+}
+
+fn read(format: &str, folder: &Path) -> Result<Vec<Scene>, sharp_datasets::DatasetError> {
+    open(&DatasetSpec::parse(&format!("{format}={}", folder.display())).unwrap())
+}
+
+/// Decodes everything; the number of views and of depth maps.
+fn decode(scenes: &[Scene]) -> (usize, usize) {
+    let views = scenes.iter().flat_map(|scene| &scene.views);
+    let (mut pictures, mut maps) = (0, 0);
+    for view in views {
+        view.content.image().unwrap();
+        pictures += 1;
+        maps += usize::from(view.content.depth().unwrap().is_some());
+    }
+    (pictures, maps)
+}
+
+#[test]
+fn every_layout_is_read_and_left_as_it_was() {
+    for format in FORMATS {
+        let folder = tempfile::tempdir().unwrap();
+        copy(format, folder.path());
+        let before = tree(folder.path());
+        for (path, _) in &before {
+            set_readonly(&folder.path().join(path), true);
+        }
+        let (pictures, maps) = decode(&read(format, folder.path()).unwrap());
+        assert_eq!(pictures, 2, "{format}");
+        assert!(maps > 0, "{format}");
+        assert_eq!(tree(folder.path()), before, "{format}");
+        for (path, _) in &before {
+            set_readonly(&folder.path().join(path), false);
+        }
+    }
+}
+
+fn set_readonly(path: &Path, readonly: bool) {
+    let mut permissions = std::fs::metadata(path).unwrap().permissions();
+    permissions.set_readonly(readonly);
+    std::fs::set_permissions(path, permissions).unwrap();
+}
+
+/// Each file and each folder in turn becomes a link to its own copy outside: the reader refuses it or
+/// leaves it out, and no view names a file outside.
+#[cfg(unix)]
+#[test]
+fn no_symbolic_link_leaves_a_dataset() {
+    for format in FORMATS {
+        let (outside, mut refused) = (tempfile::tempdir().unwrap(), 0);
+        copy(format, outside.path());
+        for (path, bytes) in tree(&source(format)) {
+            let folder = tempfile::tempdir().unwrap();
+            copy(format, folder.path());
+            let inside = folder.path().join(&path);
+            match bytes {
+                Some(_) => std::fs::remove_file(&inside).unwrap(),
+                None => std::fs::remove_dir_all(&inside).unwrap(),
+            }
+            std::os::unix::fs::symlink(outside.path().join(&path), &inside).unwrap();
+            let Ok(scenes) = read(format, folder.path()) else {
+                refused += 1;
+                continue;
+            };
+            let root = folder.path().canonicalize().unwrap();
+            for view in scenes.iter().flat_map(|scene| &scene.views) {
+                for file in view.content.files() {
+                    let target = file.canonicalize().unwrap();
+                    assert!(
+                        target.starts_with(&root),
+                        "{format}: {} leads to {}",
+                        path.display(),
+                        target.display()
+                    );
+                }
+            }
+        }
+        assert!(refused > 0, "{format}");
+    }
+}
+
+/// Names inside of lists and cameras that lead outside are refused by name.
+#[test]
+fn no_name_in_a_file_leaves_a_dataset() {
+    for (format, file, from, to) in [
+        ("nerfstudio", "transforms.json", "images/0.png", "../0.png"),
+        (
+            "nerfstudio",
+            "transforms.json",
+            "depth/0.png",
+            "../../0.png",
+        ),
+        (
+            "nerfstudio",
+            "transforms.json",
+            "images/0.png",
+            "/etc/hostname",
+        ),
+        ("colmap", "sparse/0/images.txt", " 0.png", " ../../0.png"),
+        ("scannetpp", "splits/nvs_test.txt", "s\n", "../../s\n"),
+        (
+            "scannetpp",
+            "data/s/dslr/nerfstudio/transforms.json",
+            "0.JPG",
+            "../../../../../0.JPG",
+        ),
+        (
+            "wildrgbd",
+            "cup/nvs_list.json",
+            "scenes/scene_000",
+            "../../scene_000",
+        ),
+        (
+            "eth3d",
+            "yard/dslr_calibration_undistorted/images.txt",
+            "dslr_images_undistorted/0",
+            "../../../0",
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        copy(format, folder.path());
+        let path = folder.path().join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{format}: {text}");
+        std::fs::write(&path, text.replace(from, to)).unwrap();
+        let error = read(format, folder.path()).unwrap_err().to_string();
+        assert!(error.contains("leads out"), "{format}: {error}");
+    }
+}
