@@ -1,6 +1,6 @@
 //! What each key means, in words, and which public code computes the same value.
 
-use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
+use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant};
 
 /// The text behind [`MetricKey::explain`].
 pub(crate) fn explain(key: MetricKey) -> String {
@@ -13,20 +13,22 @@ pub(crate) fn explain(key: MetricKey) -> String {
         Metric::Dists => format!("{DISTS} {DISTS_FULL}"),
         Metric::DistsResize256 => format!("{DISTS} {DISTS_256}"),
     };
-    if !key.is_masked() {
-        return base;
-    }
+    let mask = match key.region() {
+        Region::Whole => return base,
+        Region::Frustum => "the view-frustum mask",
+        Region::Given => "the mask that was handed in (levels of 128 and more)",
+    };
     let masked = match key.metric() {
-        Metric::Psnr => "Only pixels inside the view-frustum mask enter the mean squared error.",
-        Metric::Ssim(_) => {
-            "The mean of the SSIM map over the window centres inside the view-frustum mask; \
-             windows may reach out of the mask."
-        }
-        _ => {
+        Metric::Psnr => format!("Only pixels inside {mask} enter the mean squared error."),
+        Metric::Ssim(_) => format!(
+            "The mean of the SSIM map over the window centres inside {mask}; windows may reach out \
+             of the mask."
+        ),
+        _ => format!(
             "The mean of the spatial map (each layer's distances brought to the picture's size \
-             bilinearly, then added) over the pixels inside the view-frustum mask. Over a full \
-             mask this is close to, but not equal to, the unmasked value."
-        }
+             bilinearly, then added) over the pixels inside {mask}; features see beyond its \
+             border. Over a full mask this is close to, but not equal to, the unmasked value."
+        ),
     };
     format!("{base} {masked}")
 }

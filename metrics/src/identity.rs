@@ -134,14 +134,49 @@ pub enum Metric {
     DistsResize256,
 }
 
+/// Which pixels count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Region {
+    /// All of them.
+    Whole,
+    /// Those inside the view-frustum mask of a pair of views: suffix `@frustum`.
+    Frustum,
+    /// Those inside a mask that was handed in: suffix `@mask`.
+    Given,
+}
+
+impl Region {
+    /// All regions.
+    pub const ALL: [Self; 3] = [Self::Whole, Self::Frustum, Self::Given];
+
+    /// What keys end in: nothing, `@frustum` or `@mask`.
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Whole => "",
+            Self::Frustum => "@frustum",
+            Self::Given => "@mask",
+        }
+    }
+
+    /// The text before a region's suffix, and the region.
+    pub(crate) fn split(text: &str) -> (&str, Self) {
+        for region in [Self::Frustum, Self::Given] {
+            if let Some(base) = text.strip_suffix(region.suffix()) {
+                return (base, region);
+            }
+        }
+        (text, Self::Whole)
+    }
+}
+
 /// Names one number: a metric with everything that changes its value.
 ///
 /// `Display` gives the canonical key, such as `ssim[gauss11,valid]` or
 /// `lpips[vgg,v0.1,unscaled]@frustum`; `FromStr` takes that and the [`alias`](Self::alias).
-/// Ordered by family, then as in the table of keys, masked keys after unmasked ones.
+/// Ordered by region, then as in the table of keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MetricKey {
-    masked: bool,
+    region: Region,
     metric: Metric,
 }
 
@@ -177,9 +212,6 @@ pub enum IdentityError {
     },
 }
 
-/// Suffix of the keys that count only pixels inside the view-frustum mask.
-const MASKED: &str = "@frustum";
-
 impl MetricKey {
     /// PSNR over the whole picture.
     pub const PSNR: Self = Self::whole(Metric::Psnr);
@@ -193,15 +225,16 @@ impl MetricKey {
     /// The key of a metric over the whole picture.
     pub const fn whole(metric: Metric) -> Self {
         Self {
-            masked: false,
+            region: Region::Whole,
             metric,
         }
     }
 
-    /// The same metric inside the view-frustum mask; `None` for DISTS, which has no masked form.
-    pub fn inside_mask(self) -> Option<Self> {
-        (self.family() != Family::Dists).then_some(Self {
-            masked: true,
+    /// The same metric over a region; `None` for DISTS, which has no masked form.
+    pub fn inside(self, region: Region) -> Option<Self> {
+        let whole = region == Region::Whole;
+        (whole || self.family() != Family::Dists).then_some(Self {
+            region,
             metric: self.metric,
         })
     }
@@ -224,9 +257,14 @@ impl MetricKey {
         self.metric
     }
 
-    /// Whether only pixels inside the view-frustum mask count.
+    /// Which pixels count.
+    pub fn region(self) -> Region {
+        self.region
+    }
+
+    /// Whether only pixels inside a mask count.
     pub fn is_masked(self) -> bool {
-        self.masked
+        self.region != Region::Whole
     }
 
     /// The family.
@@ -277,7 +315,11 @@ impl MetricKey {
             Metric::Dists => "DISTS".to_owned(),
             Metric::DistsResize256 => "DISTS resize256".to_owned(),
         };
-        let suffix = if self.masked { " in frustum" } else { "" };
+        let suffix = match self.region {
+            Region::Whole => "",
+            Region::Frustum => " in frustum",
+            Region::Given => " in mask",
+        };
         base + suffix
     }
 
@@ -289,8 +331,7 @@ impl MetricKey {
             .replace(",v0.1", "")
             .replace(['[', ',', '='], "-")
             .replace(']', "");
-        let suffix = if self.masked { MASKED } else { "" };
-        base + suffix
+        base + self.region.suffix()
     }
 
     /// What the key means, in a few sentences, and which public code computes the same value.
@@ -318,8 +359,7 @@ impl MetricKey {
 
 impl fmt::Display for MetricKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let suffix = if self.masked { MASKED } else { "" };
-        f.pad(&(self.canonical_base() + suffix))
+        f.pad(&(self.canonical_base() + self.region.suffix()))
     }
 }
 
@@ -328,10 +368,7 @@ impl FromStr for MetricKey {
 
     fn from_str(text: &str) -> Result<Self, IdentityError> {
         let name = || text.to_owned();
-        let (base, masked) = match text.strip_suffix(MASKED) {
-            Some(base) => (base, true),
-            None => (text, false),
-        };
+        let (base, region) = Region::split(text);
         if base.starts_with("lpips") && base.contains("v0.0") {
             return Err(IdentityError::LpipsVersion0 { name: name() });
         }
@@ -339,12 +376,8 @@ impl FromStr for MetricKey {
             .into_iter()
             .find(|key| key.canonical_base() == base || key.alias() == base)
             .ok_or_else(|| IdentityError::Unknown { name: name() })?;
-        if masked {
-            key.inside_mask()
-                .ok_or_else(|| IdentityError::MaskedDists { name: name() })
-        } else {
-            Ok(key)
-        }
+        key.inside(region)
+            .ok_or_else(|| IdentityError::MaskedDists { name: name() })
     }
 }
 
@@ -384,7 +417,7 @@ mod tests {
     fn every_name_reads_back_and_is_unique() {
         let mut names = std::collections::BTreeSet::new();
         for key in MetricKey::all() {
-            for key in [Some(key), key.inside_mask()].into_iter().flatten() {
+            for key in Region::ALL.into_iter().filter_map(|r| key.inside(r)) {
                 assert_eq!(key.to_string().parse::<MetricKey>(), Ok(key));
                 assert_eq!(key.alias().parse::<MetricKey>(), Ok(key));
                 assert!(names.insert(key.alias()), "{key}");
@@ -394,8 +427,9 @@ mod tests {
         }
         assert_eq!(MetricKey::LPIPS.alias(), "lpips-alex");
         assert_eq!(MetricKey::SSIM.alias(), "ssim-gauss11-valid");
-        let masked = MetricKey::PSNR.inside_mask().unwrap();
-        assert_eq!(masked.to_string(), "psnr@frustum");
+        let inside = |region| MetricKey::PSNR.inside(region).unwrap().to_string();
+        assert_eq!(inside(Region::Frustum), "psnr@frustum");
+        assert_eq!(inside(Region::Given), "psnr@mask");
     }
 
     #[test]
@@ -405,6 +439,7 @@ mod tests {
         assert!(error("lpips-vgg-v0.0").contains("v0.0 is refused"));
         assert!(error("dists@frustum").contains("no masked form"));
         assert!(error("dists[resize256]@frustum").contains("no masked form"));
+        assert!(error("dists@mask").contains("no masked form"));
         assert!(error("msssim").contains("unknown metric 'msssim'"));
     }
 

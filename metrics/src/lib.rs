@@ -7,6 +7,7 @@
 //!
 //! # Contents
 //! * [`identity`]: the keys, what they mean, which public code computes the same.
+//! * [`facts`]: what decides a number besides its key: ranges, resizing, precision, weights.
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
 //! * [`resize`]: the resizing functions of torch, PIL and OpenCV, by name.
@@ -22,6 +23,7 @@ pub mod device;
 mod dists;
 mod engines;
 mod explain;
+pub mod facts;
 pub mod identity;
 mod lpips;
 pub mod picture;
@@ -35,11 +37,15 @@ mod ssim;
 pub mod weights;
 
 pub use device::Device;
-pub use identity::{Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, SsimVariant};
+pub use facts::{Facts, OwnWeights, term_names};
+pub use identity::{
+    Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant,
+};
 pub use picture::{Mask, Picture, PictureError};
 pub use resize::{ResizeKernel, resize};
 pub use scorer::{
-    AllTerms, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms, Unavailable,
+    AllTerms, Examined, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms,
+    Unavailable,
 };
 pub use selection::{Selected, Selection, SelectionError};
 pub use sharp_kernels::{Algorithm, Level, Simd};

@@ -7,8 +7,8 @@ use sharp_kernels::{Algorithm, Simd};
 
 use crate::device::Device;
 use crate::dists::Similarity;
-use crate::engines::{Engines, Resolution};
-use crate::identity::{Family, Metric, MetricKey};
+use crate::engines::{Engines, Learned, Resolution};
+use crate::identity::{Family, Metric, MetricKey, Region};
 use crate::lpips::Distance;
 use crate::picture::{Mask, Picture, PictureError};
 use crate::selection::Selection;
@@ -37,8 +37,11 @@ pub enum Unavailable {
         /// Smallest side that works, pixels.
         smallest: u32,
     },
-    /// The key counts pixels inside a mask and none was given.
+    /// The key counts pixels inside the view-frustum mask and there is none.
     #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
+    NoFrustumMask,
+    /// The key counts pixels inside a mask to be handed in, and none was.
+    #[error("needs a mask (`sharp-bench metrics --mask FILE|DIR`)")]
     NoMask,
     /// The mask leaves no pixel for which the metric has a value.
     #[error("the mask leaves no pixel to score")]
@@ -163,6 +166,17 @@ pub enum Terms {
     },
 }
 
+/// All that there is to say about a pair; see [`Scorer::examine`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Examined {
+    /// The scores.
+    pub scores: Scores,
+    /// What LPIPS and DISTS are made of.
+    pub terms: AllTerms,
+    /// Where SSIM and LPIPS find differences; empty unless wanted.
+    pub maps: Maps,
+}
+
 /// Scores in the order of the selection.
 pub type Scores = Vec<(MetricKey, Result<f64, Unavailable>)>;
 /// Maps in the order of the selection.
@@ -214,7 +228,7 @@ impl Scorer {
     }
 
     /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.
-    /// `mask` (view-frustum) is used by the `@frustum` keys only.
+    /// `mask` is used by the masked keys only; which mask it is, their suffix must say.
     ///
     /// # Errors
     /// When the pictures cannot be compared at all; a metric that has no value for these pictures
@@ -227,10 +241,69 @@ impl Scorer {
     ) -> Result<Scores, ScoreError> {
         check(prediction, target, mask)?;
         let learned = self.engines.run([prediction, target], &self.keys, false);
+        Ok(self.scores_of([prediction, target], mask, &learned))
+    }
+
+    /// The maps of those selected metrics that have one (SSIM, LPIPS), over the whole picture.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
+        check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let mut lpips = keys.clone();
+        lpips.retain(|key| key.family() == Family::Lpips);
+        let learned = self.engines.run([prediction, target], &lpips, true);
+        Ok(maps_of(&keys, [prediction, target], &learned))
+    }
+
+    /// The layers' terms of those selected metrics that have them (LPIPS, DISTS), over the whole
+    /// picture.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn terms(&self, prediction: &Picture, target: &Picture) -> Result<AllTerms, ScoreError> {
+        check(prediction, target, None)?;
+        let keys = self.whole_keys();
+        let learned = self.engines.run([prediction, target], &keys, false);
+        Ok(terms_of(&keys, &learned))
+    }
+
+    /// [`score`](Self::score), [`terms`](Self::terms) and, if wanted, [`maps`](Self::maps) at the
+    /// price of one.
+    ///
+    /// # Errors
+    /// As [`score`](Self::score).
+    pub fn examine(
+        &self,
+        prediction: &Picture,
+        target: &Picture,
+        mask: Option<&Mask>,
+        with_maps: bool,
+    ) -> Result<Examined, ScoreError> {
+        check(prediction, target, mask)?;
+        let (pair, keys) = ([prediction, target], self.whole_keys());
+        let learned = self.engines.run(pair, &self.keys, with_maps);
+        Ok(Examined {
+            scores: self.scores_of(pair, mask, &learned),
+            terms: terms_of(&keys, &learned),
+            maps: if with_maps {
+                maps_of(&keys, pair, &learned)
+            } else {
+                Vec::new()
+            },
+        })
+    }
+
+    fn scores_of(&self, pair: [&Picture; 2], mask: Option<&Mask>, learned: &Learned) -> Scores {
+        let [prediction, target] = pair;
         let score = |key: MetricKey| {
             let mask = match (key.is_masked(), mask) {
                 (false, _) => None,
                 (true, Some(mask)) => Some(mask),
+                (true, None) if key.region() == Region::Frustum => {
+                    return Err(Unavailable::NoFrustumMask);
+                }
                 (true, None) => return Err(Unavailable::NoMask),
             };
             match key.metric() {
@@ -247,62 +320,45 @@ impl Scorer {
                 Metric::DistsResize256 => learned.dists(Resolution::Side256).map(Similarity::score),
             }
         };
-        Ok(self.keys.iter().map(|&key| (key, score(key))).collect())
-    }
-
-    /// The maps of those selected metrics that have one (SSIM, LPIPS), over the whole picture.
-    ///
-    /// # Errors
-    /// As [`score`](Self::score).
-    pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
-        check(prediction, target, None)?;
-        let keys = self.whole_keys();
-        let mut lpips = keys.clone();
-        lpips.retain(|key| key.family() == Family::Lpips);
-        let learned = self.engines.run([prediction, target], &lpips, true);
-        let map = |key: MetricKey| match key.metric() {
-            Metric::Ssim(variant) => Some((key, ssim::ssim_map(variant, prediction, target))),
-            Metric::Lpips(net, variant) => {
-                let distance = learned.lpips(net, variant);
-                Some((key, distance.map(|distance| learned.map(distance))))
-            }
-            Metric::Psnr | Metric::Dists | Metric::DistsResize256 => None,
-        };
-        Ok(keys.into_iter().filter_map(map).collect())
-    }
-
-    /// The layers' terms of those selected metrics that have them (LPIPS, DISTS), over the whole
-    /// picture.
-    ///
-    /// # Errors
-    /// As [`score`](Self::score).
-    pub fn terms(&self, prediction: &Picture, target: &Picture) -> Result<AllTerms, ScoreError> {
-        check(prediction, target, None)?;
-        let keys = self.whole_keys();
-        let learned = self.engines.run([prediction, target], &keys, false);
-        let dists = |resolution| {
-            learned.dists(resolution).map(|similarity| Terms::Dists {
-                structure: similarity.structure,
-                texture: similarity.texture,
-            })
-        };
-        let terms = |key: MetricKey| match key.metric() {
-            Metric::Psnr | Metric::Ssim(_) => None,
-            Metric::Lpips(net, variant) => {
-                let distance = learned.lpips(net, variant);
-                let layers = |distance: &Distance| distance.layers.clone();
-                Some((key, distance.map(|d| Terms::Lpips { layers: layers(d) })))
-            }
-            Metric::Dists => Some((key, dists(Resolution::Full))),
-            Metric::DistsResize256 => Some((key, dists(Resolution::Side256))),
-        };
-        Ok(keys.into_iter().filter_map(terms).collect())
+        self.keys.iter().map(|&key| (key, score(key))).collect()
     }
 
     fn whole_keys(&self) -> Vec<MetricKey> {
         let keys = self.keys.iter().copied();
         keys.filter(|key| !key.is_masked()).collect()
     }
+}
+
+fn maps_of(keys: &[MetricKey], [prediction, target]: [&Picture; 2], learned: &Learned) -> Maps {
+    let map = |&key: &MetricKey| match key.metric() {
+        Metric::Ssim(variant) => Some((key, ssim::ssim_map(variant, prediction, target))),
+        Metric::Lpips(net, variant) => {
+            let distance = learned.lpips(net, variant);
+            Some((key, distance.map(|distance| learned.map(distance))))
+        }
+        Metric::Psnr | Metric::Dists | Metric::DistsResize256 => None,
+    };
+    keys.iter().filter_map(map).collect()
+}
+
+fn terms_of(keys: &[MetricKey], learned: &Learned) -> AllTerms {
+    let dists = |resolution| {
+        learned.dists(resolution).map(|similarity| Terms::Dists {
+            structure: similarity.structure,
+            texture: similarity.texture,
+        })
+    };
+    let terms = |&key: &MetricKey| match key.metric() {
+        Metric::Psnr | Metric::Ssim(_) => None,
+        Metric::Lpips(net, variant) => {
+            let distance = learned.lpips(net, variant);
+            let layers = |distance: &Distance| distance.layers.clone();
+            Some((key, distance.map(|d| Terms::Lpips { layers: layers(d) })))
+        }
+        Metric::Dists => Some((key, dists(Resolution::Full))),
+        Metric::DistsResize256 => Some((key, dists(Resolution::Side256))),
+    };
+    keys.iter().filter_map(terms).collect()
 }
 
 fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<(), ScoreError> {
@@ -360,7 +416,7 @@ mod tests {
         assert!(text(1).contains("sharp-bench weights fetch metrics"));
         assert_eq!(scores[2].1, Ok(f64::INFINITY));
         assert_eq!(scores[3].1, Ok(1.0));
-        assert_eq!(scores[4].1, Err(Unavailable::NoMask));
+        assert_eq!(scores[4].1, Err(Unavailable::NoFrustumMask));
     }
 
     fn texture(seed: u32) -> Picture {
@@ -435,6 +491,22 @@ mod tests {
             panic!("LPIPS has layers");
         };
         assert_eq!(layers, &[0.0; 5]);
+    }
+
+    #[test]
+    fn one_examination_gives_what_three_calls_give() {
+        let selection =
+            Selection::parse("psnr,ssim,lpips-alex,lpips-alex@mask,lpips-squeeze,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let (a, b) = (texture(1), texture(90));
+        let mask = Mask::new(50, 40, (0..2000).map(|i| i % 3 == 0).collect()).unwrap();
+        let all = scorer.examine(&a, &b, Some(&mask), true).unwrap();
+        assert_eq!(all.scores, scorer.score(&a, &b, Some(&mask)).unwrap());
+        assert_eq!(all.terms, scorer.terms(&a, &b).unwrap());
+        assert_eq!(all.maps, scorer.maps(&a, &b).unwrap());
+        let without = scorer.examine(&a, &b, Some(&mask), false).unwrap();
+        assert_eq!(without.scores, all.scores);
+        assert!(without.maps.is_empty());
     }
 
     #[test]

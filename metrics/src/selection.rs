@@ -1,6 +1,6 @@
 //! Lists of metrics as typed on a command line.
 
-use crate::identity::{Family, IdentityError, MetricKey};
+use crate::identity::{Family, IdentityError, MetricKey, Region};
 
 /// A selected metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,18 +51,15 @@ impl Selection {
     /// Reads a comma-separated list of keys (`ssim[gauss11,valid]`), aliases (`lpips-vgg`), family
     /// names (`ssim`: all its variants), `paper` and `all`.
     ///
-    /// A name that is both a key and a family (`dists`) means the key. The suffix `@frustum` on a
-    /// family or group selects the masked form of its members that have one.
+    /// A name that is both a key and a family (`dists`) means the key. The suffix `@frustum` or
+    /// `@mask` on a family or group selects the masked form of its members that have one.
     ///
     /// # Errors
     /// [`SelectionError`] when the list is empty or a name in it unknown or refused.
     pub fn parse(list: &str) -> Result<Self, SelectionError> {
         let mut selection = Self { entries: vec![] };
         for name in split_outside_brackets(list) {
-            let (base, masked) = match name.strip_suffix("@frustum") {
-                Some(base) => (base, true),
-                None => (name, false),
-            };
+            let (base, region) = Region::split(name);
             let (group, explicit) = match base {
                 "paper" => (PAPER.to_vec(), false),
                 "all" => (MetricKey::all(), false),
@@ -73,9 +70,7 @@ impl Selection {
                     continue;
                 }
             };
-            let keys = group
-                .into_iter()
-                .filter_map(|key| if masked { key.inside_mask() } else { Some(key) });
+            let keys = group.into_iter().filter_map(|key| key.inside(region));
             selection.extend(keys, explicit);
         }
         if selection.entries.is_empty() {
@@ -99,6 +94,21 @@ impl Selection {
         self.entries
             .iter()
             .any(|entry| entry.key == key && entry.explicit)
+    }
+
+    /// This selection, each metric over the whole picture followed by its form inside a region where
+    /// there is one.
+    #[must_use]
+    pub fn with_region(&self, region: Region) -> Self {
+        let mut selection = Self { entries: vec![] };
+        for entry in &self.entries {
+            let masked = entry.key.inside(region).filter(|_| !entry.key.is_masked());
+            selection.extend(
+                [Some(entry.key), masked].into_iter().flatten(),
+                entry.explicit,
+            );
+        }
+        selection
     }
 
     fn group(keys: &[MetricKey]) -> Self {
@@ -205,6 +215,16 @@ mod tests {
                 "ssim[gauss11,valid]@frustum"
             ]
         );
+    }
+
+    #[test]
+    fn a_region_is_added_beside_the_whole_picture() {
+        let selection = Selection::parse("dists,psnr,ssim-gauss11-zero@frustum").unwrap();
+        let with_mask = selection.with_region(Region::Given);
+        let keys: Vec<String> = with_mask.keys().map(|key| key.to_string()).collect();
+        let expected = ["dists", "psnr", "psnr@mask", "ssim[gauss11,zero]@frustum"];
+        assert_eq!(keys, expected);
+        assert!(with_mask.entries().iter().all(|entry| entry.explicit));
     }
 
     #[test]

@@ -48,7 +48,7 @@ impl Weights {
             None => return Ok(None),
             Some(Source::File(path)) => {
                 let (tensors, original) = read(backbone, path)?;
-                (tensors, path.display().to_string(), original)
+                (tensors, path.display().to_string(), Some(original))
             }
             Some(Source::Deterministic(salt)) => {
                 let tensors = deterministic(backbone, salt);
@@ -77,7 +77,8 @@ fn deterministic(backbone: Backbone, salt: &str) -> Tensors {
 /// Metadata under which `sharp_checkpoint` notes what a converted file was made from.
 const SOURCE_SHA256: &str = "source_sha256";
 
-fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, Option<String>), WeightsError> {
+/// The tensors of a file, and the sha256 of the file that they were published in.
+fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsError> {
     let refused = |source| WeightsError::Checkpoint { backbone, source };
     let file = Checkpoint::open(path).map_err(refused)?;
     let bare = file.contains("0.weight");
@@ -108,6 +109,7 @@ fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, Option<String>), We
         tensors.insert(tensor.name, (tensor.shape, values));
     }
     let original = file.metadata().get(SOURCE_SHA256).cloned();
+    let original = original.unwrap_or_else(|| file.sha256());
     Ok((Tensors(tensors), original))
 }
 

@@ -198,7 +198,8 @@ pub struct WeightsUsed {
     /// sha256 over the convolutions' names and f32 values: equal for torchvision's file and for a
     /// copy that holds the features only.
     pub features_sha256: String,
-    /// sha256 of the file that a features-only copy was made from, if it says so.
+    /// sha256 of the file; of the file that it was made from where a features-only copy says so.
+    /// `None` without a file.
     pub original_sha256: Option<String>,
 }
 
