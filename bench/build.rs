@@ -1,4 +1,4 @@
-//! Hashes what results depend on, sources and compiler, so that a unit's key changes with the code.
+//! Hashes what results depend on, sources and compiler, so that a unit's key changes with the code, and names the decoders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,6 +19,9 @@ const SOURCES: [&str; 10] = [
     "Cargo.toml",
     "Cargo.lock",
 ];
+
+/// Crates that turn files into pixels, and so decide a score's input.
+const DECODERS: [&str; 4] = ["image", "png", "zune-jpeg", "exr"];
 
 fn main() -> std::io::Result<()> {
     let bench = PathBuf::from(std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default());
@@ -49,7 +52,22 @@ fn main() -> std::io::Result<()> {
         .map(|b| format!("{b:02x}"))
         .collect();
     println!("cargo::rustc-env=SHARP_BENCH_SOURCE_FINGERPRINT={digest}");
+    let lock = fs::read_to_string(workspace.join("Cargo.lock"))?;
+    let decoders: Vec<String> = DECODERS
+        .iter()
+        .filter_map(|name| Some(format!("{name} {}", locked_version(&lock, name)?)))
+        .collect();
+    println!(
+        "cargo::rustc-env=SHARP_BENCH_DECODERS={}",
+        decoders.join(", ")
+    );
     Ok(())
+}
+
+/// The version of a package in `Cargo.lock`.
+fn locked_version<'a>(lock: &'a str, name: &str) -> Option<&'a str> {
+    let (_, entry) = lock.split_once(&format!("name = \"{name}\"\nversion = \""))?;
+    entry.split_once('"').map(|(version, _)| version)
 }
 
 fn collect(path: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {

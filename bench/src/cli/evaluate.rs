@@ -19,8 +19,9 @@ use crate::protocol::{PairList, PairOptions, build_pairs};
 use crate::rendering::SharedRenderer;
 use crate::runs::execute::{Executed, execute};
 use crate::runs::manifest::{
-    DatasetFacts, FORMAT, Manifest, MethodFacts, MetricFacts, PairFacts, scoring_facts,
+    DatasetFacts, FORMAT, Manifest, MethodFacts, PairFacts, scoring_facts,
 };
+use crate::runs::metric_facts::MetricFacts;
 use crate::runs::plan::{Keep, RunPlan, Scoring};
 use crate::runs::scores::{scores_csv, timings_csv};
 use crate::runs::store::RunFolder;
@@ -184,11 +185,7 @@ impl Evaluation {
                 .scoring
                 .metrics
                 .iter()
-                .map(|metric| MetricFacts {
-                    key: metric.key.to_string(),
-                    convention: metric.key.explain(),
-                    weights: metric.weights.clone(),
-                })
+                .map(|metric| MetricFacts::of(metric.key, self.scoring.scorer.weights()))
                 .collect(),
             scoring: self.scoring_facts(),
         })

@@ -281,10 +281,7 @@ fn metrics(manifests: &[&Manifest]) -> anyhow::Result<Vec<Metric>> {
             continue;
         }
         metrics.push(Metric {
-            convention: match facts.weights.as_str() {
-                "" => facts.convention.clone(),
-                weights => format!("{} Weights: {weights}.", facts.convention),
-            },
+            convention: facts.in_words(),
             ..Metric::from(key)
         });
     }

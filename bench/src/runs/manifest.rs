@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::metric_facts::MetricFacts;
 use super::store::RunFolder;
 use super::unit::cpu_backend;
 use crate::durable::{FileError, write_atomic};
@@ -82,17 +83,6 @@ pub struct MethodFacts {
     pub identity: String,
 }
 
-/// One metric column.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct MetricFacts {
-    /// Canonical key.
-    pub key: String,
-    /// Its convention, in words.
-    pub convention: String,
-    /// The weights it was computed with, by hash; empty for a metric without a network.
-    pub weights: String,
-}
-
 impl Manifest {
     /// Writes the manifest of a run.
     ///
@@ -141,6 +131,9 @@ impl Manifest {
     }
 }
 
+/// What decodes pictures, with versions: two JPEG decoders may differ by a level.
+pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
+
 /// The scoring conventions of this build, for [`Manifest::scoring`]; `renderer` is the exact backend, `networks` how
 /// those behind the metrics are computed.
 pub fn scoring_facts(renderer: &str, networks: &str) -> BTreeMap<String, String> {
@@ -148,6 +141,8 @@ pub fn scoring_facts(renderer: &str, networks: &str) -> BTreeMap<String, String>
     let renderer = format!("{kind}, near 0.01, far 1e10, eps2d 0");
     [
         ("prediction", "sRGB, 8 bit, rounded to nearest"),
+        ("target", "sRGB, 8 bit, as decoded; colour profiles ignored"),
+        ("decoder", DECODERS),
         (
             "resolution",
             "full resolution of the target; nothing is resized",

@@ -6,6 +6,7 @@
 //! * [`store`]: the run folder; one file a unit, written atomically.
 //! * [`manifest`]: what was run, said once.
 //! * [`identity`]: whether two runs may share a column.
+//! * [`metric_facts`]: what a metric column was computed with.
 //! * [`execute`]: predicts and scores what is not done yet, one unit ahead of the other, and records it.
 //! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
@@ -14,6 +15,7 @@ pub mod device_class;
 pub mod execute;
 pub mod identity;
 pub mod manifest;
+pub mod metric_facts;
 pub mod plan;
 mod predict;
 mod region;

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use sharp_metrics::{Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
+use sharp_metrics::{MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
-use crate::durable::{FileError, file_sha256};
+use super::metric_facts::weights_text;
 use crate::methods::Method;
 use crate::protocol::pair_list::ResolvedPair;
 use crate::rendering::SharedRenderer;
@@ -41,8 +41,7 @@ pub struct Scoring {
 pub struct ScoredMetric {
     /// Its convention.
     pub key: MetricKey,
-    /// The weights by hash, `vgg16=<sha256>`; empty for a metric without a network, `vgg16=absent` for one
-    /// whose weights were not given.
+    /// The weights by hash; see [`weights_text`].
     pub weights: String,
 }
 
@@ -51,7 +50,7 @@ impl Scoring {
     ///
     /// # Errors
     /// When a weights file cannot be read or is not what it should be.
-    pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, ScoringError> {
+    pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
         Self::with_options(selection, weights, ScorerOptions::default())
     }
 
@@ -63,21 +62,15 @@ impl Scoring {
         selection: &Selection,
         weights: &Weights,
         options: ScorerOptions,
-    ) -> Result<Self, ScoringError> {
-        let mut metrics = Vec::new();
-        for key in selection.keys() {
-            let weights = match Backbone::of(key.metric()) {
-                None => String::new(),
-                Some(backbone) => match weights.file(backbone) {
-                    None => format!("{}=absent", backbone.name()),
-                    Some(file) => format!("{}={}", backbone.name(), file_sha256(file)?),
-                },
-            };
-            metrics.push(ScoredMetric { key, weights });
-        }
+    ) -> Result<Self, WeightsError> {
+        let scorer = Scorer::with_options(selection, weights, options)?;
+        let metric = |&key: &MetricKey| ScoredMetric {
+            key,
+            weights: weights_text(key, scorer.weights()),
+        };
         Ok(Self {
-            scorer: Scorer::with_options(selection, weights, options)?,
-            metrics,
+            metrics: scorer.keys().iter().map(metric).collect(),
+            scorer,
         })
     }
 
@@ -85,17 +78,6 @@ impl Scoring {
     pub fn keys(&self) -> Vec<String> {
         self.metrics.iter().map(|m| m.key.to_string()).collect()
     }
-}
-
-/// Why metrics could not be prepared.
-#[derive(Debug, thiserror::Error)]
-pub enum ScoringError {
-    /// A file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// A file does not hold the weights that it should.
-    #[error(transparent)]
-    Weights(#[from] WeightsError),
 }
 
 /// Which predictions stay in the run folder.
