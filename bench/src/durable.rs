@@ -114,6 +114,21 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// Creates a folder where there is none and checks that files can be made in it.
+///
+/// # Errors
+/// Names the folder and what the system said.
+pub fn check_writable(folder: &Path) -> Result<(), FileError> {
+    let check = || -> io::Result<()> {
+        fs::create_dir_all(folder)?;
+        tempfile::Builder::new()
+            .prefix(".partial-")
+            .tempfile_in(folder)?;
+        Ok(())
+    };
+    check().map_err(FileError::new(folder, "write into"))
+}
+
 /// Makes a rename survive a power cut, where folders can be synced.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
@@ -181,6 +196,10 @@ mod tests {
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
 
         assert_eq!(file_sha256(&path).unwrap(), sha256_hex(b"two"));
+        let new = dir.path().join("new/folder");
+        check_writable(&new).unwrap();
+        assert_eq!(fs::read_dir(&new).unwrap().count(), 0);
+        assert!(check_writable(&path.join("below a file")).is_err());
     }
 
     #[test]

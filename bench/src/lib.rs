@@ -12,16 +12,23 @@
 //! * [`process_memory`]: how much memory this process has used.
 //! * [`protocol`]: which pairs are evaluated, and the geometry that decides it.
 //! * [`exchange`]: what foreign methods are given, as files.
+//! * [`masks`]: masks as files.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`runs`]: plans, units and the folder that keeps their results.
 //! * [`report`]: tables, plots and a browsable page from records.
+//! * [`methods_text`]: which metrics these are, as a paper should say it.
+//! * [`score_maps`]: where in a picture a metric finds a difference.
+//! * [`analyze`]: the paper's explanatory experiments.
 //! * [`cli`]: the command line.
 
+pub mod analyze;
 pub mod cli;
 mod counted;
 pub mod durable;
 pub mod exchange;
+pub mod masks;
 pub mod methods;
+pub mod methods_text;
 pub mod model_files;
 pub mod movie;
 pub mod picture_pairs;
@@ -34,3 +41,4 @@ pub mod rendering;
 pub mod report;
 pub mod runs;
 pub mod scene_file;
+pub mod score_maps;

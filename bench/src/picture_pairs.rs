@@ -88,6 +88,25 @@ pub fn match_folders(
     }
 }
 
+/// The picture in a folder that matches a picture elsewhere.
+///
+/// # Errors
+/// When there is none, or more than one.
+pub fn partner(picture: &Path, folder: &Path, by: MatchBy) -> Result<PathBuf, MatchError> {
+    let found = index(folder, by)?.remove(&shared_part(picture, by));
+    found.ok_or_else(|| unmatched(picture.to_owned(), folder, by))
+}
+
+/// What a picture shares with its partner.
+fn shared_part(path: &Path, by: MatchBy) -> String {
+    let part = match by {
+        MatchBy::Stem => path.file_stem(),
+        MatchBy::Name => path.file_name(),
+    };
+    part.map(|part| part.to_string_lossy().into_owned())
+        .unwrap_or_default()
+}
+
 fn unmatched(path: PathBuf, other: &Path, by: MatchBy) -> MatchError {
     MatchError::Unmatched {
         path,
@@ -104,13 +123,7 @@ fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchE
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let path = entry.map_err(io)?.path();
-        let part = match by {
-            MatchBy::Stem => path.file_stem(),
-            MatchBy::Name => path.file_name(),
-        };
-        let name = part
-            .map(|p| p.to_string_lossy().into_owned())
-            .unwrap_or_default();
+        let name = shared_part(&path, by);
         if name.starts_with('.') || !path.is_file() || !pictures::is_picture(&path) {
             continue;
         }
@@ -160,6 +173,9 @@ mod tests {
             let error = match_folders(a.path(), b.path(), MatchBy::Stem).unwrap_err();
             assert!(error.to_string().contains("y.png: no picture"), "{error}");
         }
+        let two_found = partner(&one.path().join("y.jpg"), two.path(), MatchBy::Stem).unwrap();
+        assert!(two_found.ends_with("y.png"));
+        assert!(partner(&two_found, one.path(), MatchBy::Stem).is_err());
         let twice = folder(&["x.png", "x.jpg"]);
         let error = match_folders(twice.path(), one.path(), MatchBy::Stem).unwrap_err();
         assert!(matches!(error, MatchError::Ambiguous { .. }));

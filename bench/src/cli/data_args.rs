@@ -6,7 +6,7 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Backbone, Device, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::usage::UsageError;
 use crate::protocol::PairOptions;
@@ -32,12 +32,14 @@ impl MetricArgs {
         Selection::parse(&self.metrics).with_context(|| format!("--metrics {}", self.metrics))
     }
 
+    /// The metrics of a run. Its mask is the view-frustum mask of a pair.
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
-        Ok(Scoring::with_options(
-            &self.selection()?,
-            &self.weights()?,
-            self.options()?,
-        )?)
+        let selection = self.selection()?;
+        if let Some(key) = selection.keys().find(|key| key.region() == Region::Given) {
+            bail!("--metrics {key}: masks are handed in with `sharp-bench metrics --mask` only");
+        }
+        let (weights, options) = (self.weights()?, self.options()?);
+        Ok(Scoring::with_options(&selection, &weights, options)?)
     }
 
     /// How the networks are computed: by default, but for the device.
@@ -72,7 +74,7 @@ impl MetricArgs {
     }
 
     /// The files given, then what was fetched earlier.
-    fn weights(&self) -> anyhow::Result<Weights> {
+    pub(super) fn weights(&self) -> anyhow::Result<Weights> {
         let mut weights = Weights::none();
         for spec in &self.weights {
             let Some((name, file)) = spec.split_once('=') else {

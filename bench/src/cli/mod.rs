@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod analyze;
 mod backend_args;
 mod camera_file;
 mod cameras;
@@ -53,6 +54,7 @@ enum Command {
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
     Metrics(metrics::MetricsArgs),
+    Analyze(analyze::AnalyzeArgs),
     Predict(model::predict::PredictArgs),
     Render(render::RenderArgs),
     Gaussians(model::gaussians::GaussiansArgs),
@@ -77,6 +79,7 @@ impl Cli {
             Command::Cameras(args) => cameras::execute(&args),
             Command::Datasets(args) => datasets::execute(&args),
             Command::Metrics(args) => metrics::execute(&args),
+            Command::Analyze(args) => analyze::execute(&args),
             Command::Predict(args) => model::predict::execute(&args),
             Command::Gaussians(args) => model::gaussians::execute(&args),
             Command::Record(args) => model::record::execute(&args),

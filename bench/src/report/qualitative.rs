@@ -11,7 +11,8 @@ use super::gallery::by_badness;
 use super::input::{Metric, Pictures};
 use super::pictures::fitted;
 use super::plots::canvas::{INK, Ink, MUTED};
-use super::plots::font::{Weight, raster, width};
+use super::plots::font::{Weight, width};
+use super::plots::lettering;
 use super::records::{Board, PairBoard};
 use super::tables::shown;
 
@@ -183,19 +184,5 @@ fn reduced(picture: &RgbImage) -> RgbImage {
 fn write(sheet: &mut RgbImage, text: &str, at: (u32, u32), size: f64, weight: Weight, ink: Ink) {
     let mut text = text.to_owned();
     while width(&text, size, weight) > f64::from(TILE) && text.pop().is_some() {}
-    raster(&text, size, weight, |x, y, coverage| {
-        let place = (
-            u32::try_from(i64::from(at.0) + i64::from(x)),
-            u32::try_from(i64::from(at.1) + i64::from(y)),
-        );
-        let (Ok(x), Ok(y)) = place else { return };
-        let Some(pixel) = sheet.get_pixel_mut_checked(x, y) else {
-            return;
-        };
-        let rgb = [ink.rgb.0, ink.rgb.1, ink.rgb.2];
-        for (below, above) in pixel.0.iter_mut().zip(rgb) {
-            let mixed = f32::from(*below) * (1.0 - coverage) + f32::from(above) * coverage;
-            *below = mixed.round() as u8;
-        }
-    });
+    lettering::write(sheet, &text, at, size, weight, ink);
 }

@@ -74,6 +74,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
     Table {
         name: format!("published-{}", paper.name),
         title: format!("Published: {}", paper.title),
+        row_head: "method",
         groups: datasets
             .iter()
             .filter_map(|d| DATASETS.get(*d))
@@ -135,7 +136,7 @@ fn family_of(key: &str) -> &str {
     key.split(['[', '@']).next().unwrap_or(key)
 }
 
-fn metric(family: &str) -> Metric {
+pub(crate) fn metric(family: &str) -> Metric {
     let (better, decimals, unit) = match family {
         "psnr" => (Better::Higher, 2, "dB"),
         "ssim" => (Better::Higher, 3, ""),

@@ -3,7 +3,7 @@
 //! Everything is drawn four times as large as it is shown. The SVG says so in its view box; the PNG is reduced
 //! by two, which smooths it and leaves two pixels per CSS pixel.
 
-use image::{ImageEncoder as _, RgbImage, codecs::png, imageops};
+use image::{ImageEncoder as _, Rgb, RgbImage, codecs::png, imageops};
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::FontTransform;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -52,6 +52,14 @@ impl Ink {
     pub fn hex(self) -> String {
         let (r, g, b) = self.rgb;
         format!("#{r:02X}{g:02X}{b:02X}")
+    }
+}
+
+impl From<Ink> for Rgb<u8> {
+    /// Without the opacity.
+    fn from(ink: Ink) -> Self {
+        let (r, g, b) = ink.rgb;
+        Self([r, g, b])
     }
 }
 

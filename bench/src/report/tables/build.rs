@@ -137,6 +137,7 @@ fn table(
     let mut table = Table {
         name,
         title,
+        row_head: "method",
         groups: board
             .datasets
             .iter()

@@ -7,7 +7,7 @@ use crate::report::input::Metric;
 
 /// GitHub-flavoured Markdown, footnotes below.
 pub fn markdown(table: &Table) -> String {
-    let mut out = String::from("| method |");
+    let mut out = format!("| {} |", escape(table.row_head));
     let heads = table.heads();
     for group in &table.groups {
         for head in &heads {

@@ -22,6 +22,8 @@ pub struct Table {
     pub name: String,
     /// Caption.
     pub title: String,
+    /// Over the rows' labels.
+    pub row_head: &'static str,
     /// Column groups.
     pub groups: Vec<Group>,
     /// Columns within each group.

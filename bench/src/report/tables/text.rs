@@ -6,7 +6,7 @@ use crate::report::input::Metric;
 /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
 /// and the infinity sign.
 pub fn text(table: &Table) -> String {
-    let mut grid: Vec<Vec<String>> = vec![vec![String::new()], vec!["method".into()]];
+    let mut grid: Vec<Vec<String>> = vec![vec![String::new()], vec![table.row_head.into()]];
     let heads = table.heads();
     for group in &table.groups {
         for (m, head) in heads.iter().enumerate() {
@@ -68,7 +68,11 @@ pub fn text(table: &Table) -> String {
     }
     let keys = table.metrics.iter().zip(table.heads());
     let keys: Vec<String> = keys.map(|(m, head)| format!("{head} {}", m.key)).collect();
-    out.push_str(&format!("* best of its column; {}\n", keys.join(", ")));
+    let mut cells = table.rows.iter().flat_map(|row| &row.cells);
+    if cells.any(|cell| cell.rank.is_some()) {
+        out.push_str("* best of its column; ");
+    }
+    out.push_str(&format!("{}\n", keys.join(", ")));
     for (i, note) in table.notes.iter().enumerate() {
         out.push_str(&format!("{}) {note}\n", letter(i)));
     }

@@ -1,0 +1,102 @@
+//! All comparisons of a picture, scored.
+
+use image::RgbImage;
+use sharp_metrics::{MetricKey, Picture, ScoreError, Scorer};
+
+use super::shift::{Axis, Shifts, ShiftsError, Windows, mean_image};
+
+/// A picture compared with itself, moved and averaged.
+#[derive(Debug)]
+pub struct Experiment {
+    /// Along which side the window moves.
+    pub axis: Axis,
+    /// The window at the picture's start: what everything is compared with.
+    pub reference: RgbImage,
+    /// The shifts by size, then the mean image.
+    pub comparisons: Vec<Comparison>,
+}
+
+/// One row of the table.
+#[derive(Debug)]
+pub struct Comparison {
+    /// How far the window moved, per cent of the side and pixels; `None` for the mean image.
+    pub shift: Option<(f64, f64)>,
+    /// What is compared with the reference.
+    pub picture: RgbImage,
+    /// Its scores, or why there are none.
+    pub scores: Vec<(MetricKey, Result<f64, String>)>,
+}
+
+/// Why a picture cannot be analysed.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The window has no room.
+    #[error(transparent)]
+    Shifts(#[from] ShiftsError),
+    /// The pictures cannot be scored.
+    #[error(transparent)]
+    Score(#[from] ScoreError),
+}
+
+impl Experiment {
+    /// Makes and scores all comparisons; `progress` is called after each.
+    ///
+    /// # Errors
+    /// When the picture is too small for the shifts.
+    pub fn run(
+        picture: &RgbImage,
+        axis: Axis,
+        shifts: &Shifts,
+        scorer: &Scorer,
+        mut progress: impl FnMut(),
+    ) -> Result<Self, ExperimentError> {
+        let windows = Windows::new(picture, axis, shifts)?;
+        let reference = windows.reference();
+        let target = Picture::from(reference.clone());
+        let mut comparisons = Vec::new();
+        let moved = shifts.percent().iter().map(|percent| {
+            let pixels = windows.pixels(*percent);
+            (Some((*percent, pixels)), windows.shifted(pixels))
+        });
+        for (shift, picture) in moved.chain([(None, mean_image(&reference))]) {
+            let scores = scorer.score(&Picture::from(picture.clone()), &target, None)?;
+            let in_words = |(key, score): (MetricKey, Result<f64, _>)| {
+                let score = score.map_err(|reason: sharp_metrics::Unavailable| reason.to_string());
+                (key, score)
+            };
+            comparisons.push(Comparison {
+                shift,
+                picture,
+                scores: scores.into_iter().map(in_words).collect(),
+            });
+            progress();
+        }
+        Ok(Self {
+            axis,
+            reference,
+            comparisons,
+        })
+    }
+
+    /// The metrics, in the order of the scores.
+    pub fn keys(&self) -> Vec<MetricKey> {
+        let first = self.comparisons.first();
+        first.map_or_else(Vec::new, |c| c.scores.iter().map(|(key, _)| *key).collect())
+    }
+}
+
+impl Comparison {
+    /// As the paper names it: `Translated (0.1 %)`, `Mean image`.
+    pub fn label(&self) -> String {
+        match self.shift {
+            Some((percent, _)) => format!("Translated ({percent:?} %)"),
+            None => "Mean image".to_owned(),
+        }
+    }
+
+    /// The score of a metric.
+    pub fn score(&self, key: MetricKey) -> Option<f64> {
+        let (_, score) = self.scores.iter().find(|(k, _)| *k == key)?;
+        score.as_ref().ok().copied()
+    }
+}

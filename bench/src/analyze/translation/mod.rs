@@ -1,0 +1,22 @@
+//! How far each metric moves when a picture is shifted a little, and how far when it is replaced by its mean colour:
+//! the paper's case for DISTS and LPIPS.
+//!
+//! A shift moves a window over the picture, so that nothing is filled in at a border and nothing wraps around: the
+//! reference is the window at the picture's start, a shifted picture the window so many pixels further on, and the
+//! mean image has the reference's mean colour. All have the same size. Sub-pixel shifts are bilinear; all pictures are
+//! rounded to 8 bits, as predictions are.
+//!
+//! * [`shift`]: windows, shifts and the mean image.
+//! * [`experiment`]: all comparisons of a picture, scored.
+//! * [`table`]: them as a table, with the paper's own beside it.
+//! * [`figure`]: them as plots.
+//! * [`strip`]: the pictures side by side.
+
+pub mod experiment;
+pub mod figure;
+pub mod shift;
+pub mod strip;
+pub mod table;
+
+pub use experiment::{Comparison, Experiment, ExperimentError};
+pub use shift::{Axis, Shifts, ShiftsError};

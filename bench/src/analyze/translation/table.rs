@@ -1,0 +1,158 @@
+//! The comparisons as a table in the paper's form, and the paper's own numbers.
+
+use super::experiment::Experiment;
+use super::shift::Axis;
+use crate::record::finite_or_text;
+use crate::report::input::Metric;
+use crate::report::paper;
+use crate::report::tables::{Cell, Group, Row, Table};
+
+/// The paper's table: DISTS, LPIPS, PSNR, SSIM of a picture that it does not name.
+const PAPER: [(&str, [f64; 4]); 4] = [
+    ("Translated (0.1 %)", [0.008, 0.059, 21.3, 0.623]),
+    ("Translated (1.0 %)", [0.079, 0.491, 11.2, 0.375]),
+    ("Translated (5.0 %)", [0.121, 0.723, 8.1, 0.249]),
+    ("Mean image", [0.859, 0.970, 10.7, 0.351]),
+];
+/// Families of its columns.
+const FAMILIES: [&str; 4] = ["dists", "lpips", "psnr", "ssim"];
+
+/// The table of an experiment on the picture of that name.
+pub fn table(experiment: &Experiment, name: &str) -> Table {
+    let keys = experiment.keys();
+    let mut notes = vec![method_note(experiment)];
+    let rows = experiment.comparisons.iter().map(|comparison| Row {
+        label: comparison.label(),
+        note: Some(0),
+        cells: comparison
+            .scores
+            .iter()
+            .map(|(key, score)| {
+                let value = score.as_ref().ok().copied();
+                let mut cell = cell(value);
+                if let Err(reason) = score {
+                    let label = Metric::from(*key).label;
+                    let text = format!("No {label} (`{key}`): {reason}.");
+                    cell.notes.push(note(&mut notes, text));
+                }
+                cell
+            })
+            .collect(),
+    });
+    let rows = rows.collect();
+    let (width, height) = experiment.reference.dimensions();
+    Table {
+        name: "translation".to_owned(),
+        title: "Sensitivity of metrics to small image shifts".to_owned(),
+        row_head: "comparison",
+        groups: vec![Group {
+            title: format!("{name} ({width} × {height})"),
+            pairs: None,
+        }],
+        metrics: keys.into_iter().map(Metric::from).collect(),
+        rows,
+        notes,
+    }
+}
+
+/// What the paper published, in a table of its own: other picture, conventions unstated.
+pub fn published() -> Table {
+    let mut metrics: Vec<Metric> = FAMILIES
+        .iter()
+        .map(|family| paper::metric(family))
+        .collect();
+    for metric in metrics.iter_mut().filter(|metric| metric.unit == "dB") {
+        // As many as it printed.
+        metric.decimals = 1;
+    }
+    Table {
+        name: "translation-published".to_owned(),
+        title: "Published: sensitivity of metrics to small image shifts".to_owned(),
+        row_head: "comparison",
+        groups: vec![Group {
+            title: "SHARP paper".to_owned(),
+            pairs: None,
+        }],
+        metrics,
+        rows: PAPER
+            .iter()
+            .map(|(label, values)| Row {
+                label: (*label).to_owned(),
+                note: Some(0),
+                cells: values.iter().map(|value| cell(Some(*value))).collect(),
+            })
+            .collect(),
+        notes: vec![
+            "Published in the SHARP paper (`tab:metrics_comparison`) for a picture that it does not name, without the \
+             LPIPS network, the SSIM window or how pictures were shifted: to be compared in kind, not in digits."
+                .to_owned(),
+        ],
+    }
+}
+
+fn cell(value: Option<f64>) -> Cell {
+    Cell {
+        value,
+        rank: None,
+        coverage: None,
+        std: None,
+        infinite: usize::from(value.is_some_and(f64::is_infinite)),
+        failed: 0,
+        notes: Vec::new(),
+    }
+}
+
+fn note(notes: &mut Vec<String>, text: String) -> usize {
+    notes.iter().position(|n| *n == text).unwrap_or_else(|| {
+        notes.push(text);
+        notes.len() - 1
+    })
+}
+
+fn method_note(experiment: &Experiment) -> String {
+    let side = match experiment.axis {
+        Axis::X => "width",
+        Axis::Y => "height",
+    };
+    let shifts = experiment.comparisons.iter().filter_map(|c| c.shift);
+    let pixels: Vec<String> = shifts.map(|(_, pixels)| format!("{pixels:.2}")).collect();
+    format!(
+        "A window of this size moved over the picture by a share of its {side} ({} pixels), against the window at the \
+         start; linear between pixels, rounded to 8 bits, nothing filled in at a border. The mean image has the \
+         reference's mean sRGB colour.",
+        pixels.join(", ")
+    )
+}
+
+/// One row a comparison at full precision: `comparison,shift_percent,shift_px`, then a column a metric. An unavailable
+/// score is an empty cell, and the last column says why.
+///
+/// # Errors
+/// Those of the CSV writer, which only writes to memory here.
+pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
+    let mut out = ::csv::Writer::from_writer(Vec::new());
+    let mut header: Vec<String> = ["comparison", "shift_percent", "shift_px"]
+        .map(String::from)
+        .into();
+    header.extend(experiment.keys().iter().map(ToString::to_string));
+    header.push("unavailable".to_owned());
+    out.write_record(&header)?;
+    let text =
+        |value: f64| finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned);
+    for comparison in &experiment.comparisons {
+        let (percent, pixels) = comparison
+            .shift
+            .map_or_else(Default::default, |(percent, px)| (text(percent), text(px)));
+        let mut row = vec![comparison.label(), percent, pixels];
+        let mut reasons = Vec::new();
+        for (key, score) in &comparison.scores {
+            row.push(score.as_ref().map_or_else(|_| String::new(), |v| text(*v)));
+            if let Err(reason) = score {
+                reasons.push(format!("{key}: {reason}"));
+            }
+        }
+        row.push(reasons.join("; "));
+        out.write_record(&row)?;
+    }
+    out.into_inner().map_err(|error| error.into_error().into())
+}

@@ -1,0 +1,194 @@
+//! `analyze`: the paper's explanatory experiments.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use clap::{Args, Subcommand};
+use serde_json::{Map, Value, json};
+use sharp_metrics::{Scorer, Selection};
+
+use super::data_args::MetricArgs;
+use super::{Outcome, output, progress};
+use crate::analyze::translation::{Axis, Experiment, Shifts, figure, strip, table};
+use crate::durable::{check_writable, write_atomic};
+use crate::pictures;
+use crate::record::finite_or_text;
+use crate::render_file::write_png;
+use crate::report::tables::{latex::latex, markdown::markdown, text::text};
+use crate::runs::metric_facts::MetricFacts;
+
+/// The paper's explanatory experiments on pictures of yours
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench analyze translation photo.png
+  sharp-bench analyze translation photo.png --out sensitivity/
+  sharp-bench analyze translation photo.png --shifts 0.1,0.2,0.5,1,2,5 --metrics all --json")]
+pub(super) struct AnalyzeArgs {
+    #[command(subcommand)]
+    command: AnalyzeCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum AnalyzeCommand {
+    Translation(TranslationArgs),
+}
+
+/// How far each metric moves when a picture is shifted a little, and when it is replaced by its mean colour
+///
+/// The paper's table of sensitivity. A window moves over the picture, so that nothing is filled in at a border; between
+/// pixels it is interpolated linearly; all pictures are rounded to 8 bits.
+#[derive(Debug, Args)]
+struct TranslationArgs {
+    /// The picture
+    image: PathBuf,
+    /// Shifts in per cent of the width (or height); the default is the paper's
+    #[arg(long, value_name = "LIST", default_value = "0.1,1,5")]
+    shifts: Shifts,
+    /// Along which side to shift
+    #[arg(long, value_enum, default_value_t = Axis::X)]
+    axis: Axis,
+    #[command(flatten)]
+    metrics: MetricArgs,
+    /// Write the table (Markdown, CSV, LaTeX), the figure (SVG, PNG) and the pictures into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &AnalyzeArgs) -> anyhow::Result<Outcome> {
+    match &args.command {
+        AnalyzeCommand::Translation(args) => translation(args),
+    }
+}
+
+fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
+    let selection = args.metrics.selection()?;
+    if let Some(key) = selection.keys().find(|key| key.is_masked()) {
+        anyhow::bail!("--metrics {key}: there is no mask in this experiment");
+    }
+    let scorer = Scorer::with_options(
+        &selection,
+        &args.metrics.weights()?,
+        args.metrics.options()?,
+    )?;
+    let picture = pictures::read_rgb8(&args.image)?;
+    if let Some(folder) = &args.out {
+        check_writable(folder)?;
+    }
+    let bar = progress::bar(args.shifts.percent().len() + 1, "comparisons");
+    let advance = || bar.inc(1);
+    let experiment = Experiment::run(&picture, args.axis, &args.shifts, &scorer, advance)
+        .with_context(|| args.image.display().to_string())?;
+    bar.finish_and_clear();
+    demand_explicit(&experiment, &selection, &args.image)?;
+    let name = args.image.file_name();
+    let name = name.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let written = match &args.out {
+        Some(folder) => write(&experiment, &name, args.shifts.are_the_papers(), folder)?,
+        None => Vec::new(),
+    };
+    if args.json {
+        output::json(&to_json(&experiment, &scorer, args, &written))?;
+        return Ok(Outcome::Done);
+    }
+    output::line(text(&table::table(&experiment, &name)).trim_end())?;
+    for path in &written {
+        output::line(format!("wrote {}", path.display()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// A metric named itself must be there.
+fn demand_explicit(
+    experiment: &Experiment,
+    selection: &Selection,
+    image: &Path,
+) -> anyhow::Result<()> {
+    for (key, score) in experiment.comparisons.iter().flat_map(|c| &c.scores) {
+        if let Err(reason) = score {
+            ensure!(
+                !selection.is_explicit(*key),
+                "{}: {key} cannot be computed: {reason}",
+                image.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The files written.
+fn write(
+    experiment: &Experiment,
+    name: &str,
+    with_published: bool,
+    folder: &Path,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let ours = table::table(experiment, name);
+    let (mut md, mut tex) = (markdown(&ours), latex(&ours));
+    if with_published {
+        let published = table::published();
+        md += &format!("\n{}", markdown(&published));
+        tex += &format!("\n{}", latex(&published));
+    }
+    let mut files = vec![
+        ("translation.md", md.into_bytes()),
+        ("translation.csv", table::csv(experiment)?),
+        ("translation.tex", tex.into_bytes()),
+    ];
+    if let Some(figure) = figure::figure(experiment)? {
+        files.push(("translation.svg", figure.svg.into_bytes()));
+        files.push(("translation.png", figure.png));
+    }
+    let mut written = Vec::new();
+    for (name, bytes) in files {
+        let path = folder.join(name);
+        write_atomic(&path, &bytes)?;
+        written.push(path);
+    }
+    let pictures = folder.join("translation-pictures.png");
+    write_png(&pictures, &strip::strip(experiment))?;
+    written.push(pictures);
+    Ok(written)
+}
+
+fn to_json(
+    experiment: &Experiment,
+    scorer: &Scorer,
+    args: &TranslationArgs,
+    written: &[PathBuf],
+) -> Value {
+    let number =
+        |value: f64| finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text));
+    let comparison = |c: &crate::analyze::translation::Comparison| {
+        let (mut scores, mut unavailable) = (Map::new(), Map::new());
+        for (key, score) in &c.scores {
+            match score {
+                Ok(value) => scores.insert(key.to_string(), number(*value)),
+                Err(reason) => unavailable.insert(key.to_string(), json!(reason)),
+            };
+        }
+        json!({
+            "comparison": c.label(),
+            "shift_percent": c.shift.map(|(percent, _)| percent),
+            "shift_px": c.shift.map(|(_, pixels)| pixels),
+            "scores": scores,
+            "unavailable": unavailable,
+        })
+    };
+    let facts = scorer
+        .keys()
+        .iter()
+        .map(|key| MetricFacts::of(*key, scorer.weights()));
+    let (width, height) = experiment.reference.dimensions();
+    json!({
+        "image": args.image.display().to_string(),
+        "axis": match experiment.axis { Axis::X => "x", Axis::Y => "y" },
+        "window": [width, height],
+        "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
+        "metrics": facts.collect::<Vec<_>>(),
+        "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+    })
+}

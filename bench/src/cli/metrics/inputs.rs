@@ -1,0 +1,59 @@
+//! Which pictures and masks belong together.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+
+use crate::picture_pairs::{MatchBy, match_folders, partner};
+
+/// Files of one pair.
+pub(super) struct Input {
+    pub(super) prediction: PathBuf,
+    pub(super) target: PathBuf,
+    pub(super) mask: Option<PathBuf>,
+    /// What the pair's maps are called by: unique among the pairs.
+    pub(super) name: String,
+}
+
+/// All pairs of two pictures or two folders, each with its mask.
+pub(super) fn pairs(
+    prediction: &Path,
+    target: &Path,
+    mask: Option<&Path>,
+    by: MatchBy,
+) -> anyhow::Result<Vec<Input>> {
+    let pairs = match (prediction.is_dir(), target.is_dir()) {
+        (true, true) => match_folders(prediction, target, by)?,
+        (false, false) => vec![(prediction.to_owned(), target.to_owned())],
+        _ => bail!(
+            "{} and {}: give two pictures or two folders",
+            prediction.display(),
+            target.display()
+        ),
+    };
+    let input = |(prediction, target): (PathBuf, PathBuf)| {
+        let mask = match mask {
+            Some(folder) if folder.is_dir() => Some(partner(&prediction, folder, by)?),
+            other => other.map(Path::to_owned),
+        };
+        let name = match by {
+            MatchBy::Stem => prediction.file_stem(),
+            MatchBy::Name => prediction.file_name(),
+        };
+        Ok(Input {
+            name: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+            prediction,
+            target,
+            mask,
+        })
+    };
+    pairs.into_iter().map(input).collect()
+}
+
+/// The folder that a file is or will be in.
+pub(super) fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}

@@ -1,0 +1,163 @@
+//! `metrics PREDICTION TARGET`: two pictures, or two folders of them.
+//!
+//! * `inputs`: which pictures and masks belong together.
+//! * `kernels`: what the numbers are computed with.
+//! * `scored`: a pair's results, maps included.
+//! * `show`: results as text, JSON and CSV.
+//! * `find`: which convention gives a stranger's number.
+//! * `describe`: what the keys mean, without pictures.
+
+mod describe;
+mod find;
+mod inputs;
+mod kernels;
+mod scored;
+mod show;
+
+use std::path::PathBuf;
+
+use anyhow::{bail, ensure};
+use clap::Args;
+use sharp_metrics::{Region, ResizeKernel, Scorer, Selection};
+
+use self::kernels::KernelArgs;
+use super::data_args::MetricArgs;
+use super::{Outcome, output, progress};
+use crate::durable::{check_writable, write_atomic};
+use crate::picture_pairs::MatchBy;
+
+/// Score a prediction against a target: two pictures, or two folders
+///
+/// Pictures are .png, .jpg, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors. Sizes must agree;
+/// nothing is resized unless --resize-prediction says so. In folders every picture needs its partner.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench metrics prediction.png target.png
+  sharp-bench metrics predictions/ targets/ --metrics psnr,ssim --csv scores.csv
+  sharp-bench metrics a.png b.png --metrics all --weights alexnet=FILE --weights vgg16=FILE --json
+  sharp-bench metrics a.png b.png --metrics all --find 0.652   which convention gives 0.652?
+  sharp-bench metrics predictions/ targets/ --mask masks/ --maps maps/
+  sharp-bench metrics --explain --metrics all
+  sharp-bench metrics --methods-text --metrics lpips-alex,dists
+
+A metric named itself must be computable, or the command fails; within `all` and `paper` one that is not is listed
+as unavailable, with the reason.")]
+pub(super) struct MetricsArgs {
+    /// The prediction: a picture or a folder
+    #[arg(required_unless_present_any = ["explain", "methods_text"])]
+    prediction: Option<PathBuf>,
+    /// The target: a picture or a folder
+    #[arg(required_unless_present_any = ["explain", "methods_text"])]
+    target: Option<PathBuf>,
+    #[command(flatten)]
+    metrics: MetricArgs,
+    /// What two pictures of two folders must share
+    #[arg(long = "match", value_enum, default_value_t = MatchBy::Stem)]
+    match_by: MatchBy,
+    /// Also score inside a mask, under keys that end in @mask: a picture for all pairs, or a folder with one for each
+    ///
+    /// White counts (levels of 128 and more). PSNR takes the squared error of the pixels inside, SSIM the mean of its
+    /// map over the window centres inside, LPIPS the mean of its spatial map inside; DISTS has no masked form.
+    #[arg(long, value_name = "FILE|DIR")]
+    mask: Option<PathBuf>,
+    /// Write maps of the difference, of SSIM and of LPIPS for each pair: PNG with a colour bar, EXR with the values
+    #[arg(long, value_name = "DIR")]
+    maps: Option<PathBuf>,
+    /// Show what LPIPS and DISTS are made of, layer by layer
+    #[arg(long)]
+    terms: bool,
+    /// Say which of the selected metrics give this number, to the digits written
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    find: Option<find::Sought>,
+    /// Resize each prediction to its target's size first, as a library does it; recorded with the results
+    ///
+    /// bilinear and bilinear-antialias are torch's interpolate, bicubic and lanczos PIL's, area is OpenCV's. Without
+    /// it unequal sizes are an error.
+    #[arg(long, value_name = "KERNEL")]
+    resize_prediction: Option<ResizeKernel>,
+    #[command(flatten)]
+    kernels: KernelArgs,
+    /// Write one row a pair; an unavailable score is an empty cell
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    /// Print what each metric key means and which public code computes the same
+    #[arg(long)]
+    explain: bool,
+    /// Print a LaTeX paragraph that says which metrics these are, and its BibTeX entries
+    #[arg(long, conflicts_with = "explain")]
+    methods_text: bool,
+}
+
+pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
+    let selection = args.selection()?;
+    if args.explain {
+        return describe::explain(&selection, args.json);
+    }
+    let options = args.kernels.applied_to(args.metrics.options()?)?;
+    let scorer = Scorer::with_options(&selection, &args.metrics.weights()?, options)?;
+    if args.methods_text {
+        return describe::methods_text(&scorer, args.json);
+    }
+    let (Some(prediction), Some(target)) = (&args.prediction, &args.target) else {
+        bail!("PREDICTION and TARGET are needed");
+    };
+    let inputs = inputs::pairs(prediction, target, args.mask.as_deref(), args.match_by)?;
+    // Before hours of work, not after them.
+    for folder in [
+        args.maps.as_deref(),
+        args.csv.as_deref().map(inputs::folder_of),
+    ] {
+        folder.map_or(Ok(()), check_writable)?;
+    }
+    let bar = progress::bar(inputs.len(), "pictures");
+    let mut scored = Vec::with_capacity(inputs.len());
+    for input in inputs {
+        bar.set_message(input.name.clone());
+        scored.push(scored::score(&scorer, &selection, input, args)?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let results = show::Results {
+        scored: &scored,
+        scorer: &scorer,
+        terms: args.terms,
+        sought: args.find.as_ref(),
+        resize: args.resize_prediction,
+    };
+    if args.json {
+        output::json(&results.json())?;
+    } else {
+        results.print()?;
+    }
+    if let Some(path) = &args.csv {
+        write_atomic(path, &results.csv()?)?;
+    }
+    Ok(Outcome::Done)
+}
+
+impl MetricsArgs {
+    /// The metrics asked for; with a mask each also inside it, unless the list says itself which.
+    fn selection(&self) -> anyhow::Result<Selection> {
+        let selection = self.metrics.selection()?;
+        let has = |region| selection.keys().any(|key| key.region() == region);
+        if self.mask.is_none() || has(Region::Given) {
+            return Ok(selection);
+        }
+        ensure!(
+            !has(Region::Frustum),
+            "--mask: inside a mask of yours keys end in @mask; @frustum is the mask that `run` makes from depth and poses"
+        );
+        let with_mask = selection.with_region(Region::Given);
+        if selection
+            .keys()
+            .any(|key| key.inside(Region::Given).is_none())
+        {
+            output::remark("note: DISTS has no masked form; it is given over the whole picture");
+        }
+        Ok(with_mask)
+    }
+}

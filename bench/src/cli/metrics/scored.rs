@@ -1,0 +1,155 @@
+//! A pair's results.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resize};
+
+use super::inputs::Input;
+use super::{MetricsArgs, output};
+use crate::score_maps::{LocalMap, MapFiles, Scale, write_map};
+use crate::{masks, pictures};
+
+/// Everything about one pair.
+pub(super) struct Scored {
+    pub(super) prediction: PathBuf,
+    pub(super) target: PathBuf,
+    pub(super) mask: Option<PathBuf>,
+    /// Width and height of the prediction where it was resized.
+    pub(super) resized_from: Option<(u32, u32)>,
+    /// Of prediction and target as scored: `8 bit` or `f32`.
+    pub(super) depths: [&'static str; 2],
+    pub(super) scores: Vec<(MetricKey, Result<f64, String>)>,
+    pub(super) terms: Vec<(MetricKey, Terms)>,
+    /// Key, files and scale of each map.
+    pub(super) maps: Vec<(String, MapFiles, Scale)>,
+}
+
+/// Reads, scores, and writes maps.
+pub(super) fn score(
+    scorer: &Scorer,
+    selection: &Selection,
+    input: Input,
+    args: &MetricsArgs,
+) -> anyhow::Result<Scored> {
+    let names = format!(
+        "{} against {}",
+        input.prediction.display(),
+        input.target.display()
+    );
+    let mut prediction = pictures::read(&input.prediction)?;
+    let target = pictures::read(&input.target)?;
+    let resized_from = match args.resize_prediction {
+        Some(kernel) if prediction.dimensions() != target.dimensions() => {
+            let (from, (width, height)) = (prediction.dimensions(), target.dimensions());
+            prediction =
+                resize(&prediction, width, height, kernel).with_context(|| names.clone())?;
+            warn_of_distortion(&input.prediction, from, (width, height));
+            Some(from)
+        }
+        _ => None,
+    };
+    let mask = input.mask.as_deref().map(read_mask).transpose()?;
+    let examined = scorer
+        .examine(&prediction, &target, mask.as_ref(), args.maps.is_some())
+        .with_context(|| match &input.mask {
+            Some(mask) => format!("{names} (mask {})", mask.display()),
+            None => names,
+        })?;
+    let scores = scores(&examined, selection, &input.prediction)?;
+    let maps = match &args.maps {
+        Some(folder) => maps(&examined, [&prediction, &target], folder, &input.name)?,
+        None => Vec::new(),
+    };
+    let terms = examined.terms.into_iter();
+    Ok(Scored {
+        resized_from,
+        depths: [&prediction, &target].map(depth),
+        scores,
+        terms: terms
+            .filter_map(|(key, terms)| Some((key, terms.ok()?)))
+            .collect(),
+        maps,
+        prediction: input.prediction,
+        target: input.target,
+        mask: input.mask,
+    })
+}
+
+/// Another shape than the target's is rarely meant; one pixel of rounding on a side is.
+fn warn_of_distortion(prediction: &Path, from: (u32, u32), to: (u32, u32)) {
+    let [w, h, to_w, to_h] = [from.0, from.1, to.0, to.1].map(f64::from);
+    let off = ((w * to_h / to_w - h).abs()).min((h * to_w / to_h - w).abs());
+    if off > 1.0 {
+        output::remark(format!(
+            "warning: {}: resizing from {}x{} to {}x{} changes its shape",
+            prediction.display(),
+            from.0,
+            from.1,
+            to.0,
+            to.1
+        ));
+    }
+}
+
+fn depth(picture: &Picture) -> &'static str {
+    match picture {
+        Picture::Rgb8(_) => "8 bit",
+        Picture::RgbF32(_) => "f32",
+    }
+}
+
+fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
+    let found = masks::read(path)?;
+    if found.between > 0 {
+        output::remark(format!(
+            "warning: {}: {} pixels are neither black nor white; levels of 128 and more count",
+            path.display(),
+            found.between
+        ));
+    }
+    Ok(found.mask)
+}
+
+/// The scores; an error if one that was asked for by name is not there.
+fn scores(
+    examined: &Examined,
+    selection: &Selection,
+    prediction: &Path,
+) -> anyhow::Result<Vec<(MetricKey, Result<f64, String>)>> {
+    for (key, score) in &examined.scores {
+        if let Err(reason) = score {
+            ensure!(
+                !selection.is_explicit(*key),
+                "{}: {key} cannot be computed: {reason}",
+                prediction.display()
+            );
+        }
+    }
+    let scores = examined.scores.iter().map(|(key, score)| {
+        let score = score.as_ref().copied();
+        (*key, score.map_err(ToString::to_string))
+    });
+    Ok(scores.collect())
+}
+
+fn maps(
+    examined: &Examined,
+    [prediction, target]: [&Picture; 2],
+    folder: &Path,
+    name: &str,
+) -> anyhow::Result<Vec<(String, MapFiles, Scale)>> {
+    let size = target.dimensions();
+    let mut maps = vec![LocalMap::difference(prediction, target)];
+    for (key, map) in &examined.maps {
+        // A metric without a value has its reason among the scores.
+        if let Ok(map) = map {
+            maps.push(LocalMap::of_metric(*key, map, size));
+        }
+    }
+    let write = |map: LocalMap| {
+        let files = write_map(folder, name, &map)?;
+        Ok((map.key, files, map.scale))
+    };
+    maps.into_iter().map(write).collect()
+}

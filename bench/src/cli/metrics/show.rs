@@ -1,0 +1,304 @@
+//! Results as text, JSON and CSV.
+
+use serde_json::{Map, Value, json};
+use sharp_metrics::{MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
+
+use super::find::Sought;
+use super::output;
+use super::scored::Scored;
+use crate::record::finite_or_text;
+use crate::runs::manifest::DECODERS;
+use crate::runs::metric_facts::MetricFacts;
+use crate::runs::scores::number;
+use crate::runs::unit::SOURCE_FINGERPRINT;
+
+/// All pairs and what they were scored with.
+pub(super) struct Results<'a> {
+    pub(super) scored: &'a [Scored],
+    pub(super) scorer: &'a Scorer,
+    pub(super) terms: bool,
+    pub(super) sought: Option<&'a Sought>,
+    pub(super) resize: Option<ResizeKernel>,
+}
+
+impl Results<'_> {
+    fn keys(&self) -> impl Iterator<Item = (usize, MetricKey)> + '_ {
+        self.scorer.keys().iter().copied().enumerate()
+    }
+
+    /// Mean over the pairs, `None` unless every pair has the score.
+    fn mean(&self, at: usize) -> Option<f64> {
+        let scores = self
+            .scored
+            .iter()
+            .map(|pair| pair.scores[at].1.as_ref().ok());
+        let sum: Option<f64> = scores.map(Option::<&f64>::copied).sum();
+        sum.map(|sum| sum / self.scored.len() as f64)
+    }
+
+    /// The interface that others script against; members are only ever added.
+    pub(super) fn json(&self) -> Value {
+        let means = self
+            .keys()
+            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
+        let infinite = self.keys().filter_map(|(at, key)| {
+            let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
+            let count = scores
+                .filter(|s| matches!(s, Ok(v) if v.is_infinite()))
+                .count();
+            (count > 0).then(|| (key.to_string(), json!(count)))
+        });
+        let facts = self
+            .keys()
+            .map(|(_, key)| MetricFacts::of(key, self.scorer.weights()));
+        let mut results = json!({
+            "pairs": self.scored.iter().map(|pair| self.pair_json(pair)).collect::<Vec<_>>(),
+            "mean": means.map(|(key, v)| (key.to_string(), json_number(v))).collect::<Map<_, _>>(),
+            "infinite": infinite.collect::<Map<_, _>>(),
+            "metrics": facts.collect::<Vec<_>>(),
+            "conditions": {
+                "version": env!("CARGO_PKG_VERSION"),
+                "source_fingerprint": SOURCE_FINGERPRINT,
+                "decoder": DECODERS,
+                "networks": self.scorer.options().arithmetic(),
+                "resize_prediction": self.resize.map_or("none", ResizeKernel::name),
+            },
+        });
+        if let Some(kernel) = self.resize {
+            results["conditions"]["resize_prediction_as"] = json!(kernel.describe());
+        }
+        if let Some(sought) = self.sought {
+            let found = self.found(sought);
+            results["found"] = found.iter().map(|(key, _)| key.to_string()).collect();
+        }
+        results
+    }
+
+    fn pair_json(&self, pair: &Scored) -> Value {
+        let (mut scores, mut unavailable) = (Map::new(), Map::new());
+        for (key, score) in &pair.scores {
+            match score {
+                Ok(value) => scores.insert(key.to_string(), json_number(*value)),
+                Err(reason) => unavailable.insert(key.to_string(), json!(reason)),
+            };
+        }
+        let [prediction, target] = pair.depths;
+        let mut value = json!({
+            "prediction": pair.prediction.display().to_string(),
+            "target": pair.target.display().to_string(),
+            "scores": scores,
+            "unavailable": unavailable,
+            "bit_depth": {"prediction": prediction, "target": target},
+        });
+        if let Some((width, height)) = pair.resized_from {
+            value["resized_from"] = json!([width, height]);
+        }
+        if let Some(mask) = &pair.mask {
+            value["mask"] = json!(mask.display().to_string());
+        }
+        if self.terms {
+            let terms = pair.terms.iter();
+            let terms = terms.map(|(key, terms)| (key.to_string(), terms_json(*key, terms)));
+            value["terms"] = terms.collect::<Map<_, _>>().into();
+        }
+        if !pair.maps.is_empty() {
+            let maps = pair.maps.iter().map(|(key, files, scale)| {
+                let facts = json!({
+                    "png": files.png.display().to_string(),
+                    "exr": files.exr.display().to_string(),
+                    "dark": scale.alike,
+                    "bright": scale.different,
+                });
+                (key.clone(), facts)
+            });
+            value["maps"] = maps.collect::<Map<_, _>>().into();
+        }
+        value
+    }
+
+    pub(super) fn print(&self) -> anyhow::Result<()> {
+        if let [pair] = self.scored {
+            for (key, score) in &pair.scores {
+                output::line(format!("{:<36} {}", key.to_string(), in_words(score)))?;
+            }
+            self.print_terms(pair)?;
+        } else {
+            self.print_folder()?;
+        }
+        let resized = self
+            .scored
+            .iter()
+            .filter(|pair| pair.resized_from.is_some())
+            .count();
+        if let Some(kernel) = self.resize.filter(|_| resized > 0) {
+            let pictures = if resized == 1 {
+                "prediction"
+            } else {
+                "predictions"
+            };
+            output::line(format!(
+                "{resized} {pictures} resized: {kernel}, {}",
+                kernel.describe()
+            ))?;
+        }
+        for used in self.scorer.weights() {
+            output::line(weights_line(used))?;
+        }
+        for (_, files, _) in self.scored.iter().flat_map(|pair| &pair.maps) {
+            output::line(format!("map {}", files.png.display()))?;
+        }
+        self.sought
+            .map_or(Ok(()), |sought| self.print_found(sought))
+    }
+
+    fn print_folder(&self) -> anyhow::Result<()> {
+        for pair in self.scored {
+            output::line(pair.prediction.display().to_string())?;
+            for (key, score) in &pair.scores {
+                if let Ok(value) = score {
+                    output::line(format!("  {:<34} {}", key.to_string(), number(*value)))?;
+                }
+            }
+            self.print_terms(pair)?;
+        }
+        output::line(format!("mean of {} pairs", self.scored.len()))?;
+        for (at, key) in self.keys() {
+            let mut reasons = self
+                .scored
+                .iter()
+                .filter_map(|pair| pair.scores[at].1.as_ref().err());
+            let mean = self
+                .mean(at)
+                .ok_or_else(|| reasons.next().cloned().unwrap_or_default());
+            output::line(format!("  {:<34} {}", key.to_string(), in_words(&mean)))?;
+        }
+        Ok(())
+    }
+
+    fn print_terms(&self, pair: &Scored) -> anyhow::Result<()> {
+        if !self.terms {
+            return Ok(());
+        }
+        for (key, terms) in &pair.terms {
+            let names = term_names(key.metric()).iter();
+            match terms {
+                Terms::Lpips { layers } => {
+                    for (name, value) in names.zip(layers) {
+                        output::line(format!("  {key} {name} {}", number(*value)))?;
+                    }
+                }
+                Terms::Dists { structure, texture } => {
+                    for ((name, s), t) in names.zip(structure).zip(texture) {
+                        let (s, t) = (number(*s), number(*t));
+                        output::line(format!("  {key} {name} structure {s} texture {t}"))?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The metrics whose value (or mean over the pairs) is the number sought, to its digits.
+    fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
+        let values = self
+            .keys()
+            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
+        values.filter(|(_, value)| sought.is(*value)).collect()
+    }
+
+    fn print_found(&self, sought: &Sought) -> anyhow::Result<()> {
+        let found = self.found(sought);
+        for (key, value) in &found {
+            output::line(format!("{} is {key} ({})", sought.text, number(*value)))?;
+            output::line(format!("    {}", key.explain()))?;
+        }
+        if !found.is_empty() {
+            return Ok(());
+        }
+        let values = self
+            .keys()
+            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
+        let nearest =
+            values.min_by(|(_, a), (_, b)| sought.distance(*a).total_cmp(&sought.distance(*b)));
+        output::line(match nearest {
+            Some((key, value)) => format!(
+                "{} is none of the selected metrics; the nearest is {key} ({})",
+                sought.text,
+                number(value)
+            ),
+            None => format!("{} is none of the selected metrics", sought.text),
+        })
+    }
+
+    /// `prediction,target`, `mask` if there are masks, a column a key, and why scores are missing.
+    pub(super) fn csv(&self) -> anyhow::Result<Vec<u8>> {
+        let masked = self.scored.iter().any(|pair| pair.mask.is_some());
+        let mut header = vec!["prediction".to_owned(), "target".to_owned()];
+        header.extend(masked.then(|| "mask".to_owned()));
+        header.extend(self.resize.map(|kernel| format!("resized_from({kernel})")));
+        header.extend(self.keys().map(|(_, key)| key.to_string()));
+        header.push("unavailable".to_owned());
+        let mut out = csv::Writer::from_writer(Vec::new());
+        out.write_record(&header)?;
+        for pair in self.scored {
+            let files = [
+                Some(&pair.prediction),
+                Some(&pair.target),
+                pair.mask.as_ref(),
+            ];
+            let mut row: Vec<String> = files
+                .into_iter()
+                .take(2 + usize::from(masked))
+                .map(|file| file.map_or_else(String::new, |f| f.display().to_string()))
+                .collect();
+            if self.resize.is_some() {
+                let size = pair.resized_from.map(|(w, h)| format!("{w}x{h}"));
+                row.push(size.unwrap_or_default());
+            }
+            let mut reasons = Vec::new();
+            for (key, score) in &pair.scores {
+                row.push(
+                    score
+                        .as_ref()
+                        .map_or_else(|_| String::new(), |v| number(*v)),
+                );
+                if let Err(reason) = score {
+                    reasons.push(format!("{key}: {reason}"));
+                }
+            }
+            row.push(reasons.join("; "));
+            out.write_record(&row)?;
+        }
+        Ok(out.into_inner().map_err(csv::IntoInnerError::into_error)?)
+    }
+}
+
+fn in_words(score: &Result<f64, String>) -> String {
+    match score {
+        Ok(value) => number(*value),
+        Err(reason) => format!("unavailable: {reason}"),
+    }
+}
+
+fn weights_line(used: &WeightsUsed) -> String {
+    let file = used.original_sha256.as_deref();
+    let file = file.map_or_else(String::new, |sha256| format!(", file sha256 {sha256}"));
+    format!(
+        "weights of {}: features sha256 {}{file}",
+        used.backbone, used.features_sha256
+    )
+}
+
+fn json_number(value: f64) -> Value {
+    finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
+}
+
+fn terms_json(key: MetricKey, terms: &Terms) -> Value {
+    let names = term_names(key.metric());
+    match terms {
+        Terms::Lpips { layers } => json!({"names": names, "layers": layers}),
+        Terms::Dists { structure, texture } => {
+            json!({"names": names, "structure": structure, "texture": texture})
+        }
+    }
+}
