@@ -1,4 +1,4 @@
-"""Our numbers against those of scikit-image, OpenCV, kornia, torch and PIL, on pictures and cameras made from a seed.
+"""Our numbers against those of public libraries, on pictures, cameras and networks made from a seed.
 
 Writes picture pairs, lets our programs and the reference libraries measure the same files, prints the
 largest deviation of each quantity, and exits with 1 if one exceeds its tolerance or was not compared.
@@ -19,6 +19,7 @@ from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
 from kornia.geometry.camera import project_points, unproject_points
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+import learned
 import lenses
 import resizers
 
@@ -275,9 +276,10 @@ def main():
     compare_colour_and_cameras(comparison, given.quantities, rng)
     resizers.compare(comparison, given.resize, rng, given.work / "resize", picture)
     lenses.compare(comparison, given.lenses, rng, given.work / "lenses")
+    learned.compare(comparison, run_json, given.binary, rng, given.work / "learned", picture)
     expected = {key for key, *_ in PICTURE_METRICS + BYTE_METRICS} | {
         "linear_from_srgb", "srgb_from_linear", "projected, px", "unprojected, m"}
-    expected |= resizers.EXPECTED | lenses.EXPECTED
+    expected |= resizers.EXPECTED | lenses.EXPECTED | learned.EXPECTED
     if not comparison.report(expected):
         sys.exit(1)
 

@@ -1,6 +1,8 @@
 //! The whole product, as people run it: the binary, its files, its exit codes.
 
 #[cfg(test)]
+mod analyze_command;
+#[cfg(test)]
 mod datasets_command;
 #[cfg(test)]
 mod demo_command;
@@ -8,6 +10,8 @@ mod demo_command;
 mod metric_devices;
 #[cfg(test)]
 mod metrics_command;
+#[cfg(test)]
+mod metrics_options;
 #[cfg(test)]
 mod model_commands;
 #[cfg(test)]
