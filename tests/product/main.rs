@@ -8,6 +8,7 @@ mod datasets_command;
 mod demo_command;
 #[cfg(test)]
 mod metric_devices;
+mod foreign_methods;
 #[cfg(test)]
 mod metrics_command;
 #[cfg(test)]

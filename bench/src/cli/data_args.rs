@@ -1,6 +1,7 @@
 //! Options that several commands share: datasets, pair lists, metrics.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
@@ -9,6 +10,7 @@ use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::usage::UsageError;
+use crate::methods::scale_sweep::ScaleChooser;
 use crate::protocol::PairOptions;
 use crate::runs::plan::Scoring;
 
@@ -71,6 +73,25 @@ impl MetricArgs {
             }
         }
         Ok(scoring)
+    }
+
+    /// What `--scale-sweep` chooses by.
+    pub(super) fn scale_chooser(&self) -> anyhow::Result<Arc<ScaleChooser>> {
+        let scoring = Scoring::new(&Selection::parse("dists")?, &self.weights()?)?;
+        let Some(metric) = scoring.metrics.first() else {
+            bail!("--scale-sweep: no metric to choose by");
+        };
+        if metric.weights.ends_with("=absent") {
+            bail!(
+                "--scale-sweep chooses by DISTS, whose network's weights are not at hand: give --weights vgg16=FILE, or \
+                 see `weights list`"
+            );
+        }
+        let identity = format!("{} {}", metric.key, metric.weights);
+        Ok(Arc::new(ScaleChooser {
+            scorer: scoring.scorer,
+            identity,
+        }))
     }
 
     /// The files given, then what was fetched earlier.

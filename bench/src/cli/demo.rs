@@ -62,6 +62,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         limit: None,
         common_region: false,
         backend: &Backend::Cpu,
+        chooser: None,
     })?
     .run(&args.out.join("run"), Keep::All)?;
     let outcome = report::outcome(&finished.executed);

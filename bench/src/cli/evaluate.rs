@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::bail;
 use sharp::render::Backend;
@@ -12,6 +13,7 @@ use super::usage::UsageError;
 use super::{output, progress};
 use crate::counted::counted;
 use crate::durable::write_atomic;
+use crate::methods::scale_sweep::ScaleChooser;
 use crate::methods::{self, Method, MethodSpec};
 use crate::protocol::pair_list::ResolvedPair;
 use crate::protocol::pairs::{BuildContext, PairBuild, PairCounts};
@@ -52,6 +54,8 @@ pub(super) struct Request<'a> {
     pub(super) limit: Option<usize>,
     pub(super) common_region: bool,
     pub(super) backend: &'a Backend,
+    /// Chooses among the scales of methods that have several.
+    pub(super) chooser: Option<Arc<ScaleChooser>>,
 }
 
 /// A finished run.
@@ -70,7 +74,7 @@ impl Evaluation {
             .iter()
             .map(|text| text.parse())
             .collect::<Result<_, _>>()?;
-        let methods = methods::build(&specs)?;
+        let methods = methods::build(&specs, request.chooser.as_ref())?;
         let datasets = data_args::open(request.datasets, request.scenes)?;
         let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
         let list = match &request.pairs {
@@ -194,6 +198,12 @@ impl Evaluation {
     fn scoring_facts(&self) -> BTreeMap<String, String> {
         let networks = self.scoring.scorer.options().arithmetic();
         let mut facts = scoring_facts(self.renderer.name(), &networks);
+        let fits = |spec: &MethodSpec| ["resize", "crop"].map(|k| spec.options.contains_key(k));
+        if self.specs.iter().any(|spec| fits(spec).contains(&true)) {
+            let rule = "full resolution of the target; predictions are resized up or cropped only where a method's \
+                        identity says so";
+            facts.insert("resolution".to_owned(), rule.to_owned());
+        }
         if self.common_region {
             let rule = "on the part of a target that all methods predict (--common-region)";
             facts.insert("region".to_owned(), rule.to_owned());

@@ -312,6 +312,16 @@ fn extras() -> Vec<Metric> {
             "Dropped blocks",
             "blocks of pixels without a valid depth, for which no Gaussian was made",
         ),
+        extra(
+            "scored_share",
+            "Scored share",
+            "share of the target's pixels that a cropped prediction is scored on",
+        ),
+        extra(
+            "best_scale",
+            "Best scale",
+            "the scale of the scene whose picture had the least DISTS, of those that the method rendered",
+        ),
     ]
 }
 
@@ -365,15 +375,33 @@ struct RunPictures<'a> {
 
 impl RunPictures<'_> {
     fn view(&self, record: &Record, id: &str) -> Result<RgbImage, String> {
+        let view = self.find(record, id)?;
+        view.content.image().map_err(|error| error.to_string())
+    }
+
+    fn find(&self, record: &Record, id: &str) -> Result<&View, String> {
         let scene = self
             .runs
             .iter()
             .flat_map(|run| &run.scenes)
             .find(|scene| scene.dataset == record.dataset && scene.id == record.scene);
-        let view: &View = scene
+        scene
             .and_then(|scene| scene.views.iter().find(|view| view.id == id))
-            .ok_or("the dataset is not at hand")?;
-        view.content.image().map_err(|error| error.to_string())
+            .ok_or_else(|| "the dataset is not at hand".to_owned())
+    }
+
+    /// A cropped prediction where it belongs in its target, black around it: for the eye only, scores know nothing of it.
+    fn padded(&self, record: &Record, picture: RgbImage) -> RgbImage {
+        let at = |key: &str| record.extras.get(key).map(|v| *v as i64);
+        let (Some(x), Some(y)) = (at("crop_x"), at("crop_y")) else {
+            return picture;
+        };
+        let Ok(target) = self.find(record, &record.target) else {
+            return picture;
+        };
+        let mut whole = RgbImage::new(target.intrinsics.width, target.intrinsics.height);
+        image::imageops::replace(&mut whole, &picture, x, y);
+        whole
     }
 }
 
@@ -393,6 +421,7 @@ impl Pictures for RunPictures<'_> {
             .map(|run| run.folder.prediction_path(&record.method, &record.pair_id))
             .find(|path| path.is_file())
             .ok_or("the prediction was not kept")?;
-        read_rgb8(&path).map_err(|error| error.to_string())
+        let picture = read_rgb8(&path).map_err(|error| error.to_string())?;
+        Ok(self.padded(record, picture))
     }
 }

@@ -36,6 +36,10 @@ pub(super) struct RunArgs {
     /// Score all methods of a pair on the part of the target that all of them predict
     #[arg(long)]
     common_region: bool,
+    /// Of methods that rendered several scales, score the one with the least DISTS of each pair (the paper's rule for
+    /// methods without metric scale); the report says "best of N scales by DISTS"
+    #[arg(long)]
+    scale_sweep: bool,
     /// The run folder
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -91,6 +95,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         limit: args.limit,
         common_region: args.common_region,
         backend: &backend,
+        chooser: args
+            .scale_sweep
+            .then(|| args.metrics.scale_chooser())
+            .transpose()?,
     })?;
     if args.dry_run {
         return dry_run(&evaluation, args.json);

@@ -1,12 +1,14 @@
 //! From specs on the command line to method instances.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::sync::Arc;
 
+use super::command::Command;
 use super::depth_splat::DepthSplat;
 use super::gaussians::GaussianFiles;
 use super::imported::Imported;
 use super::method::Method;
+use super::scale_sweep::{ScaleChooser, ScaleSweep};
 use super::sharp::Sharp;
 use super::spec::{MethodSpec, SpecError};
 use super::trivial::{Copy, Mean, Target};
@@ -23,7 +25,7 @@ pub struct KindInfo {
 }
 
 /// Every kind there is.
-pub const KINDS: [KindInfo; 7] = [
+pub const KINDS: [KindInfo; 8] = [
     KindInfo {
         name: "target",
         options: &[],
@@ -58,16 +60,27 @@ pub const KINDS: [KindInfo; 7] = [
     },
     KindInfo {
         name: "imported",
-        options: &["dir"],
-        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR)",
+        options: &Imported::OPTIONS,
+        summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR); smaller ones with resize=bilinear|\
+                  bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
+                  scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
+    },
+    KindInfo {
+        name: "command",
+        options: &Command::OPTIONS,
+        summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
+                  crop=x:y:w:h|center:W:H)",
     },
 ];
 
-/// Builds the instances; labels must be unique.
+/// Builds the instances; labels must be unique. `chooser` chooses among the scales of those that have several.
 ///
 /// # Errors
 /// Names the instance and what is wrong with it.
-pub fn build(specs: &[MethodSpec]) -> Result<Vec<Box<dyn Method>>, SpecError> {
+pub fn build(
+    specs: &[MethodSpec],
+    chooser: Option<&Arc<ScaleChooser>>,
+) -> Result<Vec<Box<dyn Method>>, SpecError> {
     let mut labels = BTreeSet::new();
     specs
         .iter()
@@ -78,12 +91,15 @@ pub fn build(specs: &[MethodSpec]) -> Result<Vec<Box<dyn Method>>, SpecError> {
                     spec.label
                 )));
             }
-            build_one(spec)
+            build_one(spec, chooser)
         })
         .collect()
 }
 
-fn build_one(spec: &MethodSpec) -> Result<Box<dyn Method>, SpecError> {
+fn build_one(
+    spec: &MethodSpec,
+    chooser: Option<&Arc<ScaleChooser>>,
+) -> Result<Box<dyn Method>, SpecError> {
     let Some(kind) = KINDS.iter().find(|kind| kind.name == spec.kind) else {
         let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
         return Err(spec.error(format!("unknown kind; known: {}", known.join(", "))));
@@ -98,21 +114,15 @@ fn build_one(spec: &MethodSpec) -> Result<Box<dyn Method>, SpecError> {
         "sharp" => Box::new(Sharp::from_spec(spec)?),
         "gaussians" => Box::new(GaussianFiles {
             label,
-            dir: folder(spec)?,
+            dir: spec.folder()?,
         }),
-        _ => Box::new(Imported {
-            label,
-            dir: folder(spec)?,
-        }),
+        "command" => Box::new(Command::from_spec(spec)?),
+        _ if spec.options.contains_key("scales") => {
+            let Some(chooser) = chooser else {
+                return Err(spec.error("several scales: --scale-sweep scores the best of them"));
+            };
+            Box::new(ScaleSweep::from_spec(spec, Arc::clone(chooser))?)
+        }
+        _ => Box::new(Imported::from_spec(spec)?),
     })
-}
-
-fn folder(spec: &MethodSpec) -> Result<PathBuf, SpecError> {
-    let Some(dir) = spec.options.get("dir").map(PathBuf::from) else {
-        return Err(spec.error("needs dir=FOLDER"));
-    };
-    if !dir.is_dir() {
-        return Err(spec.error(format!("{} is not a folder", dir.display())));
-    }
-    Ok(dir)
 }

@@ -2,24 +2,72 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
+use sharp_datasets::format::picture;
+
+use super::fit::{CropRule, FitRules};
 use super::method::{Method, MethodError, PairInput, Prediction};
+use super::spec::{MethodSpec, SpecError};
 use crate::pictures;
+use crate::protocol::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. A picture whose size
-/// is not the target's is an error, never resized silently. EXR pictures hold sRGB-encoded values
-/// in 0..1 and are quantised to 8 bit by rounding like every other prediction.
+/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. EXR pictures hold sRGB-encoded values
+/// in 0..1; every picture is quantised to 8 bit by rounding like every other prediction.
+///
+/// A picture whose size is not the target's is an error unless `resize=KERNEL` names how a smaller one of the same
+/// aspect is resized up, or `crop=` says which part of the target it shows: `x:y:w:h` in pixels of the target,
+/// `center:W:H` for the largest part of that aspect in the middle, `center` for the picture's own aspect, `sidecar` for
+/// `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
+///
+/// Extras: `predicted_width`, `predicted_height` of a resized picture.
 #[derive(Debug, Clone)]
 pub struct Imported {
-    /// The instance's label.
-    pub label: String,
-    /// The folder.
-    pub dir: PathBuf,
+    label: String,
+    dir: PathBuf,
+    fit: FitRules,
+}
+
+/// What stands beside a picture.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sidecar {
+    crop: [u32; 4],
 }
 
 impl Imported {
+    /// Options of the kind.
+    pub const OPTIONS: [&'static str; 4] = ["dir", "resize", "crop", "scales"];
+
     const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
+
+    /// Reads the options.
+    ///
+    /// # Errors
+    /// When the folder is not there or an option's value makes no sense.
+    pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        let option = |key: &str| spec.options.get(key).map(String::as_str);
+        let fit = FitRules::parse(option("resize"), option("crop"));
+        Ok(Self {
+            label: spec.label.clone(),
+            dir: spec.folder()?,
+            fit: fit.map_err(|reason| spec.error(reason))?,
+        })
+    }
+
+    /// The same rules on a folder within this one.
+    pub(super) fn in_folder(&self, name: &str) -> Self {
+        Self {
+            dir: self.dir.join(name),
+            ..self.clone()
+        }
+    }
+
+    /// The folder.
+    pub(super) fn dir(&self) -> &Path {
+        &self.dir
+    }
 
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
         let candidates: Vec<PathBuf> = Self::EXTENSIONS
@@ -39,6 +87,58 @@ impl Imported {
             }),
         }
     }
+
+    /// Not with the extension replaced: a view's name may hold a dot.
+    fn sidecar_path(&self, pair_id: &str) -> PathBuf {
+        self.dir.join(format!("{pair_id}.json"))
+    }
+
+    fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {
+        let path = self.sidecar_path(pair_id);
+        let read = || -> Result<Sidecar, String> {
+            let bytes = std::fs::read(&path).map_err(|error| error.to_string())?;
+            serde_json::from_slice(&bytes).map_err(|error| error.to_string())
+        };
+        match read() {
+            Ok(Sidecar {
+                crop: [x, y, width, height],
+            }) => Ok(Region {
+                x,
+                y,
+                width,
+                height,
+            }),
+            Err(reason) => Err(MethodError::File { path, reason }),
+        }
+    }
+
+    /// The part of the target that the picture of a pair shows.
+    fn region_of(
+        &self,
+        path: &Path,
+        pair_id: &str,
+        target: (u32, u32),
+    ) -> Result<Option<Region>, MethodError> {
+        let error = |reason: String| MethodError::File {
+            path: path.to_owned(),
+            reason,
+        };
+        let (own, sidecar) = match self.fit.crop() {
+            CropRule::CenterOfOwnAspect => {
+                let size = if path.extension().is_some_and(|e| e == "exr") {
+                    pictures::read(path)
+                        .map(|picture| picture.dimensions())
+                        .map_err(|e| error(e.to_string()))?
+                } else {
+                    picture::dimensions(path).map_err(|e| error(e.to_string()))?
+                };
+                (Some(size), None)
+            }
+            CropRule::Sidecar => (None, Some(self.sidecar(pair_id)?)),
+            _ => (None, None),
+        };
+        self.fit.region(target, own, sidecar).map_err(error)
+    }
 }
 
 fn display_name(path: &Path) -> String {
@@ -54,32 +154,36 @@ impl Method for Imported {
     /// The folder is not part of it: the bytes of each picture are hashed instead, so a moved
     /// folder does not undo finished work.
     fn identity(&self) -> String {
-        "imported".into()
+        match self.fit.identity().trim_start_matches(',') {
+            "" => "imported".to_owned(),
+            rules => format!("imported({rules})"),
+        }
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        Ok(vec![self.find(pair_id)?])
+        let mut files = vec![self.find(pair_id)?];
+        if self.fit.crop() == CropRule::Sidecar {
+            files.push(self.sidecar_path(pair_id));
+        }
+        Ok(files)
+    }
+
+    fn region(&self, pair_id: &str, target: (u32, u32)) -> Result<Option<Region>, MethodError> {
+        if self.fit.crop() == CropRule::Whole {
+            return Ok(None);
+        }
+        self.region_of(&self.find(pair_id)?, pair_id, target)
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
         let path = self.find(pair.pair_id)?;
-        let image = pictures::read_rgb8(&path).map_err(|error| MethodError::File {
+        let target = pair.target_image.dimensions();
+        let region = self.region_of(&path, pair.pair_id, target)?;
+        let error = |reason: String| MethodError::File {
             path: path.clone(),
-            reason: error.to_string(),
-        })?;
-        let expected = pair.target_image.dimensions();
-        if image.dimensions() != expected {
-            return Err(MethodError::File {
-                path,
-                reason: format!(
-                    "the picture is {}x{}, the target {}x{}",
-                    image.width(),
-                    image.height(),
-                    expected.0,
-                    expected.1
-                ),
-            });
-        }
-        Ok(Prediction::plain(image))
+            reason,
+        };
+        let picture = pictures::read(&path).map_err(|e| error(e.to_string()))?;
+        self.fit.fit(picture, region, target).map_err(error)
     }
 }

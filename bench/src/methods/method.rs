@@ -107,6 +107,14 @@ pub enum MethodError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Someone's program.
+    #[error("'{run}': {reason}")]
+    Program {
+        /// Its command line.
+        run: String,
+        /// What went wrong.
+        reason: String,
+    },
     /// The network or the file of Gaussians.
     #[error("{0}")]
     Model(String),

@@ -6,14 +6,19 @@
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
 //! * [`sharp`]: the SHARP network.
 //! * [`gaussians`]: Gaussians that someone else's method predicted, rendered by us.
-//! * [`imported`]: pictures that someone else's method made.
+//! * [`imported`]: pictures that someone else's method made; `fit`: what becomes of smaller and cropped ones;
+//!   [`scale_sweep`]: the best of several scales.
+//! * [`command`]: someone's program, asked pair by pair.
 //! * [`mod@build`]: from specs to instances.
 
 pub mod build;
+pub mod command;
 pub mod depth_splat;
+mod fit;
 pub mod gaussians;
 pub mod imported;
 pub mod method;
+pub mod scale_sweep;
 pub mod sharp;
 pub mod spec;
 mod splat;

@@ -1,6 +1,7 @@
 //! Method instances on the command line: `KIND[:key=value,…]`.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// Why a method instance was refused.
@@ -54,6 +55,19 @@ impl MethodSpec {
                 known.join(", ")
             ))),
         }
+    }
+}
+
+impl MethodSpec {
+    /// The folder `dir=`.
+    pub(super) fn folder(&self) -> Result<PathBuf, SpecError> {
+        let Some(dir) = self.options.get("dir").map(PathBuf::from) else {
+            return Err(self.error("needs dir=FOLDER"));
+        };
+        if !dir.is_dir() {
+            return Err(self.error(format!("{} is not a folder", dir.display())));
+        }
+        Ok(dir)
     }
 }
 

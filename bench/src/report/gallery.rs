@@ -1,5 +1,8 @@
 //! Which pairs the page shows, and their pictures, within a number of bytes.
 
+use std::borrow::Cow;
+
+use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
 use crate::record::{Record, Status};
@@ -116,8 +119,11 @@ fn load<'a>(
                 Err(reason) => return Some((Err(reason), Err("no prediction".into()))),
             };
             let error = match &target {
-                Ok(target) => error_map::picture(&prediction, target, error_max, side)
-                    .and_then(|picture| inlined(&picture, side)),
+                Ok(target) => {
+                    let truth = truth_of(record, &prediction, target);
+                    error_map::picture(&prediction, &truth, error_max, side)
+                        .and_then(|picture| inlined(&picture, side))
+                }
                 Err(_) => Err("no target".into()),
             };
             Some((inlined(&prediction, side), error))
@@ -129,6 +135,25 @@ fn load<'a>(
         target: target.and_then(|p| inlined(&p, side)),
         methods,
     }
+}
+
+/// The target as a prediction is compared with it: outside the crop that it was scored on, the prediction's own padding,
+/// which is no error.
+fn truth_of<'a>(record: &Record, prediction: &RgbImage, target: &'a RgbImage) -> Cow<'a, RgbImage> {
+    let at = |key: &str| record.extras.get(key).map(|v| *v as u32);
+    let crop = [
+        at("crop_x"),
+        at("crop_y"),
+        at("crop_width"),
+        at("crop_height"),
+    ];
+    let [Some(x), Some(y), Some(width), Some(height)] = crop else {
+        return Cow::Borrowed(target);
+    };
+    let mut truth = prediction.clone();
+    let cropped = imageops::crop_imm(target, x, y, width, height).to_image();
+    imageops::replace(&mut truth, &cropped, i64::from(x), i64::from(y));
+    Cow::Owned(truth)
 }
 
 /// At most `limit` pairs, the same number from each dataset as far as they have them; from each, first half of

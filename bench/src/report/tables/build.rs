@@ -1,9 +1,10 @@
 //! Tables from a board.
 
-use crate::report::input::Metric;
+use crate::report::input::{Better, Metric};
 use crate::report::records::{Board, DatasetBoard};
 use crate::report::summary::{Summary, of_extra, of_metric};
 
+use super::marks::marks;
 use super::rank::{Candidate, ranks};
 use super::{Cell, Group, Row, Table, shown};
 
@@ -117,8 +118,13 @@ fn table(
                 })
                 .collect();
             let ranks = ranks(&candidates, metric.better, metric.decimals);
-            for ((row, summary), rank) in rows.iter_mut().zip(&column).zip(ranks) {
-                let texts = cell_notes(&row.label, &dataset.dataset.name, metric, summary);
+            for (method, ((row, summary), rank)) in
+                rows.iter_mut().zip(&column).zip(ranks).enumerate()
+            {
+                let mut texts = cell_notes(&row.label, &dataset.dataset.name, metric, summary);
+                if metric.better != Better::Neither && summary.n > 0 {
+                    texts.extend(marks(dataset, method, &row.label));
+                }
                 row.cells.push(Cell {
                     value: summary.mean,
                     rank,

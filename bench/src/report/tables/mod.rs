@@ -2,6 +2,7 @@
 //!
 //! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::records::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
+//! * `marks`: footnotes of predictions that were cropped, resized or chosen among scales.
 //!
 //! Every cell says how many pairs it covers, and a cell without a number says why.
 
@@ -10,6 +11,7 @@ pub mod csv;
 pub mod html;
 pub mod latex;
 pub mod markdown;
+mod marks;
 pub mod rank;
 pub mod text;
 

@@ -173,3 +173,41 @@ fn reported_quantities_are_shown_for_those_who_report_them() {
     assert!(table.notes.is_empty());
     assert_eq!(build::of_extras(&board, &[holes]), None);
 }
+
+#[test]
+fn cropped_resized_and_chosen_predictions_are_marked() {
+    let with = |mut record: Record, extras: &[(&str, f64)]| {
+        let extras = extras.iter().map(|(k, v)| ((*k).to_owned(), *v));
+        record.extras.extend(extras);
+        record
+    };
+    let one = |pair: &str, method: &str| record("d", pair, method, 0.1, &[("psnr", 20.0)]);
+    let records = [
+        with(one("p1", "crops"), &[("scored_share", 0.5)]),
+        with(one("p2", "crops"), &[("scored_share", 0.75)]),
+        with(one("p1", "small"), &[("predicted_width", 32.0)]),
+        one("p2", "small"),
+        with(one("p1", "sweeps"), &[("scales_tried", 3.0)]),
+        with(one("p2", "sweeps"), &[("scales_tried", 3.0)]),
+        one("p1", "plain"),
+        one("p2", "plain"),
+    ];
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
+    let notes = |label: &str| -> Vec<&str> {
+        let row = tables[0].rows.iter().find(|row| row.label == label);
+        let notes = row.unwrap().cells[0].notes.iter();
+        notes.map(|&n| tables[0].notes[n].as_str()).collect()
+    };
+    assert!(notes("plain").is_empty());
+    assert!(notes("crops")[0].contains("2 of 2 pairs") && notes("crops")[0].contains("62.5 %"));
+    assert!(notes("small")[0].contains("1 of 2 predictions"));
+    assert!(notes("sweeps")[0].contains("best of 3 scales by DISTS"));
+    // A mark costs nobody a rank.
+    assert!(
+        tables[0]
+            .rows
+            .iter()
+            .all(|row| row.cells[0].rank == Some(1))
+    );
+}

@@ -1,0 +1,271 @@
+//! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
+//!
+//! * [`protocol`]: what is said.
+//! * [`process`]: the process: lines with a deadline, its standard error in a log, its end.
+
+mod process;
+mod protocol;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use tempfile::TempDir;
+
+use self::process::{Process, Trouble};
+use self::protocol::{Answer, Request};
+use super::fit::FitRules;
+use super::method::{Method, MethodError, PairInput, Prediction};
+use super::spec::{MethodSpec, SpecError};
+use crate::durable::sha256_hex;
+use crate::pictures;
+use crate::protocol::Region;
+use crate::render_file::write_png;
+
+/// Runs a program for all pairs of a run.
+///
+/// The program is started by the shell at the first pair and gets the following ones on its standard input; it is
+/// started anew for the next pair after it crashed, was silent for too long or said something that is no answer. Each
+/// of these is a recorded failure of that pair alone.
+///
+/// The files that the command line names are hashed with each unit; whatever else changes predictions (an environment,
+/// weights) belongs into `version=`.
+#[derive(Debug)]
+pub struct Command {
+    label: String,
+    run: String,
+    version: String,
+    timeout: Duration,
+    fit: FitRules,
+    log: OnceLock<PathBuf>,
+    state: Mutex<State>,
+}
+
+/// What lives as long as the run.
+#[derive(Debug, Default)]
+struct State {
+    process: Option<Process>,
+    scratch: Option<TempDir>,
+    /// sha256 of the picture that lies in the scratch folder as source.png.
+    source: Option<String>,
+}
+
+impl Command {
+    /// Options of the kind.
+    pub const OPTIONS: [&'static str; 5] = ["run", "timeout", "version", "resize", "crop"];
+
+    /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
+    const TIMEOUT_SECS: u64 = 600;
+
+    /// Reads the options; the program is started at the first prediction.
+    ///
+    /// # Errors
+    /// When `run=` is missing or an option's value makes no sense.
+    pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        let option = |key: &str| spec.options.get(key).map(String::as_str);
+        let run = option("run").unwrap_or_default().trim().to_owned();
+        if run.is_empty() {
+            return Err(spec.error("needs run='PROGRAM ARGUMENTS'"));
+        }
+        let timeout = match option("timeout") {
+            None => Duration::from_secs(Self::TIMEOUT_SECS),
+            Some(text) => text
+                .parse()
+                .ok()
+                .filter(|secs: &f64| *secs > 0.0)
+                .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
+                .ok_or_else(|| spec.error(format!("timeout={text}: seconds are needed")))?,
+        };
+        let fit = FitRules::parse(option("resize"), option("crop"));
+        let fit = fit.map_err(|reason| spec.error(reason))?;
+        if fit.needs_file() {
+            return Err(spec.error(
+                "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",
+            ));
+        }
+        Ok(Self {
+            label: spec.label.clone(),
+            run,
+            version: option("version").unwrap_or_default().to_owned(),
+            timeout,
+            fit,
+            log: OnceLock::new(),
+            state: Mutex::default(),
+        })
+    }
+
+    fn failure(&self, reason: impl Into<String>) -> MethodError {
+        MethodError::Program {
+            run: self.run.clone(),
+            reason: reason.into(),
+        }
+    }
+
+    /// The program's answer for a pair whose prediction is to be written to `write_to`.
+    fn ask(
+        &self,
+        state: &mut State,
+        pair: &PairInput,
+        source_picture: &Path,
+        write_to: &Path,
+    ) -> Result<Answer, MethodError> {
+        let line = Request::new(pair, source_picture, write_to)
+            .to_line()
+            .map_err(|error| self.failure(error.to_string()))?;
+        loop {
+            let (mut process, fresh) = match state.process.take() {
+                Some(process) => (process, false),
+                None => {
+                    let log = self.log.get().map(PathBuf::as_path);
+                    let process = Process::start(&self.run, log);
+                    (process.map_err(|reason| self.failure(reason))?, true)
+                }
+            };
+            let trouble = match process.ask(&line, self.timeout) {
+                Ok(text) => match Answer::parse(&text, pair.pair_id) {
+                    Ok(answer) => {
+                        state.process = Some(process);
+                        return Ok(answer);
+                    }
+                    Err(reason) => reason,
+                },
+                Err(Trouble::Ended) => {
+                    let ended = process.stop();
+                    // Programs that end well after a pair are welcome: the next pair starts another.
+                    if !fresh && ended.succeeded() {
+                        continue;
+                    }
+                    return Err(self.failure(ended.describe("ended before it answered")));
+                }
+                Err(Trouble::Silent) => {
+                    let secs = self.timeout.as_secs_f64();
+                    format!("no answer within {secs} s (timeout=), stopped")
+                }
+                Err(Trouble::Garbage(text)) => text,
+            };
+            return Err(self.failure(process.kill().describe(&trouble)));
+        }
+    }
+}
+
+impl State {
+    /// The scratch folder with the source's picture in it.
+    fn source_picture(&mut self, pair: &PairInput) -> Result<PathBuf, MethodError> {
+        let fail = |path: &Path, reason: String| MethodError::File {
+            path: path.to_owned(),
+            reason,
+        };
+        if self.scratch.is_none() {
+            let made = tempfile::Builder::new().prefix("sharp-bench-").tempdir();
+            let made = made.map_err(|error| fail(&std::env::temp_dir(), error.to_string()))?;
+            self.scratch = Some(made);
+        }
+        let folder = self.scratch.as_ref().map_or(Path::new("."), TempDir::path);
+        let path = folder.join("source.png");
+        let hash = sha256_hex(pair.source_image.as_raw());
+        let hash = format!("{hash} {:?}", pair.source_image.dimensions());
+        if self.source.as_ref() != Some(&hash) {
+            write_png(&path, pair.source_image).map_err(|error| fail(&path, error.to_string()))?;
+            self.source = Some(hash);
+        }
+        Ok(path)
+    }
+}
+
+impl Method for Command {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> String {
+        format!(
+            "command(run={},version={}{})",
+            self.run,
+            self.version,
+            self.fit.identity()
+        )
+    }
+
+    fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
+        let words = self.run.split_whitespace();
+        let files = words.map(|word| PathBuf::from(word.trim_matches(['\'', '"'])));
+        Ok(files.filter(|path| path.is_file()).collect())
+    }
+
+    fn region(&self, _pair_id: &str, target: (u32, u32)) -> Result<Option<Region>, MethodError> {
+        let region = self.fit.region(target, None, None);
+        region.map_err(|reason| self.failure(reason))
+    }
+
+    fn begin(&self, logs: &Path) {
+        // A second run of the same instance goes on in the first one's log.
+        let _ = self.log.set(logs.join(format!("{}.log", self.label)));
+    }
+
+    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+        let target = pair.target_image.dimensions();
+        let region = self.region(pair.pair_id, target)?;
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let source_picture = state.source_picture(pair)?;
+        let write_to = source_picture.with_file_name("prediction.png");
+        // What an earlier pair left must not pass for this one's.
+        if let Err(error) = std::fs::remove_file(&write_to)
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            return Err(MethodError::File {
+                path: write_to,
+                reason: error.to_string(),
+            });
+        }
+        let answer = self.ask(&mut state, pair, &source_picture, &write_to)?;
+        if let Some(reason) = answer.error {
+            return Err(self.failure(format!("the program says: {reason}")));
+        }
+        let path = answer.picture.unwrap_or(write_to);
+        let file_error = |reason: String| MethodError::File {
+            path: path.clone(),
+            reason,
+        };
+        let picture = pictures::read(&path).map_err(|error| file_error(error.to_string()))?;
+        let mut prediction = self.fit.fit(picture, region, target).map_err(file_error)?;
+        let own: BTreeMap<String, f64> = answer.extras.into_iter().collect();
+        prediction.extras.extend(own);
+        Ok(prediction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_checked() {
+        for (text, part) in [
+            ("command", "needs run="),
+            ("command:run=' '", "needs run="),
+            ("command:run=x,timeout=0", "seconds"),
+            ("command:run=x,timeout=soon", "seconds"),
+            ("command:run=x,crop=sidecar", "crop=x:y:w:h"),
+            ("command:run=x,resize=cubic", "cubic"),
+        ] {
+            let spec: MethodSpec = text.parse().unwrap();
+            let error = Command::from_spec(&spec).unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        let spec: MethodSpec = "command:run='a b',version=2".parse().unwrap();
+        let command = Command::from_spec(&spec).unwrap();
+        assert_eq!(command.identity(), "command(run=a b,version=2)");
+        assert_eq!(command.timeout, Duration::from_secs(600));
+    }
+
+    #[test]
+    fn files_of_the_command_line_are_inputs() {
+        let dir = tempfile::tempdir().unwrap();
+        let script = dir.path().join("my.py");
+        std::fs::write(&script, "x").unwrap();
+        let text = format!("command:run='python3 {} --fast'", script.display());
+        let command = Command::from_spec(&text.parse().unwrap()).unwrap();
+        assert_eq!(command.input_files("p").unwrap(), [script]);
+    }
+}

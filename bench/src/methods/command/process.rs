@@ -1,0 +1,376 @@
+//! The process behind the method: started by the shell, asked line by line, ended for sure.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use super::protocol::{VERSION, excerpt};
+
+/// An answer that is longer is none.
+const LONGEST_LINE: u64 = 1 << 20;
+
+/// How long a program may take to end after its input has ended.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// How long is waited for the rest of what an ended program wrote.
+const LAST_WORDS: Duration = Duration::from_millis(500);
+
+/// Why there is no answer.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Trouble {
+    /// The program ended.
+    Ended,
+    /// The deadline passed.
+    Silent,
+    /// Something that no request asked for; said in words.
+    Garbage(String),
+}
+
+#[derive(Debug)]
+enum Heard {
+    Line(String),
+    TooLong,
+    NotText,
+}
+
+/// A running program.
+#[derive(Debug)]
+pub(super) struct Process {
+    child: Child,
+    stdin: Option<ChildStdin>,
+    heard: Receiver<Heard>,
+    /// The last line of its standard error that is not empty.
+    last_words: Arc<Mutex<String>>,
+    stderr: Option<JoinHandle<()>>,
+}
+
+/// How a program ended.
+#[derive(Debug)]
+pub(super) struct Ended {
+    status: Option<ExitStatus>,
+    last_words: String,
+}
+
+impl Ended {
+    /// True if it ended by itself and well.
+    pub(super) fn succeeded(&self) -> bool {
+        self.status.is_some_and(|status| status.success())
+    }
+
+    /// One line: what happened, the exit status, the last line of standard error.
+    pub(super) fn describe(&self, what: &str) -> String {
+        let mut text = what.to_owned();
+        if let Some(status) = self.status {
+            text += &format!(" ({status})");
+        }
+        if !self.last_words.is_empty() {
+            text += &format!("; its last words: {}", excerpt(&self.last_words));
+        }
+        text
+    }
+}
+
+impl Process {
+    /// Starts a command line by the shell, its standard error appended to a log. Errors are the bare reason.
+    pub(super) fn start(run: &str, log: Option<&Path>) -> Result<Self, String> {
+        let log = log
+            .map(|path| open_log(path, run).map_err(|e| format!("{}: {e}", path.display())))
+            .transpose()?;
+        let (say, heard) = channel();
+        let (started, start) = channel();
+        let line = run.to_owned();
+        // The thread that starts a program has to outlive it: see `dies_with_us`.
+        thread::Builder::new()
+            .name("program's output".to_owned())
+            .spawn(move || match shell(&line).spawn() {
+                Err(error) => {
+                    let _ = started.send(Err(format!("cannot start a shell: {error}")));
+                }
+                Ok(mut child) => {
+                    let stdout = child.stdout.take();
+                    if started.send(Ok(child)).is_ok()
+                        && let Some(stdout) = stdout
+                    {
+                        listen(stdout, &say);
+                    }
+                }
+            })
+            .map_err(|error| error.to_string())?;
+        let mut child = start
+            .recv()
+            .unwrap_or_else(|_| Err("its thread ended".to_owned()))?;
+        let last_words = Arc::new(Mutex::new(String::new()));
+        let stderr = child.stderr.take().map(|stderr| {
+            let last_words = Arc::clone(&last_words);
+            thread::spawn(move || copy_stderr(stderr, log, &last_words))
+        });
+        Ok(Self {
+            stdin: child.stdin.take(),
+            child,
+            heard,
+            last_words,
+            stderr,
+        })
+    }
+
+    /// Sends a line and waits for the next one.
+    pub(super) fn ask(&mut self, line: &str, timeout: Duration) -> Result<String, Trouble> {
+        match self.heard.try_recv() {
+            Ok(heard) => return Err(unasked(&heard)),
+            Err(TryRecvError::Disconnected) => return Err(Trouble::Ended),
+            Err(TryRecvError::Empty) => {}
+        }
+        let Some(stdin) = self.stdin.as_mut() else {
+            return Err(Trouble::Ended);
+        };
+        let sent = stdin
+            .write_all(line.as_bytes())
+            .and_then(|()| stdin.flush());
+        if sent.is_err() {
+            return Err(Trouble::Ended);
+        }
+        match self.heard.recv_timeout(timeout) {
+            Ok(Heard::Line(text)) => Ok(text),
+            Ok(heard) => Err(unasked(&heard)),
+            Err(RecvTimeoutError::Timeout) => Err(Trouble::Silent),
+            Err(RecvTimeoutError::Disconnected) => Err(Trouble::Ended),
+        }
+    }
+
+    /// Ends it: its input ends, and after a while so does the patience.
+    pub(super) fn stop(mut self) -> Ended {
+        self.end(GRACE)
+    }
+
+    /// Ends it at once.
+    pub(super) fn kill(mut self) -> Ended {
+        self.end(Duration::ZERO)
+    }
+
+    fn end(&mut self, grace: Duration) -> Ended {
+        self.stdin = None;
+        let deadline = Instant::now() + grace;
+        let mut status = self.child.try_wait().ok().flatten();
+        while status.is_none() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(5));
+            status = self.child.try_wait().ok().flatten();
+        }
+        // How it ended is only said where it did so by itself.
+        if status.is_none() {
+            kill_group(&mut self.child);
+            let _ = self.child.wait();
+        }
+        if let Some(stderr) = self.stderr.take() {
+            let deadline = Instant::now() + LAST_WORDS;
+            while !stderr.is_finished() && Instant::now() < deadline {
+                thread::sleep(Duration::from_millis(5));
+            }
+        }
+        let last_words = self.last_words.lock();
+        Ended {
+            status,
+            last_words: last_words.unwrap_or_else(PoisonError::into_inner).clone(),
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // `end` took the log's thread with it if it ran.
+        if self.stderr.is_some() {
+            self.end(GRACE);
+        }
+    }
+}
+
+fn unasked(heard: &Heard) -> Trouble {
+    Trouble::Garbage(match heard {
+        Heard::Line(text) => format!("it wrote a line that is no answer: {}", excerpt(text)),
+        Heard::TooLong => format!("it wrote a line of more than {LONGEST_LINE} bytes"),
+        Heard::NotText => "it wrote bytes that are not UTF-8".to_owned(),
+    })
+}
+
+fn shell(run: &str) -> Command {
+    let mut command = if cfg!(windows) {
+        let mut command = Command::new("cmd");
+        command.args(["/C", run]);
+        command
+    } else {
+        let mut command = Command::new("sh");
+        command.args(["-c", run]);
+        command
+    };
+    command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .env("SHARP_BENCH_PROTOCOL", VERSION.to_string());
+    #[cfg(unix)]
+    {
+        // A group of its own, so that whatever it starts can be ended with it.
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    }
+    #[cfg(target_os = "linux")]
+    dies_with_us(&mut command);
+    command
+}
+
+/// Asks the kernel to end the program when the thread that started it is gone: when a run is killed, nothing of ours
+/// is left to do it.
+#[cfg(target_os = "linux")]
+fn dies_with_us(command: &mut Command) {
+    use std::os::unix::process::CommandExt;
+    let ask = || {
+        // SAFETY: a system call without pointers; it is allowed between fork and exec.
+        let refused = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) } != 0;
+        if refused {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(())
+    };
+    // SAFETY: the closure only makes an async-signal-safe call and allocates nothing.
+    unsafe { command.pre_exec(ask) };
+}
+
+/// Ends the program and everything it started.
+fn kill_group(child: &mut Child) {
+    #[cfg(unix)]
+    if let Ok(group) = libc::pid_t::try_from(child.id()) {
+        // SAFETY: a system call without pointers. The child has not been waited for, so that its id, which is its
+        // group's, cannot belong to anyone else.
+        unsafe { libc::kill(-group, libc::SIGKILL) };
+    }
+    // Where there are no groups, or it left its own.
+    let _ = child.kill();
+}
+
+/// Passes lines on until the output ends or nobody listens.
+fn listen(stdout: ChildStdout, say: &Sender<Heard>) {
+    let mut stdout = BufReader::new(stdout);
+    loop {
+        let mut line = Vec::new();
+        let read = (&mut stdout)
+            .take(LONGEST_LINE)
+            .read_until(b'\n', &mut line);
+        let heard = match read {
+            Err(_) | Ok(0) => return,
+            Ok(n) if n as u64 == LONGEST_LINE => Heard::TooLong,
+            Ok(_) => match String::from_utf8(line) {
+                Ok(text) => Heard::Line(text.trim_end().to_owned()),
+                Err(_) => Heard::NotText,
+            },
+        };
+        if say.send(heard).is_err() {
+            return;
+        }
+    }
+}
+
+fn open_log(path: &Path, run: &str) -> io::Result<File> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    let mut log = OpenOptions::new().create(true).append(true).open(path)?;
+    writeln!(log, "== started: {run}")?;
+    Ok(log)
+}
+
+fn copy_stderr(stderr: impl Read, mut log: Option<File>, last_words: &Mutex<String>) {
+    let mut stderr = BufReader::new(stderr);
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        // A line without an end is passed on in pieces.
+        match (&mut stderr).take(1 << 16).read_until(b'\n', &mut line) {
+            Err(_) | Ok(0) => return,
+            Ok(_) => {}
+        }
+        if let Some(log) = &mut log {
+            // A full disk must not stop the program.
+            let _ = log.write_all(&line);
+        }
+        let text = String::from_utf8_lossy(&line);
+        let text = text.trim();
+        if !text.is_empty() {
+            text.clone_into(&mut last_words.lock().unwrap_or_else(PoisonError::into_inner));
+        }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    const SOON: Duration = Duration::from_secs(20);
+
+    #[test]
+    fn a_line_for_a_line() {
+        let mut process = Process::start("while read x; do echo \"got $x\"; done", None).unwrap();
+        assert_eq!(process.ask("one\n", SOON), Ok("got one".to_owned()));
+        assert_eq!(process.ask("two\n", SOON), Ok("got two".to_owned()));
+        let ended = process.stop();
+        assert!(ended.status.unwrap().success());
+    }
+
+    #[test]
+    fn crashes_silence_and_noise_are_told_apart() {
+        let mut crash = Process::start("read x; echo why >&2; exit 3", None).unwrap();
+        assert_eq!(crash.ask("x\n", SOON), Err(Trouble::Ended));
+        let told = crash.stop().describe("ended");
+        assert!(told.contains("exit status: 3"), "{told}");
+        assert!(told.contains("why"), "{told}");
+
+        let mut silent = Process::start("sleep 1000", None).unwrap();
+        let short = Duration::from_millis(50);
+        assert_eq!(silent.ask("x\n", short), Err(Trouble::Silent));
+        assert!(silent.kill().status.is_none());
+
+        let mut noisy = Process::start("echo hello; cat", None).unwrap();
+        while noisy.heard.try_recv().is_err() {
+            thread::sleep(Duration::from_millis(5));
+        }
+        assert_eq!(noisy.ask("x\n", SOON), Ok("x".to_owned()));
+        let mut chatty = Process::start("read x; echo a; echo b; cat", None).unwrap();
+        assert_eq!(chatty.ask("x\n", SOON), Ok("a".to_owned()));
+        thread::sleep(Duration::from_millis(200));
+        assert!(matches!(chatty.ask("y\n", SOON), Err(Trouble::Garbage(_))));
+    }
+
+    #[test]
+    fn what_it_started_ends_with_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let mark = dir.path().join("mark");
+        // A grandchild that would leave a mark later.
+        let run = format!("(sleep 1; touch {}) & echo x; wait", mark.display());
+        let mut process = Process::start(&run, None).unwrap();
+        while process.heard.try_recv().is_err() {
+            thread::sleep(Duration::from_millis(5));
+        }
+        let _ = process.ask("x\n", Duration::from_millis(10));
+        process.kill();
+        thread::sleep(Duration::from_millis(1500));
+        assert!(!mark.exists());
+    }
+
+    #[test]
+    fn standard_error_goes_into_the_log() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("logs/mine.log");
+        for word in ["one", "two"] {
+            let run = format!("echo {word} >&2; cat");
+            let mut process = Process::start(&run, Some(&log)).unwrap();
+            assert_eq!(process.ask("x\n", SOON), Ok("x".to_owned()));
+            process.stop();
+        }
+        let text = fs::read_to_string(&log).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 4, "{text}");
+        assert_eq!((lines[1], lines[3]), ("one", "two"));
+    }
+}

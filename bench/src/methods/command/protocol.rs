@@ -1,0 +1,124 @@
+//! What is said to the program and what it may answer: one line of JSON each.
+//!
+//! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are absolute;
+//! `source_picture` is a PNG, `pair` is what `pairs export` writes as `pair.json`, `write_to` is where a PNG is
+//! expected.
+//!
+//! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
+//! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
+//! program could not do this pair and goes on.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::exchange::description::PairDescription;
+use crate::methods::PairInput;
+
+/// Version of what is said; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
+pub(super) const VERSION: u32 = 1;
+
+#[derive(Debug, Serialize)]
+pub(super) struct Request<'a> {
+    protocol: u32,
+    pair_id: &'a str,
+    source_picture: &'a Path,
+    write_to: &'a Path,
+    pair: PairDescription,
+}
+
+impl<'a> Request<'a> {
+    pub(super) fn new(pair: &PairInput<'a>, source_picture: &'a Path, write_to: &'a Path) -> Self {
+        Self {
+            protocol: VERSION,
+            pair_id: pair.pair_id,
+            source_picture,
+            write_to,
+            pair: PairDescription::of_id(pair.pair_id, pair.source, pair.target),
+        }
+    }
+
+    pub(super) fn to_line(&self) -> serde_json::Result<String> {
+        let mut line = serde_json::to_string(self)?;
+        line.push('\n');
+        Ok(line)
+    }
+}
+
+#[derive(Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Answer {
+    pair_id: String,
+    pub(super) picture: Option<PathBuf>,
+    #[serde(default)]
+    pub(super) extras: BTreeMap<String, f64>,
+    pub(super) error: Option<String>,
+}
+
+impl Answer {
+    /// Reads an answer to the request for `pair_id`; the error is the bare reason.
+    pub(super) fn parse(line: &str, pair_id: &str) -> Result<Self, String> {
+        let answer: Self = serde_json::from_str(line)
+            .map_err(|error| format!("its answer is not as agreed: {error}: {}", excerpt(line)))?;
+        if answer.pair_id != pair_id {
+            return Err(format!(
+                "it answered for pair '{}', which it was not asked for",
+                excerpt(&answer.pair_id)
+            ));
+        }
+        for name in answer.extras.keys() {
+            let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+            let reserved = name.starts_with("crop_")
+                || name.starts_with("predicted_")
+                || name == "scored_share";
+            if name.is_empty() || !name.chars().all(plain) || reserved {
+                return Err(format!(
+                    "its extra '{}' is not a name of lower-case letters, digits and '_', or is one of ours",
+                    excerpt(name)
+                ));
+            }
+        }
+        Ok(answer)
+    }
+}
+
+/// The beginning of a text, for an error.
+pub(super) fn excerpt(text: &str) -> String {
+    const CHARS: usize = 80;
+    let mut short: String = text.chars().take(CHARS).collect();
+    if text.chars().count() > CHARS {
+        short.push('…');
+    }
+    short.escape_debug().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers() {
+        let parse = |line: &str| Answer::parse(line, "a/b/c__d");
+        let plain = parse(r#"{"pair_id":"a/b/c__d"}"#).unwrap();
+        assert_eq!((plain.picture, plain.error), (None, None));
+        let full = parse(r#"{"pair_id":"a/b/c__d","picture":"x.exr","extras":{"secs":2}}"#);
+        let full = full.unwrap();
+        assert_eq!(full.picture, Some("x.exr".into()));
+        assert_eq!(full.extras["secs"], 2.0);
+        for (line, part) in [
+            ("hello", "not as agreed"),
+            ("{}", "pair_id"),
+            (r#"{"pair_id":"other"}"#, "not asked for"),
+            (r#"{"pair_id":"a/b/c__d","pciture":"x"}"#, "pciture"),
+            (r#"{"pair_id":"a/b/c__d","extras":{"crop_x":1}}"#, "crop_x"),
+            (r#"{"pair_id":"a/b/c__d","extras":{"a b":1}}"#, "a b"),
+            (r#"{"pair_id":"a/b/c__d","extras":{"a":"b"}}"#, "f64"),
+        ] {
+            let error = parse(line).unwrap_err();
+            assert!(error.contains(part), "{line}: {error}");
+        }
+        let long = parse(&"x".repeat(10_000)).unwrap_err();
+        assert!(long.len() < 400, "{long}");
+    }
+}
