@@ -98,6 +98,17 @@ pub fn to_rgb8(image: &Rgb32FImage) -> RgbImage {
     })
 }
 
+/// `[3, height, width]` in 0..1 from interleaved bytes.
+pub fn planes(image: &RgbImage) -> Vec<f32> {
+    let bytes = image.as_raw();
+    (0..3)
+        .flat_map(|channel| {
+            let values = bytes.iter().skip(channel).step_by(3);
+            values.map(|&v| f32::from(v) / 255.0)
+        })
+        .collect()
+}
+
 fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }

@@ -7,8 +7,9 @@ mod datasets_command;
 #[cfg(test)]
 mod demo_command;
 #[cfg(test)]
-mod metric_devices;
 mod foreign_methods;
+#[cfg(test)]
+mod metric_devices;
 #[cfg(test)]
 mod metrics_command;
 #[cfg(test)]

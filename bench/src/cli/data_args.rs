@@ -9,6 +9,7 @@ use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
 
+use super::pair_recipe::{OverlapArgs, PairRecipe};
 use super::usage::UsageError;
 use crate::methods::scale_sweep::ScaleChooser;
 use crate::protocol::PairOptions;
@@ -77,7 +78,8 @@ impl MetricArgs {
 
     /// What `--scale-sweep` chooses by.
     pub(super) fn scale_chooser(&self) -> anyhow::Result<Arc<ScaleChooser>> {
-        let scoring = Scoring::new(&Selection::parse("dists")?, &self.weights()?)?;
+        let dists = Selection::parse("dists")?;
+        let scoring = Scoring::with_options(&dists, &self.weights()?, self.options()?)?;
         let Some(metric) = scoring.metrics.first() else {
             bail!("--scale-sweep: no metric to choose by");
         };
@@ -128,6 +130,8 @@ pub(super) struct OpenDataset {
     pub(super) spec: String,
     /// The dataset's folder; `None` for a procedural one.
     pub(super) root: Option<PathBuf>,
+    /// The reader and its settings, whatever the folder.
+    pub(super) settings: String,
     /// Readings of the paper that the dataset's settings stand for.
     readings: Vec<String>,
     pub(super) scenes: Vec<Scene>,
@@ -175,6 +179,7 @@ pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec
             format!("{key}={value}{proxy}")
         });
         open.push(OpenDataset {
+            settings: format!("{} {:?}", spec.format, spec.settings),
             readings: readings.collect(),
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
             name: spec.name,
@@ -220,7 +225,7 @@ fn matches(pattern: &str, text: &str) -> bool {
 /// Where the pair list comes from.
 pub(super) enum PairOrigin {
     /// Built from the datasets.
-    Built(PairOptions),
+    Built(Box<PairRecipe>),
     /// Handed in.
     Given(PathBuf),
 }
@@ -229,19 +234,28 @@ pub(super) enum PairOrigin {
 #[derive(Debug, Args)]
 pub(super) struct PairArgs {
     /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
-    #[arg(long, value_name = "FILE", conflicts_with = "pair_options")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
+    )]
     pairs: Option<PathBuf>,
     /// Choices that the paper leaves open, key=value,…; see `pairs --help`
     #[arg(long, value_name = "LIST")]
     pair_options: Option<PairOptions>,
+    #[command(flatten)]
+    overlap: OverlapArgs,
 }
 
 impl PairArgs {
-    pub(super) fn origin(&self) -> PairOrigin {
-        match &self.pairs {
+    pub(super) fn origin(&self) -> anyhow::Result<PairOrigin> {
+        Ok(match &self.pairs {
             Some(path) => PairOrigin::Given(path.clone()),
-            None => PairOrigin::Built(self.pair_options.clone().unwrap_or_default()),
-        }
+            None => {
+                let options = self.pair_options.clone().unwrap_or_default();
+                PairOrigin::Built(Box::new(PairRecipe::new(options, self.overlap.clone())?))
+            }
+        })
     }
 }
 

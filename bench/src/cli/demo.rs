@@ -9,6 +9,7 @@ use sharp::render::Backend;
 use super::data_args::MetricArgs;
 use super::data_args::PairOrigin;
 use super::evaluate::{Evaluation, Request};
+use super::pair_recipe::PairRecipe;
 use super::{Outcome, output, report};
 use crate::protocol::PairOptions;
 use crate::report::{Options, Published};
@@ -56,7 +57,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let finished = Evaluation::prepare(Request {
         datasets: &datasets,
         scenes: None,
-        pairs: PairOrigin::Built(options),
+        pairs: PairOrigin::Built(Box::new(PairRecipe::plain(options))),
         methods: &METHODS.map(str::to_owned),
         scoring,
         limit: None,

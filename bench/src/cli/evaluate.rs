@@ -9,15 +9,15 @@ use sharp::render::Backend;
 use sharp_datasets::Scene;
 
 use super::data_args::{self, OpenDataset, PairOrigin};
+use super::list_facts::ListFacts;
+use super::pair_recipe::counted_pairs;
 use super::usage::UsageError;
 use super::{output, progress};
-use crate::counted::counted;
 use crate::durable::write_atomic;
 use crate::methods::scale_sweep::ScaleChooser;
 use crate::methods::{self, Method, MethodSpec};
+use crate::protocol::PairList;
 use crate::protocol::pair_list::ResolvedPair;
-use crate::protocol::pairs::{BuildContext, PairBuild, PairCounts};
-use crate::protocol::{PairList, PairOptions, build_pairs};
 use crate::rendering::SharedRenderer;
 use crate::runs::execute::{Executed, execute};
 use crate::runs::manifest::{
@@ -34,7 +34,7 @@ pub(super) struct Evaluation {
     datasets: Vec<OpenDataset>,
     scenes: Vec<Scene>,
     list: PairList,
-    origin: PairOrigin,
+    facts: ListFacts,
     specs: Vec<MethodSpec>,
     methods: Vec<Box<dyn Method>>,
     scoring: Scoring,
@@ -77,27 +77,32 @@ impl Evaluation {
         let methods = methods::build(&specs, request.chooser.as_ref())?;
         let datasets = data_args::open(request.datasets, request.scenes)?;
         let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
-        let list = match &request.pairs {
-            PairOrigin::Built(options) => {
-                let build = build(&scenes, options, &datasets)?;
-                for (dataset, counts) in &build.summaries {
+        let (list, facts) = match &request.pairs {
+            PairOrigin::Built(recipe) => {
+                let built = recipe.build(&datasets)?;
+                for (dataset, counts) in &built.pairs.summaries {
                     if counts.selected == 0 {
                         output::remark(format!("warning: {}", counted_pairs(dataset, counts)));
                     }
                 }
-                PairList::new("pairs.csv", build.pairs)
+                let facts = ListFacts::of_built(&built, &methods);
+                (PairList::new("pairs.csv", built.pairs.pairs), facts)
             }
             PairOrigin::Given(path) => {
                 let list = PairList::read(path)?;
                 warn_of_other_files(&list, &scenes);
-                list
+                let facts = ListFacts::of_given(&list, &methods);
+                (list, facts)
             }
         };
+        for warning in &facts.warnings {
+            output::remark(format!("warning: {warning}"));
+        }
         let evaluation = Self {
             datasets,
             scenes,
             list,
-            origin: request.pairs,
+            facts,
             specs,
             methods,
             scoring: request.scoring,
@@ -142,17 +147,6 @@ impl Evaluation {
 
     /// What a run would do.
     pub(super) fn manifest(&self) -> anyhow::Result<Manifest> {
-        let (origin, options) = match &self.origin {
-            PairOrigin::Built(options) => (
-                "built",
-                options
-                    .entries()
-                    .into_iter()
-                    .map(|(key, value)| (key.to_owned(), value))
-                    .collect(),
-            ),
-            PairOrigin::Given(_) => ("given", BTreeMap::new()),
-        };
         let facts = |dataset: &OpenDataset| DatasetFacts {
             name: dataset.name.clone(),
             spec: dataset.spec.clone(),
@@ -172,8 +166,8 @@ impl Evaluation {
                 listed: self.list.pairs.len(),
                 evaluated: self.pairs()?.len(),
                 limit: self.limit,
-                origin: origin.to_owned(),
-                options,
+                origin: self.facts.origin.to_owned(),
+                options: self.facts.options(),
             },
             methods: self
                 .specs
@@ -254,47 +248,6 @@ impl Evaluation {
             scenes: self.scenes,
         })
     }
-}
-
-/// Builds the pair list of opened datasets and says which files could not be read.
-pub(super) fn build(
-    scenes: &[Scene],
-    options: &PairOptions,
-    datasets: &[OpenDataset],
-) -> anyhow::Result<PairBuild> {
-    let bar = progress::bar(scenes.len(), "scenes");
-    bar.set_message("building the pair list");
-    let advance = |done: usize, _: usize| bar.set_position(done as u64);
-    let context = BuildContext {
-        roots: datasets
-            .iter()
-            .filter_map(|dataset| Some((dataset.name.clone(), dataset.root.clone()?)))
-            .collect(),
-        progress: &advance,
-        ..BuildContext::default()
-    };
-    let build = build_pairs(scenes, options, &context)?;
-    bar.finish_and_clear();
-    for problem in &build.problems {
-        output::remark(format!("warning: {}", problem.reason));
-    }
-    Ok(build)
-}
-
-/// What became of a dataset's pairs, in a line.
-pub(super) fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
-    format!(
-        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
-        counted(counts.scenes, "scene"),
-        counted(counts.views, "view"),
-        counted(counts.sets, "set"),
-        counted(counts.considered, "ordered pair"),
-        counts.without_depth,
-        counts.too_little_overlap,
-        counts.too_near,
-        counts.qualified,
-        counts.selected
-    )
 }
 
 /// A list that was made from other photographs or poses is evaluated all the same, and said to be so.

@@ -89,7 +89,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     let evaluation = Evaluation::prepare(Request {
         datasets: &args.datasets.datasets,
         scenes: args.datasets.scenes.as_deref(),
-        pairs: args.pairs.origin(),
+        pairs: args.pairs.origin()?,
         methods: &args.methods,
         scoring,
         limit: args.limit,

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 
 use glam::DAffine3;
-use image::RgbImage;
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
 use sharp::render::{Background, RenderError, RenderView};
 use sharp_metrics::Picture;
+
+pub(super) use crate::pictures::planes;
 
 use super::method::{MethodError, PairInput, Prediction};
 
@@ -57,18 +58,4 @@ fn method_error(error: RenderError) -> MethodError {
     } else {
         MethodError::Render(error.to_string())
     }
-}
-
-/// `[3, height, width]` in 0..1 from interleaved bytes.
-pub(super) fn planes(image: &RgbImage) -> Vec<f32> {
-    let bytes = image.as_raw();
-    (0..3)
-        .flat_map(|channel| {
-            bytes
-                .iter()
-                .skip(channel)
-                .step_by(3)
-                .map(|&v| f32::from(v) / 255.0)
-        })
-        .collect()
 }

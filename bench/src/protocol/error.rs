@@ -48,6 +48,14 @@ pub enum ProtocolError {
         /// Width and height of the camera's image.
         camera: (u32, u32),
     },
+    /// Depth for the overlap that cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Depth {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// No pixel has both a predicted and a ground-truth depth.
     #[error("no pixel has a valid depth in both maps ({}x{} and {}x{})", a.0, a.1, b.0, b.1)]
     NoValidDepth {

@@ -6,10 +6,11 @@
 //! * [`random`]: the generator behind every seeded choice.
 //! * [`sets`]: views into sets of ten.
 //! * [`depth`]: depth maps joined with their cameras, and where they come from.
-//! * [`overlap`]: how much of one view another one sees.
+//! * [`overlap`]: how much of one view another one sees; [`overlap_cache`]: what was measured before.
 //! * [`options`]: every open choice, with its default and its text form.
 //! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
 //! * [`pairs`]: scenes into pairs.
+//! * [`ambiguity`]: how far the open choices move the pairs.
 //! * [`sampling`]: which qualified pairs are evaluated.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
@@ -17,11 +18,13 @@
 //! * [`region`]: parts of a picture, for methods that crop.
 
 pub mod alignment;
+pub mod ambiguity;
 pub mod depth;
 pub mod error;
 pub mod frustum_mask;
 pub mod options;
 pub mod overlap;
+pub mod overlap_cache;
 pub mod pair_id;
 pub mod pair_list;
 pub mod pairs;
@@ -34,6 +37,7 @@ mod test_scene;
 
 pub use error::ProtocolError;
 pub use options::PairOptions;
+pub use overlap_cache::OverlapCache;
 pub use pair_list::PairList;
-pub use pairs::{Pair, PairBuild, build_pairs};
+pub use pairs::{BuildContext, Pair, PairBuild, build_pairs};
 pub use region::Region;

@@ -61,6 +61,73 @@ impl OverlapDirection {
     }
 }
 
+/// Whose depth decides overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OverlapDepth {
+    /// The dataset's own, pixel by pixel.
+    GroundTruth,
+    /// The dataset's own where it is sparse: a point is seen if depth that was measured within so many pixels of where
+    /// it lands agrees.
+    Sparse {
+        /// Pixels of the depth map.
+        radius: u32,
+    },
+    /// Maps that someone else predicted, scaled to the dataset's own by the median of ratios: the paper's way on ETH3D.
+    Given,
+    /// The same as they are, in metres.
+    GivenMetric,
+    /// The first depth layer of SHARP's official checkpoint, scaled like [`Self::Given`].
+    SharpRelease,
+}
+
+impl OverlapDepth {
+    /// Radius of [`Self::Sparse`] unless given.
+    const RADIUS: u32 = 8;
+
+    /// True for the dataset's own depth, pixel by pixel.
+    pub fn is_ground_truth(self) -> bool {
+        self == Self::GroundTruth
+    }
+}
+
+impl fmt::Display for OverlapDepth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::GroundTruth => f.write_str("ground-truth"),
+            Self::Sparse { radius } => write!(f, "sparse:{radius}"),
+            Self::Given => f.write_str("given"),
+            Self::GivenMetric => f.write_str("given-metric"),
+            Self::SharpRelease => f.write_str("sharp-release"),
+        }
+    }
+}
+
+impl FromStr for OverlapDepth {
+    type Err = ProtocolError;
+
+    fn from_str(text: &str) -> Result<Self, ProtocolError> {
+        Ok(match text {
+            "ground-truth" => Self::GroundTruth,
+            "sparse" => Self::Sparse {
+                radius: Self::RADIUS,
+            },
+            "given" => Self::Given,
+            "given-metric" => Self::GivenMetric,
+            "sharp-release" => Self::SharpRelease,
+            _ => match text.split_once(':') {
+                Some(("sparse", radius)) => Self::Sparse {
+                    radius: number("overlap", radius)?,
+                },
+                _ => {
+                    return Err(ProtocolError::Options(format!(
+                        "overlap={text}: expected ground-truth, sparse:PIXELS, given, given-metric or sharp-release"
+                    )));
+                }
+            },
+        })
+    }
+}
+
 /// How pairs are made from scenes.
 ///
 /// | key | values (default first) | meaning |
@@ -71,8 +138,9 @@ impl OverlapDirection {
 /// | `max-sets` | `all`, a number | sets of a scene that are used, the first ones |
 /// | `order` | `both`, `once` | [`PairOrder`] |
 /// | `missing-depth` | `reject`, `accept`, `leave-out` | [`MissingDepth`] |
+/// | `overlap` | `ground-truth`, `sparse:8`, `given`, `given-metric`, `sharp-release` | [`OverlapDepth`] |
 /// | `test` | `consistent:0.05`, `frustum`, `absolute:METRES:RELATIVE:NEAREST`, `map-anything` | [`OverlapTest`] |
-/// | `lookup` | `nearest`, `bilinear` | [`DepthLookup`] |
+/// | `lookup` | `nearest`, `bilinear`, `window:PIXELS` | [`DepthLookup`] |
 /// | `denominator` | `valid`, `all`, `valid-other` | [`Denominator`] |
 /// | `stride` | `1` | subsampling of the projected pixels |
 /// | `max-side` | `full`, a number | longer side of the depth maps, pixels |
@@ -95,6 +163,8 @@ pub struct PairOptions {
     pub order: PairOrder,
     /// What happens to views without depth.
     pub missing_depth: MissingDepth,
+    /// Whose depth decides overlap.
+    pub depth: OverlapDepth,
     /// How overlap is measured.
     pub overlap: OverlapOptions,
     /// Which of the two overlaps counts.
@@ -115,6 +185,7 @@ impl Default for PairOptions {
             sets: SetOptions::default(),
             order: PairOrder::Both,
             missing_depth: MissingDepth::Reject,
+            depth: OverlapDepth::GroundTruth,
             overlap: OverlapOptions::default(),
             direction: OverlapDirection::TargetInSource,
             threshold: 0.60,
@@ -132,6 +203,36 @@ impl PairOptions {
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
     }
 
+    /// These options with some changed; `text` is as for parsing.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Options`] if a change is none or makes no sense with the rest.
+    pub fn with(&self, text: &str) -> Result<Self, ProtocolError> {
+        let mut options = self.clone();
+        let mut seen = Vec::new();
+        for entry in text.split(',').map(str::trim).filter(|e| !e.is_empty()) {
+            let (key, value) = entry.split_once('=').ok_or_else(|| {
+                ProtocolError::Options(format!("'{entry}' is not of the form key=value"))
+            })?;
+            if seen.contains(&key) {
+                return Err(ProtocolError::Options(format!("'{key}' is given twice")));
+            }
+            seen.push(key);
+            options.set(key, value)?;
+        }
+        options.validate()?;
+        Ok(options)
+    }
+
+    /// How overlap is measured, with what the source of depth asks for.
+    pub fn measuring(&self) -> OverlapOptions {
+        let mut options = self.overlap;
+        if let OverlapDepth::Sparse { radius } = self.depth {
+            options.lookup = DepthLookup::Window { radius };
+        }
+        options
+    }
+
     /// Checks what the types leave open.
     ///
     /// # Errors
@@ -145,6 +246,13 @@ impl PairOptions {
         }
         if self.overlap.stride == 0 {
             return wrong("stride", "1 or more");
+        }
+        let looks_itself = matches!(self.depth, OverlapDepth::Sparse { .. });
+        if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
+            return wrong(
+                "lookup",
+                "left alone with overlap=sparse, which looks around",
+            );
         }
         if self.overlap.max_side == Some(0) {
             return wrong("max-side", "1 or more");
@@ -185,8 +293,16 @@ impl PairOptions {
             "max-sets" => self.sets.max_sets = number_unless(key, value, "all")?,
             "order" => self.order = word(key, value, &ORDERS)?,
             "missing-depth" => self.missing_depth = word(key, value, &MISSING_DEPTHS)?,
+            "overlap" => self.depth = value.parse()?,
             "test" => self.overlap.test = parse_test(value)?,
-            "lookup" => self.overlap.lookup = word(key, value, &LOOKUPS)?,
+            "lookup" => {
+                self.overlap.lookup = match value.split_once(':') {
+                    Some(("window", radius)) => DepthLookup::Window {
+                        radius: number(key, radius)?,
+                    },
+                    _ => word(key, value, &LOOKUPS)?,
+                }
+            }
             "denominator" => self.overlap.denominator = word(key, value, &DENOMINATORS)?,
             "stride" => self.overlap.stride = number(key, value)?,
             "max-side" => self.overlap.max_side = number_unless(key, value, "full")?,
@@ -219,6 +335,10 @@ impl PairOptions {
             Grouping::Random { seed } => format!("random:{seed}"),
             other => name_of(&GROUPINGS, &other),
         };
+        let lookup = match self.overlap.lookup {
+            DepthLookup::Window { radius } => format!("window:{radius}"),
+            other => name_of(&LOOKUPS, &other),
+        };
         let test = match self.overlap.test {
             OverlapTest::Frustum => "frustum".to_owned(),
             OverlapTest::Consistent { relative } => format!("consistent:{relative}"),
@@ -239,8 +359,9 @@ impl PairOptions {
                 "missing-depth",
                 name_of(&MISSING_DEPTHS, &self.missing_depth),
             ),
+            ("overlap", self.depth.to_string()),
             ("test", test),
-            ("lookup", name_of(&LOOKUPS, &self.overlap.lookup)),
+            ("lookup", lookup),
             (
                 "denominator",
                 name_of(&DENOMINATORS, &self.overlap.denominator),
@@ -276,20 +397,7 @@ impl FromStr for PairOptions {
 
     /// Defaults, changed by the given keys; the empty text is all defaults. A repeated key is an error.
     fn from_str(text: &str) -> Result<Self, ProtocolError> {
-        let mut options = Self::default();
-        let mut seen = Vec::new();
-        for entry in text.split(',').map(str::trim).filter(|e| !e.is_empty()) {
-            let (key, value) = entry.split_once('=').ok_or_else(|| {
-                ProtocolError::Options(format!("'{entry}' is not of the form key=value"))
-            })?;
-            if seen.contains(&key) {
-                return Err(ProtocolError::Options(format!("'{key}' is given twice")));
-            }
-            seen.push(key);
-            options.set(key, value)?;
-        }
-        options.validate()?;
-        Ok(options)
+        Self::default().with(text)
     }
 }
 
@@ -407,7 +515,7 @@ mod tests {
         assert_eq!(
             PairOptions::default().to_string(),
             "sets=consecutive,size=10,remainder=keep,max-sets=all,order=both,missing-depth=reject,\
-             test=consistent:0.05,lookup=nearest,denominator=valid,stride=1,max-side=full,\
+             overlap=ground-truth,test=consistent:0.05,lookup=nearest,denominator=valid,stride=1,max-side=full,\
              direction=target-in-source,threshold=0.6,at-threshold=out,min-baseline=0,limit=512,\
              sampling=uniform,seed=0"
         );
@@ -422,6 +530,11 @@ mod tests {
             "sets=whole,missing-depth=leave-out,test=map-anything,lookup=bilinear",
             "test=absolute:0.25:0.01:0,denominator=all,stride=4,max-side=512",
             "test=consistent:0.1,denominator=valid-other,direction=source-in-target",
+            "overlap=sparse,test=consistent:0.1",
+            "overlap=sparse:3,max-side=100",
+            "overlap=given,lookup=window:4",
+            "overlap=given-metric",
+            "overlap=sharp-release",
             "direction=min,threshold=0.333333333333333314829616256247",
             "direction=mean,at-threshold=in,min-baseline=1e-9,limit=all,sampling=per-scene",
             "direction=max,sampling=first,seed=12,limit=0",
@@ -446,6 +559,9 @@ mod tests {
             ("threshold=-0.1", "threshold"),
             ("test=consistent:inf", "test"),
             ("test=consistent", "consistent:RELATIVE"),
+            ("overlap=monodepth", "sharp-release"),
+            ("overlap=sparse:x", "overlap"),
+            ("overlap=sparse,lookup=bilinear", "lookup"),
             ("stride=0", "stride"),
             ("max-side=0", "max-side"),
             ("limit=-1", "limit"),

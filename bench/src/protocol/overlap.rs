@@ -51,6 +51,12 @@ pub enum DepthLookup {
     /// Between the four surrounding centres, the outermost row and column repeated; not seen unless
     /// all four are valid.
     Bilinear,
+    /// Any valid pixel at most this many rows and columns from the one that contains the position: for sparse depth,
+    /// where a single pixel rarely has any. Seen if one of them agrees.
+    Window {
+        /// Pixels.
+        radius: u32,
+    },
 }
 
 /// What a count of seen pixels is divided by.
@@ -223,25 +229,34 @@ fn is_seen(point: DVec3, other: &PosedDepth, options: &OverlapOptions) -> bool {
     if !(u >= 0.0 && v >= 0.0 && u < f64::from(width) && v < f64::from(height)) {
         return false;
     }
-    let found = || match options.lookup {
-        DepthLookup::Nearest => {
-            let Luma([depth]) = *other.depth().get_pixel(u as u32, v as u32);
-            is_valid_depth(depth).then(|| f64::from(depth))
-        }
-        DepthLookup::Bilinear => sample_bilinear(other, u, v),
-    };
-    match options.test {
+    let agrees = |depth: f64| match options.test {
         OverlapTest::Frustum => true,
-        OverlapTest::Consistent { relative } => {
-            found().is_some_and(|depth| (depth - z).abs() <= relative * z)
-        }
+        OverlapTest::Consistent { relative } => (depth - z).abs() <= relative * z,
         OverlapTest::AbsoluteRelative {
             absolute_m,
             relative,
             min_depth_m,
-        } => {
-            z > min_depth_m
-                && found().is_some_and(|depth| (depth - z).abs() < absolute_m + relative * z)
+        } => z > min_depth_m && (depth - z).abs() < absolute_m + relative * z,
+    };
+    if options.test == OverlapTest::Frustum {
+        return true;
+    }
+    match options.lookup {
+        DepthLookup::Nearest => {
+            let Luma([depth]) = *other.depth().get_pixel(u as u32, v as u32);
+            is_valid_depth(depth) && agrees(f64::from(depth))
+        }
+        DepthLookup::Bilinear => sample_bilinear(other, u, v).is_some_and(agrees),
+        DepthLookup::Window { radius } => {
+            let (column, row) = (u as u32, v as u32);
+            let last_row = row.saturating_add(radius).min(height - 1);
+            let columns = column.saturating_sub(radius) as usize
+                ..=column.saturating_add(radius).min(width - 1) as usize;
+            (row.saturating_sub(radius)..=last_row).any(|y| {
+                row_of(other, y as usize)[columns.clone()]
+                    .iter()
+                    .any(|&depth| is_valid_depth(depth) && agrees(f64::from(depth)))
+            })
         }
     }
 }
@@ -396,6 +411,36 @@ mod tests {
         assert_eq!(counts.pixels, 25 * 20);
         // Columns 2, 6, … 98 of which 0–14 leave the image: 2, 6, 10, 14.
         assert_eq!(counts.seen, 21 * 20);
+    }
+
+    #[test]
+    fn sparse_depth_is_found_nearby() {
+        // Every tenth pixel of every tenth row has depth, in both views at other places of the wall.
+        let sparse = |x: f64, offset: u32| {
+            let map = DepthMap::from_fn(100, 80, |i, j| {
+                let hit = i % 10 == offset && j % 10 == offset;
+                Luma([if hit { 2.0 } else { 0.0 }])
+            });
+            camera(DVec3::new(x, 0.0, 0.0), map)
+        };
+        let (a, b) = (sparse(0.0, 2), sparse(0.301, 7));
+        let with = |lookup| OverlapOptions {
+            lookup,
+            ..OverlapOptions::default()
+        };
+        assert_eq!(share(&a, &b, &with(DepthLookup::Nearest)), Some(0.0));
+        let window = with(DepthLookup::Window { radius: 5 });
+        // Columns 2 and 12 leave the picture, the other eight of ten stay.
+        assert_eq!(share(&a, &b, &window), Some(0.8));
+        // A radius of 0 is the nearest pixel.
+        let dense = (wall(0.0, 2.0), wall(0.301, 2.0));
+        assert_eq!(
+            share(&dense.1, &dense.0, &with(DepthLookup::Window { radius: 0 })),
+            Some(0.85)
+        );
+        // Something else in front is no agreement.
+        let nearer = camera(DVec3::ZERO, flat(1.0));
+        assert_eq!(share(&a, &nearer, &window), Some(0.0));
     }
 
     #[test]

@@ -93,3 +93,21 @@ pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Row
     };
     Row { scene, reads }
 }
+
+/// The same row with view `v` of the file `dir/v`.
+pub(super) fn with_files(mut row: Row, dir: &Path) -> Row {
+    for view in &mut row.scene.views {
+        let depth = view.content.depth();
+        view.content = Arc::new(Wall {
+            file: dir.join(&view.id),
+            depth: match depth {
+                Ok(Some(map)) => Depth::Wall(map.get_pixel(0, 0).0[0]),
+                Ok(None) => Depth::Absent,
+                Err(_) => Depth::Broken,
+            },
+            reads: row.reads.clone(),
+        });
+    }
+    row.reads.store(0, Ordering::Relaxed);
+    row
+}

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde_json::{Map, json};
-use sharp_datasets::Scene;
 
 use super::super::data_args::{self, DatasetArgs};
-use super::super::{Outcome, evaluate, output};
+use super::super::list_facts::ListCompanion;
+use super::super::pair_recipe::{OverlapArgs, PairRecipe};
+use super::super::{Outcome, output};
+use super::ambiguity;
 use crate::durable::write_atomic;
 use crate::protocol::{PairList, PairOptions};
 
@@ -20,21 +22,32 @@ pub(super) struct BuildArgs {
     /// Choices that the paper leaves open, key=value,…
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
-    /// Where to write the list
-    #[arg(long, value_name = "FILE", required = true)]
+    #[command(flatten)]
+    overlap: OverlapArgs,
+    /// Where to write the list; FILE.json beside it says how it came about
+    #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
+    /// Print how the number of pairs changes over the choices that the paper leaves open, one at a time
+    #[arg(long, conflicts_with = "out")]
+    ambiguity: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
-    let out = args.out.as_deref().context("--out FILE is needed")?;
+    let recipe = PairRecipe::new(args.pair_options.clone(), args.overlap.clone())?;
     let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
-    let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
-    let build = evaluate::build(&scenes, &args.pair_options, &datasets)?;
-    let list = PairList::new(out, build.pairs);
+    if args.ambiguity {
+        let rows = recipe.ambiguity(&datasets)?;
+        return ambiguity::print(&rows, recipe.options(), args.json);
+    }
+    let out = args.out.as_deref().context("--out FILE is needed")?;
+    let built = recipe.build(&datasets)?;
+    let list = PairList::new(out, built.pairs.pairs.clone());
     write_atomic(out, list.to_csv().as_bytes())?;
+    ListCompanion::new(&list.sha256, &built, &args.datasets.datasets).write(out)?;
+    let build = &built.pairs;
 
     if args.json {
         let counts: Map<String, _> = build
@@ -58,15 +71,20 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         output::json(&json!({
             "out": out.display().to_string(),
             "sha256": list.sha256,
-            "options": args.pair_options.to_string(),
+            "options": recipe.options().to_string(),
+            "overlap_depth": built.facts.get("overlap depth"),
+            "overlap_depth_maps": built.facts.get("overlap depth maps"),
             "datasets": counts,
         }))?;
         return Ok(Outcome::Done);
     }
     for (dataset, counts) in &build.summaries {
-        output::line(evaluate::counted_pairs(dataset, counts))?;
+        output::line(pair_recipe::counted_pairs(dataset, counts))?;
     }
-    output::line(format!("options {}", args.pair_options))?;
+    output::line(format!("options {}", recipe.options()))?;
+    if let Some(depth) = built.facts.get("overlap depth") {
+        output::line(format!("depth   {depth}"))?;
+    }
     output::line(format!("sha256  {}", list.sha256))?;
     output::line(format!("list    {}", out.display()))?;
     Ok(Outcome::Done)

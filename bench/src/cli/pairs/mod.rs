@@ -1,5 +1,6 @@
 //! `pairs`: lists of pairs as files: built, compared, checked, exported.
 
+mod ambiguity;
 mod build;
 mod compare;
 mod export;
@@ -29,10 +30,27 @@ enum PairsCommand {
     Export(export::ExportArgs),
 }
 
+/// Where the dataset's depth is too sparse for an overlap pixel by pixel.
+const SPARSE: &str = "\
+Sparse depth (ETH3D, Tanks and Temples): the paper predicts dense depth with Depth Pro and scales it to the sparse depth.
+  overlap=given          --overlap-depth DIR, depth maps by anyone, scaled by the median of ratios as in the paper
+  overlap=given-metric   the same maps as they are, in metres
+  overlap=sharp-release  the first depth layer of SHARP's official checkpoint, scaled the same way
+  overlap=sparse:8       the dataset's sparse depth: agreement within 8 pixels of where a point lands
+None of them is the method under test. With Depth Pro (github.com/apple/ml-depth-pro, its environment and checkpoint):
+  sharp-bench cameras export --dataset eth3d=data/eth3d --out views
+  for each views/<dataset>/<scene>/<view>.png, in Python:
+    image, _, _ = depth_pro.load_rgb(png); f_px = json.load(open(camera))['K'][0]
+    depth = model.infer(transform(image), f_px=torch.tensor(f_px))['depth']
+    numpy.save(f'depth/<dataset>/<scene>/<view>.npy', depth.cpu().numpy())
+  sharp-bench pairs --dataset eth3d=data/eth3d --overlap-depth depth --out pairs.csv
+";
+
 fn help() -> String {
     format!(
-        "Choices and their defaults:\n  {}\n\n{}\nExamples:\n  \
+        "Choices and their defaults:\n  {}\n\n{SPARSE}\n{}\nExamples:\n  \
          sharp-bench pairs --dataset synthetic --out pairs.csv\n  \
+         sharp-bench pairs --dataset synthetic --ambiguity\n  \
          sharp-bench pairs diff pairs.csv theirs.csv\n  \
          sharp-bench pairs verify theirs.csv --dataset synthetic\n  \
          sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others --with target,depth",

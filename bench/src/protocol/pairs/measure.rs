@@ -1,157 +1,207 @@
 //! Overlaps within a set of views, holding no more depth maps than memory allows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 use sharp::camera::baseline_m;
-use sharp_datasets::Scene;
+use sharp_datasets::{Scene, View};
 
 use super::BuildContext;
 use crate::protocol::ProtocolError;
 use crate::protocol::depth::{PosedDepth, median_depth_m};
 use crate::protocol::options::PairOptions;
-use crate::protocol::overlap::overlap;
+use crate::protocol::overlap::{OverlapOptions, overlap};
+use crate::protocol::overlap_cache::{Overlaps, SceneOverlaps};
 
-/// What depth told about a set of views, all by index into the scene.
-#[derive(Default)]
-pub(super) struct Measured {
-    /// Median depth of the views that have depth, metres.
-    pub(super) median_m: BTreeMap<usize, f64>,
-    /// Views whose depth could not be read.
-    pub(super) errors: Vec<(usize, ProtocolError)>,
-    overlaps: BTreeMap<(usize, usize), Overlaps>,
-}
+/// While a depth map is read it is held about this many times at full size: as stored, undistorted, reduced.
+const COPIES_WHILE_READING: u64 = 3;
 
-/// The two overlaps of views a < b.
-#[derive(Debug, Clone, Copy)]
-struct Overlaps {
-    a_in_b: f64,
-    b_in_a: f64,
-}
+/// A view whose depth could not be read, and why.
+pub(super) type Failure = (usize, ProtocolError);
 
-impl Measured {
-    /// The share of the target that the source sees, and of the source that the target sees.
-    pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
-        let key = (source.min(target), source.max(target));
-        let found = self.overlaps.get(&key)?;
-        Some(if target < source {
-            (found.a_in_b, found.b_in_a)
-        } else {
-            (found.b_in_a, found.a_in_b)
-        })
-    }
-}
+/// Depth maps by view.
+type Held = BTreeMap<usize, PosedDepth>;
 
-/// Measures every two views of a set that are at least the minimal baseline apart. Depth is loaded in
-/// blocks of which two fit into memory; usually that is one block.
-pub(super) fn measure(
-    scene: &Scene,
-    set: &[usize],
-    options: &PairOptions,
-    context: &BuildContext,
-) -> Measured {
-    let work = Measuring {
-        scene,
-        options,
-        context,
-    };
-    let mut measured = Measured::default();
-    let block = work.views_in_memory(set) / 2;
-    let blocks: Vec<&[usize]> = if set.len() <= 2 * block {
-        vec![set]
-    } else {
-        set.chunks(block).collect()
-    };
-    for (k, first) in blocks.iter().enumerate() {
-        let first = work.load(first, &mut measured);
-        work.between(&first, &first, &mut measured);
-        for second in &blocks[k + 1..] {
-            let second = work.load(second, &mut measured);
-            work.between(&first, &second, &mut measured);
-        }
-    }
-    measured
-}
-
-struct Measuring<'a> {
+/// Measures what is not known yet of a scene.
+pub(super) struct Measuring<'a> {
     scene: &'a Scene,
     options: &'a PairOptions,
     context: &'a BuildContext<'a>,
+    how: OverlapOptions,
 }
 
-impl Measuring<'_> {
-    /// How many depth maps of a set may be held at once; at least two.
-    fn views_in_memory(&self, set: &[usize]) -> usize {
-        let bytes = |i: &usize| {
-            let k = &self.scene.views[*i].intrinsics;
-            let longer = u64::from(k.width.max(k.height));
-            let side = self.options.overlap.max_side.map_or(longer, u64::from);
-            let reduction = (side as f64 / longer as f64).min(1.0);
-            let pixels = u64::from(k.width) * u64::from(k.height);
-            (pixels as f64 * reduction * reduction) as u64 * size_of::<f32>() as u64
-        };
-        let largest = set.iter().map(bytes).max().unwrap_or(0).max(1);
-        usize::try_from(self.context.depth_memory_bytes / largest)
-            .unwrap_or(usize::MAX)
-            .max(2)
+impl<'a> Measuring<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        options: &'a PairOptions,
+        context: &'a BuildContext<'a>,
+    ) -> Self {
+        Self {
+            scene,
+            options,
+            context,
+            how: options.measuring(),
+        }
     }
 
-    /// Depth of the views that have any, reduced as the options say; records medians and errors.
-    fn load(&self, views: &[usize], measured: &mut Measured) -> Vec<(usize, PosedDepth)> {
+    /// Measures every two views of a set that are at least the minimal baseline apart, as far as they are not known.
+    /// Depth is loaded in blocks of which two fit into memory; usually that is one block, and each view is read once.
+    pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+        let mut failures = Vec::new();
+        let block = self.views_in_memory(set) / 2;
+        let blocks: Vec<&[usize]> = if set.len() <= 2 * block {
+            vec![set]
+        } else {
+            set.chunks(block).collect()
+        };
+        for (k, first) in blocks.iter().enumerate() {
+            let mut held = Held::new();
+            for (n, second) in blocks.iter().enumerate().skip(k) {
+                let couples = self.unknown_couples(first, second, known);
+                let mut needed: BTreeSet<usize> =
+                    couples.iter().flat_map(|&(a, b)| [a, b]).collect();
+                if n == k {
+                    needed.extend(first.iter().filter(|i| !known.medians.contains_key(*i)));
+                }
+                let (of_first, of_second) = needed.into_iter().partition(|i| first.contains(i));
+                self.load(of_first, &mut held, known, &mut failures);
+                let mut others = Held::new();
+                self.load(of_second, &mut others, known, &mut failures);
+                self.between(&couples, &held, &others, known);
+            }
+        }
+        failures
+    }
+
+    /// Finds out which views have depth, as far as that is not known.
+    pub(super) fn find_depth(&self, views: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+        let mut failures = Vec::new();
+        for part in views.chunks(self.views_at_once(views)) {
+            let unknown = part.iter().filter(|i| !known.medians.contains_key(*i));
+            let unknown = unknown.copied().collect();
+            self.load(unknown, &mut Held::new(), known, &mut failures);
+        }
+        failures
+    }
+
+    /// Couples a < b, one view of each block, whose overlaps are not known.
+    fn unknown_couples(
+        &self,
+        first: &[usize],
+        second: &[usize],
+        known: &SceneOverlaps,
+    ) -> Vec<(usize, usize)> {
+        let pose = |i: usize| &self.scene.views[i].camera_from_world;
+        let couples = first
+            .iter()
+            .flat_map(|&a| second.iter().map(move |&b| (a, b)));
+        couples
+            .filter(|&(a, b)| a < b && !known.knows(a, b))
+            .filter(|&(a, b)| baseline_m(pose(a), pose(b)) >= self.options.min_baseline_m)
+            .collect()
+    }
+
+    /// How many depth maps of a set may be held at once; at least two.
+    fn views_in_memory(&self, set: &[usize]) -> usize {
+        let bytes = |view: &View| {
+            let longer = u64::from(view.intrinsics.width.max(view.intrinsics.height));
+            let side = self.how.max_side.map_or(longer, u64::from);
+            let reduction = (side as f64 / longer as f64).min(1.0);
+            (full_bytes(view) as f64 * reduction * reduction) as u64
+        };
+        self.fitting(set, bytes).max(2)
+    }
+
+    /// How many depth maps may be read at the same time; at least one.
+    fn views_at_once(&self, views: &[usize]) -> usize {
+        self.fitting(views, |view| COPIES_WHILE_READING * full_bytes(view))
+            .max(1)
+    }
+
+    fn fitting(&self, views: &[usize], bytes: impl Fn(&View) -> u64) -> usize {
+        let views = views.iter().map(|&i| &self.scene.views[i]);
+        let largest = views.map(bytes).max().unwrap_or(0).max(1);
+        usize::try_from(self.context.depth_memory_bytes / largest).unwrap_or(usize::MAX)
+    }
+
+    /// Adds the depth of views that have any, reduced as the options say, to those held; notes medians and errors.
+    fn load(
+        &self,
+        mut views: Vec<usize>,
+        held: &mut Held,
+        known: &mut SceneOverlaps,
+        failures: &mut Vec<Failure>,
+    ) {
+        views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
+        // The progress that the context holds does not go to other threads.
+        let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
         let load_one = |&i: &usize| -> Result<Option<(f64, PosedDepth)>, ProtocolError> {
-            let view = &self.scene.views[i];
-            let Some(depth) = self.context.depth.depth(view)? else {
+            let view = &scene.views[i];
+            let Some(depth) = source.depth(scene, view)? else {
                 return Ok(None);
             };
             let Some(median) = median_depth_m(&depth) else {
                 return Ok(None);
             };
             let mut posed = PosedDepth::of_view(view, depth)?;
-            if let Some(side) = self.options.overlap.max_side {
+            if let Some(side) = max_side {
                 posed = posed.reduced(side);
             }
             Ok(Some((median, posed)))
         };
-        let loaded: Vec<_> = views.par_iter().map(load_one).collect();
-        let mut found = Vec::with_capacity(views.len());
-        for (&i, result) in views.iter().zip(loaded) {
-            match result {
-                Ok(Some((median, posed))) => {
-                    measured.median_m.insert(i, median);
-                    found.push((i, posed));
+        for part in views.chunks(self.views_at_once(&views)) {
+            let loaded: Vec<_> = if source.in_parallel() {
+                part.par_iter().map(load_one).collect()
+            } else {
+                part.iter().map(load_one).collect()
+            };
+            for (&i, result) in part.iter().zip(loaded) {
+                match result {
+                    Ok(Some((median, posed))) => {
+                        known.medians.insert(i, Some(median));
+                        held.insert(i, posed);
+                    }
+                    Ok(None) => {
+                        known.medians.insert(i, None);
+                    }
+                    Err(error) => {
+                        known.failed.insert(i);
+                        failures.push((i, error));
+                    }
                 }
-                Ok(None) => {}
-                Err(error) => measured.errors.push((i, error)),
             }
         }
-        found
     }
 
-    /// Measures each of `first` with each later one of `second`.
+    /// Measures the couples of which both views are held.
     fn between(
         &self,
-        first: &[(usize, PosedDepth)],
-        second: &[(usize, PosedDepth)],
-        measured: &mut Measured,
+        couples: &[(usize, usize)],
+        held: &Held,
+        others: &Held,
+        known: &mut SceneOverlaps,
     ) {
-        let mut couples = Vec::new();
-        for (a, posed_a) in first {
-            for (b, posed_b) in second {
-                let apart = baseline_m(posed_a.camera_from_world(), posed_b.camera_from_world());
-                if a < b && apart >= self.options.min_baseline_m {
-                    couples.push(((*a, *b), posed_a, posed_b));
-                }
-            }
-        }
-        let how = &self.options.overlap;
-        let shares: Vec<_> = couples
+        let view = |i: usize| held.get(&i).or_else(|| others.get(&i));
+        let couples: Vec<_> = couples
+            .iter()
+            .filter_map(|&(a, b)| Some(((a, b), view(a)?, view(b)?)))
+            .collect();
+        let how = &self.how;
+        let measured: Vec<_> = couples
             .par_iter()
-            .map(|(key, a, b)| {
-                let a_in_b = overlap(a, b, how).share(how.denominator)?;
-                let b_in_a = overlap(b, a, how).share(how.denominator)?;
-                Some((*key, Overlaps { a_in_b, b_in_a }))
+            .map(|&(key, a, b)| {
+                let share = |of, by| overlap(of, by, how).share(how.denominator);
+                let overlaps = share(a, b).zip(share(b, a));
+                (
+                    key,
+                    overlaps.map(|(a_in_b, b_in_a)| Overlaps { a_in_b, b_in_a }),
+                )
             })
             .collect();
-        measured.overlaps.extend(shares.into_iter().flatten());
+        known.couples.extend(measured);
     }
+}
+
+fn full_bytes(view: &View) -> u64 {
+    u64::from(view.intrinsics.width) * u64::from(view.intrinsics.height) * size_of::<f32>() as u64
 }

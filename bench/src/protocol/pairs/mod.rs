@@ -12,6 +12,7 @@ use self::scene::SceneWork;
 use super::ProtocolError;
 use super::depth::{DepthSource, GroundTruthDepth};
 use super::options::PairOptions;
+use super::overlap_cache::OverlapCache;
 use super::sampling::sample;
 
 /// An ordered pair of views: the target is to be predicted from the source. One row of a pair list.
@@ -61,17 +62,26 @@ pub struct BuildContext<'a> {
     pub roots: BTreeMap<String, PathBuf>,
     /// Depth maps held at once take no more memory than this, as long as two of them fit.
     pub depth_memory_bytes: u64,
+    /// Overlaps that were measured before, where they are kept.
+    pub cache: Option<&'a OverlapCache>,
+    /// Settings of each dataset's reader by name, as stable text: depth depends on them.
+    pub settings: BTreeMap<String, String>,
+    /// Whether rows get the sha256 of their photographs; for counting they need none.
+    pub hash_photographs: bool,
     /// Told after each scene: scenes done, scenes in all.
     pub progress: &'a dyn Fn(usize, usize),
 }
 
 impl Default for BuildContext<'_> {
-    /// Ground-truth depth in at most 2 GiB, file names as they are, no progress.
+    /// Ground-truth depth in at most 2 GiB, file names as they are, photographs hashed, no cache, no progress.
     fn default() -> Self {
         Self {
             depth: &GroundTruthDepth,
             roots: BTreeMap::new(),
             depth_memory_bytes: 2 << 30,
+            cache: None,
+            settings: BTreeMap::new(),
+            hash_photographs: true,
             progress: &|_, _| {},
         }
     }
@@ -140,12 +150,7 @@ pub fn build_pairs(
     options.validate()?;
     let mut build = PairBuild::default();
     for (done, scene) in scenes.iter().enumerate() {
-        let mut work = SceneWork {
-            scene,
-            options,
-            context,
-            build: &mut build,
-        };
+        let mut work = SceneWork::new(scene, options, context, &mut build);
         match scene.pairing {
             Pairing::Stereo { source, target } => work.stereo(source, target),
             Pairing::MultiView => work.multi_view(),

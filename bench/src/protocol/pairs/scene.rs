@@ -7,23 +7,66 @@ use rayon::prelude::*;
 use sharp::camera::baseline_m;
 use sharp_datasets::{Scene, View};
 
-use super::measure::{Measured, measure};
+use super::measure::{Failure, Measuring};
 use super::{BuildContext, Pair, PairBuild, PairCounts, Problem};
 use crate::protocol::ProtocolError;
-use crate::protocol::depth::median_depth_m;
 use crate::protocol::options::{MissingDepth, PairOptions, PairOrder};
+use crate::protocol::overlap_cache::SceneOverlaps;
 use crate::protocol::pair_id::PairName;
 use crate::protocol::sets::view_sets;
 
 /// One scene on its way into a [`PairBuild`].
 pub(super) struct SceneWork<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) options: &'a PairOptions,
-    pub(super) context: &'a BuildContext<'a>,
-    pub(super) build: &'a mut PairBuild,
+    scene: &'a Scene,
+    options: &'a PairOptions,
+    context: &'a BuildContext<'a>,
+    build: &'a mut PairBuild,
+    /// What was measured, now or earlier.
+    known: SceneOverlaps,
+    /// The name that it is kept under.
+    key: Option<String>,
 }
 
-impl SceneWork<'_> {
+impl<'a> SceneWork<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        options: &'a PairOptions,
+        context: &'a BuildContext<'a>,
+        build: &'a mut PairBuild,
+    ) -> Self {
+        let settings = context.settings.get(&scene.dataset);
+        let settings = settings.map_or("", String::as_str);
+        let key = context
+            .cache
+            .and_then(|cache| cache.key(scene, settings, context.depth, &options.measuring()));
+        let known = match (context.cache, &key) {
+            (Some(cache), Some(key)) => cache.load(key, scene.views.len()),
+            _ => SceneOverlaps::default(),
+        };
+        Self {
+            scene,
+            options,
+            context,
+            build,
+            known,
+            key,
+        }
+    }
+
+    /// Measures what is not known, keeps it, and notes what could not be read.
+    fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<Failure>) {
+        let before = self.known.clone();
+        let measuring = Measuring::new(self.scene, self.options, self.context);
+        for (view, error) in work(&measuring, &mut self.known) {
+            self.problem(view, &error);
+        }
+        if let (Some(cache), Some(key)) = (self.context.cache, &self.key)
+            && before != self.known
+        {
+            cache.store(key, &self.known);
+        }
+    }
+
     fn counts(&mut self) -> &mut PairCounts {
         self.build
             .summaries
@@ -44,8 +87,8 @@ impl SceneWork<'_> {
             return;
         }
         let (a, b) = (source.min(target), source.max(target));
-        let measured = self.measure(&[a, b]);
-        self.add(&[(source, target, None)], &measured);
+        self.measuring(|work, known| work.measure(&[a, b], known));
+        self.add(&[(source, target, None)]);
     }
 
     /// The pairs within the sets of a multi-view scene.
@@ -59,7 +102,7 @@ impl SceneWork<'_> {
         counts.sets += sets.len();
         for (number, set) in sets.iter().enumerate() {
             let set: Vec<usize> = set.iter().map(|&i| views[i]).collect();
-            let measured = self.measure(&set);
+            self.measuring(|work, known| work.measure(&set, known));
             let mut qualified = Vec::new();
             for &source in &set {
                 for &target in &set {
@@ -67,12 +110,12 @@ impl SceneWork<'_> {
                         PairOrder::Both => source != target,
                         PairOrder::Once => source < target,
                     };
-                    if ordered && self.qualifies(source, target, &measured) {
+                    if ordered && self.qualifies(source, target) {
                         qualified.push((source, target, u32::try_from(number).ok()));
                     }
                 }
             }
-            self.add(&qualified, &measured);
+            self.add(&qualified);
         }
     }
 
@@ -82,31 +125,19 @@ impl SceneWork<'_> {
         if self.options.missing_depth != MissingDepth::LeaveOut {
             return all;
         }
-        let has_depth: Vec<_> = all
-            .par_iter()
-            .map(|&i| {
-                let depth = self.context.depth.depth(&self.scene.views[i])?;
-                Ok(depth.is_some_and(|d| median_depth_m(&d).is_some()))
-            })
-            .collect();
-        let mut kept = Vec::new();
-        for (i, found) in has_depth.into_iter().enumerate() {
-            match found {
-                Ok(true) => kept.push(i),
-                Ok(false) => {}
-                Err(error) => self.problem(i, &error),
-            }
-        }
-        kept
+        self.measuring(|work, known| work.find_depth(&all, known));
+        let kept = all.into_iter();
+        kept.filter(|i| matches!(self.known.medians.get(i), Some(Some(_))))
+            .collect()
     }
 
-    fn qualifies(&mut self, source: usize, target: usize, measured: &Measured) -> bool {
+    fn qualifies(&mut self, source: usize, target: usize) -> bool {
         self.counts().considered += 1;
         if self.baseline(source, target) < self.options.min_baseline_m {
             self.counts().too_near += 1;
             return false;
         }
-        let Some((overlap, source_to_target)) = measured.overlaps(source, target) else {
+        let Some((overlap, source_to_target)) = self.known.overlaps(source, target) else {
             self.counts().without_depth += 1;
             return self.options.missing_depth == MissingDepth::Accept;
         };
@@ -122,17 +153,10 @@ impl SceneWork<'_> {
         baseline_m(pose(a), pose(b))
     }
 
-    fn measure(&mut self, set: &[usize]) -> Measured {
-        let mut measured = measure(self.scene, set, self.options, self.context);
-        for (view, error) in std::mem::take(&mut measured.errors) {
-            self.problem(view, &error);
-        }
-        measured
-    }
-
     /// Turns qualified `(source, target, set)` into rows.
-    fn add(&mut self, qualified: &[(usize, usize, Option<u32>)], measured: &Measured) {
-        let used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
+    fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
+        let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
+        used.retain(|_| self.context.hash_photographs);
         let hashes: Vec<_> = used
             .par_iter()
             .map(|&i| (i, self.scene.views[i].content.image_sha256()))
@@ -155,7 +179,7 @@ impl SceneWork<'_> {
                 source: s.id.clone(),
                 target: t.id.clone(),
             };
-            let overlaps = measured.overlaps(source, target);
+            let overlaps = self.known.overlaps(source, target);
             let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
             let pair = Pair {
                 pair_id: name.encode(),
@@ -173,7 +197,7 @@ impl SceneWork<'_> {
                     .camera_from_world
                     .after(&s.camera_from_world.inverse())
                     .rotation_deg(),
-                median_depth_m: measured.median_m.get(&target).copied(),
+                median_depth_m: self.known.medians.get(&target).copied().flatten(),
                 overlap: overlaps.map(|(overlap, _)| overlap),
                 overlap_source_to_target: overlaps.map(|(_, reverse)| reverse),
                 selected: false,

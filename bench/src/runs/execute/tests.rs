@@ -92,7 +92,7 @@ impl Bench {
 }
 
 fn depth_splat() -> Vec<Box<dyn Method>> {
-    methods::build(&["depth-splat:resolution=64".parse().unwrap()]).unwrap()
+    methods::build(&["depth-splat:resolution=64".parse().unwrap()], None).unwrap()
 }
 
 #[test]

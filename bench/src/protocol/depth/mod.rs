@@ -1,8 +1,18 @@
 //! Depth maps joined with their cameras, and where they come from.
+//!
+//! * [`given`]: maps that someone else predicted.
+//! * [`first_layer`]: what a SHARP checkpoint predicts.
+
+pub mod first_layer;
+pub mod given;
+
+use std::path::PathBuf;
 
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_datasets::{DepthMap, View};
+use sharp_datasets::{DepthMap, Scene, View};
 
+pub use self::first_layer::FirstLayerDepth;
+pub use self::given::GivenDepth;
 use super::ProtocolError;
 use super::alignment::{median_of, median_scale};
 
@@ -13,14 +23,24 @@ pub fn is_valid_depth(depth: f32) -> bool {
 
 /// Where the depth that decides overlap comes from.
 pub trait DepthSource: Sync {
-    /// Depth of a view at its image's size; `None` where there is none.
+    /// Depth of a scene's view at its image's size; `None` where there is none.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
-    fn depth(&self, view: &View) -> Result<Option<DepthMap>, ProtocolError>;
+    fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, ProtocolError>;
 
     /// Stable text for the record of a run (`ground-truth`, …).
     fn name(&self) -> String;
+
+    /// Files besides the dataset's own that a view's depth comes from.
+    fn files(&self, _scene: &Scene, _view: &View) -> Vec<PathBuf> {
+        Vec::new()
+    }
+
+    /// False where one view after the other has to be asked for.
+    fn in_parallel(&self) -> bool {
+        true
+    }
 }
 
 /// The dataset's own depth.
@@ -28,7 +48,7 @@ pub trait DepthSource: Sync {
 pub struct GroundTruthDepth;
 
 impl DepthSource for GroundTruthDepth {
-    fn depth(&self, view: &View) -> Result<Option<DepthMap>, ProtocolError> {
+    fn depth(&self, _scene: &Scene, view: &View) -> Result<Option<DepthMap>, ProtocolError> {
         Ok(view.content.depth()?)
     }
 
@@ -46,8 +66,9 @@ pub struct ScaledToGroundTruth<S>(
 );
 
 impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
-    fn depth(&self, view: &View) -> Result<Option<DepthMap>, ProtocolError> {
-        let (Some(mut dense), Some(sparse)) = (self.0.depth(view)?, view.content.depth()?) else {
+    fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, ProtocolError> {
+        let (Some(mut dense), Some(sparse)) = (self.0.depth(scene, view)?, view.content.depth()?)
+        else {
             return Ok(None);
         };
         let scale = median_scale(&sparse, &dense)?.scale as f32;
@@ -59,6 +80,14 @@ impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
 
     fn name(&self) -> String {
         format!("{},median-scaled-to-ground-truth", self.0.name())
+    }
+
+    fn files(&self, scene: &Scene, view: &View) -> Vec<PathBuf> {
+        self.0.files(scene, view)
+    }
+
+    fn in_parallel(&self) -> bool {
+        self.0.in_parallel()
     }
 }
 
