@@ -4,8 +4,12 @@ use std::collections::BTreeSet;
 
 use super::manifest::Manifest;
 
+/// What [`Manifest::scoring`] says of the machine: the devices are compared by [`super::device_class`], and how a run
+/// renders is its methods' affair.
+const MACHINE: [&str; 3] = ["renderer", "kernels", "metric networks"];
+
 /// The first thing that makes the scores of two runs different quantities: a metric's convention or weights, or a rule
-/// of scoring. `None` where they may be compared. How each run renders is its methods' affair and not looked at.
+/// of scoring. `None` where they may be compared.
 pub fn identity_difference(a: &Manifest, b: &Manifest) -> Option<String> {
     let differs = |what: &str, a: &str, b: &str| {
         (a != b).then(|| format!("{what} is \"{a}\" in one and \"{b}\" in the other"))
@@ -16,7 +20,10 @@ pub fn identity_difference(a: &Manifest, b: &Manifest) -> Option<String> {
         };
         let convention = differs(&metric.key, &before.convention, &metric.convention);
         let what = format!("the network of {}", metric.key);
-        let found = convention.or_else(|| differs(&what, &before.weights, &metric.weights));
+        let found = convention
+            .or_else(|| differs(&what, &before.weights, &metric.weights))
+            .or_else(|| differs("the input range", &before.input_range, &metric.input_range))
+            .or_else(|| differs("the resize rule", &before.resize, &metric.resize));
         if found.is_some() {
             return found;
         }
@@ -24,7 +31,7 @@ pub fn identity_difference(a: &Manifest, b: &Manifest) -> Option<String> {
     let rules: BTreeSet<&String> = a.scoring.keys().chain(b.scoring.keys()).collect();
     rules
         .into_iter()
-        .filter(|rule| *rule != "renderer")
+        .filter(|rule| !MACHINE.contains(&rule.as_str()))
         .find_map(|rule| {
             let text = |m: &Manifest| m.scoring.get(rule).cloned().unwrap_or_default();
             differs(rule, &text(a), &text(b))
@@ -34,7 +41,8 @@ pub fn identity_difference(a: &Manifest, b: &Manifest) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::runs::manifest::{FORMAT, MetricFacts, PairFacts, scoring_facts};
+    use crate::runs::manifest::{FORMAT, PairFacts, scoring_facts};
+    use crate::runs::metric_facts::MetricFacts;
     use std::collections::BTreeMap;
 
     fn manifest(weights: &str, renderer: &str) -> Manifest {
@@ -57,6 +65,11 @@ mod tests {
                 key: "dists".into(),
                 convention: "c".into(),
                 weights: weights.into(),
+                input_range: String::new(),
+                resize: String::new(),
+                precision: String::new(),
+                backbone: None,
+                own_weights: None,
             }],
             scoring: scoring_facts(renderer, "exact"),
         }

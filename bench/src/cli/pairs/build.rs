@@ -8,7 +8,7 @@ use serde_json::{Map, json};
 
 use super::super::data_args::{self, DatasetArgs};
 use super::super::list_facts::ListCompanion;
-use super::super::pair_recipe::{OverlapArgs, PairRecipe};
+use super::super::pair_recipe::{OverlapArgs, PairRecipe, counted_pairs};
 use super::super::{Outcome, output};
 use super::ambiguity;
 use crate::durable::write_atomic;
@@ -79,7 +79,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     for (dataset, counts) in &build.summaries {
-        output::line(pair_recipe::counted_pairs(dataset, counts))?;
+        output::line(counted_pairs(dataset, counts))?;
     }
     output::line(format!("options {}", recipe.options()))?;
     if let Some(depth) = built.facts.get("overlap depth") {
