@@ -157,7 +157,7 @@ fn usage_errors_end_with_2_and_unknown_metrics_say_what_is_known() {
         "--metrics",
         "psnr,lpips[alex,v0.0]",
     ];
-    sharp_bench(dir.path(), &args).is_error_with(&["v0.0"]);
+    sharp_bench(dir.path(), &args).is_usage_error_with(&["v0.0"]);
 }
 
 #[test]

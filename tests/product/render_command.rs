@@ -605,7 +605,7 @@ fn adapters_that_are_not_there_and_a_missing_ffmpeg_are_said() {
         "r",
     ];
     let auto = [&run[..], &["--backend", "auto"]].concat();
-    sharp_bench(dir, &auto).is_error_with(&["--backend auto", "cpu or wgpu"]);
+    sharp_bench(dir, &auto).is_usage_error_with(&["--backend auto", "cpu or wgpu"]);
     let nowhere = [&run[..], &["--backend", "wgpu", "--adapter", "no such GPU"]].concat();
     sharp_bench(dir, &nowhere).is_error_with(&["no such GPU"]);
     assert!(!dir.join("r").exists());

@@ -228,7 +228,6 @@ fn what_cannot_work_is_one_line() {
     std::fs::create_dir(dir.path().join("full")).unwrap();
     std::fs::write(dir.path().join("full/thesis.tex"), b"x").unwrap();
     for (args, parts) in [
-        (vec!["--method", "magic"], vec!["magic", "depth-splat"]),
         (
             vec!["--method", "copy", "--method", "copy"],
             vec!["label 'copy' is taken"],
@@ -238,6 +237,7 @@ fn what_cannot_work_is_one_line() {
     ] {
         run(dir.path(), "r", &args).is_error_with(&parts);
     }
+    run(dir.path(), "r", &["--method", "magic"]).is_usage_error_with(&["magic", "depth-splat"]);
     run(dir.path(), "full", &["--method", "copy"]).is_error_with(&["full", "other files"]);
     let unknown = [
         "run",
@@ -248,7 +248,7 @@ fn what_cannot_work_is_one_line() {
         "--out",
         "r",
     ];
-    sharp_bench(dir.path(), &unknown).is_error_with(&["moonbase", "middlebury"]);
+    sharp_bench(dir.path(), &unknown).is_usage_error_with(&["moonbase", "middlebury"]);
     let absent = [
         "run",
         "--dataset",

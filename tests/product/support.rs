@@ -21,7 +21,16 @@ impl Said {
 
     /// Fails unless the command ended with exit code 1 and one line that holds all parts.
     pub(crate) fn is_error_with(&self, parts: &[&str]) {
-        assert_eq!(self.code, 1, "{}{}", self.out, self.err);
+        self.is_line_with(1, parts);
+    }
+
+    /// The same for a command line that asks for something that cannot be: exit code 2.
+    pub(crate) fn is_usage_error_with(&self, parts: &[&str]) {
+        self.is_line_with(2, parts);
+    }
+
+    fn is_line_with(&self, code: i32, parts: &[&str]) {
+        assert_eq!(self.code, code, "{}{}", self.out, self.err);
         let errors: Vec<&str> = self
             .err
             .lines()

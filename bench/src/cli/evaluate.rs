@@ -15,7 +15,7 @@ use super::usage::UsageError;
 use super::{output, progress};
 use crate::durable::write_atomic;
 use crate::methods::scale_sweep::ScaleChooser;
-use crate::methods::{self, Method, MethodSpec};
+use crate::methods::{self, KINDS, Method, MethodSpec};
 use crate::protocol::PairList;
 use crate::protocol::pair_list::ResolvedPair;
 use crate::rendering::SharedRenderer;
@@ -74,6 +74,18 @@ impl Evaluation {
             .iter()
             .map(|text| text.parse())
             .collect::<Result<_, _>>()?;
+        if let Some(spec) = specs
+            .iter()
+            .find(|spec| KINDS.iter().all(|kind| kind.name != spec.kind))
+        {
+            let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
+            let reason = format!(
+                "--method {}: unknown kind; known: {}",
+                spec.text,
+                known.join(", ")
+            );
+            return Err(UsageError(reason).into());
+        }
         let methods = methods::build(&specs, request.chooser.as_ref())?;
         let datasets = data_args::open(request.datasets, request.scenes)?;
         let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();

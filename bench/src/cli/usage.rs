@@ -4,8 +4,6 @@ use sharp_datasets::DatasetError;
 use sharp_metrics::SelectionError;
 use sharp_metrics::weights::UnknownBackbone;
 
-use crate::methods::SpecError;
-
 /// A command line that asks for something that cannot be, whatever the files say.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -16,7 +14,6 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
             || cause.is::<SelectionError>()
-            || cause.is::<SpecError>()
             || cause.is::<UnknownBackbone>()
             || cause.downcast_ref::<DatasetError>().is_some_and(|e| {
                 matches!(
