@@ -130,8 +130,8 @@ fn picture_moments([a, b]: [&Picture; 2]) -> Vec<f64> {
         .map_init(
             || [0, 1].map(|_| vec![0.0; 3 * width as usize]),
             |[row_a, row_b], y| {
-                a.row_f64(y, row_a);
-                b.row_f64(y, row_b);
+                a.row_f64(0, y, row_a);
+                b.row_f64(0, y, row_b);
                 let mut sums = [0.0; 3 * MOMENTS];
                 for (i, (a, b)) in row_a.iter().zip(row_b.iter()).enumerate() {
                     for (m, value) in [*a, *b, a * a, b * b, a * b].into_iter().enumerate() {

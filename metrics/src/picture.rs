@@ -124,18 +124,19 @@ impl Picture {
         })
     }
 
-    /// Writes row `y` as interleaved values in 0..1 into `out` (3 × width).
-    pub(crate) fn row_f64(&self, y: usize, out: &mut [f64]) {
+    /// Writes the pixels of row `y` from column `x` on as interleaved values in 0..1 into `out`.
+    pub(crate) fn row_f64(&self, x: usize, y: usize, out: &mut [f64]) {
         let n = out.len();
+        let start = 3 * (y * self.dimensions().0 as usize + x);
         match self {
             Self::Rgb8(picture) => {
-                let row = &picture.as_raw()[y * n..][..n];
+                let row = &picture.as_raw()[start..][..n];
                 for (out, &level) in out.iter_mut().zip(row) {
                     *out = LEVELS[usize::from(level)];
                 }
             }
             Self::RgbF32(picture) => {
-                let row = &picture.as_raw()[y * n..][..n];
+                let row = &picture.as_raw()[start..][..n];
                 for (out, &value) in out.iter_mut().zip(row) {
                     *out = f64::from(value);
                 }
@@ -271,7 +272,7 @@ mod tests {
         let picture = Picture::Rgb8(RgbImage::from_pixel(1, 1, Rgb([0, 77, 255])));
         assert_eq!(picture.value(0, 0, 1), 77.0 / 255.0);
         let mut row = [0.0; 3];
-        picture.row_f64(0, &mut row);
+        picture.row_f64(0, 0, &mut row);
         assert_eq!(row, [0.0, 77.0 / 255.0, 1.0]);
     }
 

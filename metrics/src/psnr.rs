@@ -76,8 +76,8 @@ fn squared_error(prediction: &Picture, target: &Picture, mask: Option<&Mask>) ->
         .map_init(
             || (vec![0.0; 3 * width as usize], vec![0.0; 3 * width as usize]),
             |(a, b), y| {
-                prediction.row_f64(y, a);
-                target.row_f64(y, b);
+                prediction.row_f64(0, y, a);
+                target.row_f64(0, y, b);
                 let squares = a.iter().zip(b.iter()).map(|(a, b)| (a - b) * (a - b));
                 match mask {
                     None => squares.sum::<f64>(),

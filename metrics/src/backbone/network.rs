@@ -22,8 +22,8 @@ pub(crate) struct Layer {
     pub(crate) op: Arc<dyn RowOp>,
     /// Which tap its output is.
     pub(crate) tap: Option<usize>,
-    /// Whether DISTS has its own pooling in place of it.
-    pools: bool,
+    /// Whether it has no weights, and DISTS its own pooling in place of it.
+    pub(super) pools: bool,
 }
 
 /// Layers from the picture on.

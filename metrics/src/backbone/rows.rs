@@ -17,13 +17,39 @@ impl Size {
     }
 }
 
-/// Rows of a feature map that are held until the next layer has used them. Memory is reused.
+/// Blocks of memory for new rows, passed from layer to layer. What they hold never matters.
+#[derive(Debug, Default)]
+pub(crate) struct Blocks(Vec<Vec<f32>>);
+
+impl Blocks {
+    /// At least `len` values.
+    fn take(&mut self, len: usize) -> Vec<f32> {
+        let mut block = self.0.pop().unwrap_or_default();
+        if block.len() < len {
+            // Not extended: that would copy values that do not matter.
+            block = vec![0.0; len];
+        }
+        block
+    }
+
+    fn give_back(&mut self, block: Vec<f32>) {
+        if !block.is_empty() {
+            self.0.push(block);
+        }
+    }
+}
+
+/// Rows of a feature map that are held until the next layer has used them: new ones in a borrowed
+/// block, and the few of them that the layer needs once more.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     size: Size,
     first: usize,
     /// From row `first` on: row-major, channels innermost.
-    data: Vec<f32>,
+    kept: Vec<f32>,
+    /// The rows after them, `fresh_len` values.
+    fresh: Vec<f32>,
+    fresh_len: usize,
 }
 
 impl Buffer {
@@ -31,7 +57,9 @@ impl Buffer {
         Self {
             size,
             first: 0,
-            data: Vec::new(),
+            kept: Vec::new(),
+            fresh: Vec::new(),
+            fresh_len: 0,
         }
     }
 
@@ -41,25 +69,34 @@ impl Buffer {
 
     /// One past the last row that has been pushed.
     pub(crate) fn end(&self) -> usize {
-        self.first + self.data.len() / self.size.row_len()
+        self.first + (self.kept.len() + self.fresh_len) / self.size.row_len()
     }
 
-    /// Room for `count` further rows, to be filled by the caller.
-    pub(crate) fn push(&mut self, count: usize) -> &mut [f32] {
-        let len = self.data.len();
-        let more = count * self.size.row_len();
-        self.data.reserve_exact(more);
-        self.data.resize(len + more, 0.0);
-        &mut self.data[len..]
+    /// Room for the `count` rows after [`Self::end`], of arbitrary content, to be filled by the
+    /// caller. Those pushed before have been kept or dropped.
+    pub(crate) fn push(&mut self, count: usize, blocks: &mut Blocks) -> &mut [f32] {
+        self.fresh_len = count * self.size.row_len();
+        self.fresh = blocks.take(self.fresh_len);
+        &mut self.fresh[..self.fresh_len]
     }
 
-    /// Forgets the rows above `row`.
-    pub(crate) fn drop_before(&mut self, row: usize) {
+    /// The rows of the last [`Self::push`].
+    pub(crate) fn fresh(&self) -> &[f32] {
+        &self.fresh[..self.fresh_len]
+    }
+
+    /// Keeps the rows from `row` on and forgets those above; gives the block back.
+    pub(crate) fn keep_from(&mut self, row: usize, blocks: &mut Blocks) {
         let row = row.clamp(self.first, self.end());
         let gone = (row - self.first) * self.size.row_len();
-        self.data.copy_within(gone.., 0);
-        self.data.truncate(self.data.len() - gone);
+        let kept = self.kept.len();
+        self.kept.drain(..gone.min(kept));
+        let fresh = &self.fresh[gone.saturating_sub(kept)..self.fresh_len];
+        self.kept.reserve_exact(fresh.len());
+        self.kept.extend_from_slice(fresh);
         self.first = row;
+        self.fresh_len = 0;
+        blocks.give_back(std::mem::take(&mut self.fresh));
     }
 
     /// The rows that are held.
@@ -69,11 +106,42 @@ impl Buffer {
             width,
             channels,
         } = self.size;
-        RowWindow::new(&self.data, self.first..self.end(), height, width, channels)
+        let rows = self.first..self.end();
+        RowWindow::in_two(&self.kept, self.fresh(), rows, height, width, channels)
     }
+}
 
-    /// The values from row `first` on.
-    pub(crate) fn rows_from(&self, first: usize) -> &[f32] {
-        &self.data[(first - self.first) * self.size.row_len()..]
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_stay_until_they_are_dropped() {
+        let size = Size {
+            height: 20,
+            width: 1,
+            channels: 2,
+        };
+        let (mut buffer, mut blocks) = (Buffer::new(size), Blocks::default());
+        let mut next = 0.0;
+        let mut push = |buffer: &mut Buffer, blocks: &mut Blocks, count: usize| {
+            for pixel in buffer.push(count, blocks).chunks_exact_mut(2) {
+                pixel.fill(next);
+                next += 1.0;
+            }
+        };
+        // Rows pushed, first row kept afterwards: within the new ones, within the old ones, all.
+        for (count, from) in [(5, 3), (4, 4), (2, 7), (1, 7), (3, 15)] {
+            push(&mut buffer, &mut blocks, count);
+            let (first, end) = (buffer.first, buffer.end());
+            let window = buffer.window();
+            assert_eq!(window.rows(), first..end);
+            for y in first..end {
+                assert_eq!(window.row(y), [y as f32; 2]);
+            }
+            buffer.keep_from(from, &mut blocks);
+            assert_eq!((buffer.first, buffer.end()), (from.min(end), end));
+        }
+        assert_eq!(blocks.0.len(), 1);
     }
 }

@@ -1,16 +1,17 @@
 //! Both pictures through a network, strip by strip, in lockstep.
 //!
 //! Each layer keeps just the rows that its next output rows need, so memory grows with the
-//! picture's width and the strip's height but not with the picture's height. Every output row is
-//! computed once, from the same inputs by the same operations, whatever the strip's height: the
-//! results are the same bits.
+//! picture's width and the strip's height but not with the picture's height. Deep layers, which
+//! get few rows from a strip, wait for more: their weights are larger than any cache and should
+//! not be read for a handful of rows. Every output row is computed once, from the same inputs by
+//! the same operations, whatever the strip's height: the results are the same bits.
 
 use std::ops::Range;
 
 use sharp_kernels::Workspace;
 
 use super::network::{Layer, Network};
-use super::rows::{Buffer, Size};
+use super::rows::{Blocks, Buffer, Size};
 
 /// Rows of the features of both pictures at one tap.
 #[derive(Clone, Copy)]
@@ -23,14 +24,18 @@ pub(crate) struct Taps<'a> {
     pub(crate) rows: [&'a [f32]; 2],
 }
 
-/// Memory that the feature rows of both pictures may take together where the strip's height is
-/// not given. Enough for a whole picture of some 300,000 pixels.
-const MEMORY: usize = 192 << 20;
+/// Memory that the new rows of both pictures may take together, one layer's input and output at a
+/// time, where the strip's height is not given.
+const MEMORY: usize = 64 << 20;
+
+/// Rows that a layer with weights waits for, unless strips are smaller.
+const BATCH: usize = 16;
 
 /// One picture on its way through the network: the rows held of the picture and of each layer's
 /// output.
 struct Passage {
     buffers: Vec<Buffer>,
+    blocks: Blocks,
     workspace: Workspace,
 }
 
@@ -49,34 +54,37 @@ pub(crate) fn stream(
 ) -> Option<Vec<Size>> {
     let sizes = network.sizes(width, height)?;
     let strip = strip.unwrap_or_else(|| default_strip(&sizes)).max(1);
+    let batch = BATCH.min(strip);
     let [mut a, mut b] = [0, 1].map(|_| Passage {
         buffers: sizes.iter().map(|&size| Buffer::new(size)).collect(),
+        blocks: Blocks::default(),
         workspace: Workspace::new(),
     });
     for first in (0..height).step_by(strip) {
         let rows = first..(first + strip).min(height);
         let fill = |picture: usize, passage: &mut Passage| {
-            let out = passage.buffers[0].push(rows.len());
+            let out = passage.buffers[0].push(rows.len(), &mut passage.blocks);
             for (y, out) in rows.clone().zip(out.chunks_exact_mut(sizes[0].row_len())) {
                 input(picture, y, out);
             }
         };
         rayon::join(|| fill(0, &mut a), || fill(1, &mut b));
         for (i, layer) in network.layers.iter().enumerate() {
-            let (rows, _) = rayon::join(|| a.advance(layer, i), || b.advance(layer, i));
+            let (rows, _) =
+                rayon::join(|| a.advance(layer, i, batch), || b.advance(layer, i, batch));
             if let Some(tap) = layer.tap
                 && !rows.is_empty()
             {
                 each(Taps {
                     tap,
                     size: sizes[i + 1],
-                    rows: [&a, &b].map(|picture| picture.buffers[i + 1].rows_from(rows.start)),
+                    rows: [&a, &b].map(|picture| picture.buffers[i + 1].fresh()),
                 });
             }
         }
         for picture in [&mut a, &mut b] {
             if let Some(last) = picture.buffers.last_mut() {
-                last.drop_before(last.end());
+                last.keep_from(last.end(), &mut picture.blocks);
             }
         }
     }
@@ -86,8 +94,9 @@ pub(crate) fn stream(
 }
 
 impl Passage {
-    /// Computes those rows of layer `i` for which there is input; returns which ones.
-    fn advance(&mut self, layer: &Layer, i: usize) -> Range<usize> {
+    /// Computes those rows of layer `i` for which there is input, if they are at least `batch` or
+    /// the last; returns which ones.
+    fn advance(&mut self, layer: &Layer, i: usize, batch: usize) -> Range<usize> {
         let [input, output] = &mut self.buffers[i..i + 2] else {
             return 0..0;
         };
@@ -98,29 +107,31 @@ impl Passage {
         while end < size.height && needs(end).end <= input.end() {
             end += 1;
         }
+        if end < size.height && end - first < batch && !layer.pools {
+            end = first;
+        }
         if end > first {
             let window = input.window();
-            let room = output.push(end - first);
+            let room = output.push(end - first, &mut self.blocks);
             layer
                 .op
                 .run_rows(&window, first..end, room, &mut self.workspace);
         }
-        input.drop_before(if end < size.height {
+        let row = if end < size.height {
             needs(end).start
         } else {
             input.end()
-        });
+        };
+        input.keep_from(row, &mut self.blocks);
         first..end
     }
 }
 
-/// The rows that fit into [`MEMORY`], a multiple of 16 because pooling halves four times.
+/// The picture rows whose new rows in any layer fit into [`MEMORY`], a multiple of [`BATCH`].
 pub(super) fn default_strip(sizes: &[Size]) -> usize {
-    let values: f64 = sizes
-        .iter()
-        .map(|size| size.row_len() as f64 * size.height as f64)
-        .sum();
-    let pictures = 2.0;
-    let bytes_per_row = pictures * size_of::<f32>() as f64 * values / sizes[0].height as f64;
-    (MEMORY as f64 / bytes_per_row) as usize / 16 * 16 + 16
+    let values = |size: &Size| (size.row_len() * size.height).div_ceil(sizes[0].height);
+    let widest = sizes.iter().map(values).max().unwrap_or(1);
+    // Of two pictures, and of two layers.
+    let bytes_per_row = 2 * 2 * size_of::<f32>() * widest;
+    (MEMORY / bytes_per_row).max(BATCH).next_multiple_of(BATCH)
 }

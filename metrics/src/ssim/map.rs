@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::filter::{Constants, padded};
+use super::filter::Constants;
 use super::strip::Strip;
 use super::variant::Form;
 use crate::picture::Picture;
@@ -10,6 +10,9 @@ use crate::scorer::Unavailable;
 
 /// Rows of the map that one task computes; each task filters 2 × radius rows more than that.
 const ROWS_PER_TASK: usize = 64;
+/// Values of a row that are computed at a time: the filtered rows under their windows stay in the
+/// second cache.
+const VALUES_AT_A_TIME: usize = 512;
 
 /// Applies `each` to every row of the map (interleaved channels); results in row order.
 pub(super) fn map_rows<T: Send>(
@@ -43,19 +46,23 @@ pub(super) fn map_rows<T: Send>(
     let results: Vec<Vec<T>> = tasks
         .into_par_iter()
         .map(|first| {
-            let end = (first + ROWS_PER_TASK).min(map_height);
-            let mut strip = Strip::new(form, prediction, target, map_width);
-            let mut row = vec![0.0; padded(map_width * form.channels())];
-            for y in 0..2 * form.radius {
-                strip.push(first + y);
-            }
-            (first..end)
-                .map(|y| {
+            let rows = first..(first + ROWS_PER_TASK).min(map_height);
+            let (channels, length) = (form.channels(), map_width * form.channels());
+            let mut map = vec![0.0; rows.len() * length];
+            for left in (0..map_width).step_by(VALUES_AT_A_TIME / channels) {
+                let columns = left..(left + VALUES_AT_A_TIME / channels).min(map_width);
+                let mut strip = Strip::new(form, prediction, target, columns.clone());
+                for y in 0..2 * form.radius {
+                    strip.push(first + y);
+                }
+                for (y, row) in rows.clone().zip(map.chunks_exact_mut(length)) {
                     strip.push(y + 2 * form.radius);
-                    strip.map_row(y, constants, &mut row);
-                    each(y, &row[..map_width * form.channels()])
-                })
-                .collect()
+                    let values = strip.map_row(y, constants);
+                    row[columns.start * channels..columns.end * channels].copy_from_slice(values);
+                }
+            }
+            let rows = rows.zip(map.chunks_exact(length));
+            rows.map(|(y, row)| each(y, row)).collect()
         })
         .collect();
     Ok(results.into_iter().flatten().collect())
@@ -67,7 +74,7 @@ fn data_range(picture: &Picture) -> f64 {
     let mut row = vec![0.0; 3 * width as usize];
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for y in 0..height as usize {
-        picture.row_f64(y, &mut row);
+        picture.row_f64(0, y, &mut row);
         for &value in &row {
             low = low.min(value);
             high = high.max(value);

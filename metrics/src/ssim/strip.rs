@@ -1,19 +1,27 @@
 //! The rows under the window as it walks down the picture.
 
+use std::ops::Range;
+
 use super::filter::{Constants, QUANTITIES, filter_along_x, filter_along_y, padded};
 use super::variant::{Border, Form};
 use crate::picture::Picture;
 
-/// The last 2 × radius + 1 rows, filtered along x, as one task walks down the picture.
+/// The last 2 × radius + 1 rows of some columns, filtered along x, as one task walks down the
+/// picture.
 ///
-/// Rows are counted as of the picture continued by a radius above: row 0 is the first that the
-/// map's first row needs.
+/// Rows and columns are counted as of the picture continued by a radius above and on the left, if
+/// it is continued: row 0 is the first that the map's first row needs.
 pub(super) struct Strip<'a> {
     form: &'a Form,
     pictures: [&'a Picture; 2],
-    width: usize,
     height: usize,
-    /// Length of a filtered row: padded map width × channels.
+    /// The first column under the windows.
+    first: usize,
+    /// Which of the columns under the windows, from that one on, lie inside the picture.
+    inside: Range<usize>,
+    /// Values of a row of the map.
+    values: usize,
+    /// Length of a filtered row: that, padded.
     length: usize,
     /// 2 × radius + 1 slots of `QUANTITIES` rows.
     ring: Vec<f64>,
@@ -21,27 +29,42 @@ pub(super) struct Strip<'a> {
     quantities: [Vec<f64>; QUANTITIES],
     /// A row as it comes from the picture.
     rgb: Vec<f64>,
+    /// A row of the map.
+    row: Vec<f64>,
 }
 
 impl<'a> Strip<'a> {
-    pub(super) fn new(form: &'a Form, a: &'a Picture, b: &'a Picture, map_width: usize) -> Self {
+    /// The windows whose values are the `columns` of the map.
+    pub(super) fn new(
+        form: &'a Form,
+        a: &'a Picture,
+        b: &'a Picture,
+        columns: Range<usize>,
+    ) -> Self {
         let (width, height) = a.dimensions();
         let channels = form.channels();
-        let length = padded(map_width * channels);
+        let values = columns.len() * channels;
+        let length = padded(values);
         let unfiltered = length + 2 * form.radius * channels;
+        let continued = form.margin() + width as usize;
+        let inside = form.margin().saturating_sub(columns.start)
+            ..(columns.end + 2 * form.radius).min(continued) - columns.start;
         Self {
             form,
             pictures: [a, b],
-            width: width as usize,
             height: height as usize,
+            first: columns.start,
+            rgb: vec![0.0; 3 * inside.len()],
+            inside,
+            values,
             length,
             ring: vec![0.0; (2 * form.radius + 1) * QUANTITIES * length],
             quantities: std::array::from_fn(|_| vec![0.0; unfiltered]),
-            rgb: vec![0.0; 3 * width as usize],
+            row: vec![0.0; length],
         }
     }
 
-    fn slot(&self, row: usize) -> std::ops::Range<usize> {
+    fn slot(&self, row: usize) -> Range<usize> {
         let size = QUANTITIES * self.length;
         let slot = row % (2 * self.form.radius + 1);
         slot * size..(slot + 1) * size
@@ -50,10 +73,7 @@ impl<'a> Strip<'a> {
     /// Filters row `row` along x into its slot.
     pub(super) fn push(&mut self, row: usize) {
         let slot = self.slot(row);
-        let margin = match self.form.border {
-            Border::Valid => 0,
-            Border::Zero | Border::Reflect => self.form.radius,
-        };
+        let margin = self.form.margin();
         let source = match (row.checked_sub(margin), self.form.border) {
             (Some(y), _) if y < self.height => y,
             (_, Border::Zero) => {
@@ -64,9 +84,10 @@ impl<'a> Strip<'a> {
             (None, _) => margin - row,
         };
         let channels = self.form.channels();
-        for i in 0..2 {
-            self.pictures[i].row_f64(source, &mut self.rgb);
-            let inner = &mut self.quantities[i][margin * channels..][..self.width * channels];
+        let Range { start, end } = self.inside;
+        for (picture, row) in self.pictures.into_iter().zip(&mut self.quantities) {
+            picture.row_f64(self.first + start - margin, source, &mut self.rgb);
+            let inner = &mut row[start * channels..end * channels];
             if self.form.gray {
                 for (gray, rgb) in inner.iter_mut().zip(self.rgb.chunks_exact(3)) {
                     *gray = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2];
@@ -75,14 +96,13 @@ impl<'a> Strip<'a> {
                 inner.copy_from_slice(&self.rgb);
             }
             if self.form.border == Border::Reflect {
-                for x in 1..=margin {
-                    for c in 0..channels {
-                        let at = |x: usize| x * channels + c;
-                        let row = &mut self.quantities[i];
-                        row[at(margin - x)] = row[at(margin + x)];
-                        let last = margin + self.width - 1;
-                        row[at(last + x)] = row[at(last - x)];
-                    }
+                let all = self.values / channels + 2 * margin;
+                let pixel = |x: usize| x * channels..(x + 1) * channels;
+                for x in 0..start {
+                    row.copy_within(pixel(2 * start - x), x * channels);
+                }
+                for x in end..all {
+                    row.copy_within(pixel(2 * (end - 1) - x), x * channels);
                 }
             }
         }
@@ -102,9 +122,11 @@ impl<'a> Strip<'a> {
     }
 
     /// Filters along y and forms the map's row `y`; rows `y` to `y + 2 radius` have been pushed.
-    pub(super) fn map_row(&self, y: usize, constants: Constants, out: &mut [f64]) {
-        let taps = 2 * self.form.radius + 1;
-        let rows: Vec<&[f64]> = (0..taps).map(|k| &self.ring[self.slot(y + k)]).collect();
-        filter_along_y(&rows, &self.form.half, constants, out);
+    pub(super) fn map_row(&mut self, y: usize, constants: Constants) -> &[f64] {
+        let (taps, size) = (2 * self.form.radius + 1, QUANTITIES * self.length);
+        let slots: Vec<&[f64]> = self.ring.chunks_exact(size).collect();
+        let rows: Vec<&[f64]> = (y..y + taps).map(|row| slots[row % taps]).collect();
+        filter_along_y(&rows, &self.form.half, constants, &mut self.row);
+        &self.row[..self.values]
     }
 }

@@ -87,6 +87,14 @@ impl Form {
         })
     }
 
+    /// Pixels by which the picture is continued on each side.
+    pub(super) fn margin(&self) -> usize {
+        match self.border {
+            Border::Valid => 0,
+            Border::Zero | Border::Reflect => self.radius,
+        }
+    }
+
     /// Distance of the map's origin from the picture's, both axes: a value of the map belongs to
     /// the pixel at its window's centre.
     pub(super) fn origin(&self) -> usize {

@@ -8,7 +8,12 @@ use crate::workspace::Workspace;
 /// needed: borders are padded only where the image ends.
 #[derive(Debug, Clone)]
 pub struct RowWindow<'a> {
-    data: &'a [f32],
+    /// The first of the rows, as many as there are.
+    head: &'a [f32],
+    /// The rows after them.
+    tail: &'a [f32],
+    /// Where `tail` begins.
+    split: usize,
     rows: Range<usize>,
     height: usize,
     width: usize,
@@ -27,18 +32,40 @@ impl<'a> RowWindow<'a> {
         width: usize,
         channels: usize,
     ) -> Self {
+        Self::in_two(&[], data, rows, height, width, channels)
+    }
+
+    /// As [`new`](Self::new), with the rows in two places: all of `head` lie above those of
+    /// `tail`, so that rows kept from before need not be moved beside new ones.
+    ///
+    /// # Panics
+    /// When the two together have another length, `head` holds part of a row, or the rows lie
+    /// outside the image.
+    pub fn in_two(
+        head: &'a [f32],
+        tail: &'a [f32],
+        rows: Range<usize>,
+        height: usize,
+        width: usize,
+        channels: usize,
+    ) -> Self {
         assert!(
             rows.start <= rows.end && rows.end <= height,
             "rows {rows:?} of {height}"
         );
+        let row = width * channels;
         assert_eq!(
-            data.len(),
-            rows.len() * width * channels,
+            head.len() + tail.len(),
+            rows.len() * row,
             "{} rows of {width} x {channels}",
             rows.len()
         );
+        assert!(head.is_empty() || head.len().is_multiple_of(row));
+        let split = rows.start + head.len().checked_div(row).unwrap_or(0);
         Self {
-            data,
+            head,
+            tail,
+            split,
             rows,
             height,
             width,
@@ -81,7 +108,12 @@ impl<'a> RowWindow<'a> {
     pub fn row(&self, y: usize) -> &'a [f32] {
         assert!(self.rows.contains(&y), "row {y} of {:?}", self.rows);
         let len = self.width * self.channels;
-        &self.data[(y - self.rows.start) * len..][..len]
+        let (rows, first) = if y < self.split {
+            (self.head, self.rows.start)
+        } else {
+            (self.tail, self.split)
+        };
+        &rows[(y - first) * len..][..len]
     }
 
     /// Panics unless the window holds `rows`.
