@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
-use image::{Rgb, Rgb32FImage, RgbImage};
+use image::{ImageDecoder, ImageReader, Rgb, Rgb32FImage, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
@@ -75,6 +75,15 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
         source,
     })?;
     Ok(picture)
+}
+
+/// True for a PNG with an alpha channel or transparent palette entries, which [`read`] drops.
+pub fn has_alpha(path: &Path) -> bool {
+    let decoder = || {
+        let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+        reader.into_decoder().ok()
+    };
+    decoder().is_some_and(|decoder| decoder.color_type().has_alpha())
 }
 
 /// Reads a picture and rounds floats to the nearest of 256 levels.

@@ -200,3 +200,31 @@ fn float_pictures_are_read_and_checked() {
         sharp_bench(dir.path(), &args).is_error_with(&[file, reason]);
     }
 }
+
+#[test]
+fn alpha_is_dropped_with_a_warning() {
+    let dir = folder();
+    let opaque = picture(0, 40, 30);
+    let glass = image::RgbaImage::from_fn(40, 30, |x, y| {
+        let [r, g, b] = opaque.get_pixel(x, y).0;
+        image::Rgba([r, g, b, (x * 6) as u8])
+    });
+    glass.save(dir.path().join("glass.png")).unwrap();
+    opaque.save(dir.path().join("opaque.png")).unwrap();
+    let args = [
+        "metrics",
+        "glass.png",
+        "opaque.png",
+        "--metrics",
+        "psnr",
+        "--json",
+    ];
+    let said = sharp_bench(dir.path(), &args).ends_with(0);
+    assert_eq!(said.json()["pairs"][0]["scores"]["psnr"], "inf");
+    assert!(
+        said.err.contains("glass.png: its alpha is dropped"),
+        "{}",
+        said.err
+    );
+    assert!(!said.err.contains("opaque.png"), "{}", said.err);
+}

@@ -97,19 +97,16 @@ impl Evaluation {
                         output::remark(format!("warning: {}", counted_pairs(dataset, counts)));
                     }
                 }
-                let facts = ListFacts::of_built(&built, &methods);
+                let facts = ListFacts::of_built(&built, &methods)?;
                 (PairList::new("pairs.csv", built.pairs.pairs), facts)
             }
             PairOrigin::Given(path) => {
                 let list = PairList::read(path)?;
                 warn_of_other_files(&list, &scenes);
-                let facts = ListFacts::of_given(&list, &methods);
+                let facts = ListFacts::of_given(&list, &methods)?;
                 (list, facts)
             }
         };
-        for warning in &facts.warnings {
-            output::remark(format!("warning: {warning}"));
-        }
         let evaluation = Self {
             datasets,
             scenes,

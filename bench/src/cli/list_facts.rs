@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use anyhow::bail;
 use serde::{Deserialize, Serialize};
 
 use super::pair_recipe::Built;
@@ -20,8 +21,6 @@ pub(super) struct ListFacts {
     pub(super) origin: &'static str,
     /// Every open choice and the depth behind the overlap; empty where nobody knows.
     options: BTreeMap<String, String>,
-    /// For the user and the manifest.
-    pub(super) warnings: Vec<String>,
 }
 
 /// `FILE.json` beside a list `FILE`: the list's columns hold the pairs, this holds the choices behind them.
@@ -74,11 +73,15 @@ impl ListCompanion {
 }
 
 impl ListFacts {
-    pub(super) fn of_built(built: &Built, methods: &[Box<dyn Method>]) -> Self {
+    /// # Errors
+    /// When a method under test chose the pairs.
+    pub(super) fn of_built(built: &Built, methods: &[Box<dyn Method>]) -> anyhow::Result<Self> {
         Self::new("built", options_of(built), methods)
     }
 
-    pub(super) fn of_given(list: &PairList, methods: &[Box<dyn Method>]) -> Self {
+    /// # Errors
+    /// When a method under test chose the pairs.
+    pub(super) fn of_given(list: &PairList, methods: &[Box<dyn Method>]) -> anyhow::Result<Self> {
         let options = ListCompanion::of(list).map(|companion| companion.options);
         Self::new("given", options.unwrap_or_default(), methods)
     }
@@ -87,32 +90,23 @@ impl ListFacts {
         origin: &'static str,
         options: BTreeMap<String, String>,
         methods: &[Box<dyn Method>],
-    ) -> Self {
-        let mut warnings = Vec::new();
-        if let Some(checkpoint) = options.get(CHECKPOINT) {
-            // Pairs must not be chosen by what is judged on them.
-            let same = methods.iter().filter(|m| m.identity().contains(checkpoint));
-            warnings.extend(same.map(|method| {
-                format!(
-                    "the pairs were chosen by the depth of the checkpoint that method '{}' is evaluated with",
-                    method.label()
-                )
-            }));
+    ) -> anyhow::Result<Self> {
+        // Pairs must not be chosen by what is judged on them.
+        if let Some(checkpoint) = options.get(CHECKPOINT)
+            && let Some(method) = methods.iter().find(|m| m.identity().contains(checkpoint))
+        {
+            bail!(
+                "the pairs were chosen by the depth of the checkpoint that method '{}' is evaluated with; choose them by \
+                 other depth, such as --overlap-depth DIR",
+                method.label()
+            );
         }
-        Self {
-            origin,
-            options,
-            warnings,
-        }
+        Ok(Self { origin, options })
     }
 
     /// For [`PairFacts::options`](crate::runs::manifest::PairFacts::options).
     pub(super) fn options(&self) -> BTreeMap<String, String> {
-        let mut options = self.options.clone();
-        if !self.warnings.is_empty() {
-            options.insert("warning".to_owned(), self.warnings.join("; "));
-        }
-        options
+        self.options.clone()
     }
 }
 

@@ -307,11 +307,14 @@ fn extras() -> Vec<Metric> {
             "Depth scale",
             "the factor that median alignment put on the predicted depth",
         ),
-        extra(
-            "dropped_blocks",
-            "Dropped blocks",
-            "blocks of pixels without a valid depth, for which no Gaussian was made",
-        ),
+        Metric {
+            decimals: 0,
+            ..extra(
+                "dropped_blocks",
+                "Dropped blocks",
+                "blocks of pixels without a valid depth, for which no Gaussian was made",
+            )
+        },
         extra(
             "scored_share",
             "Scored share",

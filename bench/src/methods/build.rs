@@ -112,10 +112,7 @@ fn build_one(
         "mean" => Box::new(Mean { label }),
         "depth-splat" => Box::new(DepthSplat::from_spec(spec)?),
         "sharp" => Box::new(Sharp::from_spec(spec)?),
-        "gaussians" => Box::new(GaussianFiles {
-            label,
-            dir: spec.folder()?,
-        }),
+        "gaussians" => Box::new(GaussianFiles::new(label, spec.folder()?)),
         "command" => Box::new(Command::from_spec(spec)?),
         _ if spec.options.contains_key("scales") => {
             let Some(chooser) = chooser else {

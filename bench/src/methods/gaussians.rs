@@ -1,6 +1,9 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use sharp::gaussians::Gaussians;
 
 use super::method::{Method, MethodError, PairInput, Prediction};
 use super::splat::render;
@@ -13,15 +16,38 @@ use crate::scene_file;
 /// render them.
 ///
 /// Extras: `mean_alpha`, `hole_share`.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct GaussianFiles {
-    /// The instance's label.
-    pub label: String,
-    /// The folder.
-    pub dir: PathBuf,
+    label: String,
+    dir: PathBuf,
+    /// The Gaussians of the source last asked for: pairs come source by source.
+    last: Mutex<Option<(PathBuf, Arc<Gaussians>)>>,
 }
 
 impl GaussianFiles {
+    /// The files of a folder, under a label.
+    pub fn new(label: String, dir: PathBuf) -> Self {
+        Self {
+            label,
+            dir,
+            last: Mutex::new(None),
+        }
+    }
+
+    fn read(&self, path: &Path) -> Result<Arc<Gaussians>, MethodError> {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, gaussians)) = last.as_ref()
+            && known == path
+        {
+            return Ok(Arc::clone(gaussians));
+        }
+        let scene =
+            scene_file::read(path).map_err(|error| MethodError::Model(error.to_string()))?;
+        let gaussians = Arc::new(scene.gaussians);
+        *last = Some((path.to_owned(), Arc::clone(&gaussians)));
+        Ok(gaussians)
+    }
+
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
         // Ids encode underscores that would form a second separator.
         let source = pair_id.split("__").next().unwrap_or(pair_id);
@@ -51,12 +77,7 @@ impl Method for GaussianFiles {
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
         let path = self.find(pair.pair_id)?;
-        let scene =
-            scene_file::read(&path).map_err(|error| MethodError::Model(error.to_string()))?;
-        render(
-            &scene.gaussians,
-            pair.target_from_source().to_affine(),
-            pair,
-        )
+        let gaussians = self.read(&path)?;
+        render(&gaussians, pair.target_from_source().to_affine(), pair)
     }
 }

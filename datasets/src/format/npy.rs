@@ -256,7 +256,7 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
 }
 
-/// What [`write`] writes.
+/// What [`write()`] writes.
 pub fn to_bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = header("<f4", map).into_bytes();
     bytes.splice(0..0, preamble(bytes.len()));

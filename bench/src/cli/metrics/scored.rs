@@ -39,6 +39,14 @@ pub(super) fn score(
     );
     let mut prediction = pictures::read(&input.prediction)?;
     let target = pictures::read(&input.target)?;
+    for path in [&input.prediction, &input.target] {
+        if pictures::has_alpha(path) {
+            output::remark(format!(
+                "warning: {}: its alpha is dropped, not composited",
+                path.display()
+            ));
+        }
+    }
     let resized_from = match args.resize_prediction {
         Some(kernel) if prediction.dimensions() != target.dimensions() => {
             let (from, (width, height)) = (prediction.dimensions(), target.dimensions());
