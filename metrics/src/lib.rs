@@ -10,7 +10,7 @@
 //! * [`facts`]: what decides a number besides its key: ranges, resizing, precision, weights.
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
-//! * [`resize`]: the resizing functions of torch, PIL and OpenCV, by name.
+//! * [`mod@resize`]: the resizing functions of torch, PIL and OpenCV, by name.
 //! * [`scorer`]: all selected metrics of a pair.
 //! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
 //! * [`device`]: where the networks of the last two are computed.

@@ -1,7 +1,7 @@
 //! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
 //!
-//! * [`protocol`]: what is said.
-//! * [`process`]: the process: lines with a deadline, its standard error in a log, its end.
+//! * `protocol`: what is said.
+//! * `process`: the process: lines with a deadline, its standard error in a log, its end.
 
 mod process;
 mod protocol;
