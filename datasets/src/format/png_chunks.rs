@@ -2,10 +2,11 @@
 
 use flate2::Crc;
 
-/// Checks every chunk's checksum up to the end chunk; what follows that does not matter.
+/// Checks every chunk's checksum up to the end chunk; what follows that does not matter. Checks the palette's length
+/// too.
 ///
 /// # Errors
-/// The reason, when the file ends early or a checksum is wrong.
+/// The reason, when the file ends early, a checksum is wrong, or the palette is none.
 pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     const SIGNATURE_LENGTH: usize = 8;
     let mut rest = bytes.get(SIGNATURE_LENGTH..).unwrap_or_default();
@@ -21,6 +22,12 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
         if crc.sum() != u32::from_be_bytes(*stored) {
             return Err(format!(
                 "the checksum (CRC) of its {name} chunk is wrong: the file is damaged"
+            ));
+        }
+        // A palette is triples; the decoder takes that for granted.
+        if name == "PLTE" && (length % 3 != 0 || !(3..=768).contains(&length)) {
+            return Err(format!(
+                "its palette has {length} bytes, which is no list of colours"
             ));
         }
         if name == "IEND" {

@@ -166,6 +166,7 @@ fn decode(bytes: &[u8], max_pixels: u64) -> Result<DynamicImage, String> {
             "not an image that can be read: {what}; photographs are sRGB-encoded PNG or JPEG"
         ));
     }
+    check_palette(bytes)?;
     let not_an_image = |e: image::ImageError| format!("not an image that can be read: {e}");
     let mut reader = ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
@@ -185,6 +186,27 @@ fn decode(bytes: &[u8], max_pixels: u64) -> Result<DynamicImage, String> {
         ));
     }
     DynamicImage::from_decoder(decoder).map_err(not_an_image)
+}
+
+/// Refuses a PNG whose palette is no list of colours: the decoder takes that for granted and would panic.
+fn check_palette(bytes: &[u8]) -> Result<(), String> {
+    let Some(mut rest) = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n") else {
+        return Ok(());
+    };
+    while let Some((length, chunk)) = rest.split_first_chunk::<4>() {
+        let length = u32::from_be_bytes(*length) as usize;
+        if chunk.starts_with(b"PLTE") && (length % 3 != 0 || !(3..=768).contains(&length)) {
+            return Err(format!(
+                "not an image that can be read: its palette has {length} bytes, which is no list of colours"
+            ));
+        }
+        // Name, data, checksum.
+        match length.checked_add(8).and_then(|whole| chunk.get(whole..)) {
+            Some(after) => rest = after,
+            None => break,
+        }
+    }
+    Ok(())
 }
 
 /// Turns the image as its file asks; mirrored orientations are left alone, as in the release.

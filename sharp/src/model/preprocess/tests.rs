@@ -242,3 +242,13 @@ fn jpegs_are_read() {
         assert!((photo.values[c * 256] * 255.0 - expected).abs() < 3.0);
     }
 }
+
+#[test]
+fn a_palette_of_a_broken_length_is_refused_before_it_is_decoded() {
+    let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x04PLTEabcd\0\0\0\0".to_vec();
+    assert!(check_palette(&png).unwrap_err().contains("4 bytes"));
+    png[11] = 3;
+    assert_eq!(check_palette(&png), Ok(()));
+    png[8] = 0xff;
+    assert_eq!(check_palette(&png[..20]), Err("not an image that can be read: its palette has 4278190083 bytes, which is no list of colours".to_owned()));
+}
