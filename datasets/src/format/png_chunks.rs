@@ -25,7 +25,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
             ));
         }
         // A palette is triples; the decoder takes that for granted.
-        if name == "PLTE" && (length % 3 != 0 || !(3..=768).contains(&length)) {
+        if name == "PLTE" && (!length.is_multiple_of(3) || !(3..=768).contains(&length)) {
             return Err(format!(
                 "its palette has {length} bytes, which is no list of colours"
             ));

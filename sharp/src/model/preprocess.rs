@@ -195,7 +195,8 @@ fn check_palette(bytes: &[u8]) -> Result<(), String> {
     };
     while let Some((length, chunk)) = rest.split_first_chunk::<4>() {
         let length = u32::from_be_bytes(*length) as usize;
-        if chunk.starts_with(b"PLTE") && (length % 3 != 0 || !(3..=768).contains(&length)) {
+        if chunk.starts_with(b"PLTE") && (!length.is_multiple_of(3) || !(3..=768).contains(&length))
+        {
             return Err(format!(
                 "not an image that can be read: its palette has {length} bytes, which is no list of colours"
             ));
