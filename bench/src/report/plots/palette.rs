@@ -90,17 +90,20 @@ pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: St
         }
         let mut at = 0.0;
         while at < length {
-            let end = (at + left).min(length);
-            if drawing {
+            let whole = at + left;
+            let end = whole.min(length);
+            if drawing && end > at {
                 let point = |t: f64| (x0 + (x1 - x0) * t / length, y0 + (y1 - y0) * t / length);
                 surface.line(&[point(at), point(end)], width, style.ink);
             }
-            left -= end - at;
-            at = end;
-            if left <= 0.0 {
+            // Decided by the dash's end and not by what is left of it: a rest too small to move `at` would never end.
+            if whole > length {
+                left = whole - length;
+            } else {
                 drawing = !drawing;
                 left = if drawing { on } else { off };
             }
+            at = end;
         }
     }
 }
@@ -108,6 +111,64 @@ pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: St
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Counts what is drawn.
+    #[derive(Default)]
+    struct Lengths {
+        pieces: usize,
+        drawn: f64,
+    }
+
+    impl Surface for Lengths {
+        fn line(&mut self, points: &[Point], _width: f64, _ink: Ink) {
+            let ends = points.windows(2);
+            self.pieces += 1;
+            self.drawn += ends
+                .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
+                .sum::<f64>();
+        }
+
+        fn polygon(&mut self, _points: &[Point], _ink: Ink) {}
+
+        fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
+    }
+
+    /// Lines of every length and direction: dashes of one pattern along all of it, and an end.
+    #[test]
+    fn dashes_end_and_cover_their_share() {
+        let dashed = (0..90).map(style).filter(|style| style.dash.is_some());
+        for style in dashed.take(24) {
+            let (on, off) = style.dash.unwrap();
+            for i in 0..500 {
+                let step = |k: i32| {
+                    (
+                        7.3 * f64::from(k) + 0.37 * f64::from(i),
+                        (0.1 * f64::from(i * k)).sin() * 31.7,
+                    )
+                };
+                let points: Vec<Point> = (0..4).map(step).collect();
+                let all: f64 = points
+                    .windows(2)
+                    .map(|p| (p[1].0 - p[0].0).hypot(p[1].1 - p[0].1))
+                    .sum();
+                let mut lengths = Lengths::default();
+                stroke(&mut lengths, &points, 1.0, style);
+                // Whole periods, and what is left of the last one.
+                let periods = (all / (on + off)).floor();
+                let expected = periods * on + (all - periods * (on + off)).min(on);
+                assert!(
+                    (lengths.drawn - expected).abs() < 1e-6,
+                    "{i}: {} {expected}",
+                    lengths.drawn
+                );
+                assert!(
+                    lengths.pieces as f64 <= periods + 1.0 + 3.0,
+                    "{i}: {}",
+                    lengths.pieces
+                );
+            }
+        }
+    }
 
     #[test]
     fn ninety_methods_differ_in_colour_or_marker_or_line() {
