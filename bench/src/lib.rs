@@ -3,6 +3,7 @@
 //! Data flows one way; each module uses only those above it.
 //!
 //! * [`durable`]: files that are whole or absent, and their hashes.
+//! * `view_hashes`: what a view is made of, as a hash.
 //! * `counted`: numbers with their nouns.
 //! * [`record`]: one scored (or failed) prediction, the unit that runs store and reports read.
 //! * [`pictures`], [`picture_pairs`], [`render_file`], [`scene_file`], [`model_files`]: pictures, renderings, scenes and
@@ -42,3 +43,4 @@ pub mod report;
 pub mod runs;
 pub mod scene_file;
 pub mod score_maps;
+mod view_hashes;

@@ -8,6 +8,7 @@ use image::RgbImage;
 use crate::depth::DepthSource;
 use crate::format::picture;
 use crate::mask::{Mask, check_size};
+use crate::needed::Role;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
@@ -55,11 +56,13 @@ impl ViewContent for FileContent {
         Some(&self.image)
     }
 
-    fn files(&self) -> Vec<PathBuf> {
-        let mut files = vec![self.image.clone()];
-        files.extend(self.mask.iter().map(|mask| mask.file.clone()));
-        files.extend(self.depth.iter().flat_map(|depth| depth.files()));
-        files.extend(self.cameras.iter().cloned());
+    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+        let mask = self.mask.iter().map(|mask| mask.file.clone());
+        let depth = self.depth.iter().flat_map(|depth| depth.files());
+        let mut files = vec![(Role::Picture, self.image.clone())];
+        files.extend(self.cameras.iter().map(|file| (Role::Camera, file.clone())));
+        files.extend(mask.map(|file| (Role::Mask, file)));
+        files.extend(depth.map(|file| (Role::Depth, file)));
         files.sort();
         files.dedup();
         files

@@ -20,19 +20,19 @@ use crate::{DatasetError, Pairing, Scene};
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
     name: "eth3d",
-    summary: "ETH3D high-resolution multi-view: <scene>/images/dslr_images_undistorted, \
-              dslr_calibration_undistorted, ground_truth_depth",
+    summary: "ETH3D high-resolution multi-view: <scene>/images/dslr_images, dslr_calibration_jpg, \
+              ground_truth_depth",
     settings: &[Setting::choice(
         "images",
         "which photographs",
         &[
             Choice::new(
-                "undistorted",
-                "as published: 6198x4129 to 6214x4138, a size a camera",
-            ),
-            Choice::new(
                 "distorted",
-                "as taken, 6048x4032 (the size the paper names), undistorted by us",
+                "as taken, 6048x4032 as the paper states, undistorted by us at that size",
+            ),
+            Choice::proxy(
+                "undistorted",
+                "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
             ),
         ],
     )],
@@ -53,9 +53,10 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
             path: spec.path.clone(),
             format: FORMAT.name,
             expected: if distorted {
-                "<scene>/dslr_calibration_jpg and <scene>/images"
+                "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
+                 without distortion say images=undistorted"
             } else {
-                "<scene>/dslr_calibration_undistorted and <scene>/images"
+                "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted"
             },
         });
     }
@@ -147,9 +148,14 @@ fn read_scene(
     posed::finish(&mut views);
     notes.extend(skipped.notes(&model_folder));
     if views.is_empty() {
+        let other = if distorted {
+            "; images=undistorted reads those published without distortion"
+        } else {
+            ""
+        };
         return Err(DatasetError::malformed(
             model_folder,
-            format!("no usable picture; {}", notes.join("; ")),
+            format!("no usable picture; {}{other}", notes.join("; ")),
         ));
     }
     Ok(Scene {

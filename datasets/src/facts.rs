@@ -97,10 +97,10 @@ const FACTS: [Facts; 10] = [
         title: "ETH3D high-resolution multi-view, training set",
         page: "https://www.eth3d.net/datasets",
         terms: "CC BY-NC-SA 4.0",
-        download: "<scene>_dslr_undistorted.7z, _dslr_jpg.7z and _dslr_depth.7z of 13 scenes",
+        download: "<scene>_dslr_jpg.7z and _dslr_depth.7z of 13 scenes; _dslr_undistorted.7z for images=undistorted",
         size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
-        layout: "<scene>/{images/dslr_images_undistorted, dslr_calibration_undistorted, \
-                 dslr_calibration_jpg, ground_truth_depth/dslr_images}",
+        layout: "<scene>/{images/dslr_images, dslr_calibration_jpg, ground_truth_depth/dslr_images}; \
+                 or images/dslr_images_undistorted and dslr_calibration_undistorted beside them",
         table_column: "ETH3D",
         caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
     },

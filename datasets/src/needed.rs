@@ -1,7 +1,11 @@
 //! The files that belong to a photograph, by a dataset's layout alone: what has to be downloaded
 //! before a list of pairs can be evaluated.
 
+use std::path::Path;
+
 use serde::Serialize;
+
+use crate::View;
 
 /// What a file is needed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -46,7 +50,9 @@ impl NeededFile {
 }
 
 /// The photograph of a scene and what a dataset keeps beside it, in order of [`Role`]; of a stereo
-/// pair only the source's depth (the left one's). For formats whose files are named in other files (`transforms.json`) those are known only once they are there.
+/// pair only the source's depth (the left one's). Where files are named in other files
+/// (`transforms.json`), or are looked for by their stem, they are known only once those are there:
+/// see [`files_of`].
 pub fn files_for(format: &str, scene: &str, picture: &str) -> Vec<NeededFile> {
     let mut files = vec![NeededFile::new(Role::Picture, picture)];
     let (folder, name) = picture.rsplit_once('/').unwrap_or(("", picture));
@@ -143,6 +149,20 @@ pub fn files_for(format: &str, scene: &str, picture: &str) -> Vec<NeededFile> {
     files
 }
 
+/// The files of a view that is there, as its reader found them, relative to the dataset's folder.
+/// For a folder that is not the view's, whole paths.
+pub fn files_of(view: &View, folder: &Path) -> Vec<NeededFile> {
+    let relative = |file: &Path| {
+        let inside = file.strip_prefix(folder).unwrap_or(file);
+        let levels: Vec<_> = inside.iter().map(|level| level.to_string_lossy()).collect();
+        levels.join("/")
+    };
+    let files = view.content.files_by_role().into_iter();
+    files
+        .map(|(role, file)| NeededFile::new(role, relative(&file)))
+        .collect()
+}
+
 /// The archives of a dataset's official page that hold a scene; empty where that is not known.
 pub fn archives_for(format: &str, scene: &str, picture: &str) -> Vec<String> {
     let last = scene.rsplit('/').next().unwrap_or(scene);
@@ -163,9 +183,15 @@ pub fn archives_for(format: &str, scene: &str, picture: &str) -> Vec<String> {
         "scannetpp" => vec![format!("scene {last}")],
         "wildrgbd" => vec![format!("category {first}")],
         "tanks-and-temples" => vec![format!("{last}.zip and its evaluation data")],
-        "eth3d" => ["dslr_undistorted", "dslr_jpg", "dslr_depth"]
-            .map(|part| format!("{last}_{part}.7z"))
-            .into(),
+        "eth3d" => {
+            // Depth lies in the geometry of the distorted pictures.
+            let mut parts = vec!["dslr_jpg", "dslr_depth"];
+            if picture.contains("/dslr_images_undistorted/") {
+                parts.push("dslr_undistorted");
+            }
+            let name = |part| format!("{last}_{part}.7z");
+            parts.into_iter().map(name).collect()
+        }
         _ => Vec::new(),
     }
 }
@@ -244,7 +270,12 @@ mod tests {
             ["MiddEval3-data-H.zip", "MiddEval3-GT0-H.zip"]
         );
         assert_eq!(of("wildrgbd", "cup/scenes/scene_1"), ["category cup"]);
-        assert_eq!(of("eth3d", "yard").len(), 3);
+        assert_eq!(
+            of("eth3d", "yard"),
+            ["yard_dslr_jpg.7z", "yard_dslr_depth.7z"]
+        );
+        let undistorted = "yard/images/dslr_images_undistorted/D.JPG";
+        assert_eq!(archives_for("eth3d", "yard", undistorted).len(), 3);
         assert!(of("nerfstudio", "x").is_empty());
     }
 }

@@ -7,6 +7,7 @@ use image::{ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::DatasetError;
+use crate::needed::Role;
 
 /// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
 /// finite and positive.
@@ -29,9 +30,17 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// The file that the photograph comes from; `None` for a procedural one.
     fn image_file(&self) -> Option<&Path>;
 
-    /// Every file that the view is made of (photograph, depth, camera), for hashing and for lists
-    /// of needed files. Empty for a procedural view.
-    fn files(&self) -> Vec<PathBuf>;
+    /// Every file that the view is made of and what it is for, sorted; a file that serves twice is
+    /// listed twice. Empty for a procedural view.
+    fn files_by_role(&self) -> Vec<(Role, PathBuf)>;
+
+    /// [`ViewContent::files_by_role`] without the roles, each file once, sorted.
+    fn files(&self) -> Vec<PathBuf> {
+        let mut files: Vec<PathBuf> = self.files_by_role().into_iter().map(|f| f.1).collect();
+        files.sort();
+        files.dedup();
+        files
+    }
 
     /// Hash of the photograph: sha256 of the file's bytes, or of the RGB bytes of a procedural
     /// view, as 64 lower-case hexadecimal digits.

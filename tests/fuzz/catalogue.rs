@@ -29,6 +29,8 @@ pub(crate) const FILES: &[(&str, &[u8])] = files![
     "eth3d/yard/dslr_calibration_undistorted/images.txt",
     "eth3d/yard/ground_truth_depth/dslr_images/0.JPG",
     "eth3d/yard/ground_truth_depth/dslr_images/1.JPG",
+    "eth3d/yard/images/dslr_images/0.JPG",
+    "eth3d/yard/images/dslr_images/1.JPG",
     "eth3d/yard/images/dslr_images_undistorted/0.JPG",
     "eth3d/yard/images/dslr_images_undistorted/1.JPG",
     "middlebury/A/calib.txt",
@@ -114,7 +116,15 @@ pub(crate) fn catalogue(bytes: &[u8]) {
 
 /// Everything that a view has; no file outside of the dataset's folder.
 fn read(format: &str, root: &Path) {
-    let spec = DatasetSpec::parse(&format!("{format}={}", root.display())).expect("a dataset");
+    let plain = format!("{format}={}", root.display());
+    read_as(&plain, root);
+    if format == "eth3d" {
+        read_as(&format!("{plain},images=undistorted"), root);
+    }
+}
+
+fn read_as(spec: &str, root: &Path) {
+    let spec = DatasetSpec::parse(spec).expect("a dataset");
     for scene in open(&spec).unwrap_or_default() {
         for view in scene.views.iter().take(4) {
             for file in view.content.files() {

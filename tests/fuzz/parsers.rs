@@ -5,6 +5,7 @@ mod catalogue;
 
 use std::path::Path;
 
+use sharp_bench::exchange::camera_file::CameraFile;
 use sharp_bench::protocol::PairList;
 use sharp_checkpoint::Checkpoint;
 use sharp_datasets::format;
@@ -104,6 +105,11 @@ pub(crate) const PARSERS: &[Parser] = &[
     Parser {
         name: "pair_list",
         run: pair_list,
+        seeds: &[],
+    },
+    Parser {
+        name: "camera_file",
+        run: camera_file,
         seeds: &[],
     },
 ];
@@ -206,6 +212,17 @@ fn pair_list(bytes: &[u8]) {
         // What was read can be written and read again.
         let again = PairList::parse(Path::new("pairs.csv"), list.to_csv().as_bytes());
         assert_eq!(again.expect("its own form").pairs, list.pairs);
+    }
+}
+
+fn camera_file(bytes: &[u8]) {
+    if let Ok((intrinsics, camera_from_world)) = CameraFile::parse(&String::from_utf8_lossy(bytes))
+    {
+        let numbers = camera_from_world.to_cols_array();
+        assert!(numbers.iter().all(|number| number.is_finite()));
+        let centre = glam::DVec2::new(0.5, 0.5);
+        let point = camera_from_world.transform_point3(intrinsics.unproject(centre, 1.0));
+        let _ = intrinsics.project(point);
     }
 }
 

@@ -48,7 +48,7 @@ fn a_sound_dataset_passes_its_check() {
         (scene["views"].as_u64(), scene["decoded"].as_u64()),
         (Some(12), Some(10))
     );
-    assert!(scene["consistency"]["as_read"].as_f64().unwrap() > 0.7);
+    assert!(scene["consistency"]["as_read"]["depth"].as_f64().unwrap() > 0.7);
     assert_eq!(json["problems"], 0);
 }
 
@@ -92,7 +92,8 @@ fn everything_broken_is_named_in_one_go() {
     sharp_bench(dir.path(), &["datasets", "check", "eth3d=set"]).is_error_with(&[
         "set",
         "no eth3d scene found",
-        "dslr_calibration_undistorted",
+        "dslr_calibration_jpg",
+        "images=undistorted",
     ]);
 }
 
@@ -280,6 +281,78 @@ fn a_pair_list_needs_exactly_these_files() {
     let said = needed(&["--dataset", "M:middlebury=set"]).ends_with(4);
     assert_eq!(said.json()["missing"], 1);
     needed(&["--dataset", "eth3d=set"]).is_error_with(&["eth3d", "but M"]);
+}
+
+#[test]
+fn own_pictures_need_what_their_camera_file_names() {
+    let dir = tempfile::tempdir().unwrap();
+    own_pictures(&dir.path().join("own"), [1.0, -1.0, -1.0]);
+    let pairs = [
+        "pairs",
+        "--dataset",
+        "nerfstudio=own,depth-unit=1",
+        "--pair-options",
+        "threshold=0",
+        "--out",
+        "pairs.csv",
+    ];
+    sharp_bench(dir.path(), &pairs).ends_with(0);
+    let needed = |dataset: &str| {
+        let args = [
+            "datasets",
+            "list",
+            "--needed-for",
+            "pairs.csv",
+            "--json",
+            "--dataset",
+            dataset,
+        ];
+        sharp_bench(dir.path(), &args)
+    };
+    let json = needed("nerfstudio=own").ends_with(0).json();
+    let files = json["datasets"][0]["files"].as_array().unwrap();
+    let named = |role: &str| -> Vec<&str> {
+        let of_role = files.iter().filter(|file| file["role"] == role);
+        of_role.map(|file| file["path"].as_str().unwrap()).collect()
+    };
+    assert_eq!(named("picture"), ["0.png", "1.png", "2.png", "3.png"]);
+    assert_eq!(named("camera"), ["transforms.json"]);
+    assert_eq!(named("depth"), ["0.npy", "1.npy", "2.npy", "3.npy"]);
+    // The file itself may be the dataset.
+    let same = needed("nerfstudio=own/transforms.json").ends_with(0).json();
+    assert_eq!(same["datasets"], json["datasets"]);
+    // Without the cameras, what the layout tells.
+    std::fs::remove_file(dir.path().join("own/transforms.json")).unwrap();
+    let json = needed("nerfstudio=own").ends_with(4).json();
+    assert_eq!(json["missing"], 1);
+}
+
+#[test]
+fn an_export_under_another_reading_is_made_anew() {
+    let dir = tempfile::tempdir().unwrap();
+    own_pictures(&dir.path().join("own"), [1.0, -1.0, -1.0]);
+    let with = |command: &[&str], unit: &str| {
+        let dataset = format!("nerfstudio=own,depth-unit={unit}");
+        let args = [command, &["--dataset", &dataset, "--json"]].concat();
+        sharp_bench(dir.path(), &args).ends_with(0).json()
+    };
+    let options = ["--pair-options", "threshold=0", "--out", "p.csv"];
+    with(&[&["pairs"], &options[..]].concat(), "1");
+    let export = |unit: &str| {
+        let command = ["pairs", "export", "--pairs", "p.csv", "--with", "depth"];
+        with(&[&command[..], &["--out", "e"]].concat(), unit)
+    };
+    let all = export("1")["written"].clone();
+    assert!(all.as_u64().unwrap() > 0);
+    assert_eq!(export("1")["kept"], all);
+    let list = std::fs::read_to_string(dir.path().join("p.csv")).unwrap();
+    let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
+    let depth = || npy::read(&dir.path().join("e").join(id).join("source_depth.npy")).unwrap();
+    let before = depth();
+    assert_eq!(export("2")["written"], all);
+    for (one, two) in before.iter().zip(depth().iter()) {
+        assert_eq!(2.0 * one, *two);
+    }
 }
 
 #[test]

@@ -2,6 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use sharp_bench::exchange::camera_file::CameraFile;
+use sharp_datasets::DatasetSpec;
+
 use crate::support::{Said, read, sharp_bench};
 
 const SYNTHETIC: &str = "S:synthetic=size=96x72,views=12";
@@ -249,23 +252,17 @@ fn views_are_exported_with_their_cameras() {
     let json = sharp_bench(dir.path(), &args).ends_with(0).json();
     assert_eq!((&json["views"], &json["written"]), (&12.into(), &12.into()));
     assert_eq!(sharp_bench(dir.path(), &args).json()["kept"], 12);
-    let camera = find_json(&dir.path().join("v/S"));
-    for key in ["width", "height", "K", "camera_from_world", "conventions"] {
-        assert!(!camera[key].is_null(), "{key}");
+    let scene = DatasetSpec::parse(SYNTHETIC).unwrap();
+    let scene = sharp_datasets::open(&scene).unwrap().remove(0);
+    for view in &scene.views {
+        let path = find(&dir.path().join("v/S"), &format!("{}.json", view.id));
+        let camera: serde_json::Value = serde_json::from_str(&read(&path)).unwrap();
+        assert!(!camera["conventions"].is_null());
+        // What `render --camera` reads.
+        let (intrinsics, camera_from_world) = CameraFile::read(&path).unwrap();
+        assert_eq!(intrinsics, view.intrinsics);
+        assert_eq!(camera_from_world, view.camera_from_world.to_affine());
     }
-}
-
-fn find_json(folder: &Path) -> serde_json::Value {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            return find_json(&path);
-        }
-        if path.extension().is_some_and(|e| e == "json") {
-            return serde_json::from_str(&read(path)).unwrap();
-        }
-    }
-    panic!("no JSON");
 }
 
 #[test]

@@ -8,22 +8,25 @@ use std::path::{Path, PathBuf};
 
 use sharp_datasets::{DatasetSpec, Scene, open};
 
-const FORMATS: [&str; 9] = [
+/// With the settings under which other files of a layout are read.
+const FORMATS: [&str; 10] = [
     "middlebury",
     "booster",
     "scannetpp",
     "wildrgbd",
     "tanks-and-temples",
     "eth3d",
+    "eth3d,images=undistorted",
     "nerfstudio",
     "colmap",
     "stereo",
 ];
 
 fn source(format: &str) -> PathBuf {
+    let layout = format.split(',').next().unwrap();
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("fuzz/datasets")
-        .join(format)
+        .join(layout)
 }
 
 /// Everything below a folder with its bytes, folders without; sorted.
@@ -57,7 +60,8 @@ fn copy(format: &str, to: &Path) {
 }
 
 fn read(format: &str, folder: &Path) -> Result<Vec<Scene>, sharp_datasets::DatasetError> {
-    open(&DatasetSpec::parse(&format!("{format}={}", folder.display())).unwrap())
+    let (layout, settings) = format.split_at(format.find(',').unwrap_or(format.len()));
+    open(&DatasetSpec::parse(&format!("{layout}={}{settings}", folder.display())).unwrap())
 }
 
 /// Decodes everything; the number of views and of depth maps.
@@ -168,6 +172,12 @@ fn no_name_in_a_file_leaves_a_dataset() {
         ),
         (
             "eth3d",
+            "yard/dslr_calibration_jpg/images.txt",
+            "dslr_images/0",
+            "../../../0",
+        ),
+        (
+            "eth3d,images=undistorted",
             "yard/dslr_calibration_undistorted/images.txt",
             "dslr_images_undistorted/0",
             "../../../0",

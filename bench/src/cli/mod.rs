@@ -2,7 +2,6 @@
 
 mod analyze;
 mod backend_args;
-mod camera_file;
 mod cameras;
 mod completions;
 mod data_args;

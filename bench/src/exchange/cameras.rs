@@ -11,9 +11,10 @@ use sharp_datasets::{Scene, View};
 use super::ExportError;
 use super::description::{conventions, row_major};
 use super::file::{Hashes, Stamp, write, write_json};
-use super::pairs::{Exported, png, view_key};
+use super::pairs::{Exported, png};
 use crate::durable::sha256_hex;
 use crate::protocol::pair_id::{scene_path, view_name};
+use crate::view_hashes::ViewHashes;
 
 /// A view's camera; the names of its numbers are those of `render --camera`.
 #[derive(Serialize)]
@@ -44,10 +45,11 @@ pub fn export(
         .iter()
         .flat_map(|scene| scene.views.iter().map(move |view| (scene, view)))
         .collect();
+    let hashes = ViewHashes::default();
     let written: Result<Vec<bool>, ExportError> = views
         .into_par_iter()
         .map(|(scene, view)| {
-            let written = export_view(scene, view, out)?;
+            let written = export_view(scene, view, out, &hashes)?;
             advance();
             Ok(written)
         })
@@ -61,11 +63,16 @@ pub fn export(
 }
 
 /// True if it was written, false if it was there.
-fn export_view(scene: &Scene, view: &View, out: &Path) -> Result<bool, ExportError> {
+fn export_view(
+    scene: &Scene,
+    view: &View,
+    out: &Path,
+    hashes: &ViewHashes,
+) -> Result<bool, ExportError> {
     let folder = out.join(scene_path(&scene.dataset, &scene.id));
     let name = view_name(&view.id);
     let description = format!("{name}.json");
-    let key = sha256_hex(format!("view {} {}", view.id, view_key(view)?).as_bytes());
+    let key = sha256_hex(format!("view {} {}", view.id, hashes.view(view)?).as_bytes());
     if Stamp::is_done(&folder, &description, &key) {
         return Ok(false);
     }

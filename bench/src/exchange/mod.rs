@@ -1,10 +1,12 @@
-//! What a foreign method is given: pictures and cameras in files, with their conventions spelled out.
+//! Pictures and cameras in files, with their conventions spelled out: what a foreign method is given.
 //!
 //! * [`description`]: one pair in JSON, `pair.json`.
 //! * [`pairs`]: the pairs of a list, a folder each.
 //! * [`cameras`]: every view of some scenes, for those who make depth maps or reconstructions.
+//! * [`camera_file`]: one camera in JSON.
 //! * `file`: files that are written once.
 
+pub mod camera_file;
 pub mod cameras;
 pub mod description;
 mod file;

@@ -3,6 +3,7 @@
 //! `pair.json` is written last and holds the sha256 of its files and of what they were made from: an export that was
 //! stopped goes on where it was, one whose dataset changed is made anew.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -13,17 +14,20 @@ use sharp_datasets::{Scene, View};
 use super::ExportError;
 use super::description::{FORMAT, PairDescription};
 use super::file::{Hashes, Stamp, write, write_json};
-use crate::durable::{file_sha256, sha256_hex};
+use crate::durable::sha256_hex;
 use crate::protocol::pair_list::ResolvedPair;
 use crate::render_file::encode_png;
+use crate::view_hashes::ViewHashes;
 
-/// What is written besides the source's picture and the cameras.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// What is written besides the source's picture and the cameras, and how the datasets were read.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ExportOptions {
     /// `target.png`: the ground truth.
     pub target: bool,
     /// `source_depth.npy` and `target_depth.npy`, float32 metres.
     pub depth: bool,
+    /// By dataset: the settings in force, which decide what depth means. An export under other settings is made anew.
+    pub readings: BTreeMap<String, String>,
 }
 
 /// What became of an export.
@@ -51,16 +55,17 @@ struct PairFile<'a> {
 pub fn export(
     pairs: &[ResolvedPair],
     out: &Path,
-    options: ExportOptions,
+    options: &ExportOptions,
     advance: &(dyn Fn() + Sync),
 ) -> Result<Exported, ExportError> {
+    let hashes = ViewHashes::default();
     let same_source = |a: &ResolvedPair, b: &ResolvedPair| {
         std::ptr::eq(a.scene, b.scene) && a.source.id == b.source.id
     };
     let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
     let counts: Result<Vec<Exported>, ExportError> = groups
         .into_par_iter()
-        .map(|group| export_group(group, out, options, advance))
+        .map(|group| export_group(group, out, options, &hashes, advance))
         .collect();
     Ok(counts?
         .into_iter()
@@ -74,14 +79,15 @@ pub fn export(
 fn export_group(
     group: &[ResolvedPair],
     out: &Path,
-    options: ExportOptions,
+    options: &ExportOptions,
+    hashes: &ViewHashes,
     advance: &(dyn Fn() + Sync),
 ) -> Result<Exported, ExportError> {
     let mut exported = Exported::default();
     let (mut picture, mut depth) = (None, None);
     for pair in group {
         let folder = out.join(&pair.pair.pair_id);
-        let key = key(pair, options)?;
+        let key = key(pair, options, hashes)?;
         if Stamp::is_done(&folder, "pair.json", &key) {
             exported.kept += 1;
             advance();
@@ -149,22 +155,21 @@ fn depth_of(scene: &Scene, view: &View) -> Result<Vec<u8>, ExportError> {
 }
 
 /// Hash of everything that a pair's files depend on.
-fn key(pair: &ResolvedPair, options: ExportOptions) -> Result<String, ExportError> {
-    let mut text = format!("pair {FORMAT} {options:?} {}\n", pair.pair.pair_id);
-    for view in [pair.source, pair.target] {
-        text += &view_key(view)?;
-    }
+fn key(
+    pair: &ResolvedPair,
+    options: &ExportOptions,
+    hashes: &ViewHashes,
+) -> Result<String, ExportError> {
+    let names = pair.pair;
+    let readings = options.readings.get(&names.dataset);
+    let text = format!(
+        "pair {FORMAT} {} {} {}\n{}\n{}\n{}\n",
+        options.target,
+        options.depth,
+        names.pair_id,
+        readings.map_or("", String::as_str),
+        hashes.view(pair.source)?,
+        hashes.view(pair.target)?,
+    );
     Ok(sha256_hex(text.as_bytes()))
-}
-
-/// The same of one view: its camera and the bytes of its files.
-pub(super) fn view_key(view: &View) -> Result<String, ExportError> {
-    let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
-    let mut hashes = vec![view.content.image_sha256()?];
-    for file in view.content.files() {
-        hashes.push(file_sha256(&file)?);
-    }
-    text += &hashes.join(" ");
-    text.push('\n');
-    Ok(text)
 }

@@ -17,7 +17,8 @@ use sharp_datasets::Scene;
 
 use super::depth::DepthSource;
 use super::overlap::OverlapOptions;
-use crate::durable::{FileError, file_sha256, sha256_hex, write_atomic};
+use crate::durable::{FileError, sha256_hex, write_atomic};
+use crate::view_hashes::ViewHashes;
 
 /// Changes with the form of the files.
 const FORMAT: u32 = 1;
@@ -94,7 +95,7 @@ impl Content {
 pub struct OverlapCache {
     folder: Option<PathBuf>,
     tables: Mutex<BTreeMap<String, SceneOverlaps>>,
-    hashes: Mutex<BTreeMap<PathBuf, String>>,
+    hashes: ViewHashes,
     warnings: Mutex<Vec<String>>,
 }
 
@@ -145,42 +146,24 @@ impl OverlapCache {
         depth: &dyn DepthSource,
         options: &OverlapOptions,
     ) -> Option<String> {
-        let views: Result<Vec<String>, FileError> = scene
+        let views: Option<Vec<String>> = scene
             .views
             .par_iter()
             .map(|view| {
-                let mut text = format!(
-                    "{} {:?} {:?}\n",
-                    view.id, view.intrinsics, view.camera_from_world
-                );
-                for file in view
-                    .content
-                    .files()
-                    .into_iter()
-                    .chain(depth.files(scene, view))
-                {
-                    let name = file.file_name().unwrap_or_default().to_string_lossy();
-                    text += &format!("{name} {}\n", self.hash(&file)?);
+                let mut text = format!("{} {}", view.id, self.hashes.view(view).ok()?);
+                for file in depth.files(scene, view) {
+                    text += &format!(" {}", self.hashes.file(&file).ok()?);
                 }
-                Ok(text)
+                Some(text)
             })
             .collect();
         let text = format!(
             "{FORMAT} {}\n{settings}\n{}\n{options:?}\n{}",
             env!("SHARP_BENCH_SOURCE_FINGERPRINT"),
             depth.name(),
-            views.ok()?.join("\n")
+            views?.join("\n")
         );
         Some(sha256_hex(text.as_bytes()))
-    }
-
-    fn hash(&self, file: &Path) -> Result<String, FileError> {
-        if let Some(known) = lock(&self.hashes).get(file) {
-            return Ok(known.clone());
-        }
-        let hash = file_sha256(file)?;
-        lock(&self.hashes).insert(file.to_owned(), hash.clone());
-        Ok(hash)
     }
 
     /// What is known under a name; nothing if there is no file or it cannot be used.

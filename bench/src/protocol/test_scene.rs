@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::{DMat3, DVec3};
 use image::{Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
+use sharp_datasets::needed::Role;
 use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 
 /// What a view's depth is.
@@ -45,8 +46,8 @@ impl ViewContent for Wall {
         Some(&self.file)
     }
 
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.file.clone()]
+    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+        vec![(Role::Picture, self.file.clone())]
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {

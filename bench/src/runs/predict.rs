@@ -14,13 +14,14 @@ use super::plan::{Keep, RunPlan};
 use super::region::common_region;
 use super::store::{RunFolder, Timing, UnitFile};
 use super::unit::{SOURCE_FINGERPRINT, UnitKey, cpu_backend};
-use crate::durable::{file_sha256, sha256_hex};
+use crate::durable::file_sha256;
 use crate::methods::{Method, MethodError, PairInput, Prediction};
 use crate::protocol::Region;
 use crate::protocol::depth::PosedDepth;
 use crate::protocol::frustum_mask::{FrustumMaskOptions, frustum_mask};
 use crate::protocol::pair_list::ResolvedPair;
 use crate::record::{Record, Status};
+use crate::view_hashes::ViewHashes;
 
 /// Hands over every unit of a plan in order, until one cannot be had or nobody takes them any more.
 pub(super) fn predict_all(
@@ -28,9 +29,9 @@ pub(super) fn predict_all(
     folder: &RunFolder,
     sender: &SyncSender<Result<Step, RunError>>,
 ) {
-    let mut hashes = ViewHashes::default();
+    let hashes = ViewHashes::default();
     for planned in &plan.pairs {
-        let mut pair = PairRun::new(plan, planned, &mut hashes);
+        let mut pair = PairRun::new(plan, planned, &hashes);
         for method in plan.methods {
             let step = pair.step(method.as_ref(), folder);
             let failed = step.is_err();
@@ -58,36 +59,6 @@ pub(super) struct PredictedUnit {
     /// What all methods predict of the target, where only that is scored.
     pub(super) common: Option<Region>,
     pub(super) outcome: Result<(Prediction, Arc<Loaded>), String>,
-}
-
-/// Hashes of all the files a view is made of, computed once a run.
-#[derive(Debug, Default)]
-struct ViewHashes(BTreeMap<(String, String, String), String>);
-
-impl ViewHashes {
-    /// A file that cannot be read hashes to its error: the unit fails anyway, with the reason.
-    fn of(&mut self, planned: &ResolvedPair, view: &View) -> String {
-        let name = (
-            planned.scene.dataset.clone(),
-            planned.scene.id.clone(),
-            view.id.clone(),
-        );
-        self.0
-            .entry(name)
-            .or_insert_with(|| hash_view(view))
-            .clone()
-    }
-}
-
-fn hash_view(view: &View) -> String {
-    let mut text = format!("{:?}\n{:?}\n", view.intrinsics, view.camera_from_world);
-    let image = view.content.image_sha256();
-    text += &image.unwrap_or_else(|error| error.to_string());
-    for file in view.content.files() {
-        text += "\n";
-        text += &file_sha256(&file).unwrap_or_else(|error| error.to_string());
-    }
-    sha256_hex(text.as_bytes())
 }
 
 /// One pair of a run, on the predicting thread: its pictures are loaded when the first method needs them, once.
@@ -118,8 +89,10 @@ pub(super) struct Loaded {
 }
 
 impl<'a> PairRun<'a> {
-    fn new(plan: &'a RunPlan, planned: &'a ResolvedPair, hashes: &mut ViewHashes) -> Self {
-        let inputs = [planned.source, planned.target].map(|view| hashes.of(planned, view));
+    fn new(plan: &'a RunPlan, planned: &'a ResolvedPair, hashes: &ViewHashes) -> Self {
+        // A file that cannot be read hashes to its error: the unit fails anyway, with the reason.
+        let inputs = [planned.source, planned.target]
+            .map(|view| hashes.view(view).unwrap_or_else(|error| error.to_string()));
         Self {
             plan,
             planned,

@@ -1,35 +1,46 @@
-//! Whether poses and depth agree: depth of one view, carried into the next by the poses, must meet
-//! that view's depth. Poses read in the wrong convention fail this by a wide margin, and the
-//! convention that would have passed can be named.
+//! Whether poses, depth and pictures agree: depth of one view, carried into the next by the poses, must meet that
+//! view's depth, and its colours that view's colours. Poses read in the wrong convention fail this, and the convention
+//! that would have passed can be named. Far-apart views tell by depth, close ones only by colour: there, depth agrees
+//! under any pose.
 
-use glam::{DMat3, DVec2, DVec3};
 use serde::Serialize;
-use sharp::camera::RigidTransform;
 
+use super::carried::{Carried, Loaded};
+use super::convention::CONVENTIONS;
 use super::evenly_spaced;
-use crate::{DepthMap, View};
+use crate::View;
 
 /// Pairs of neighbouring views that are looked at.
 const PAIRS: usize = 4;
-/// Depth values of a view that are carried over.
-const SAMPLES: usize = 20_000;
-/// Relative difference up to which depths agree.
-const TOLERANCE: f64 = 0.05;
 /// Depths that meet must agree at least this often in one pair of neighbours. Occlusion costs the
 /// right poses some of it; on real frames read wrongly a fifth agrees.
 const LEAST: f64 = 0.3;
-/// Fewer depths that meet say nothing about a pair.
-const ENOUGH: f64 = 0.05;
+/// Another convention is better by depth when it has this many times the agreement, and this much.
+const MORE_DEPTH: (f64, f64) = (1.5, 0.2);
+/// Another convention is better by colour when the energy of the differences is below this share: 3 dB.
+const LESS_COLOUR: f64 = 0.5;
 
-/// The share of depth values that agree, by how the poses are taken; 0..1.
+/// How well neighbouring views fit together under one convention for poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Fit {
+    /// What would have been mistaken for what; `as read` for what the reader took.
+    pub convention: &'static str,
+    /// The share of depth values that agree within 5 %, 0..1.
+    pub depth: f64,
+    /// Root mean square difference of the colours of the values that land inside the other picture and meet no other
+    /// depth there, 8-bit levels; `None` if none does.
+    pub colour_levels: Option<f64>,
+    /// How many colours were compared.
+    pub colours: usize,
+}
+
+/// How well a scene's poses, depth and pictures agree.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Consistency {
-    /// As the reader takes them.
-    pub as_read: f64,
-    /// World-to-camera and camera-to-world exchanged.
-    pub inverted: f64,
-    /// Camera axes of OpenGL instead of OpenCV, or the other way round.
-    pub flipped_axes: f64,
+    /// As the reader takes the poses.
+    pub as_read: Fit,
+    /// Under the conventions that they are commonly mistaken for.
+    pub otherwise: Vec<Fit>,
     /// Of the depth values that meet one of the other view, the share that agrees, in the pair in
     /// which it is largest; `None` where too few meet (neighbours that see different things, or
     /// sparse depth).
@@ -42,27 +53,30 @@ pub struct Consistency {
 }
 
 impl Consistency {
-    /// What looks wrong, if anything does. A scene whose neighbouring views hardly overlap has a
-    /// low share in every convention and is no reason to complain.
+    /// What looks wrong, if anything does. A scene whose neighbouring views hardly overlap fits badly under every
+    /// convention and is no reason to complain.
     pub fn complaint(&self) -> Option<String> {
-        let better = |other: f64| other > 0.2 && other > 1.5 * self.as_read;
-        let guess = if better(self.inverted) && self.inverted >= self.flipped_axes {
-            "camera-to-world and world-to-camera exchanged"
-        } else if better(self.flipped_axes) {
-            "OpenGL's camera axes taken for OpenCV's, or the other way round"
-        } else {
-            return self.disagreement();
-        };
-        Some(format!(
-            "the pose convention looks wrong: {:.0} % of depths agree between neighbouring views; \
-             with {guess} it would be {:.0} %",
-            100.0 * self.as_read,
-            100.0 * self.inverted.max(self.flipped_axes)
-        ))
+        let by_depth = self
+            .otherwise
+            .iter()
+            .filter(|other| self.is_more_depth(other));
+        if let Some(best) = by_depth.max_by(|a, b| a.depth.total_cmp(&b.depth)) {
+            return Some(format!(
+                "the pose convention looks wrong: {:.0} % of depths agree between neighbouring views; with {} it would \
+                 be {:.0} %",
+                100.0 * self.as_read.depth,
+                best.convention,
+                100.0 * best.depth
+            ));
+        }
+        self.disagreement().or_else(|| self.colours())
     }
-}
 
-impl Consistency {
+    fn is_more_depth(&self, other: &Fit) -> bool {
+        let (times, least) = MORE_DEPTH;
+        other.depth > least && other.depth > times * self.as_read.depth
+    }
+
     /// Poses that no other convention explains.
     fn disagreement(&self) -> Option<String> {
         let (meeting, ratio) = (self.meeting?, self.unit_ratio?);
@@ -76,129 +90,108 @@ impl Consistency {
             )
         })
     }
+
+    /// Poses under which depth may agree, but not what is seen.
+    fn colours(&self) -> Option<String> {
+        let read = self.as_read.colour_levels?;
+        let is_better = |other: &&Fit| {
+            let levels = other.colour_levels.unwrap_or(f64::INFINITY);
+            // On few colours anything can look alike.
+            levels * levels < LESS_COLOUR * read * read && 2 * other.colours >= self.as_read.colours
+        };
+        let better = self.otherwise.iter().filter(is_better);
+        let levels = |fit: &Fit| fit.colour_levels.unwrap_or(f64::INFINITY);
+        let best = better.min_by(|a, b| levels(a).total_cmp(&levels(b)))?;
+        Some(format!(
+            "the pose convention looks wrong: colours that poses and depth carry into neighbouring views differ by \
+             {read:.1} levels; with {} it would be {:.1}",
+            best.convention,
+            levels(best)
+        ))
+    }
 }
 
-/// Measures neighbouring views of a scene; `None` when no two of them have depth that can be read.
+/// Measures neighbouring views of a scene; `None` when no two of them have depth and pictures that can be read.
 pub fn of(views: &[View]) -> Option<Consistency> {
-    let mut sum = [0.0; 3];
+    let mut fits = [Sum::default(); CONVENTIONS.len()];
     let mut best: Option<(f64, f64)> = None;
     let mut pairs = 0;
     for i in evenly_spaced(views.len().saturating_sub(1), PAIRS) {
-        let (a, b) = (&views[i], &views[i + 1]);
-        let (Ok(Some(depth_a)), Ok(Some(depth_b))) = (a.content.depth(), b.content.depth()) else {
+        let (Some(a), Some(b)) = (Loaded::new(&views[i]), Loaded::new(&views[i + 1])) else {
             continue;
         };
-        let hypotheses: [fn(&RigidTransform) -> RigidTransform; 3] =
-            [|pose| *pose, RigidTransform::inverse, flip];
-        let mut meetings = Vec::with_capacity(3);
-        for take in hypotheses {
-            let pose_a = take(&a.camera_from_world);
-            let b_from_a = take(&b.camera_from_world).after(&pose_a.inverse());
-            meetings.extend(meet((a, &depth_a), (b, &depth_b), &b_from_a));
-        }
-        let [as_read, _, _] = meetings.as_slice() else {
+        let carried = CONVENTIONS.iter().map(|convention| {
+            let pose = |view: &View| (convention.take)(&view.camera_from_world);
+            Carried::between(
+                &a,
+                &b,
+                &pose(&views[i + 1]).after(&pose(&views[i]).inverse()),
+            )
+        });
+        let Some(carried) = carried.collect::<Option<Vec<Carried>>>() else {
             continue;
         };
-        if let Some(found) = as_read.agreeing_where_met()
+        if let Some(found) = carried[0].agreeing_where_met()
             && best.is_none_or(|best| found.0 > best.0)
         {
             best = Some(found);
         }
         pairs += 1;
-        for (sum, meeting) in sum.iter_mut().zip(&meetings) {
-            *sum += meeting.agreement();
+        for (fit, carried) in fits.iter_mut().zip(&carried) {
+            fit.add(carried);
         }
     }
-    (pairs > 0).then(|| Consistency {
-        as_read: sum[0] / pairs as f64,
-        inverted: sum[1] / pairs as f64,
-        flipped_axes: sum[2] / pairs as f64,
+    if pairs == 0 {
+        return None;
+    }
+    let mut fits = CONVENTIONS.iter().zip(fits).map(|(convention, sum)| Fit {
+        convention: convention.name,
+        depth: sum.depth / pairs as f64,
+        colour_levels: sum.colour_levels(),
+        colours: sum.compared,
+    });
+    Some(Consistency {
+        as_read: fits.next()?,
+        otherwise: fits.collect(),
         meeting: best.map(|best| best.0),
         unit_ratio: best.map(|best| best.1),
         pairs,
     })
 }
 
-/// The camera's y and z axes reversed.
-fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
-    let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-    RigidTransform {
-        rotation: axes * camera_from_world.rotation,
-        translation: axes * camera_from_world.translation,
-    }
+/// One convention's agreement, over pairs.
+#[derive(Debug, Default, Clone, Copy)]
+struct Sum {
+    depth: f64,
+    compared: usize,
+    squares: f64,
 }
 
-/// Depth values of one view carried into another.
-struct Meeting {
-    samples: usize,
-    /// The other view's depth over the one carried there, where it has any.
-    ratios: Vec<f64>,
-}
-
-impl Meeting {
-    fn agreeing(&self) -> usize {
-        let fits = |ratio: &&f64| (**ratio - 1.0).abs() <= TOLERANCE;
-        self.ratios.iter().filter(fits).count()
+impl Sum {
+    fn add(&mut self, carried: &Carried) {
+        self.depth += carried.agreement();
+        self.compared += carried.compared;
+        self.squares += carried.squares;
     }
 
-    /// The share of all samples that agrees.
-    fn agreement(&self) -> f64 {
-        self.agreeing() as f64 / self.samples as f64
+    fn colour_levels(&self) -> Option<f64> {
+        (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
     }
-
-    /// The share of those that meet a depth, and the median ratio; `None` where too few do.
-    fn agreeing_where_met(&self) -> Option<(f64, f64)> {
-        let met = self.ratios.len();
-        if (met as f64) < ENOUGH * self.samples as f64 || met == 0 {
-            return None;
-        }
-        let mut sorted = self.ratios.clone();
-        sorted.sort_by(f64::total_cmp);
-        Some((self.agreeing() as f64 / met as f64, sorted[met / 2]))
-    }
-}
-
-/// Carries a's sampled depth values into b; `None` when a has none.
-fn meet(
-    (a, depth_a): (&View, &DepthMap),
-    (b, depth_b): (&View, &DepthMap),
-    b_from_a: &RigidTransform,
-) -> Option<Meeting> {
-    let valid = depth_a.iter().filter(|z| **z > 0.0).count();
-    let stride = valid.div_ceil(SAMPLES).max(1);
-    let mut meeting = Meeting {
-        samples: 0,
-        ratios: Vec::new(),
-    };
-    let with_depth = depth_a.enumerate_pixels().filter(|(_, _, z)| z.0[0] > 0.0);
-    for (x, y, z) in with_depth.step_by(stride) {
-        meeting.samples += 1;
-        let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let point = b_from_a.apply(a.intrinsics.unproject(center, f64::from(z.0[0])));
-        let Some(place) = b.intrinsics.project(point) else {
-            continue;
-        };
-        if !b.intrinsics.contains(place) {
-            continue;
-        }
-        let there = f64::from(depth_b.get_pixel(place.x as u32, place.y as u32).0[0]);
-        if there > 0.0 {
-            meeting.ratios.push(there / point.z);
-        }
-    }
-    (meeting.samples > 0).then_some(meeting)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::convention::flip;
     use crate::synthetic::{SyntheticOptions, SyntheticScene};
+    use glam::{DMat3, DVec3};
+    use sharp::camera::RigidTransform;
 
-    /// Views on a wide arc, so that a wrong convention moves them out of each other's sight.
-    fn views() -> Vec<View> {
+    /// Views on an arc; `spread` 1 is so wide that a wrong convention moves them out of each other's sight.
+    fn views(spread: f64) -> Vec<View> {
         let scene = SyntheticScene::new(SyntheticOptions {
-            width: 64,
-            height: 48,
+            width: 128,
+            height: 96,
             views: 2,
             ..SyntheticOptions::default()
         })
@@ -213,8 +206,8 @@ mod tests {
         .unwrap();
         (0..4)
             .map(|i| {
-                let angle = 0.25 * f64::from(i) - 0.4;
-                let center = DVec3::new(-1.5 * angle, -0.2, 0.1 * f64::from(i));
+                let angle = spread * (0.25 * f64::from(i) - 0.4);
+                let center = DVec3::new(-1.5 * angle, -0.2, spread * 0.1 * f64::from(i));
                 let rotation = DMat3::from_rotation_y(-angle) * DMat3::from_rotation_x(0.15);
                 let pose = RigidTransform {
                     rotation,
@@ -225,22 +218,53 @@ mod tests {
             .collect()
     }
 
+    fn taken(views: &[View], take: fn(&RigidTransform) -> RigidTransform) -> Consistency {
+        let mut wrong = views.to_vec();
+        for view in &mut wrong {
+            view.camera_from_world = take(&view.camera_from_world);
+        }
+        of(&wrong).unwrap()
+    }
+
     #[test]
     fn right_poses_pass_and_wrong_conventions_are_named() {
-        let views = views();
+        let views = views(1.0);
         let right = of(&views).unwrap();
-        assert!(right.as_read > 0.5, "{right:?}");
+        assert!(right.as_read.depth > 0.5, "{right:?}");
         assert!(right.complaint().is_none(), "{right:?}");
-        let taken = |take: fn(&RigidTransform) -> RigidTransform| {
-            let mut wrong = views.clone();
-            for view in &mut wrong {
-                view.camera_from_world = take(&view.camera_from_world);
-            }
-            of(&wrong).unwrap().complaint().unwrap()
-        };
-        let inverted = taken(RigidTransform::inverse);
+        let inverted = taken(&views, RigidTransform::inverse).complaint().unwrap();
         assert!(inverted.contains("exchanged"), "{inverted}");
-        let flipped = taken(flip);
+        let flipped = taken(&views, flip).complaint().unwrap();
         assert!(flipped.contains("OpenGL"), "{flipped}");
+    }
+
+    /// Neighbours a few centimetres apart: depth agrees under every convention, colours do not.
+    #[test]
+    fn wrong_conventions_are_named_at_small_baselines_too() {
+        let views = views(0.1);
+        let right = of(&views).unwrap();
+        assert!(right.complaint().is_none(), "{right:?}");
+        for (take, name) in [
+            (RigidTransform::inverse as fn(&_) -> _, "exchanged it would"),
+            (flip, "OpenGL"),
+            (|pose| flip(&pose.inverse()), "exchanged it would"),
+            (|pose| flip(pose).inverse(), "exchanged, and OpenGL"),
+            (|pose| metres_as(pose, 1e3), "translations in millimetres"),
+            (|pose| metres_as(pose, 1e-3), "depth in millimetres"),
+        ] {
+            let wrong = taken(&views, take);
+            let complaint = wrong.complaint();
+            assert!(
+                complaint.as_ref().is_some_and(|c| c.contains(name)),
+                "{name}: {complaint:?} {wrong:?}"
+            );
+        }
+    }
+
+    fn metres_as(pose: &RigidTransform, factor: f64) -> RigidTransform {
+        RigidTransform {
+            translation: factor * pose.translation,
+            ..*pose
+        }
     }
 }

@@ -1,9 +1,13 @@
 //! Looks at a dataset before a long run starts: what is there, what is broken and why, and whether
 //! the poses agree with the depth.
 //!
-//! * [`consistency`][]: depth carried from view to view by the poses.
+//! * `convention`: how poses are commonly mistaken.
+//! * `carried`: depth and colours carried from view to view by a pose.
+//! * [`consistency`][]: whether they agree there.
 
+mod carried;
 pub mod consistency;
+mod convention;
 
 use std::collections::BTreeSet;
 
@@ -72,7 +76,7 @@ pub struct SceneReport {
     pub with_depth: usize,
     /// Mean share of pixels with depth over the views that have any, 0..1.
     pub depth_coverage: Option<f64>,
-    /// How well depth and poses agree, where there is dense depth in two views.
+    /// How well depth, pictures and poses agree, where there is depth in two neighbouring views.
     pub consistency: Option<Consistency>,
     /// What the reader assumed or left out.
     pub notes: Vec<String>,
@@ -224,6 +228,6 @@ mod tests {
         assert_eq!((scene.views, scene.decoded, scene.with_depth), (6, 6, 6));
         assert_eq!(scene.sizes, ["64x48"]);
         assert!(scene.depth_coverage.unwrap() > 0.5);
-        assert!(scene.consistency.as_ref().unwrap().as_read > 0.7);
+        assert!(scene.consistency.as_ref().unwrap().as_read.depth > 0.7);
     }
 }

@@ -323,7 +323,7 @@ fn eth3d() {
         &lens,
         &names(scene.views(), "dslr_images/", "JPG"),
     );
-    let found = read("eth3d", folder.path());
+    let found = read("eth3d,images=undistorted", folder.path());
     for (a, b) in found.views.iter().zip(scene.views()) {
         compare_cameras(a, b);
         assert_eq!(a.content.image().unwrap(), b.content.image().unwrap());
@@ -332,11 +332,7 @@ fn eth3d() {
         assert!(share > 0.985, "{share}");
     }
     assert_eq!(scores(&found.views), scores(scene.views()));
-    check_undistorted(
-        &scene,
-        &read("eth3d,images=distorted", folder.path()).views,
-        0.93,
-    );
+    check_undistorted(&scene, &read("eth3d", folder.path()).views, 0.93);
 }
 
 /// Pictures undistorted by us show what a pinhole at the view's own camera sees.

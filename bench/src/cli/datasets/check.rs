@@ -2,6 +2,7 @@
 
 use serde_json::json;
 use sharp_datasets::DatasetSpec;
+use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
 
 use crate::cli::{Outcome, output, progress};
@@ -69,6 +70,30 @@ fn print(report: &DatasetReport) -> anyhow::Result<()> {
     ))
 }
 
+/// How neighbouring views fit as read, and how they would at best.
+fn poses(found: &Consistency) -> String {
+    let levels = |fit: &Fit| match fit.colour_levels {
+        Some(levels) => format!(", colours differ by {levels:.1} levels"),
+        None => String::new(),
+    };
+    let as_read = &found.as_read;
+    let mut text = format!(
+        "{:.1} % of depths agree between neighbouring views{}",
+        100.0 * as_read.depth,
+        levels(as_read)
+    );
+    let others = found.otherwise.iter();
+    if let Some(best) = others.max_by(|a, b| a.depth.total_cmp(&b.depth)) {
+        let share = 100.0 * best.depth;
+        text += &format!("; under other conventions at most {share:.1} %");
+    }
+    let others = found.otherwise.iter().filter_map(|fit| fit.colour_levels);
+    if let Some(least) = others.min_by(f64::total_cmp) {
+        text += &format!(" and at least {least:.1} levels");
+    }
+    text
+}
+
 fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
     let sizes = match scene.sizes.as_slice() {
         sizes @ ([] | [_] | [_, _] | [_, _, _]) => sizes.join(", "),
@@ -88,13 +113,7 @@ fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
         scene.id, scene.views
     ))?;
     if let Some(found) = &scene.consistency {
-        output::line(format!(
-            "    poses: {:.1} % of depths agree between neighbouring views ({:.1} % with poses inverted, {:.1} % with \
-             OpenGL's axes)",
-            100.0 * found.as_read,
-            100.0 * found.inverted,
-            100.0 * found.flipped_axes
-        ))?;
+        output::line(format!("    poses: {}", poses(found)))?;
     }
     for note in &scene.notes {
         output::line(format!("    note {note}"))?;

@@ -1,12 +1,12 @@
 //! `datasets list --needed-for`: exactly the files that a list of pairs needs.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::json;
-use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for};
-use sharp_datasets::{DatasetSpec, catalog};
+use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for, files_of};
+use sharp_datasets::{DatasetSpec, Pairing, catalog};
 
 use crate::cli::{Outcome, output};
 use crate::protocol::PairList;
@@ -88,7 +88,10 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
             }
         }
     }
-    let root = spec.map(|spec| spec.path);
+    let root = spec.as_ref().map(|spec| folder_of(&spec.path));
+    if let Some(spec) = &spec {
+        add_found(&mut files, list, spec, &folder_of(&spec.path));
+    }
     let files: Vec<Listed> = files
         .into_iter()
         .map(|file| {
@@ -112,6 +115,44 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
         archives,
         missing: root.as_ref().map(|_| files.iter().filter(lacking).count()),
         files,
+    }
+}
+
+/// The folder that names in a list are relative to: of a dataset that is one file, the file's.
+fn folder_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(folder) if path.is_file() => folder.to_owned(),
+        _ => path.to_owned(),
+    }
+}
+
+/// Adds what the reader finds of the pairs' views beside what the layout tells: depth and masks that a `transforms.json`
+/// names or that lie under their picture's name. A dataset that cannot be opened yet, as not all is there, adds nothing.
+fn add_found(files: &mut BTreeSet<NeededFile>, list: &PairList, spec: &DatasetSpec, folder: &Path) {
+    let scenes = sharp_datasets::open(spec).unwrap_or_default();
+    let wanted: BTreeSet<(&str, &str)> = list
+        .pairs
+        .iter()
+        .filter(|pair| pair.dataset == spec.name && pair.selected)
+        .flat_map(|pair| {
+            [&pair.source, &pair.target].map(|view| (pair.scene.as_str(), view.as_str()))
+        })
+        .collect();
+    let named: BTreeSet<String> = files
+        .iter()
+        .flat_map(|file| std::iter::once(&file.path).chain(&file.or))
+        .cloned()
+        .collect();
+    // The layout of a stereo pair says it all, and of the right picture only the picture is needed.
+    let scenes = scenes
+        .iter()
+        .filter(|scene| scene.pairing == Pairing::MultiView);
+    for scene in scenes {
+        let views = scene.views.iter();
+        for view in views.filter(|view| wanted.contains(&(scene.id.as_str(), view.id.as_str()))) {
+            let found = files_of(view, folder).into_iter();
+            files.extend(found.filter(|file| !named.contains(&file.path)));
+        }
     }
 }
 

@@ -58,6 +58,10 @@ enum More {
 pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let list = PairList::read(&args.pairs)?;
     let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let readings = datasets
+        .iter()
+        .map(|dataset| (dataset.name.clone(), dataset.readings()))
+        .collect();
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let mut pairs = list.resolve(&scenes)?;
     pairs.retain(|resolved| args.all || resolved.pair.selected);
@@ -81,9 +85,10 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let options = pairs::ExportOptions {
         target: args.with.contains(&More::Target),
         depth: args.with.contains(&More::Depth),
+        readings,
     };
     let bar = progress::bar(pairs.len(), "pairs");
-    let exported = pairs::export(&pairs, &args.out, options, &|| bar.inc(1))?;
+    let exported = pairs::export(&pairs, &args.out, &options, &|| bar.inc(1))?;
     bar.finish_and_clear();
     let copy = args.out.join("pairs.csv");
     write_atomic(&copy, list.to_csv().as_bytes())?;

@@ -22,9 +22,9 @@ use sharp::render::{Backend, Background, RenderError, RenderOutput, RenderView, 
 use self::args::{BackgroundArg, Eps2d, Layers, Quantise, Range};
 use self::path::PathArgs;
 use self::target::{Form, Look, Target};
-use super::camera_file::CameraFile;
 use super::{Outcome, backend_args, output, progress};
 use crate::durable::file_sha256;
+use crate::exchange::camera_file::CameraFile;
 use crate::rendering::BatchRenderer;
 use crate::runs::unit::SOURCE_FINGERPRINT;
 use crate::scene_file;

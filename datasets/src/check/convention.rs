@@ -1,0 +1,57 @@
+//! The ways in which poses are commonly mistaken.
+
+use glam::{DMat3, DVec3};
+use sharp::camera::RigidTransform;
+
+/// Poses taken otherwise than a reader did.
+pub(super) struct Convention {
+    /// What would have been mistaken for what.
+    pub(super) name: &'static str,
+    /// The world-to-camera pose under it.
+    pub(super) take: fn(&RigidTransform) -> RigidTransform,
+}
+
+/// What poses are compared under; the first is what the reader says.
+pub(super) const CONVENTIONS: [Convention; 6] = [
+    Convention {
+        name: "as read",
+        take: |pose| *pose,
+    },
+    Convention {
+        name: "camera-to-world and world-to-camera exchanged",
+        take: RigidTransform::inverse,
+    },
+    Convention {
+        name: "OpenGL's camera axes taken for OpenCV's, or the other way round",
+        take: flip,
+    },
+    // The other order, axes first, is the exchange alone but for the world's axes.
+    Convention {
+        name: "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
+        take: |pose| flip(&pose.inverse()),
+    },
+    Convention {
+        name: "translations in millimetres taken for metres",
+        take: |pose| scaled(pose, 1e-3),
+    },
+    Convention {
+        name: "depth in millimetres taken for metres",
+        take: |pose| scaled(pose, 1e3),
+    },
+];
+
+/// The camera's y and z axes reversed.
+pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
+    let axes = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    RigidTransform {
+        rotation: axes * camera_from_world.rotation,
+        translation: axes * camera_from_world.translation,
+    }
+}
+
+fn scaled(camera_from_world: &RigidTransform, factor: f64) -> RigidTransform {
+    RigidTransform {
+        translation: factor * camera_from_world.translation,
+        ..*camera_from_world
+    }
+}
