@@ -111,6 +111,7 @@ pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: St
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::plots::lettering::Lettering;
 
     /// Counts what is drawn.
     #[derive(Default)]
@@ -131,6 +132,8 @@ mod tests {
         fn polygon(&mut self, _points: &[Point], _ink: Ink) {}
 
         fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
+
+        fn text(&mut self, _text: &str, _at: Point, _lettering: Lettering) {}
     }
 
     /// Lines of every length and direction: dashes of one pattern along all of it, and an end.
