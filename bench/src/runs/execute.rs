@@ -117,6 +117,9 @@ impl PredictedUnit {
             }
             record.scores = score(plan, &prediction, &loaded)?;
             timing.score_secs = started.elapsed().as_secs_f64();
+            if let Some(share) = loaded.truth.valid_share(prediction.region) {
+                prediction.extras.insert("valid_share".to_owned(), share);
+            }
             if let Some(region) = prediction.region {
                 prediction.extras.extend(region_extras(&region, size));
             }

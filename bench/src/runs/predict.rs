@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use image::RgbImage;
 use sharp_datasets::View;
-use sharp_metrics::{Mask, Picture};
+use sharp_metrics::Mask;
 
 use super::execute::RunError;
 use super::plan::{Keep, RunPlan};
@@ -15,7 +15,7 @@ use super::region::common_region;
 use super::store::{RunFolder, Timing, UnitFile};
 use super::unit::{SOURCE_FINGERPRINT, UnitKey, cpu_backend};
 use crate::durable::file_sha256;
-use crate::methods::{Method, MethodError, PairInput, Prediction};
+use crate::methods::{Method, MethodError, PairInput, Prediction, Truth};
 use crate::protocol::Region;
 use crate::protocol::depth::PosedDepth;
 use crate::protocol::frustum_mask::{FrustumMaskOptions, frustum_mask};
@@ -100,9 +100,7 @@ impl<'a> Sources<'a> {
 /// The pictures of a pair.
 pub(super) struct Loaded {
     source: Arc<RgbImage>,
-    target: RgbImage,
-    /// The target again, as the scorer takes it.
-    pub(super) truth: Picture,
+    pub(super) truth: Truth,
     pub(super) mask: Option<Mask>,
 }
 
@@ -244,7 +242,7 @@ impl<'a> PairRun<'a> {
             source: planned.source,
             target: planned.target,
             source_image: &loaded.source,
-            target_image: &loaded.target,
+            truth: &loaded.truth,
             renderer: plan.renderer,
         };
         let started = Instant::now();
@@ -288,17 +286,17 @@ fn load<'a>(
     sources: &mut Sources<'a>,
 ) -> Result<Loaded, String> {
     let source = sources.read(planned.source)?;
-    let target = planned.target.content.image();
-    let target = target.map_err(|error| error.to_string())?;
+    let content = &planned.target.content;
+    let target = content.image().map_err(|error| error.to_string())?;
+    let valid = content.valid_pixels().map_err(|error| error.to_string())?;
     let mask = if plan.scoring.metrics.iter().any(|m| m.key.is_masked()) {
         mask(planned)?
     } else {
         None
     };
     Ok(Loaded {
-        truth: Picture::Rgb8(target.clone()),
+        truth: Truth::of(target, valid.as_ref()),
         source,
-        target,
         mask,
     })
 }
