@@ -15,6 +15,7 @@ use serde_json::Value;
 use sharp_metrics::{
     AllTerms, Backbone, MetricKey, Picture, Scorer, Scores, Selection, Terms, Weights,
 };
+use sharp_tests::shared_data;
 
 /// Keys, the entries of `golden.json` that they must equal, and how closely. Entries computed by
 /// their authors in f64 hold to 1e-9, OpenCV's and kornia's, which are f32, to 1e-5.
@@ -127,19 +128,11 @@ fn scorer(list: &str, weights: &Weights) -> Result<Scorer, String> {
 }
 
 fn real_squeezenet() -> PathBuf {
-    shared().join("golden/metrics/weights/squeezenet1_1_features_real.safetensors")
+    shared_data().join("golden/metrics/weights/squeezenet1_1_features_real.safetensors")
 }
 
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/metrics")
-}
-
-/// The folder of data that the repository may not hold.
-fn shared() -> PathBuf {
-    std::env::var_os("SHARP_BENCH_SHARED").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        PathBuf::from,
-    )
 }
 
 struct Pair {
@@ -156,7 +149,7 @@ type Check = Box<dyn FnOnce(&Pair) -> Result<(), Failed> + Send>;
 impl Pair {
     fn of(json: &Value) -> Option<Self> {
         let find = |file: &str| {
-            [golden(), shared().join("golden/metrics")]
+            [golden(), shared_data().join("golden/metrics")]
                 .map(|folder| folder.join(file))
                 .into_iter()
                 .find(|path| path.exists())
