@@ -9,7 +9,7 @@ use image::RgbImage;
 use sharp_datasets::View;
 use sharp_metrics::Mask;
 
-use super::execute::RunError;
+use super::error::RunError;
 use super::plan::{Keep, RunPlan};
 use super::region::common_region;
 use super::store::{RunFolder, Timing, UnitFile};
