@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, Node, Storage};
 use crate::format::picture;
 use crate::rig::Side;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -56,9 +56,9 @@ pub(crate) const FORMAT: Format = Format {
 
 fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
-    let folders = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
+    let found_folders = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
     let mut scenes = Vec::new();
-    for folder in folders {
+    for folder in found_folders.folders {
         if is_wanted(&folder, spec.setting("split"), spec.setting("set")) {
             let found = scenes.len();
             if let Err(error) = read_scene(spec, &root, &folder, &mut scenes) {
@@ -67,15 +67,9 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
             }
         }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml; \
-                       or split= and set= rule out what is there",
-        });
-    }
-    Ok(scenes)
+    let expected = "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml; or \
+                    split= and set= rule out what is there";
+    conclude(spec, scenes, expected, &[&found_folders.passed_over])
 }
 
 /// Looks at the folders above the scene, also those above the dataset's root.

@@ -9,11 +9,13 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::camera_size::{CAMERA_SIZE, CameraSizes};
 use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
+use crate::finder::Finder;
 use crate::format::colmap;
-use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting};
+use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -47,6 +49,7 @@ pub(crate) const FORMAT: Format = Format {
             "metres of one unit of the maps in depth/",
             "0.001",
         ),
+        CAMERA_SIZE,
         OUTSIDE,
     ],
     open,
@@ -64,21 +67,17 @@ const MODELS: [&str; 6] = [
 
 fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
-    let folders = root.find_folders(3, &|folder| model_of(folder).is_some())?;
+    // Asked once, before any scene: a wrong value is no scene's fault.
+    let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
+    let found = root.find_folders(3, &|folder| model_of(folder).is_some())?;
     let mut scenes = Vec::new();
-    for folder in &folders {
+    for folder in &found.folders {
         if let Some(model) = model_of(folder) {
-            scenes.push(read_scene(spec, &root, folder, &model));
+            scenes.push(read_scene(spec, &root, folder, &model, units));
         }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "images/ and sparse/0/ with cameras and images (.bin or .txt)",
-        });
-    }
-    Ok(scenes)
+    let expected = "images/ and sparse/0/ with cameras and images (.bin or .txt)";
+    conclude(spec, scenes, expected, &[&found.passed_over])
 }
 
 fn model_of(folder: &Path) -> Option<PathBuf> {
@@ -99,12 +98,11 @@ fn read_scene(
     root: &Root,
     folder: &Path,
     model_folder: &Path,
+    (scale, unit): (f64, f64),
 ) -> Result<Scene, DatasetError> {
     colmap::check_inside(root, model_folder)?;
     let model = colmap::read_model(model_folder)?;
     let images_file = model.files.last().cloned().unwrap_or_default();
-    let scale = spec.positive("scale")?;
-    let unit = spec.positive("depth-unit")?;
     let pictures = root.resolve(folder, spec.setting("images"))?;
     let maps = root.resolve(folder, "depth")?;
     let from_folder = spec.setting("depth") == "folder" && maps.is_dir();
@@ -114,8 +112,9 @@ fn read_scene(
         None
     };
 
-    let mut finder = Finder::new(root);
+    let mut finder = Finder::new(root, &images_file);
     let mut skipped = Skipped::default();
+    let mut sizes = CameraSizes::new(spec);
     let mut views = Vec::new();
     for image in &model.images {
         let found = finder.picture(&pictures, &image.name)?;
@@ -142,6 +141,7 @@ fn read_scene(
             .ok_or_else(|| malformed(format!("does not exist, but '{}' names it", image.name)))?
             .lens()
             .map_err(malformed)?;
+        let lens = sizes.fit(lens, &path)?;
         pose.translation *= scale;
         let id = frame_id(&image.name);
         let map = if from_folder {
@@ -170,6 +170,8 @@ fn read_scene(
     }
     posed::finish(&mut views);
     let mut notes = skipped.notes(&images_file);
+    notes.extend(finder.notes());
+    notes.extend(sizes.notes(&images_file));
     if model.text_ignored {
         notes.push(format!(
             "{}: the binary model was read, the text model beside it was not",

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use image::{GrayImage, RgbImage};
 
+use crate::camera_size::check_size;
 use crate::depth::DepthSource;
 use crate::format::picture;
-use crate::mask::{Mask, check_size};
+use crate::mask::Mask;
 use crate::needed::Role;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};

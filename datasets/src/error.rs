@@ -32,7 +32,7 @@ pub enum DatasetError {
         source: CameraError,
     },
     /// A folder holds nothing that looks like this dataset.
-    #[error("{}: no {format} scene found; expected {expected}", path.display())]
+    #[error("{}: no {format} scene found; expected {expected}{note}", path.display())]
     NoScene {
         /// The folder that was searched.
         path: PathBuf,
@@ -40,6 +40,8 @@ pub enum DatasetError {
         format: &'static str,
         /// The layout that was looked for.
         expected: &'static str,
+        /// What was there and could not be looked into, after a semicolon; empty for nothing.
+        note: String,
     },
     /// A dataset was asked for in a way that makes no sense.
     #[error("dataset '{text}': {reason}")]

@@ -10,10 +10,11 @@ use std::sync::Arc;
 
 use crate::depth::{Encoding, Resampling, StoredDepth};
 use crate::files::Root;
+use crate::finder::Finder;
 use crate::format::colmap::{self, Model};
 use crate::format::colmap_records::Image;
-use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 
@@ -47,23 +48,19 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     } else {
         "dslr_calibration_undistorted"
     };
-    let folders = root.find_folders(3, &|folder| colmap::is_model(&folder.join(calibration)))?;
-    if folders.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: if distorted {
-                "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
-                 without distortion say images=undistorted"
-            } else {
-                "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted"
-            },
-        });
-    }
-    Ok(folders
+    let found = root.find_folders(3, &|folder| colmap::is_model(&folder.join(calibration)))?;
+    let scenes = found
+        .folders
         .iter()
         .map(|folder| read_scene(spec, &root, folder, calibration, distorted))
-        .collect())
+        .collect();
+    let expected = if distorted {
+        "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
+         without distortion say images=undistorted"
+    } else {
+        "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted"
+    };
+    conclude(spec, scenes, expected, &[&found.passed_over])
 }
 
 fn read_scene(
@@ -91,7 +88,8 @@ fn read_scene(
     };
     let pictures = root.resolve(folder, "images")?;
     let maps = root.resolve(folder, "ground_truth_depth/dslr_images")?;
-    let mut finder = Finder::new(root);
+    let images_file = model.files.last().map_or(model_folder.as_path(), |f| f);
+    let mut finder = Finder::new(root, images_file);
     let mut skipped = Skipped::default();
     let mut views = Vec::new();
     for image in &model.images {
@@ -147,6 +145,7 @@ fn read_scene(
     }
     posed::finish(&mut views);
     notes.extend(skipped.notes(&model_folder));
+    notes.extend(finder.notes());
     if views.is_empty() {
         let other = if distorted {
             "; images=undistorted reads those published without distortion"

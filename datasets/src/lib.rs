@@ -22,6 +22,7 @@
 
 mod booster;
 pub mod bundled;
+mod camera_size;
 pub mod catalog;
 pub mod check;
 mod colmap;
@@ -31,6 +32,7 @@ pub mod error;
 mod eth3d;
 pub mod facts;
 pub mod files;
+mod finder;
 pub mod format;
 pub mod lens;
 mod mask;

@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use crate::depth::StereoGeometry;
 use crate::files::Root;
 use crate::format::{calib, picture};
+use crate::posed::Skipped;
 use crate::rig::Side;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene, View};
 
 /// The catalogue's entry.
@@ -61,33 +62,46 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let right = spec.setting("right");
     let right_name = format!("{right}.png");
     let rectification = spec.setting("rectification");
-    let folders = root.find_folders(4, &|folder| {
+    let found = root.find_folders(4, &|folder| {
         ["im0.png", "im1.png", "calib.txt"]
             .iter()
             .all(|name| folder.join(name).is_file())
     })?;
     let mut scenes = Vec::new();
-    for folder in folders {
-        let id = root.id_of(&folder);
+    let mut without_right = Skipped::of("scene");
+    for folder in &found.folders {
+        let id = root.id_of(folder);
         let other = match rectification {
             "perfect" => "-imperfect",
             "imperfect" => "-perfect",
             _ => "/",
         };
         let listed = spec.setting("scenes") == "found" || is_training15(&id);
-        if !listed || id.ends_with(other) || !folder.join(&right_name).is_file() {
+        if !listed || id.ends_with(other) {
             continue;
         }
-        scenes.push(read_scene(&spec.name, &root, &folder, id, right));
+        if folder.join(&right_name).is_file() {
+            scenes.push(read_scene(&spec.name, &root, folder, id, right));
+        } else {
+            let reason = match right {
+                "im1E" => "there is no im1E.png, which right=im1E asks for",
+                _ => "there is no im1L.png, which right=im1L asks for",
+            };
+            without_right.add(reason, &id);
+        }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "folders with im0.png, im1.png and calib.txt, up to four levels down",
-        });
-    }
-    Ok(scenes)
+    let expected = if found.folders.is_empty() {
+        "folders with im0.png, im1.png and calib.txt, up to four levels down"
+    } else {
+        "folders that scenes=, rectification= and right= do not rule out: some have im0.png, \
+         im1.png and calib.txt, but none has all that these settings ask for"
+    };
+    conclude(
+        spec,
+        scenes,
+        expected,
+        &[&found.passed_over, &without_right],
+    )
 }
 
 fn read_scene(

@@ -9,13 +9,15 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
+use crate::camera_size::{CAMERA_SIZE, CameraSizes};
 use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
+use crate::finder::Finder;
 use crate::format::picture;
 use crate::format::transforms::{self, Frame};
 use crate::mask::Mask;
-use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting};
+use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -40,12 +42,16 @@ pub(crate) const FORMAT: Format = Format {
                 ),
             ],
         ),
+        CAMERA_SIZE,
         OUTSIDE,
     ],
     open,
 };
 
+/// The names a folder is searched for, the first that is there being read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
+/// Names of the same kind, which are only read when given as the path.
+const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
 fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let (folder, only) = if spec.path.is_file() {
@@ -55,37 +61,64 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         (spec.path.as_path(), None)
     };
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
-    let jsons: Vec<PathBuf> = match only {
-        Some(json) => vec![json],
-        None => root
-            .find_folders(3, &|f| NAMES.iter().any(|n| f.join(n).is_file()))?
-            .iter()
-            .filter_map(|f| NAMES.iter().map(|n| f.join(n)).find(|p| p.is_file()))
-            .collect(),
-    };
-    if jsons.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "transforms.json, up to three levels down",
-        });
+    // Asked once, before any scene: a wrong value is no scene's fault.
+    let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
+    if let Some(json) = only {
+        return Ok(vec![read_scene(spec, &root, &json, units)]);
     }
-    Ok(jsons
-        .iter()
-        .map(|json| read_scene(spec, &root, json))
-        .collect())
+    let found = root.find_folders(3, &|f| NAMES.iter().any(|n| f.join(n).is_file()))?;
+    let mut scenes = Vec::new();
+    for folder in &found.folders {
+        let mut there = NAMES
+            .iter()
+            .chain(&OTHERS)
+            .filter(|name| folder.join(name).is_file());
+        let Some(name) = there.next() else { continue };
+        let scene = read_scene(spec, &root, &folder.join(name), units);
+        scenes.push(scene.map(|mut scene| {
+            scene.notes.extend(choice_note(folder, name, there));
+            scene
+        }));
+    }
+    let expected = "transforms.json or transforms_train.json, up to three levels down; a file of \
+                    another name can be given itself as the path";
+    conclude(spec, scenes, expected, &[&found.passed_over])
 }
 
-fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, DatasetError> {
+/// Which of a folder's files was read, where there is more than the usual one.
+fn choice_note<'a>(
+    folder: &Path,
+    read: &str,
+    others: impl Iterator<Item = &'a &'a str>,
+) -> Option<String> {
+    let others: Vec<&str> = others.copied().collect();
+    let choice = match others.as_slice() {
+        [] if read == NAMES[0] => return None,
+        [] => format!("there is no {}", NAMES[0]),
+        others => format!(
+            "not {} beside it; to read another one give the file itself as the path",
+            others.join(", ")
+        ),
+    };
+    Some(format!("{}: {read} was read, {choice}", folder.display()))
+}
+
+fn read_scene(
+    spec: &DatasetSpec,
+    root: &Root,
+    json: &Path,
+    (scale, depth_unit): (f64, f64),
+) -> Result<Scene, DatasetError> {
     root.check(json)?;
     let file = transforms::read(json)?;
     let folder = json.parent().unwrap_or(Path::new("."));
-    let options = Options {
-        metres: spec.positive("scale")? / file.applied_scale,
-        depth_unit: spec.positive("depth-unit")?,
+    let mut reader = Reader {
+        metres: scale / file.applied_scale,
+        depth_unit,
         masks: spec.setting("masks") == "apply",
+        sizes: CameraSizes::new(spec),
     };
-    let mut finder = Finder::new(root);
+    let mut finder = Finder::new(root, json);
     let (mut skipped, mut seen) = (Skipped::default(), BTreeSet::new());
     let mut views = Vec::new();
     for frame in &file.frames {
@@ -104,11 +137,13 @@ fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, Dat
             skipped.add("the picture was listed before", name);
             continue;
         }
-        let posed = options.posed(frame, image, world_from_camera, json, folder, &mut finder)?;
+        let posed = reader.posed(frame, image, world_from_camera, json, folder, &mut finder)?;
         views.push(posed.into_view()?);
     }
     posed::finish(&mut views);
     let mut notes = skipped.notes(json);
+    notes.extend(finder.notes());
+    notes.extend(reader.sizes.notes(json));
     let overriding = file.frames.iter().filter(|f| f.overrides_file).count();
     if overriding > 0 {
         notes.push(format!(
@@ -134,15 +169,16 @@ fn read_scene(spec: &DatasetSpec, root: &Root, json: &Path) -> Result<Scene, Dat
     })
 }
 
-struct Options {
+struct Reader {
     metres: f64,
     depth_unit: f64,
     masks: bool,
+    sizes: CameraSizes,
 }
 
-impl Options {
+impl Reader {
     fn posed(
-        &self,
+        &mut self,
         frame: &Frame,
         image: PathBuf,
         world_from_camera: &RigidTransform,
@@ -173,12 +209,14 @@ impl Options {
         } else {
             None
         };
+        let lens = frame.lens(size).map_err(malformed)?;
+        let lens = self.sizes.fit(lens, &image)?;
         let mut pose = *world_from_camera;
         pose.translation *= self.metres;
         Ok(Posed {
             id: frame_id(&frame.file_path),
             image,
-            lens: frame.lens(size).map_err(malformed)?,
+            lens,
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: pose.inverse(),
             mask,

@@ -9,7 +9,6 @@ use sharp::camera::RigidTransform;
 
 use crate::content::FileContent;
 use crate::depth::{DepthSource, Encoding, MaskedDepth, Resampling, StoredDepth};
-use crate::files::{self, Root};
 use crate::lens::Lens;
 use crate::mask::Mask;
 use crate::scan::{PointDepth, Scan, ScanDepth};
@@ -153,123 +152,63 @@ pub(crate) fn frame_id(name: &str) -> String {
     }
 }
 
-fn is_picture_extension(extension: &str) -> bool {
+pub(crate) fn is_picture_extension(extension: &str) -> bool {
     matches!(
         extension.to_ascii_lowercase().as_str(),
         "png" | "jpg" | "jpeg"
     )
 }
 
-/// Finds pictures and maps whose names in lists and on disk do not quite agree: another case,
-/// another extension, none at all. Each folder is listed once.
+/// Frames, scenes or folders that were left out, by reason, as one note a reason.
 #[derive(Debug)]
-pub(crate) struct Finder<'a> {
-    root: &'a Root,
-    listed: BTreeMap<PathBuf, Vec<String>>,
+pub(crate) struct Skipped {
+    what: &'static str,
+    by_reason: BTreeMap<&'static str, Vec<String>>,
 }
 
-impl<'a> Finder<'a> {
-    pub(crate) fn new(root: &'a Root) -> Self {
-        Self {
-            root,
-            listed: BTreeMap::new(),
-        }
-    }
-
-    /// The file of that name below `base`: exactly, else in another case, else of the same stem
-    /// with one of the extensions. `None` when there is none or no such folder.
-    ///
-    /// # Errors
-    /// When the name leads out of the dataset's folder.
-    pub(crate) fn find(
-        &mut self,
-        base: &Path,
-        name: &str,
-        extensions: &[&str],
-    ) -> Result<Option<PathBuf>, DatasetError> {
-        let path = self.root.resolve(base, name)?;
-        if path.is_file() {
-            return Ok(Some(path));
-        }
-        let (Some(folder), Some(wanted)) = (path.parent(), path.file_name()) else {
-            return Ok(None);
-        };
-        let wanted = wanted.to_string_lossy().to_ascii_lowercase();
-        let stem = match wanted.rsplit_once('.') {
-            Some((stem, extension)) if is_picture_extension(extension) => stem,
-            _ => wanted.as_str(),
-        };
-        let names =
-            self.listed
-                .entry(folder.to_owned())
-                .or_insert_with(|| match files::list(folder) {
-                    Ok(entries) => entries.into_iter().map(|e| e.0).collect(),
-                    Err(_) => Vec::new(),
-                });
-        let fits = |name: &&String| {
-            let name = name.to_ascii_lowercase();
-            name == wanted
-                || name
-                    .rsplit_once('.')
-                    .is_some_and(|(s, e)| s == stem && extensions.contains(&e))
-        };
-        let Some(name) = names.iter().find(fits) else {
-            return Ok(None);
-        };
-        let found = folder.join(name);
-        self.root.check(&found)?;
-        Ok(found.is_file().then_some(found))
-    }
-
-    /// A picture: PNG or JPEG.
-    ///
-    /// # Errors
-    /// See [`Finder::find`].
-    pub(crate) fn picture(
-        &mut self,
-        base: &Path,
-        name: &str,
-    ) -> Result<Option<PathBuf>, DatasetError> {
-        self.find(base, name, &["png", "jpg", "jpeg"])
-    }
-
-    /// A depth map of any kind.
-    ///
-    /// # Errors
-    /// See [`Finder::find`].
-    pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
-        self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
+impl Default for Skipped {
+    fn default() -> Self {
+        Self::of("frame")
     }
 }
-
-/// Frames that were left out, by reason, as one note a reason.
-#[derive(Debug, Default)]
-pub(crate) struct Skipped(BTreeMap<&'static str, Vec<String>>);
 
 impl Skipped {
-    pub(crate) fn add(&mut self, reason: &'static str, frame: &str) {
-        self.0.entry(reason).or_default().push(frame.to_owned());
+    /// For things of that name, in the singular.
+    pub(crate) fn of(what: &'static str) -> Self {
+        Self {
+            what,
+            by_reason: BTreeMap::new(),
+        }
+    }
+
+    pub(crate) fn add(&mut self, reason: &'static str, name: &str) {
+        self.by_reason
+            .entry(reason)
+            .or_default()
+            .push(name.to_owned());
     }
 
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
-        self.0
+        self.by_reason
             .iter()
-            .map(|(reason, frames)| {
-                let first: Vec<_> = frames.iter().take(3).map(String::as_str).collect();
-                let more = if frames.len() > first.len() {
-                    ", …"
-                } else {
-                    ""
-                };
+            .map(|(reason, names)| {
                 format!(
-                    "{}: {} frame(s) left out, {reason}: {}{more}",
+                    "{}: {} {}(s) left out, {reason}: {}",
                     file.display(),
-                    frames.len(),
-                    first.join(", ")
+                    names.len(),
+                    self.what,
+                    first_few(names)
                 )
             })
             .collect()
     }
+}
+
+/// The first three of some names.
+pub(crate) fn first_few(names: &[String]) -> String {
+    let first = names.iter().take(3).map(String::as_str);
+    let more = (names.len() > 3).then_some("…");
+    first.chain(more).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -282,30 +221,5 @@ mod tests {
         assert_eq!(common_folders("images", "images"), "images");
         assert_eq!(common_folders("", "images"), "");
         assert_eq!(common_folders("a/b/c", "a/b"), "a/b");
-    }
-
-    #[test]
-    fn names_are_found_in_another_case_and_without_extension() {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::create_dir(folder.path().join("images")).unwrap();
-        std::fs::write(folder.path().join("images/DSC_1.JPG"), "").unwrap();
-        std::fs::write(folder.path().join("images/r_0.png"), "").unwrap();
-        let root = Root::open(folder.path()).unwrap();
-        let mut finder = Finder::new(&root);
-        for (name, found) in [
-            ("images/DSC_1.JPG", Some("images/DSC_1.JPG")),
-            ("./images/dsc_1.jpg", Some("images/DSC_1.JPG")),
-            ("images/DSC_1.png", Some("images/DSC_1.JPG")),
-            ("./images/r_0", Some("images/r_0.png")),
-            ("images\\r_0.png", Some("images/r_0.png")),
-            ("images/r_00", None),
-            ("nowhere/r_0", None),
-        ] {
-            let path = finder.picture(root.path(), name).unwrap();
-            assert_eq!(path, found.map(|f| folder.path().join(f)), "{name}");
-        }
-        assert!(finder.picture(root.path(), "../r_0.png").is_err());
-        assert_eq!(frame_id("./images/a.b.JPG"), "images/a.b");
-        assert_eq!(frame_id("images\\r_0"), "images/r_0");
     }
 }

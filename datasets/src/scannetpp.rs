@@ -11,13 +11,14 @@ use std::sync::Arc;
 use crate::colmap::Tracks;
 use crate::depth::{Encoding, Resampling, StoredDepth};
 use crate::files::{self, Root};
+use crate::finder::Finder;
 use crate::format::transforms::{self, Frame, Transforms, undo_colmap_axes};
 use crate::format::{colmap, picture};
 use crate::lens::Lens;
 use crate::mask::Mask;
-use crate::posed::{self, Depth, Finder, Pinhole, Posed, Skipped, frame_id};
+use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, Pairing, Scene};
 
@@ -107,10 +108,10 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         root.path().to_owned()
     };
     let split = spec.setting("split");
+    let list = root.resolve(root.path(), &format!("splits/{split}.txt"))?;
     let names: Vec<String> = if split == "all" {
         files::list(&data)?.into_iter().map(|e| e.0).collect()
     } else {
-        let list = root.resolve(root.path(), &format!("splits/{split}.txt"))?;
         let text = files::read_text(&list)?;
         text.lines()
             .map(|l| l.trim().to_owned())
@@ -119,33 +120,30 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     };
     let cache = ScanCache::default();
     let mut scenes = Vec::new();
-    let mut missing = Skipped::default();
+    let mut missing = Skipped::of("scene");
     for name in names {
-        let dslr = root.resolve(&data, &format!("{name}/dslr"))?;
-        if dslr.is_dir() {
-            let reader = Reader {
-                spec,
-                root: &root,
-                scene: root.resolve(&data, &name)?,
-                dslr,
-                cache: &cache,
-            };
-            scenes.push(reader.read(&name));
-        } else if split != "all" {
-            missing.add("the split names scenes that are not there", &name);
+        // A name that leads out must not hide the other scenes.
+        let folders = root
+            .resolve_listed(&list, &data, &format!("{name}/dslr"))
+            .and_then(|dslr| Ok((root.resolve(&data, &name)?, dslr)));
+        match folders {
+            Err(error) => scenes.push(Err(error)),
+            Ok((scene, dslr)) if dslr.is_dir() => {
+                let reader = Reader {
+                    spec,
+                    root: &root,
+                    scene,
+                    dslr,
+                    cache: &cache,
+                };
+                scenes.push(reader.read(&name));
+            }
+            Ok(_) if split == "all" => {}
+            Ok(_) => missing.add("the split names scenes that are not there", &name),
         }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all",
-        });
-    }
-    if let Some(first) = scenes.iter_mut().flatten().next() {
-        first.notes.extend(missing.notes(&spec.path));
-    }
-    Ok(scenes)
+    let expected = "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all";
+    conclude(spec, scenes, expected, &[&missing])
 }
 
 struct Reader<'a> {
@@ -186,7 +184,7 @@ impl Reader<'_> {
         .filter(|(wanted, _)| *wanted)
         .flat_map(|(_, frames)| frames)
         .collect();
-        let mut finder = Finder::new(self.root);
+        let mut finder = Finder::new(self.root, &pictures.json);
         let mut skipped = Skipped::default();
         let mut views = Vec::new();
         for frame in chosen {
@@ -236,6 +234,7 @@ impl Reader<'_> {
         }
         posed::finish(&mut views);
         notes.extend(skipped.notes(&pictures.json));
+        notes.extend(finder.notes());
         Ok(Scene {
             dataset: self.spec.name.clone(),
             id: name.to_owned(),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
+use crate::posed::Skipped;
 use crate::{DatasetError, Scene};
 
 /// One dataset format.
@@ -20,6 +21,33 @@ pub struct Format {
 
 /// The scenes found, in order; one that cannot be read does not hide the others.
 pub(crate) type Attempts = Vec<Result<Scene, DatasetError>>;
+
+/// The scenes that a reader found below a folder, with a note on what it left out.
+///
+/// # Errors
+/// [`DatasetError::NoScene`] when there is none; `expected` is the layout that was looked for.
+pub(crate) fn conclude(
+    spec: &DatasetSpec,
+    mut scenes: Attempts,
+    expected: &'static str,
+    left_out: &[&Skipped],
+) -> Result<Attempts, DatasetError> {
+    let notes = left_out
+        .iter()
+        .flat_map(|skipped| skipped.notes(&spec.path));
+    if scenes.is_empty() {
+        return Err(DatasetError::NoScene {
+            path: spec.path.clone(),
+            format: spec.format,
+            expected,
+            note: notes.map(|note| format!("; {note}")).collect(),
+        });
+    }
+    if let Some(first) = scenes.iter_mut().flatten().next() {
+        first.notes.extend(notes);
+    }
+    Ok(scenes)
+}
 
 /// Something that can be chosen when a dataset is opened, as `key=value`.
 #[derive(Debug, PartialEq, Eq)]

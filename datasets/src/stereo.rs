@@ -13,7 +13,7 @@ use crate::depth::StereoGeometry;
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::rig::Side;
-use crate::spec::{Attempts, DatasetSpec, Format};
+use crate::spec::{Attempts, DatasetSpec, Format, conclude};
 use crate::{DatasetError, Pairing, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
@@ -30,18 +30,14 @@ pub(crate) const FORMAT: Format = Format {
 
 fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     let root = Root::open(&spec.path)?;
-    let folders = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
-    if folders.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "folders with left.png, right.png and rig.txt, up to four levels down",
-        });
-    }
-    Ok(folders
+    let found = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
+    let scenes = found
+        .folders
         .iter()
         .map(|folder| read_scene(&spec.name, &root, folder))
-        .collect())
+        .collect();
+    let expected = "folders with left.png, right.png and rig.txt, up to four levels down";
+    conclude(spec, scenes, expected, &[&found.passed_over])
 }
 
 fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {

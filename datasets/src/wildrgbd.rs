@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 
 /// The catalogue's entry.
@@ -48,29 +48,25 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         folder.join(LIST).is_file() || folder.join("scenes").is_dir()
     })?;
     let mut scenes = Vec::new();
-    let mut missing = Skipped::default();
-    for category in &categories {
+    let mut missing = Skipped::of("scene");
+    for category in &categories.folders {
         let folders = if by_list {
-            listed_scenes(&root, category, split, &mut missing)?
+            listed_scenes(&root, category, split, &mut missing)
         } else {
-            every_scene(category)?
+            every_scene(category)
         };
-        for folder in folders {
-            scenes.push(read_scene(spec, &root, &folder, split == "val-frames"));
+        // A list that cannot be read, or a name that leads out, must not hide the other scenes.
+        for folder in folders.unwrap_or_else(|error| vec![Err(error)]) {
+            let by_frame = split == "val-frames";
+            scenes.push(folder.and_then(|folder| read_scene(spec, &root, &folder, by_frame)));
         }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "<category>/nvs_list.json and the scenes that it names, or split=all-scenes",
-        });
-    }
-    if let Some(first) = scenes.iter_mut().flatten().next() {
-        first.notes.extend(missing.notes(&spec.path));
-    }
-    Ok(scenes)
+    let expected = "<category>/nvs_list.json and the scenes that it names, or split=all-scenes";
+    conclude(spec, scenes, expected, &[&categories.passed_over, &missing])
 }
+
+/// The folders of a category's scenes, or why a name is none.
+type Folders = Vec<Result<PathBuf, DatasetError>>;
 
 /// The folders of the scenes that the category's list names, in natural order.
 fn listed_scenes(
@@ -78,21 +74,24 @@ fn listed_scenes(
     category: &Path,
     split: &str,
     missing: &mut Skipped,
-) -> Result<Vec<PathBuf>, DatasetError> {
+) -> Result<Folders, DatasetError> {
     let file = root.resolve(category, LIST)?;
     let key = split.trim_end_matches("-scenes");
     let mut names = names_in(&file, key)?;
     names.sort_by(|a, b| crate::natural::compare(a, b));
     let mut folders = Vec::new();
     for name in names {
-        let direct = root.resolve(category, &name)?;
-        let nested = root.resolve(category, &format!("scenes/{name}"))?;
-        match [direct, nested].into_iter().find(|f| f.is_dir()) {
-            Some(folder) => folders.push(folder),
-            None => missing.add(
-                "the list names scenes that are not there",
-                &format!("{}/{name}", root.id_of(category)),
-            ),
+        let direct = root.resolve_listed(&file, category, &name);
+        let nested = root.resolve_listed(&file, category, &format!("scenes/{name}"));
+        match direct.and_then(|direct| Ok([direct, nested?])) {
+            Err(error) => folders.push(Err(error)),
+            Ok(both) => match both.into_iter().find(|folder| folder.is_dir()) {
+                Some(folder) => folders.push(Ok(folder)),
+                None => missing.add(
+                    "the list names scenes that are not there",
+                    &format!("{}/{name}", root.id_of(category)),
+                ),
+            },
         }
     }
     Ok(folders)
@@ -116,7 +115,7 @@ fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
         .collect()
 }
 
-fn every_scene(category: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+fn every_scene(category: &Path) -> Result<Folders, DatasetError> {
     let folder = category.join("scenes");
     let folder = if folder.is_dir() {
         folder
@@ -126,7 +125,7 @@ fn every_scene(category: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     Ok(files::list(&folder)?
         .into_iter()
         .filter(|(name, _)| name.starts_with("scene_") || name.starts_with("scenes_"))
-        .map(|(_, path)| path)
+        .map(|(_, path)| Ok(path))
         .collect())
 }
 
@@ -151,10 +150,11 @@ fn read_scene(
     } else {
         None
     };
-    let by_number = |name: &str| -> Result<Vec<(i64, PathBuf)>, DatasetError> {
+    let mut linked = Skipped::of("file");
+    let mut by_number = |name: &str| -> Result<Vec<(i64, PathBuf)>, DatasetError> {
         let folder = root.resolve(folder, name)?;
         let mut files: Vec<_> = root
-            .files_in(&folder)
+            .files_in(&folder, &mut linked)
             .into_iter()
             .filter_map(|(name, path)| Some((number_of(&name)?, path)))
             .collect();
@@ -199,6 +199,8 @@ fn read_scene(
         );
     }
     posed::finish(&mut views);
+    let mut notes = skipped.notes(&poses_file);
+    notes.extend(linked.notes(folder));
     let id = root.id_of(folder);
     Ok(Scene {
         dataset: spec.name.clone(),
@@ -206,7 +208,7 @@ fn read_scene(
         id,
         views,
         pairing: Pairing::MultiView,
-        notes: skipped.notes(&poses_file),
+        notes,
     })
 }
 

@@ -1,5 +1,6 @@
 //! Trajectory files: Tanks and Temples' `.log` and `_trans.txt`, WildRGB-D's `cam_poses.txt`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DAffine3, DMat3};
@@ -16,13 +17,24 @@ pub struct NumberedPose {
     pub world_from_camera: Result<RigidTransform, CameraError>,
 }
 
-/// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix. Blocks whose second number is
-/// −1 stand for pictures without a pose and are left out; blanks and tabs do not matter. The frame
-/// number is the position of the block, 0 for the first.
+/// The poses of a `.log`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// The indices of all blocks, in order: 0 is the first picture's.
+    pub blocks: Vec<i64>,
+    /// By their blocks' indices, in order. Blocks whose second number is −1 stand for pictures
+    /// without a pose and have none here.
+    pub poses: Vec<NumberedPose>,
+}
+
+/// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix; blanks and tabs do not matter.
+/// The first of the three numbers is the block's index. Where all blocks have the same one it says
+/// nothing, and the position of the block, 0 for the first, counts.
 ///
 /// # Errors
-/// Names the file: a block that ends early, or something that is not a number.
-pub fn read_log(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
+/// Names the file: a block that ends early, something that is not a number, an index that is
+/// negative or stated twice.
+pub fn read_log(path: &Path) -> Result<Log, DatasetError> {
     parse_log(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
 }
 
@@ -30,9 +42,9 @@ pub fn read_log(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
 ///
 /// # Errors
 /// See [`read_log`].
-pub fn parse_log(text: &str) -> Result<Vec<NumberedPose>, String> {
+pub fn parse_log(text: &str) -> Result<Log, String> {
     let numbers = numbers(text)?;
-    let mut poses = Vec::new();
+    let mut blocks = Vec::new();
     for (i, block) in numbers.chunks(19).enumerate() {
         let block = <[f64; 19]>::try_from(block).map_err(|_| {
             format!(
@@ -43,14 +55,31 @@ pub fn parse_log(text: &str) -> Result<Vec<NumberedPose>, String> {
         if block[..3].iter().any(|n| n.fract() != 0.0) {
             return Err(format!("block {i} does not begin with three whole numbers"));
         }
-        if block[1] != -1.0 {
-            poses.push(NumberedPose {
-                frame: i as i64,
-                world_from_camera: pose(&block[3..]),
-            });
+        blocks.push(block);
+    }
+    let says_nothing = blocks.len() > 1 && blocks.iter().all(|block| block[0] == blocks[0][0]);
+    let mut by_index = BTreeMap::new();
+    for (i, block) in blocks.iter().enumerate() {
+        let index = if says_nothing { i as f64 } else { block[0] };
+        // Beyond 2^53 not every whole number is one of its own.
+        if !(0.0..=9e15).contains(&index) {
+            return Err(format!("block {i} states the index {index}"));
+        }
+        if by_index.insert(index as i64, block).is_some() {
+            return Err(format!("two blocks state the index {index}"));
         }
     }
-    Ok(poses)
+    Ok(Log {
+        blocks: by_index.keys().copied().collect(),
+        poses: by_index
+            .into_iter()
+            .filter(|(_, block)| block[1] != -1.0)
+            .map(|(frame, block)| NumberedPose {
+                frame,
+                world_from_camera: pose(&block[3..]),
+            })
+            .collect(),
+    })
 }
 
 /// Reads a `cam_poses.txt`: a frame number and a 4×4 matrix a row.
@@ -196,6 +225,38 @@ mod tests {
         let mut sheared = m;
         sheared[0] = 1.0;
         assert!(Similarity::from_row_major(&sheared).is_err());
+    }
+
+    #[test]
+    fn blocks_are_numbered_by_their_own_index_or_by_their_position() {
+        let identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+        let parse = |heads: &[&str]| {
+            let text: String = heads.iter().map(|h| format!("{h}\n{identity}\n")).collect();
+            parse_log(&text)
+        };
+        let frames = |log: &Log| log.poses.iter().map(|p| p.frame).collect::<Vec<_>>();
+        let gap = parse(&["3 3 0", "0 0 0", "1 -1 0"]).unwrap();
+        assert_eq!(
+            (gap.blocks.as_slice(), frames(&gap)),
+            (&[0, 1, 3][..], vec![0, 3])
+        );
+        let silent = parse(&["0 0 0", "0 -1 0", "0 0 0"]).unwrap();
+        assert_eq!(
+            (silent.blocks.as_slice(), frames(&silent)),
+            (&[0, 1, 2][..], vec![0, 2])
+        );
+        for (heads, reason) in [
+            (["0 0 0", "1 1 0", "1 1 0"], "two blocks state the index 1"),
+            (["-1 0 0", "0 1 0", "1 1 0"], "block 0 states the index -1"),
+            (
+                ["0 0 0", "1e300 1 0", "1 1 0"],
+                "block 1 states the index 1",
+            ),
+            (["0 0 0", "1 0.5 0", "2 1 0"], "block 1 does not begin"),
+        ] {
+            let error = parse(&heads).unwrap_err();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 
     #[test]

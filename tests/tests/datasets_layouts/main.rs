@@ -4,9 +4,13 @@
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
 #[cfg(test)]
+mod choices;
+#[cfg(test)]
 mod multi_view;
 #[cfg(test)]
 mod stereo;
+#[cfg(test)]
+mod tanks;
 #[cfg(test)]
 mod write;
 
@@ -38,13 +42,22 @@ fn scene() -> SyntheticScene {
     .unwrap()
 }
 
-fn read(spec: &str, folder: &Path) -> Scene {
+fn spec(spec: &str, folder: &Path) -> DatasetSpec {
     let (format, settings) = spec.split_once(',').unwrap_or((spec, ""));
     let comma = if settings.is_empty() { "" } else { "," };
     let text = format!("{format}={}{comma}{settings}", folder.display());
-    let mut scenes = open(&DatasetSpec::parse(&text).unwrap()).unwrap();
+    DatasetSpec::parse(&text).unwrap()
+}
+
+fn read(text: &str, folder: &Path) -> Scene {
+    let mut scenes = open(&spec(text, folder)).unwrap();
     assert_eq!(scenes.len(), 1);
     scenes.remove(0)
+}
+
+/// Why a folder cannot be read.
+fn refusal(text: &str, folder: &Path) -> String {
+    open(&spec(text, folder)).unwrap_err().to_string()
 }
 
 /// Cameras, pictures and depth of what was read against what was written.

@@ -14,26 +14,35 @@ use crate::{
     Depth, agreement, compare, compare_cameras, fisheye, psnr, read, scene, scores, write,
 };
 
-fn names(views: &[View], folder: &str, extension: &str) -> Vec<(String, RigidTransform)> {
+pub(crate) fn names(
+    views: &[View],
+    folder: &str,
+    extension: &str,
+) -> Vec<(String, RigidTransform)> {
     views
         .iter()
         .map(|v| (format!("{folder}{}.{extension}", v.id), v.camera_from_world))
         .collect()
 }
 
-fn folder() -> tempfile::TempDir {
+pub(crate) fn folder() -> tempfile::TempDir {
     tempfile::tempdir().unwrap()
 }
 
 /// `transforms.json` with every frame, last first.
-fn transforms(folder: &Path, name: &str, keys: &str, frames: impl Iterator<Item = String>) {
+pub(crate) fn transforms(
+    folder: &Path,
+    name: &str,
+    keys: &str,
+    frames: impl Iterator<Item = String>,
+) {
     let mut frames: Vec<_> = frames.collect();
     frames.reverse();
     let text = format!("{{{keys}, \"frames\": [{}]}}", frames.join(",\n"));
     write::text(folder, name, &text);
 }
 
-fn pinhole_keys(view: &View) -> String {
+pub(crate) fn pinhole_keys(view: &View) -> String {
     let k = view.intrinsics;
     format!(
         "\"camera_model\": \"PINHOLE\", \"fl_x\": {:?}, \"fl_y\": {:?}, \"cx\": {:?}, \
@@ -215,63 +224,6 @@ fn wildrgbd() {
     );
     let found = read("wildrgbd,split=val-frames", folder.path());
     compare(&found.views, &scene.views()[3..], Depth::Millimetres);
-}
-
-#[test]
-fn tanks_and_temples() {
-    let scene = scene();
-    let folder = folder();
-    let at = folder.path().join("Barn");
-    // World = similarity · SfM: a turn, a shift and 4.13855 metres a unit.
-    let scale = 4.13855;
-    let turn = glam::DMat3::from_rotation_y(0.4) * glam::DMat3::from_rotation_x(-0.3);
-    let shift = DVec3::new(1.5, -2.0, 0.7);
-    let mut matrix = RigidTransform {
-        rotation: turn * scale,
-        translation: shift,
-    }
-    .to_row_major();
-    matrix[15] = 1.0;
-    write::text(&at, "Barn_trans.txt", &write::row(matrix));
-    let mut log = String::new();
-    for (i, view) in scene.views().iter().enumerate() {
-        let pose = view.camera_from_world.inverse();
-        let sfm = RigidTransform {
-            rotation: turn.transpose() * pose.rotation,
-            translation: turn.transpose() * (pose.translation - shift) / scale,
-        };
-        write::picture(&at, &format!("images/{:06}.jpg", i + 1), view);
-        writeln!(log, "{i} {i} 0").unwrap();
-        for row in sfm.to_row_major().chunks(4) {
-            writeln!(log, "{}", write::row(row.iter().copied())).unwrap();
-        }
-    }
-    write::text(&at, "Barn_COLMAP_SfM.log", &log);
-    let (model, params) = write::colmap_camera(&write::lens_of(&scene.views()[0]));
-    write::text(
-        &at,
-        "cameras.txt",
-        &format!("1 {model} 96 72 {}", write::row(params)),
-    );
-    let all: Vec<_> = scene.views().iter().flat_map(write::points).collect();
-    write::ply(&at, "Barn.ply", &all);
-    let found = read("tanks-and-temples,splat-radius=0", folder.path());
-    for (a, b) in found.views.iter().zip(scene.views()) {
-        compare_cameras(a, b);
-        assert_eq!(a.content.image().unwrap(), b.content.image().unwrap());
-        let share = agreement(&write::depth_of(a), &write::depth_of(b));
-        // Points of other views shine through between those of this one.
-        assert!(share > 0.975, "{share}");
-    }
-    assert_eq!(scores(&found.views), scores(scene.views()));
-    assert_eq!(found.views[0].id, "000001");
-    let guessed = read("tanks-and-temples,intrinsics=0.7w", folder.path());
-    assert_eq!(guessed.views[0].intrinsics.fx, 0.7 * 96.0);
-    assert!(
-        guessed.notes[0].contains("never published"),
-        "{:?}",
-        guessed.notes
-    );
 }
 
 fn thin_prism() -> Lens {

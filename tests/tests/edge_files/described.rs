@@ -151,7 +151,7 @@ fn quaternions(name: &str) -> Outcome {
 }
 
 fn one_identity(name: &str) -> Outcome {
-    let poses = trajectory::read_log(&fixture(name))?;
+    let poses = trajectory::read_log(&fixture(name))?.poses;
     check(poses.len() == 1 && poses[0].frame == 0, || {
         format!("{poses:?}")
     })?;

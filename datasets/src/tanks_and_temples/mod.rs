@@ -1,20 +1,27 @@
 //! Tanks and Temples' training set.
 //!
 //! A scene is a folder with `<S>_COLMAP_SfM.log` (camera-to-world, structure-from-motion units),
-//! `<S>_trans.txt` (the similarity to the laser scan's metric world) and `<S>.ply` (the scan). The
-//! i-th block of the log belongs to the i-th picture in natural order. Intrinsics were never
-//! published: give a COLMAP camera (`cameras.txt` or `.bin` beside the log or in `sparse/0`), else
-//! the focal length the download page recommends, 0.7 of the width, is used and said so.
+//! `<S>_trans.txt` (the similarity to the laser scan's metric world) and `<S>.ply` (the scan).
+//!
+//! * `pictures`: block i of the log, from 0, belongs to the picture numbered i + 1.
+//! * `cameras`: intrinsics were never published. Give a COLMAP model (`cameras.txt` or `.bin` beside
+//!   the log or in `sparse/0`, with `images` if it has several cameras), else the focal length the
+//!   download page recommends, 0.7 of the width, is used and said so.
 
-use std::path::{Path, PathBuf};
+mod cameras;
+mod pictures;
 
+use std::path::Path;
+
+use crate::camera_size::{CAMERA_SIZE, CameraSizes};
 use crate::files::{self, Root};
-use crate::format::{colmap, picture, trajectory};
-use crate::lens::{Distortion, Lens};
+use crate::format::trajectory;
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
+use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
+use cameras::Cameras;
+use pictures::Pictures;
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -25,7 +32,7 @@ pub(crate) const FORMAT: Format = Format {
             "intrinsics",
             "where focal length and principal point come from",
             &[
-                Choice::new("auto", "a COLMAP camera if there is one, else 0.7w"),
+                Choice::new("auto", "a COLMAP model if there is one, else 0.7w"),
                 Choice::new(
                     "0.7w",
                     "0.7 of the width: the download page's recommendation",
@@ -38,6 +45,7 @@ pub(crate) const FORMAT: Format = Format {
             "pixels around a scan's point that take its depth; 0 lets hidden surfaces shine through",
             "1",
         ),
+        CAMERA_SIZE,
     ],
     open,
 };
@@ -56,9 +64,9 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
             reason: format!("'splat-radius' cannot be '{radius}'; it is a number from 0 to 16"),
         })?;
     let cache = ScanCache::default();
-    let folders = root.find_folders(3, &|folder| !logs_in(folder).is_empty())?;
+    let found = root.find_folders(3, &|folder| !logs_in(folder).is_empty())?;
     let mut scenes = Vec::new();
-    for folder in &folders {
+    for folder in &found.folders {
         for log in logs_in(folder) {
             let place = Place {
                 root: &root,
@@ -68,14 +76,8 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
             scenes.push(place.read_scene(spec, splat_radius, &cache));
         }
     }
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: FORMAT.name,
-            expected: "folders with <Scene>_COLMAP_SfM.log and <Scene>_trans.txt",
-        });
-    }
-    Ok(scenes)
+    let expected = "folders with <Scene>_COLMAP_SfM.log and <Scene>_trans.txt";
+    conclude(spec, scenes, expected, &[&found.passed_over])
 }
 
 fn logs_in(folder: &Path) -> Vec<String> {
@@ -107,9 +109,20 @@ impl Place<'_> {
             .resolve(self.folder, &format!("{name}_trans.txt"))?;
         let poses = trajectory::read_log(&log)?;
         let metric = trajectory::read_similarity(&trans)?;
-        let pictures = self.pictures(name)?;
-        let mut notes = Vec::new();
-        let (lens, camera_file) = self.lens(name, spec, &pictures[0], &mut notes)?;
+        let pictures = Pictures::find(self.root, self.folder, name, poses.blocks.len())?;
+        let by_block = pictures
+            .by_block(&poses)
+            .map_err(|reason| DatasetError::malformed(&log, reason))?;
+        let mut notes = pictures.notes.clone();
+        if by_block.first_number == Some(0) {
+            notes.push(format!(
+                "{name}: the pictures are numbered from 0, so block i is taken to be that of picture i"
+            ));
+        }
+        let cameras = self.cameras(name, spec, &pictures.files[0], &mut notes)?;
+        let mut camera_files = vec![log.clone(), trans];
+        camera_files.extend(cameras.files.iter().cloned());
+        let mut sizes = CameraSizes::new(spec);
         let scan = self.root.resolve(self.folder, &format!("{name}.ply"))?;
         let scan = scan.is_file().then(|| Scan {
             file: scan.clone(),
@@ -120,14 +133,25 @@ impl Place<'_> {
             notes.push(format!("{name}: no {name}.ply, so the views have no depth"));
         }
         let mut skipped = Skipped::default();
+        for file in &by_block.left_over {
+            skipped.add("no block of the log belongs to the picture", &name_of(file));
+        }
+        for block in &poses.blocks {
+            let posed = poses.poses.binary_search_by_key(block, |pose| pose.frame);
+            match by_block.files.get(block) {
+                None => skipped.add(
+                    "the block's picture does not exist",
+                    &by_block.label(*block),
+                ),
+                Some(file) if posed.is_err() => {
+                    skipped.add("the log says that the picture has no pose", &name_of(file));
+                }
+                Some(_) => {}
+            }
+        }
         let mut views = Vec::new();
-        for pose in &poses {
-            let label = format!("block {}", pose.frame);
-            let picture = usize::try_from(pose.frame)
-                .ok()
-                .and_then(|i| pictures.get(i));
-            let Some(image) = picture else {
-                skipped.add("there are fewer pictures than blocks", &label);
+        for pose in &poses.poses {
+            let Some(image) = by_block.files.get(&pose.frame) else {
                 continue;
             };
             let moved = pose
@@ -136,29 +160,32 @@ impl Place<'_> {
                 .map_err(Clone::clone)
                 .and_then(|p| metric.apply_to_pose(p));
             let Ok(world_from_camera) = moved else {
+                let label = by_block.label(pose.frame);
                 skipped.add("the pose is not finite or not rigid", &label);
                 continue;
             };
-            let file_name = image.file_name().unwrap_or_default().to_string_lossy();
+            let Some(lens) = cameras.of(image) else {
+                let reason = "the COLMAP model has several cameras and does not list the picture";
+                skipped.add(reason, &name_of(image));
+                continue;
+            };
             views.push(
                 Posed {
-                    id: frame_id(&file_name),
-                    image: image.clone(),
-                    lens,
+                    id: frame_id(&name_of(image)),
+                    image: image.to_path_buf(),
+                    lens: sizes.fit(lens, image)?,
                     pinhole: Pinhole::WithoutBlankPixels,
                     camera_from_world: world_from_camera.inverse(),
                     mask: None,
                     depth: scan.clone().map_or(Depth::None, Depth::Scan),
-                    cameras: [Some(log.clone()), Some(trans.clone()), camera_file.clone()]
-                        .into_iter()
-                        .flatten()
-                        .collect(),
+                    cameras: camera_files.clone(),
                 }
                 .into_view()?,
             );
         }
         posed::finish(&mut views);
         notes.extend(skipped.notes(&log));
+        notes.extend(sizes.notes(cameras.files.first().unwrap_or(&log)));
         if views.is_empty() {
             return Err(DatasetError::malformed(
                 log,
@@ -175,84 +202,31 @@ impl Place<'_> {
         })
     }
 
-    /// The scene's pictures in natural order; there is at least one.
-    fn pictures(&self, name: &str) -> Result<Vec<PathBuf>, DatasetError> {
-        let top = self.root.path();
-        let candidates = [
-            self.folder.join("images"),
-            self.folder.join(name),
-            self.folder.to_owned(),
-            top.join("image_sets").join(name),
-            top.join("images").join(name),
-            top.join(name),
-        ];
-        for folder in candidates.iter().filter(|f| f.is_dir()) {
-            self.root.check(folder)?;
-            let mut pictures = Vec::new();
-            for (file_name, path) in files::list(folder)? {
-                let extension = file_name.rsplit('.').next().unwrap_or("");
-                if ["jpg", "jpeg", "png"].contains(&extension.to_ascii_lowercase().as_str()) {
-                    self.root.check(&path)?;
-                    pictures.push(path);
-                }
-            }
-            if !pictures.is_empty() {
-                return Ok(pictures);
-            }
-        }
-        Err(DatasetError::malformed(
-            self.folder,
-            format!(
-                "no pictures of {name}: neither images/ nor {name}/ here, nor image_sets/{name}/"
-            ),
-        ))
-    }
-
-    /// The one camera of the scene, and the file it is from.
-    fn lens(
+    fn cameras(
         &self,
         name: &str,
         spec: &DatasetSpec,
         picture: &Path,
         notes: &mut Vec<String>,
-    ) -> Result<(Lens, Option<PathBuf>), DatasetError> {
-        let size = picture::dimensions(picture)?;
+    ) -> Result<Cameras, DatasetError> {
         let choice = spec.setting("intrinsics");
-        if choice == "auto" {
-            for place in [".", "sparse/0", "sparse"] {
-                let model = self.root.resolve(self.folder, place)?;
-                colmap::check_inside(self.root, &model)?;
-                let Some((file, cameras)) = colmap::read_cameras(&model)? else {
-                    continue;
-                };
-                let mut lenses = cameras.values();
-                let (Some(camera), None) = (lenses.next(), lenses.next()) else {
-                    let reason = format!("{} cameras; expected the scene's one", cameras.len());
-                    return Err(DatasetError::malformed(file, reason));
-                };
-                crate::mask::check_size(picture, size, camera.size)?;
-                let lens = camera
-                    .lens()
-                    .map_err(|reason| DatasetError::malformed(&file, reason))?;
-                return Ok((lens, Some(file)));
-            }
+        if choice == "auto"
+            && let Some(cameras) = Cameras::of_model(self.root, self.folder)?
+        {
+            return Ok(cameras);
         }
         let share = if choice == "0.6w" { 0.6 } else { 0.7 };
         notes.push(format!(
             "{name}: intrinsics were never published; the focal length is taken as {share} of the \
              width and the principal point as the middle"
         ));
-        let (w, h) = (f64::from(size.0), f64::from(size.1));
-        let lens = Lens::new(
-            (share * w, share * w),
-            (w / 2.0, h / 2.0),
-            size,
-            Distortion::None,
-        )
-        .map_err(|source| DatasetError::Camera {
-            path: picture.to_owned(),
-            source,
-        })?;
-        Ok((lens, None))
+        Cameras::recommended(share, picture)
     }
+}
+
+fn name_of(file: &Path) -> String {
+    file.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }

@@ -1,0 +1,188 @@
+//! Pictures of another size than their camera is for: refused, or the camera scaled on request.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::format::picture;
+use crate::lens::Lens;
+use crate::spec::{Choice, DatasetSpec, Setting};
+use crate::{DatasetError, mask};
+
+/// What becomes of pictures whose size is not their camera's.
+pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
+    "camera-size",
+    "pictures of another size than their camera is for",
+    &[
+        Choice::new("exact", "are an error"),
+        Choice::new(
+            "scaled",
+            "have their camera scaled, where the ratio is the same in both axes; else are an error",
+        ),
+    ],
+);
+
+/// Width and height, pixels.
+type Size = (u32, u32);
+
+/// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.
+#[derive(Debug)]
+pub(crate) struct CameraSizes {
+    scale: bool,
+    /// From the camera's size to the picture's, and how often.
+    scaled: BTreeMap<(Size, Size), usize>,
+}
+
+impl CameraSizes {
+    pub(crate) fn new(spec: &DatasetSpec) -> Self {
+        Self {
+            scale: spec.setting(CAMERA_SIZE.key) == "scaled",
+            scaled: BTreeMap::new(),
+        }
+    }
+
+    /// The camera of a picture: as it is, or scaled to the picture's size. Pixels are measured from
+    /// the picture's corner, so that focal lengths and principal point take each axis's factor;
+    /// distortion acts on coordinates without a unit and stays.
+    ///
+    /// # Errors
+    /// Names a picture whose scaled camera is none.
+    pub(crate) fn fit(&mut self, lens: Lens, image: &Path) -> Result<Lens, DatasetError> {
+        let k = lens.intrinsics();
+        let from = (k.width, k.height);
+        // A picture that cannot be read is reported by whoever decodes it.
+        let Some(to) = self
+            .scale
+            .then(|| picture::dimensions(image).ok())
+            .flatten()
+            .filter(|to| *to != from && is_same_ratio(from, *to))
+        else {
+            return Ok(lens);
+        };
+        *self.scaled.entry((from, to)).or_default() += 1;
+        let x = f64::from(to.0) / f64::from(from.0);
+        let y = f64::from(to.1) / f64::from(from.1);
+        let (focal, center) = ((k.fx * x, k.fy * y), (k.cx * x, k.cy * y));
+        Lens::new(focal, center, to, lens.distortion()).map_err(|source| DatasetError::Camera {
+            path: image.to_owned(),
+            source,
+        })
+    }
+
+    /// A note a pair of sizes; `file` is where the cameras are from.
+    pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
+        self.scaled
+            .iter()
+            .map(|((from, to), count)| {
+                format!(
+                    "{}: the cameras of {count} picture(s) are for {}x{} and were scaled to the \
+                     pictures' {}x{}",
+                    file.display(),
+                    from.0,
+                    from.1,
+                    to.0,
+                    to.1
+                )
+            })
+            .collect()
+    }
+}
+
+/// Refuses a picture whose size is not its camera's, and says so where [`CAMERA_SIZE`] would help.
+pub(crate) fn check_size(path: &Path, found: Size, expected: Size) -> Result<(), DatasetError> {
+    mask::check_size(path, found, expected).map_err(|error| match error {
+        DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
+            let hint = "the ratio is the same in both axes: camera-size=scaled scales the camera \
+                        (formats nerfstudio, colmap and tanks-and-temples)";
+            DatasetError::malformed(path, format!("{reason}; {hint}"))
+        }
+        error => error,
+    })
+}
+
+/// Whether one factor leads from one size to the other, where both of the new sides were rounded
+/// to whole pixels in the same way: down, or to the nearest.
+fn is_same_ratio(from: Size, to: Size) -> bool {
+    let ([w, h], [v, u]) = (
+        [from.0, from.1].map(i128::from),
+        [to.0, to.1].map(i128::from),
+    );
+    // Of each axis: the factors that lead to that side form an interval; the two must meet.
+    let down = v * h < (u + 1) * w && u * w < (v + 1) * h;
+    let nearest = (2 * v - 1) * h <= (2 * u + 1) * w && (2 * u - 1) * w <= (2 * v + 1) * h;
+    down || nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::Distortion;
+
+    #[test]
+    fn the_ratio_must_be_that_of_both_axes() {
+        for (from, to, same) in [
+            ((160, 120), (80, 60), true),
+            ((160, 120), (320, 240), true),
+            // Halves, rounded down; a third, rounded to the nearest.
+            ((1921, 1081), (960, 540), true),
+            ((1921, 1081), (640, 360), true),
+            ((160, 120), (80, 61), false),
+            ((160, 120), (120, 160), false),
+            ((160, 120), (160, 119), false),
+            ((6048, 4032), (6198, 4129), false),
+            ((u32::MAX, 1), (1, u32::MAX), false),
+        ] {
+            assert_eq!(is_same_ratio(from, to), same, "{from:?} {to:?}");
+        }
+    }
+
+    #[test]
+    fn scaled_cameras_are_those_of_the_smaller_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = folder.path().join("a.png");
+        image::RgbImage::new(80, 60).save(&image).unwrap();
+        let distortion = Distortion::Radial { k: [-0.1, 0.02] };
+        let lens = |s: f64, size| {
+            Lens::new(
+                (150.0 * s, 151.0 * s),
+                (81.0 * s, 59.5 * s),
+                size,
+                distortion,
+            )
+            .unwrap()
+        };
+        let spec = |settings: &str| {
+            CameraSizes::new(&DatasetSpec::parse(&format!("colmap=x{settings}")).unwrap())
+        };
+        let mut scaled = spec(",camera-size=scaled");
+        let found = scaled.fit(lens(1.0, (160, 120)), &image).unwrap();
+        assert_eq!(found, lens(0.5, (80, 60)));
+        assert_eq!(
+            scaled.notes(Path::new("c.txt")),
+            [
+                "c.txt: the cameras of 1 picture(s) are for 160x120 and were scaled to the pictures' 80x60"
+            ]
+        );
+        let other = lens(1.0, (160, 100));
+        assert_eq!(scaled.fit(other, &image).unwrap(), other);
+        let mut exact = spec("");
+        let large = lens(1.0, (160, 120));
+        assert_eq!(exact.fit(large, &image).unwrap(), large);
+        assert!(exact.notes(Path::new("c.txt")).is_empty());
+    }
+
+    #[test]
+    fn the_error_names_the_setting_where_it_would_help() {
+        let error = |found| {
+            check_size(Path::new("a.png"), found, (160, 120))
+                .unwrap_err()
+                .to_string()
+        };
+        let helped = error((80, 60));
+        assert!(helped.starts_with("a.png: is 80x60, but its camera is for 160x120; "));
+        assert!(helped.contains("camera-size=scaled"), "{helped}");
+        assert_eq!(
+            error((80, 80)),
+            "a.png: is 80x80, but its camera is for 160x120"
+        );
+    }
+}

@@ -1,0 +1,226 @@
+//! Files whose names in lists and on disk do not quite agree: another case, another extension, none
+//! at all.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::DatasetError;
+use crate::files::{self, Root};
+use crate::posed::{first_few, is_picture_extension};
+
+/// Lower-case stems of a folder's files, and the files that have them, in natural order.
+type Stems = BTreeMap<String, Vec<String>>;
+
+/// Finds the files that one list names. Each folder is listed once.
+#[derive(Debug)]
+pub(crate) struct Finder<'a> {
+    root: &'a Root,
+    list: PathBuf,
+    listed: BTreeMap<PathBuf, Stems>,
+    /// What was chosen, and the files that would have done as well.
+    passed_over: BTreeMap<PathBuf, Vec<String>>,
+}
+
+impl<'a> Finder<'a> {
+    /// `list` is the file that the names are from.
+    pub(crate) fn new(root: &'a Root, list: &Path) -> Self {
+        Self {
+            root,
+            list: list.to_owned(),
+            listed: BTreeMap::new(),
+            passed_over: BTreeMap::new(),
+        }
+    }
+
+    /// The file of that name below `base`: exactly; else of the same name in another case; else of
+    /// the same stem with one of the extensions, the stem's own case first, then in the extensions'
+    /// order. Where several files would do in either of the last two ways, [`Self::notes`] says so.
+    /// `None` when there is none or no such folder.
+    ///
+    /// # Errors
+    /// When the name leads out of the dataset's folder; names the list.
+    pub(crate) fn find(
+        &mut self,
+        base: &Path,
+        name: &str,
+        extensions: &[&str],
+    ) -> Result<Option<PathBuf>, DatasetError> {
+        let path = self.root.resolve_listed(&self.list, base, name)?;
+        if path.is_file() {
+            return Ok(Some(path));
+        }
+        let (Some(folder), Some(wanted)) = (path.parent(), path.file_name()) else {
+            return Ok(None);
+        };
+        let wanted = wanted.to_string_lossy();
+        let stem = match wanted.rsplit_once('.') {
+            Some((stem, extension)) if is_picture_extension(extension) => stem,
+            _ => &wanted,
+        };
+        let stems = self
+            .listed
+            .entry(folder.to_owned())
+            .or_insert_with(|| stems_in(folder));
+        let of_stem = |stem: &str| stems.get(&stem.to_ascii_lowercase()).into_iter().flatten();
+        let is_file = |name: &&String| folder.join(name).is_file();
+        let mut fitting: Vec<&String> = of_stem(split(&wanted).0)
+            .filter(|name| name.eq_ignore_ascii_case(&wanted))
+            .filter(is_file)
+            .collect();
+        if fitting.is_empty() {
+            let mut ranked: Vec<_> = of_stem(stem)
+                .filter_map(|name| {
+                    let (found, extension) = split(name);
+                    let extension = extension.to_ascii_lowercase();
+                    let rank = extensions.iter().position(|e| *e == extension)?;
+                    Some(((found != stem, rank), name))
+                })
+                .filter(|(_, name)| is_file(name))
+                .collect();
+            // The sort is stable: equals stay in natural order.
+            ranked.sort_by_key(|(rank, _)| *rank);
+            fitting = ranked.into_iter().map(|(_, name)| name).collect();
+        }
+        let Some((chosen, others)) = fitting.split_first() else {
+            return Ok(None);
+        };
+        let found = folder.join(chosen);
+        self.root.check(&found)?;
+        if !others.is_empty() {
+            let others = others.iter().map(|name| (*name).clone()).collect();
+            self.passed_over.insert(found.clone(), others);
+        }
+        Ok(Some(found))
+    }
+
+    /// A picture: PNG, which is lossless, before JPEG.
+    ///
+    /// # Errors
+    /// See [`Finder::find`].
+    pub(crate) fn picture(
+        &mut self,
+        base: &Path,
+        name: &str,
+    ) -> Result<Option<PathBuf>, DatasetError> {
+        self.find(base, name, &["png", "jpg", "jpeg"])
+    }
+
+    /// A depth map of any kind.
+    ///
+    /// # Errors
+    /// See [`Finder::find`].
+    pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
+        self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
+    }
+
+    /// The names that several files fit, as at most one note.
+    pub(crate) fn notes(&self) -> Vec<String> {
+        if self.passed_over.is_empty() {
+            return Vec::new();
+        }
+        let choices: Vec<String> = self
+            .passed_over
+            .iter()
+            .map(|(chosen, others)| {
+                let name = self.root.id_of(chosen);
+                format!("{name} is read and not {}", others.join(", "))
+            })
+            .collect();
+        vec![format!(
+            "{}: {} name(s) fit several files, by another case or extension: {}",
+            self.list.display(),
+            choices.len(),
+            first_few(&choices)
+        )]
+    }
+}
+
+fn stems_in(folder: &Path) -> Stems {
+    let mut stems = Stems::new();
+    for (name, _) in files::list(folder).unwrap_or_default() {
+        let stem = split(&name).0.to_ascii_lowercase();
+        stems.entry(stem).or_default().push(name);
+    }
+    stems
+}
+
+/// A name before and after its last dot.
+fn split(name: &str) -> (&str, &str) {
+    name.rsplit_once('.').unwrap_or((name, ""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::posed::frame_id;
+
+    #[test]
+    fn names_are_found_in_another_case_and_without_extension() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("images")).unwrap();
+        std::fs::write(folder.path().join("images/DSC_1.JPG"), "").unwrap();
+        std::fs::write(folder.path().join("images/r_0.png"), "").unwrap();
+        let root = Root::open(folder.path()).unwrap();
+        let mut finder = Finder::new(&root, Path::new("list.txt"));
+        for (name, found) in [
+            ("images/DSC_1.JPG", Some("images/DSC_1.JPG")),
+            ("./images/dsc_1.jpg", Some("images/DSC_1.JPG")),
+            ("images/DSC_1.png", Some("images/DSC_1.JPG")),
+            ("./images/r_0", Some("images/r_0.png")),
+            ("images\\r_0.png", Some("images/r_0.png")),
+            ("images/r_00", None),
+            ("nowhere/r_0", None),
+        ] {
+            let path = finder.picture(root.path(), name).unwrap();
+            assert_eq!(path, found.map(|f| folder.path().join(f)), "{name}");
+        }
+        assert!(finder.picture(root.path(), "../r_0.png").is_err());
+        assert_eq!(frame_id("./images/a.b.JPG"), "images/a.b");
+        assert_eq!(frame_id("images\\r_0"), "images/r_0");
+    }
+
+    #[test]
+    fn of_several_files_the_closest_name_is_found_and_the_others_are_noted() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = [
+            "a.jpg", "a.png", "b.JPG", "b.png", "C.png", "c.jpeg", "d.PNG", "d.Png",
+        ];
+        for file in files {
+            std::fs::write(folder.path().join(file), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("e.png")).unwrap();
+        std::fs::write(folder.path().join("e.jpg"), "").unwrap();
+        let root = Root::open(folder.path()).unwrap();
+        for (name, found, others) in [
+            // As written.
+            ("a.jpg", "a.jpg", None),
+            // Another case of the whole name before another extension.
+            ("b.jpg", "b.JPG", None),
+            ("A.JPG", "a.jpg", None),
+            // PNG before JPEG where the name does not say.
+            ("a", "a.png", Some("a.jpg")),
+            ("a.jpeg", "a.png", Some("a.jpg")),
+            // The stem's own case first.
+            ("c", "c.jpeg", Some("C.png")),
+            ("c.jpg", "c.jpeg", Some("C.png")),
+            ("d.png", "d.PNG", Some("d.Png")),
+            // A folder is no picture.
+            ("e", "e.jpg", None),
+        ] {
+            let mut finder = Finder::new(&root, Path::new("list.txt"));
+            let path = finder.picture(root.path(), name).unwrap();
+            assert_eq!(path, Some(folder.path().join(found)), "{name}");
+            let notes = finder.notes();
+            match others {
+                None => assert!(notes.is_empty(), "{name}: {notes:?}"),
+                Some(other) => assert_eq!(
+                    notes,
+                    [format!(
+                        "list.txt: 1 name(s) fit several files, by another case or extension: \
+                         {found} is read and not {other}"
+                    )]
+                ),
+            }
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! The cameras of a scene: from a COLMAP model, or as the download page recommends.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::DatasetError;
+use crate::files::Root;
+use crate::format::colmap::{self, Cameras as Models};
+use crate::format::picture;
+use crate::lens::{Distortion, Lens};
+use crate::posed::frame_id;
+
+/// The cameras of a scene's pictures.
+#[derive(Debug)]
+pub(super) struct Cameras {
+    kind: Kind,
+    /// The files they are from; none for recommended ones.
+    pub(super) files: Vec<PathBuf>,
+}
+
+#[derive(Debug)]
+enum Kind {
+    One(Lens),
+    /// By the pictures' names, without folder and extension.
+    Each(BTreeMap<String, Lens>),
+}
+
+impl Cameras {
+    /// The cameras of the first COLMAP model beside the log, in `sparse/0` or in `sparse`; `None`
+    /// when there is none. A single camera is that of all pictures; of several each picture has
+    /// the one that the model's `images` names.
+    ///
+    /// # Errors
+    /// Names the file: broken, or several cameras and nothing that says whose they are.
+    pub(super) fn of_model(root: &Root, folder: &Path) -> Result<Option<Self>, DatasetError> {
+        for place in [".", "sparse/0", "sparse"] {
+            let model = root.resolve(folder, place)?;
+            colmap::check_inside(root, &model)?;
+            let Some((file, cameras)) = colmap::read_cameras(&model)? else {
+                continue;
+            };
+            let mut values = cameras.values();
+            if let (Some(camera), None) = (values.next(), values.next()) {
+                let lens = camera
+                    .lens()
+                    .map_err(|reason| DatasetError::malformed(&file, reason))?;
+                return Ok(Some(Self {
+                    kind: Kind::One(lens),
+                    files: vec![file],
+                }));
+            }
+            if cameras.is_empty() || !colmap::is_model(&model) {
+                return Err(DatasetError::malformed(
+                    file,
+                    format!(
+                        "{} cameras; expected one for the whole scene, or images.bin or images.txt \
+                         beside it, which says whose they are; COLMAP makes one with \
+                         --ImageReader.single_camera 1, and intrinsics=0.7w does without",
+                        cameras.len()
+                    ),
+                ));
+            }
+            return Self::by_name(&model, &cameras).map(Some);
+        }
+        Ok(None)
+    }
+
+    fn by_name(folder: &Path, cameras: &Models) -> Result<Self, DatasetError> {
+        let model = colmap::read_model(folder)?;
+        let images = model.files.last().map_or(folder, PathBuf::as_path);
+        let malformed = |reason: String| DatasetError::malformed(images, reason);
+        let mut ids = BTreeMap::new();
+        for image in &model.images {
+            let name = key_of(&image.name);
+            let other = ids.insert(name.clone(), image.camera_id);
+            if other.is_some_and(|other| other != image.camera_id) {
+                return Err(malformed(format!(
+                    "gives pictures named {name} different cameras"
+                )));
+            }
+        }
+        let mut lenses = BTreeMap::new();
+        for (name, id) in ids {
+            let camera = cameras.get(&id).ok_or_else(|| {
+                malformed(format!("'{name}' has camera {id}, which does not exist"))
+            })?;
+            let lens = camera.lens().map_err(|reason| {
+                DatasetError::malformed(&model.files[0], format!("camera {id}: {reason}"))
+            })?;
+            lenses.insert(name, lens);
+        }
+        Ok(Self {
+            kind: Kind::Each(lenses),
+            files: model.files,
+        })
+    }
+
+    /// One camera for all pictures: a focal length of `share` of the first one's width, and the
+    /// middle as principal point.
+    ///
+    /// # Errors
+    /// Names the picture.
+    pub(super) fn recommended(share: f64, picture: &Path) -> Result<Self, DatasetError> {
+        let size = picture::dimensions(picture)?;
+        let (w, h) = (f64::from(size.0), f64::from(size.1));
+        let lens = Lens::new(
+            (share * w, share * w),
+            (w / 2.0, h / 2.0),
+            size,
+            Distortion::None,
+        );
+        Ok(Self {
+            kind: Kind::One(lens.map_err(|source| DatasetError::Camera {
+                path: picture.to_owned(),
+                source,
+            })?),
+            files: Vec::new(),
+        })
+    }
+
+    /// The camera of a picture; `None` when the model does not list it.
+    pub(super) fn of(&self, picture: &Path) -> Option<Lens> {
+        match &self.kind {
+            Kind::One(lens) => Some(*lens),
+            Kind::Each(lenses) => {
+                let name = picture.file_name().unwrap_or_default().to_string_lossy();
+                lenses.get(&key_of(&name)).copied()
+            }
+        }
+    }
+}
+
+/// A picture's name without folders and extension: the extension may be another one in the model.
+fn key_of(name: &str) -> String {
+    let id = frame_id(name);
+    id.rsplit('/').next().unwrap_or(&id).to_owned()
+}

@@ -1,0 +1,336 @@
+//! Which pictures a scene has, and which block of its log belongs to which of them.
+//!
+//! A picture that lacks, or one too many, must not shift the poses of all that follow: pictures are
+//! matched by their numbers, and by their order only where every block has its picture.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::DatasetError;
+use crate::files::{self, Root};
+use crate::format::trajectory::Log;
+use crate::posed::first_few;
+
+/// The pictures of a scene.
+#[derive(Debug)]
+pub(super) struct Pictures {
+    /// Where they are.
+    pub(super) folder: PathBuf,
+    /// In natural order; there is at least one.
+    pub(super) files: Vec<PathBuf>,
+    /// Other folders that hold pictures and are not read.
+    pub(super) notes: Vec<String>,
+}
+
+impl Pictures {
+    /// Looks where pictures may be: `images/` and `<name>/` beside the log, beside the log itself,
+    /// then `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. The first folder with
+    /// as many pictures as there are blocks counts, else the first with any.
+    ///
+    /// # Errors
+    /// When there is no picture, or one that is read leads out of the root.
+    pub(super) fn find(
+        root: &Root,
+        beside: &Path,
+        name: &str,
+        blocks: usize,
+    ) -> Result<Self, DatasetError> {
+        let top = root.path();
+        let candidates = [
+            beside.join("images"),
+            beside.join(name),
+            beside.to_owned(),
+            top.join("image_sets").join(name),
+            top.join("images").join(name),
+            top.join(name),
+        ];
+        let (mut found, mut leading_out) = (Vec::new(), None);
+        let mut seen = BTreeSet::new();
+        for folder in candidates.into_iter().filter(|folder| folder.is_dir()) {
+            let canonical = folder
+                .canonicalize()
+                .map_err(|e| DatasetError::io(&folder, e))?;
+            if !seen.insert(canonical) {
+                continue;
+            }
+            if let Err(error) = root.check(&folder) {
+                leading_out.get_or_insert(error);
+                continue;
+            }
+            let files = pictures_in(&folder)?;
+            if !files.is_empty() {
+                found.push((folder, files));
+            }
+        }
+        if found.is_empty() {
+            return Err(leading_out.unwrap_or_else(|| {
+                DatasetError::malformed(
+                    beside,
+                    format!(
+                        "no pictures of {name}: neither images/ nor {name}/ here, nor \
+                         image_sets/{name}/"
+                    ),
+                )
+            }));
+        }
+        let fitting = found.iter().position(|(_, files)| files.len() == blocks);
+        let (folder, files) = found.remove(fitting.unwrap_or(0));
+        for file in &files {
+            root.check(file)?;
+        }
+        let mut notes: Vec<String> = found
+            .iter()
+            .map(|(other, files)| {
+                format!(
+                    "{name}: the pictures of {} are read, not the {} of {}",
+                    folder.display(),
+                    files.len(),
+                    other.display()
+                )
+            })
+            .collect();
+        notes.extend(leading_out.map(|error| format!("{name}: not read: {error}")));
+        Ok(Self {
+            folder,
+            files,
+            notes,
+        })
+    }
+
+    /// The pictures by the blocks of the log that they belong to, and those that have no block.
+    ///
+    /// Where all names are numbers, block i belongs to the picture numbered i + 1; to the one
+    /// numbered i only if the pictures' numbers begin with 0 and end with the last block. Where not
+    /// all are, there must be as many pictures as blocks, and their order counts.
+    ///
+    /// # Errors
+    /// The reason why it cannot be told which picture a pose belongs to.
+    pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
+        let last = log.blocks.last().copied().unwrap_or(-1);
+        let Some(numbered) = self.numbered()? else {
+            return self.by_order(last, log.blocks.len());
+        };
+        let bounds = numbered.first_key_value().zip(numbered.last_key_value());
+        let (least, most) = bounds.map_or((0, 0), |((least, _), (most, _))| (*least, *most));
+        let counts = || {
+            format!(
+                "{} pictures numbered {least} to {most} in {}, but {} blocks with the indices {} to {last}",
+                numbered.len(),
+                self.folder.display(),
+                log.blocks.len(),
+                log.blocks.first().unwrap_or(&0),
+            )
+        };
+        let first = match (least, log.blocks.first()) {
+            (0, _) if most == last => 0,
+            (0, _) => {
+                return Err(format!(
+                    "{}: pictures are numbered from 1, block 0 being that of picture 1, or else from 0 \
+                     to the last block; the poses cannot be assigned",
+                    counts()
+                ));
+            }
+            (_, Some(1)) if most == last => {
+                return Err(format!(
+                    "{}: a block's index is one less than its picture's number, so that blocks are \
+                     numbered from 0; the poses cannot be assigned",
+                    counts()
+                ));
+            }
+            _ => 1,
+        };
+        let mut by_block = ByBlock::default();
+        for (number, file) in numbered {
+            let block = number - first;
+            if log.blocks.binary_search(&block).is_ok() {
+                by_block.files.insert(block, file);
+            } else {
+                by_block.left_over.push(file);
+            }
+        }
+        by_block.first_number = Some(first);
+        Ok(by_block)
+    }
+
+    /// The pictures by their numbers, if all names are numbers.
+    fn numbered(&self) -> Result<Option<BTreeMap<i64, &Path>>, String> {
+        let mut numbered = BTreeMap::new();
+        for file in &self.files {
+            let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+            // A sign would be read as part of a number.
+            let plain = stem.bytes().all(|c| c.is_ascii_digit());
+            let Some(number) = stem.parse().ok().filter(|_| plain) else {
+                return Ok(None);
+            };
+            if let Some(other) = numbered.insert(number, file.as_path()) {
+                return Err(format!(
+                    "{} and {} have the same number",
+                    other.display(),
+                    file.display()
+                ));
+            }
+        }
+        Ok(Some(numbered))
+    }
+
+    fn by_order(&self, last: i64, blocks: usize) -> Result<ByBlock<'_>, String> {
+        let count = self.files.len();
+        if usize::try_from(last + 1) != Ok(count) {
+            let unnumbered: Vec<String> = self
+                .files
+                .iter()
+                .filter_map(|file| Some(file.file_name()?.to_string_lossy().into_owned()))
+                .filter(|name| {
+                    !name
+                        .split('.')
+                        .next()
+                        .unwrap_or("")
+                        .bytes()
+                        .all(|c| c.is_ascii_digit())
+                })
+                .collect();
+            return Err(format!(
+                "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: not all \
+                 pictures are named by a number ({}), so that it cannot be told which pose belongs \
+                 to which; take away what does not belong there, or name the pictures 000001, \
+                 000002 and so on, block 0 being that of 000001",
+                self.folder.display(),
+                first_few(&unnumbered)
+            ));
+        }
+        let files = self.files.iter().zip(0..);
+        Ok(ByBlock {
+            files: files.map(|(file, block)| (block, file.as_path())).collect(),
+            ..ByBlock::default()
+        })
+    }
+}
+
+/// Pictures by the blocks of a log.
+#[derive(Debug, Default)]
+pub(super) struct ByBlock<'a> {
+    /// By the blocks' indices.
+    pub(super) files: BTreeMap<i64, &'a Path>,
+    /// Pictures that no block belongs to.
+    pub(super) left_over: Vec<&'a Path>,
+    /// The number of block 0's picture, where numbers counted.
+    pub(super) first_number: Option<i64>,
+}
+
+impl ByBlock<'_> {
+    /// A block for a note, with the number of its picture.
+    pub(super) fn label(&self, block: i64) -> String {
+        match self.first_number {
+            Some(first) => format!("block {block} (picture {:06})", block.saturating_add(first)),
+            None => format!("block {block}"),
+        }
+    }
+}
+
+/// The pictures of a folder in natural order, by their extensions.
+fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let is_picture = |name: &str| {
+        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
+        ["jpg", "jpeg", "png"].contains(&extension.to_ascii_lowercase().as_str())
+    };
+    Ok(files::list(folder)?
+        .into_iter()
+        .filter(|(name, _)| is_picture(name))
+        .map(|(_, path)| path)
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pictures(names: &[&str]) -> Pictures {
+        Pictures {
+            folder: PathBuf::from("images"),
+            files: names.iter().map(PathBuf::from).collect(),
+            notes: Vec::new(),
+        }
+    }
+
+    fn log(blocks: &[i64]) -> Log {
+        Log {
+            blocks: blocks.to_vec(),
+            poses: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn numbers_count_and_not_the_order() {
+        for (names, blocks, expected, left_over) in [
+            (
+                &["1.jpg", "2.jpg", "3.jpg"][..],
+                &[0, 1, 2][..],
+                "0:1 1:2 2:3",
+                0,
+            ),
+            (
+                &["000001.jpg", "000003.PNG"],
+                &[0, 1, 2],
+                "0:000001 2:000003",
+                0,
+            ),
+            (&["1.jpg", "2.jpg", "9.jpg"], &[0, 1, 2], "0:1 1:2", 1),
+            (&["1.jpg", "2.jpg", "3.jpg"], &[0, 2], "0:1 2:3", 1),
+            (&["2.jpg", "3.jpg"], &[0, 1], "1:2", 1),
+            (&["0.jpg", "2.jpg"], &[0, 1, 2], "0:0 2:2", 0),
+            // A log whose first block lacks.
+            (&["1.jpg", "2.jpg", "3.jpg"], &[1, 2], "1:2 2:3", 1),
+        ] {
+            let pictures = pictures(names);
+            let found = pictures.by_block(&log(blocks)).unwrap();
+            let pairs: Vec<String> = found
+                .files
+                .iter()
+                .map(|(block, file)| {
+                    format!("{block}:{}", file.file_stem().unwrap().to_string_lossy())
+                })
+                .collect();
+            assert_eq!(pairs.join(" "), expected, "{names:?} {blocks:?}");
+            assert_eq!(found.left_over.len(), left_over, "{names:?} {blocks:?}");
+        }
+    }
+
+    #[test]
+    fn names_count_by_order_only_where_each_block_has_its_picture() {
+        let named = pictures(&["a.jpg", "b.jpg"]);
+        let found = named.by_block(&log(&[0, 1])).unwrap();
+        assert_eq!(
+            found.files.values().collect::<Vec<_>>(),
+            [&Path::new("a.jpg"), &Path::new("b.jpg")]
+        );
+        assert_eq!(found.first_number, None);
+    }
+
+    #[test]
+    fn poses_that_might_be_shifted_are_refused() {
+        for (names, blocks, reason) in [
+            (
+                &["a.jpg", "b.jpg"][..],
+                &[0, 1, 2][..],
+                "2 pictures in images, but 3 blocks",
+            ),
+            (
+                &["000000_preview.jpg", "1.jpg"],
+                &[0],
+                "number (000000_preview.jpg)",
+            ),
+            (&["a.jpg", "b.jpg"], &[0, 2], "the last with the index 2"),
+            (&["+1.jpg", "2.jpg"], &[0], "number (+1.jpg)"),
+            (
+                &["0.jpg", "1.jpg", "2.jpg"],
+                &[0, 1],
+                "numbered 0 to 2 in images, but 2 blocks",
+            ),
+            (&["1.jpg", "2.jpg"], &[1, 2], "blocks are numbered from 0"),
+            (&["1.jpg", "01.jpg"], &[0, 1], "the same number"),
+        ] {
+            let error = pictures(names).by_block(&log(blocks)).unwrap_err();
+            assert!(error.contains(reason), "{names:?} {blocks:?}: {error}");
+        }
+    }
+}
