@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 
 use crate::camera_size::check_size;
 use crate::depth::DepthSource;
@@ -41,6 +41,17 @@ impl ViewContent for FileContent {
             Some(undistortion) => undistortion.image(&image),
             None => image,
         })
+    }
+
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        let Some(mask) = &self.mask else {
+            return Ok(None);
+        };
+        let stored = mask.read(self.size)?;
+        Ok(Some(match &self.undistortion {
+            Some(undistortion) => undistortion.mask_nearest(&stored),
+            None => stored,
+        }))
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {

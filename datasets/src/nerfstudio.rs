@@ -36,7 +36,10 @@ pub(crate) const FORMAT: Format = Format {
             "what becomes of pixels that a mask excludes",
             &[
                 Choice::new("ignore", "masks are not read"),
-                Choice::new("apply", "the picture is black and the depth invalid there"),
+                Choice::new(
+                    "apply",
+                    "the picture is black and the depth invalid there, and scores leave them out",
+                ),
             ],
         ),
         CAMERA_SIZE,

@@ -88,7 +88,10 @@ pub(crate) const FORMAT: Format = Format {
             "masks",
             "what becomes of anonymised pixels",
             &[
-                Choice::new("apply", "black, without depth"),
+                Choice::new(
+                    "apply",
+                    "black, without depth, left out of scores by ScanNet++'s own rule",
+                ),
                 Choice::new("ignore", "as stored"),
             ],
         ),

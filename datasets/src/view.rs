@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::{ImageBuffer, Luma, RgbImage};
+use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::DatasetError;
@@ -20,6 +20,13 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// # Errors
     /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
+
+    /// Which pixels of the photograph count: 255 where they do, of its size; `None` where the dataset
+    /// excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read.
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError>;
 
     /// Ground-truth depth at the image's size; `None` where the dataset has none for this view.
     ///

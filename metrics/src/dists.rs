@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use crate::backbone::{Extractor, Taps};
 use crate::picture::{Normalization, Picture};
-use crate::scorer::Unavailable;
 use crate::simd::with_widest_vectors;
+use crate::unavailable::Unavailable;
 
 /// Number of taps: the picture and five layers.
 pub(crate) const TAPS: usize = 6;

@@ -11,10 +11,12 @@ use crate::backbone::{Extractor, Kernels};
 use crate::dists::{Dists, Similarity};
 use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey};
 use crate::lpips::{Distance, Epsilon, InputRange, Lpips};
+use crate::options::ScorerOptions;
 use crate::picture::{Mask, Picture};
 use crate::resize::to_shorter_side_256;
-use crate::scorer::{ScoreMap, ScorerOptions, Unavailable};
+use crate::score_map::ScoreMap;
 use crate::spatial::summed_rows;
+use crate::unavailable::Unavailable;
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights};
 
 /// Networks with their weights, as far as a selection needs them and there are weights.

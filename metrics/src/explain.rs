@@ -2,8 +2,14 @@
 
 use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant};
 
-/// The text behind [`MetricKey::explain`].
-pub(crate) fn explain(key: MetricKey) -> String {
+impl MetricKey {
+    /// What the key means, in a few sentences, and which public code computes the same value.
+    pub fn explain(self) -> String {
+        explain(self)
+    }
+}
+
+fn explain(key: MetricKey) -> String {
     let base = match key.metric() {
         Metric::Psnr => PSNR.to_owned(),
         Metric::Ssim(variant) => format!("{SSIM} {}", ssim(variant)),

@@ -334,11 +334,6 @@ impl MetricKey {
         base + self.region.suffix()
     }
 
-    /// What the key means, in a few sentences, and which public code computes the same value.
-    pub fn explain(self) -> String {
-        crate::explain::explain(self)
-    }
-
     fn canonical_base(self) -> String {
         match self.metric {
             Metric::Psnr => "psnr".to_owned(),

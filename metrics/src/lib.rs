@@ -11,7 +11,8 @@
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
 //! * [`mod@resize`]: the resizing functions of torch, PIL and OpenCV, by name.
-//! * [`scorer`]: all selected metrics of a pair.
+//! * [`scorer`]: all selected metrics of a pair; `options`: how they are computed; `score_map`: their local values;
+//!   `unavailable`: why there is none.
 //! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
 //! * [`device`]: where the networks of the last two are computed.
 //! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
@@ -26,14 +27,17 @@ mod explain;
 pub mod facts;
 pub mod identity;
 mod lpips;
+mod options;
 pub mod picture;
 mod psnr;
 pub mod resize;
+mod score_map;
 pub mod scorer;
 pub mod selection;
 mod simd;
 mod spatial;
 mod ssim;
+mod unavailable;
 pub mod weights;
 
 pub use device::Device;
@@ -41,12 +45,12 @@ pub use facts::{Facts, OwnWeights, term_names};
 pub use identity::{
     Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant,
 };
+pub use options::ScorerOptions;
 pub use picture::{Mask, Picture, PictureError};
 pub use resize::{ResizeKernel, resize};
-pub use scorer::{
-    AllTerms, Examined, Maps, ScoreError, ScoreMap, Scorer, ScorerOptions, Scores, Terms,
-    Unavailable,
-};
+pub use score_map::ScoreMap;
+pub use scorer::{AllTerms, Examined, Maps, Scorer, Scores, Terms};
 pub use selection::{Selected, Selection, SelectionError};
 pub use sharp_kernels::{Algorithm, Level, Simd};
+pub use unavailable::{ScoreError, Unavailable};
 pub use weights::{Backbone, Weights, WeightsError, WeightsUsed};

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 
 use crate::backbone::{Extractor, Taps};
 use crate::picture::{Normalization, Picture};
-use crate::scorer::Unavailable;
 use crate::simd::with_widest_vectors;
 use crate::spatial::TapMap;
+use crate::unavailable::Unavailable;
 
 /// Where the constant that guards the division by a feature vector's length stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::picture::{Mask, Picture};
-use crate::scorer::Unavailable;
+use crate::unavailable::Unavailable;
 
 /// −10 log₁₀ of the mean squared error over all pixels and channels, range 1, dB; infinity for
 /// identical pictures. With a mask only the pixels inside count.

@@ -1,135 +1,14 @@
 //! All selected metrics of a pair of pictures.
 
-use std::num::NonZeroUsize;
-
-use image::{ImageBuffer, Luma};
-use sharp_kernels::{Algorithm, Simd};
-
-use crate::device::Device;
-use crate::dists::Similarity;
 use crate::engines::{Engines, Learned, Resolution};
 use crate::identity::{Family, Metric, MetricKey, Region};
-use crate::lpips::Distance;
-use crate::picture::{Mask, Picture, PictureError};
+use crate::options::ScorerOptions;
+use crate::picture::{Mask, Picture};
+use crate::score_map::ScoreMap;
 use crate::selection::Selection;
-use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
-use crate::{psnr, ssim};
-
-/// Why a metric has no value for a pair.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Unavailable {
-    /// The network's weights were not given.
-    #[error(
-        "needs the weights of {backbone}: get them with `sharp-bench weights fetch metrics`, or \
-         give a file of yours with `--weights {backbone}=FILE`"
-    )]
-    NoWeights {
-        /// The network.
-        backbone: Backbone,
-    },
-    /// The picture is smaller than the metric's window or network allows.
-    #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
-    TooSmall {
-        /// Width, pixels.
-        width: u32,
-        /// Height, pixels.
-        height: u32,
-        /// Smallest side that works, pixels.
-        smallest: u32,
-    },
-    /// The key counts pixels inside the view-frustum mask and there is none.
-    #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
-    NoFrustumMask,
-    /// The key counts pixels inside a mask to be handed in, and none was.
-    #[error("needs a mask (`sharp-bench metrics --mask FILE|DIR`)")]
-    NoMask,
-    /// The mask leaves no pixel for which the metric has a value.
-    #[error("the mask leaves no pixel to score")]
-    EmptyMask,
-    /// Both pictures are constant and the range was to be taken from them.
-    #[error("both pictures are constant, so their data range is zero and the value undefined")]
-    NoRange,
-    /// The device failed on this pair: its memory, mostly.
-    #[error("{device}: {reason}")]
-    Device {
-        /// What was to compute the network.
-        device: Device,
-        /// What it said.
-        reason: String,
-    },
-}
-
-/// Why a pair cannot be scored at all.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ScoreError {
-    /// The two pictures differ in size; nothing is ever resized silently.
-    #[error(
-        "the prediction is {}x{} but the target is {}x{}", prediction.0, prediction.1, target.0,
-        target.1
-    )]
-    SizeMismatch {
-        /// Width and height of the prediction.
-        prediction: (u32, u32),
-        /// Width and height of the target.
-        target: (u32, u32),
-    },
-    /// The mask is not of the pictures' size.
-    #[error("the mask is {}x{} but the pictures are {}x{}", mask.0, mask.1, target.0, target.1)]
-    MaskSizeMismatch {
-        /// Width and height of the mask.
-        mask: (u32, u32),
-        /// Width and height of the pictures.
-        target: (u32, u32),
-    },
-    /// The prediction has pixels that no metric takes.
-    #[error("prediction: {0}")]
-    Prediction(PictureError),
-    /// The target has pixels that no metric takes.
-    #[error("target: {0}")]
-    Target(PictureError),
-}
-
-/// How the networks are computed. All but `strip_rows` change values, in the last digits of f32.
-#[derive(Debug, Clone, Copy)]
-pub struct ScorerOptions {
-    /// Where; the next two count on the CPU's kernels only.
-    pub device: Device,
-    /// Instruction set; by default the fastest of the machine.
-    pub simd: Simd,
-    /// Winograd (the default) or direct convolution, which takes longer and rounds less.
-    pub algorithm: Algorithm,
-    /// Picture rows taken at once; by default as many as fit into a fixed amount of memory.
-    pub strip_rows: Option<NonZeroUsize>,
-}
-
-impl ScorerOptions {
-    /// What the networks' features depend on besides weights and pictures, for records: `avx512,
-    /// winograd` on the CPU, `candle on cuda` elsewhere. The number of threads changes no bit, nor does the height of
-    /// strips on the CPU's kernels.
-    pub fn arithmetic(&self) -> String {
-        match self.device {
-            Device::Cpu => {}
-            Device::CandleCpu => return "candle on cpu".to_owned(),
-            Device::Cuda | Device::Metal => return format!("candle on {}", self.device),
-        }
-        let algorithm = match self.algorithm {
-            Algorithm::Winograd => "winograd",
-            Algorithm::Direct => "direct",
-        };
-        format!("{}, {algorithm}", self.simd.level())
-    }
-}
-
-impl Default for ScorerOptions {
-    fn default() -> Self {
-        Self {
-            device: Device::Cpu,
-            simd: Simd::detect(),
-            algorithm: Algorithm::Winograd,
-            strip_rows: None,
-        }
-    }
-}
+use crate::unavailable::{ScoreError, Unavailable};
+use crate::weights::{Weights, WeightsError, WeightsUsed};
+use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
 /// Computes a selection of metrics, pair by pair. A pair's scores depend on nothing but the pair.
 #[derive(Debug)]
@@ -137,16 +16,6 @@ pub struct Scorer {
     keys: Vec<MetricKey>,
     engines: Engines,
     options: ScorerOptions,
-}
-
-/// Where in the picture a metric finds the two pictures alike or different.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScoreMap {
-    /// The metric's local values, one a pixel.
-    pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
-    /// Column and row of the picture that the first value belongs to; 0 unless the metric has no
-    /// value near the border.
-    pub origin: u32,
 }
 
 /// What the value of a learned metric is made of, layer by layer.
@@ -376,9 +245,12 @@ fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<
 
 #[cfg(test)]
 mod tests {
+    use std::num::NonZeroUsize;
+
     use image::{Rgb, Rgb32FImage, RgbImage};
 
     use super::*;
+    use crate::weights::Backbone;
 
     fn scorer(list: &str) -> Scorer {
         Scorer::new(&Selection::parse(list).unwrap(), &Weights::none()).unwrap()

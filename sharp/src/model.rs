@@ -6,14 +6,14 @@
 //!
 //! # Contents, in the order of computation
 //! * [`config`]: sizes of a network, the release's preset, configurations in files.
-//! * [`params`], [`synth`]: where weights come from.
+//! * [`params`], [`synth`]: where weights come from; [`inventory`]: which there have to be.
 //! * [`preprocess`]: a photograph, its orientation and focal length.
 //! * [`engine`], `map`, `layers`: our CPU kernels or tensors on any device, behind one set of layers.
 //! * `pyramid`, `vit`: patches at three scales through two transformers, merged to five maps.
 //! * `decoder`, `monodepth`: the maps to two layers of disparity.
 //! * `alignment`: a scale map towards known depth.
 //! * `gaussian_decoder`: maps, image and depth to deltas.
-//! * [`predictor`]: all of it, with [`initializer`](crate::initializer) and
+//! * `network`: the modules; [`predictor`]: all of it, with [`initializer`](crate::initializer) and
 //!   [`composer`](crate::composer).
 //! * [`recording`]: every stage written down, or compared with what another implementation wrote.
 
@@ -24,9 +24,11 @@ mod device;
 pub mod engine;
 mod error;
 mod gaussian_decoder;
+pub mod inventory;
 mod layers;
 mod map;
 mod monodepth;
+mod network;
 mod observer;
 pub mod params;
 pub mod predictor;

@@ -5,6 +5,7 @@ mod catalogue;
 
 use std::path::Path;
 
+use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp_bench::exchange::camera_file::CameraFile;
 use sharp_bench::protocol::PairList;
 use sharp_checkpoint::Checkpoint;
@@ -108,6 +109,21 @@ pub(crate) const PARSERS: &[Parser] = &[
         seeds: &[],
     },
     Parser {
+        name: "photo",
+        run: photo,
+        seeds: &[".png", ".jpg", ".jpeg", "orient6.JPG"],
+    },
+    Parser {
+        name: "prediction",
+        run: prediction,
+        seeds: &[".png", ".jpg", ".exr", ".npy"],
+    },
+    Parser {
+        name: "scene_arrays",
+        run: scene_arrays,
+        seeds: &[],
+    },
+    Parser {
         name: "camera_file",
         run: camera_file,
         seeds: &[],
@@ -196,10 +212,47 @@ fn gaussian_ply(bytes: &[u8]) {
     let _ = sharp::ply::from_bytes(bytes, sharp::ply::ReadOptions::default());
 }
 
+/// For readers that want a file of a certain name.
+fn file_of(bytes: &[u8], extension: &str) -> tempfile::NamedTempFile {
+    let file = tempfile::Builder::new().suffix(extension).tempfile();
+    let file = file.expect("a temporary file");
+    std::fs::write(file.path(), bytes).expect("a temporary file");
+    file
+}
+
+/// A photograph for the network, with its EXIF.
+fn photo(bytes: &[u8]) {
+    let options = PhotoOptions {
+        max_pixels: 1 << 20,
+        ..PhotoOptions::default()
+    };
+    let file = file_of(bytes, "");
+    if let Ok(photo) = load_photo(file.path(), &options) {
+        assert!(photo.focal_px > 0.0 && photo.focal_px.is_finite());
+    }
+}
+
+/// A picture to be scored; its name says what it is.
+fn prediction(bytes: &[u8]) {
+    let extension = match bytes {
+        [0x76, 0x2F, 0x31, 0x01, ..] => ".exr",
+        [0x93, b'N', ..] => ".npy",
+        _ => ".png",
+    };
+    let file = file_of(bytes, extension);
+    if let Ok(picture) = sharp_bench::pictures::read(file.path()) {
+        assert!(picture.check().is_ok());
+    }
+}
+
+/// Gaussians as arrays.
+fn scene_arrays(bytes: &[u8]) {
+    let _ = sharp_bench::scene_file::read(file_of(bytes, ".safetensors").path());
+}
+
 /// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.
 fn checkpoint(bytes: &[u8]) {
-    let file = tempfile::NamedTempFile::new().expect("a temporary file");
-    std::fs::write(file.path(), bytes).expect("a temporary file");
+    let file = file_of(bytes, "");
     if let Ok(checkpoint) = Checkpoint::open(file.path()) {
         for name in checkpoint.names().take(16) {
             let _ = checkpoint.tensor_f32(name);

@@ -188,7 +188,9 @@ fn evaluate(adapter: &str) {
             })
             .collect()
     };
-    for (gpu, cpu) in psnr("gpu").into_iter().zip(psnr("cpu")) {
+    let (gpu, cpu) = (psnr("gpu"), psnr("cpu"));
+    assert_eq!((gpu.len(), cpu.len()), (2, 2));
+    for (gpu, cpu) in gpu.into_iter().zip(cpu) {
         assert!((gpu - cpu).abs() < 0.05, "{gpu} {cpu}");
     }
 }

@@ -238,22 +238,30 @@ fn a_program_dies_with_the_run() {
     });
 }
 
-/// The README's Python program, but for the model.
+/// The README's Python program, with a model that copies.
 #[cfg(unix)]
 #[test]
 #[ignore = "needs python3"]
-fn a_python_program_is_a_method() {
+fn the_python_program_of_the_readme_is_a_method() {
     let dir = tempfile::tempdir().unwrap();
-    let program = r#"
-import json, shutil, sys
-for line in sys.stdin:
-    request = json.loads(line)
-    pair = request["pair"]
+    let model = r#"
+import shutil
+
+class Copy:
+    def __init__(self, path):
+        self.path = path
+
+    def save(self, path):
+        shutil.copy(self.path, path)
+
+def predict(path, pair):
     assert len(pair["K_s"]) == 9 and len(pair["target_from_source"]) == 16
-    shutil.copy(request["source_picture"], request["write_to"])
-    print(json.dumps({"pair_id": request["pair_id"]}), flush=True)
+    return Copy(path)
 "#;
-    std::fs::write(dir.path().join("my.py"), program).unwrap();
+    let readme = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md"));
+    let program = readme.split("```python").nth(1).unwrap();
+    let program = program.split("```").next().unwrap();
+    std::fs::write(dir.path().join("my.py"), format!("{model}{program}")).unwrap();
     let methods = [
         "--method",
         "command:label=mine,run='python3 my.py'",
@@ -264,8 +272,10 @@ for line in sys.stdin:
     ];
     run(dir.path(), "r", &methods).ends_with(0);
     let found = scores(dir.path(), "r");
+    assert_eq!(found["mine"].len(), 5);
     for (mine, copy) in found["mine"].iter().zip(&found["copy"]) {
         assert_eq!(mine["psnr"], copy["psnr"]);
+        assert_eq!(mine["steps"], "50");
     }
 }
 
@@ -480,7 +490,7 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
     ];
     run(dir, "r", &sweep).is_error_with(&["--scale-sweep"]);
     // A run must not find weights of the machine it is tested on.
-    let said = sharp_bench_without_cache(
+    let said = sharp_bench(
         dir,
         &[
             &["run", "--dataset", DATASET, "--out", "r", "--scale-sweep"],
@@ -529,21 +539,6 @@ fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
             &["--method", &method, "--scale-sweep", "--weights", &weights],
         )
         .is_error_with(&[part]);
-    }
-}
-
-/// As `sharp_bench`, where no weights were ever fetched.
-fn sharp_bench_without_cache(dir: &Path, args: &[&str]) -> Said {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
-        .args(args)
-        .current_dir(dir)
-        .env("SHARP_BENCH_WEIGHTS", dir.join("no-weights"))
-        .output()
-        .unwrap();
-    Said {
-        code: output.status.code().unwrap_or(-1),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
     }
 }
 

@@ -7,6 +7,8 @@ mod datasets_command;
 #[cfg(test)]
 mod demo_command;
 #[cfg(test)]
+mod excluded_pixels;
+#[cfg(test)]
 mod foreign_methods;
 #[cfg(test)]
 mod metric_devices;
@@ -16,6 +18,8 @@ mod metrics_command;
 mod metrics_options;
 #[cfg(test)]
 mod model_commands;
+#[cfg(test)]
+mod own_pictures;
 #[cfg(test)]
 mod pairs_command;
 #[cfg(test)]

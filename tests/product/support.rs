@@ -60,7 +60,7 @@ impl Said {
     }
 }
 
-/// Runs `sharp-bench` in a folder.
+/// Runs `sharp-bench` in a folder, where nothing of the user's is seen: no cache of overlaps, no weights.
 pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {
     sharp_bench_with(folder, &[], args)
 }
@@ -73,6 +73,9 @@ pub(crate) fn sharp_bench_with(folder: &Path, variables: &[(&str, &Path)], args:
         stderr,
     } = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
         .args(args)
+        .env("XDG_CACHE_HOME", folder.join(".cache"))
+        .env("SHARP_BENCH_WEIGHTS", folder.join(".weights"))
+        .env_remove("TORCH_HOME")
         .envs(variables.iter().copied())
         .current_dir(folder)
         .output()

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use sharp::model::ModelConfig;
-use sharp::model::params::inventory;
+use sharp::model::inventory::inventory;
 use sharp_checkpoint::{Checkpoint, DType, OutTensor, write_safetensors};
 use sharp_tests::hostile_checkpoints;
 

@@ -4,7 +4,7 @@
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -26,10 +26,7 @@ fn main() {
 }
 
 fn trial(name: &'static str, test: fn(&Path) -> Outcome) -> Trial {
-    let shared = std::env::var_os("SHARP_BENCH_SHARED").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        PathBuf::from,
-    );
+    let shared = sharp_tests::shared_data();
     let folder = shared.join("samples").join(name);
     let absent = !folder.is_dir();
     Trial::test(name, move || test(&folder)).with_ignored_flag(absent)

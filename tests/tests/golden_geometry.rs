@@ -84,10 +84,15 @@ impl Golden {
             let path = folder.join(name);
             fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))
         };
-        Ok(Self {
+        let golden = Self {
             json: serde_json::from_slice(&read("geometry.json")?)?,
             tensors: read("geometry.safetensors")?,
-        })
+        };
+        // What is empty would be compared with nothing.
+        if golden.pairs().is_empty() || golden.medians().is_empty() {
+            return Err("geometry.json lacks pairs or medians".into());
+        }
+        Ok(golden)
     }
 
     fn pairs(&self) -> &[Value] {

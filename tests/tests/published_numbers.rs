@@ -1,17 +1,12 @@
 //! The paper's tables, as typed in, against the paper's own source. The source may not be redistributed; it is read
 //! from the folder that `SHARP_BENCH_SHARED` names, and without it the tests are reported as ignored.
 
-use std::path::{Path, PathBuf};
-
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp_bench::report::paper;
 use sharp_bench::report::paper::numbers::{DATASETS, PaperTable, TABLES};
 
 fn main() {
-    let shared = std::env::var_os("SHARP_BENCH_SHARED").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        PathBuf::from,
-    );
+    let shared = sharp_tests::shared_data();
     let source = std::fs::read_to_string(shared.join("paper/sharp-paper.tex")).ok();
     let mut trials = Vec::new();
     for table in &TABLES {

@@ -9,7 +9,7 @@
 //! those about LPIPS with the published SqueezeNet weights, which may not be redistributed. A test whose weights are
 //! absent is reported as ignored.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp_bench::analyze::translation::{Axis, Experiment};
@@ -105,10 +105,7 @@ fn grows_far_below(values: &Values) -> bool {
 
 /// The published weights of SqueezeNet 1.1, below the folder that `SHARP_BENCH_SHARED` names.
 fn squeezenet() -> Option<Weights> {
-    let shared = std::env::var_os("SHARP_BENCH_SHARED").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        PathBuf::from,
-    );
+    let shared = sharp_tests::shared_data();
     let file = shared.join("golden/metrics/weights/squeezenet1_1_features_real.safetensors");
     let found = file.is_file();
     found.then(|| Weights::none().with_file(Backbone::SqueezeNet1_1, file))

@@ -1,4 +1,4 @@
-//! Options that several commands share: datasets, pair lists, metrics.
+//! Options that several commands share: datasets, metrics.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,10 +9,8 @@ use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
 
-use super::pair_recipe::{OverlapArgs, PairRecipe};
 use super::usage::UsageError;
 use crate::methods::scale_sweep::ScaleChooser;
-use crate::protocol::PairOptions;
 use crate::runs::plan::Scoring;
 
 /// Which metrics, with which weights.
@@ -220,43 +218,6 @@ fn matches(pattern: &str, text: &str) -> bool {
         }
     }
     pattern[p..].iter().all(|&c| c == '*')
-}
-
-/// Where the pair list comes from.
-pub(super) enum PairOrigin {
-    /// Built from the datasets.
-    Built(Box<PairRecipe>),
-    /// Handed in.
-    Given(PathBuf),
-}
-
-/// Which pairs: a list, or the choices that build one.
-#[derive(Debug, Args)]
-pub(super) struct PairArgs {
-    /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
-    #[arg(
-        long,
-        value_name = "FILE",
-        conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
-    )]
-    pairs: Option<PathBuf>,
-    /// Choices that the paper leaves open, key=value,…; see `pairs --help`
-    #[arg(long, value_name = "LIST")]
-    pair_options: Option<PairOptions>,
-    #[command(flatten)]
-    overlap: OverlapArgs,
-}
-
-impl PairArgs {
-    pub(super) fn origin(&self) -> anyhow::Result<PairOrigin> {
-        Ok(match &self.pairs {
-            Some(path) => PairOrigin::Given(path.clone()),
-            None => {
-                let options = self.pair_options.clone().unwrap_or_default();
-                PairOrigin::Built(Box::new(PairRecipe::new(options, self.overlap.clone())?))
-            }
-        })
-    }
 }
 
 /// The formats of `--dataset` with their settings, for `--help`.

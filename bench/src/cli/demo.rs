@@ -7,8 +7,8 @@ use serde_json::json;
 use sharp::render::Backend;
 
 use super::data_args::MetricArgs;
-use super::data_args::PairOrigin;
 use super::evaluate::{Evaluation, Request};
+use super::pair_args::PairOrigin;
 use super::pair_recipe::PairRecipe;
 use super::{Outcome, output, report};
 use crate::protocol::PairOptions;

@@ -8,8 +8,9 @@ use anyhow::bail;
 use sharp::render::Backend;
 use sharp_datasets::Scene;
 
-use super::data_args::{self, OpenDataset, PairOrigin};
+use super::data_args::{self, OpenDataset};
 use super::list_facts::ListFacts;
+use super::pair_args::PairOrigin;
 use super::pair_recipe::counted_pairs;
 use super::usage::UsageError;
 use super::{output, progress};

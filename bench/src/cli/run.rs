@@ -6,12 +6,13 @@ use clap::Args;
 use serde_json::json;
 use sharp::render::Backend;
 
-use super::data_args::{DatasetArgs, MetricArgs, PairArgs};
+use super::data_args::{DatasetArgs, MetricArgs};
 use super::evaluate::{Evaluation, Request};
+use super::pair_args::PairArgs;
 use super::usage::UsageError;
 use super::{Outcome, backend_args, output, report};
 use crate::counted::counted;
-use crate::runs::execute::RunError;
+use crate::runs::error::RunError;
 use crate::runs::plan::Keep;
 
 /// Evaluate methods on datasets into a run folder

@@ -177,7 +177,7 @@ impl Method for Imported {
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
         let path = self.find(pair.pair_id)?;
-        let target = pair.target_image.dimensions();
+        let target = pair.truth.dimensions();
         let region = self.region_of(&path, pair.pair_id, target)?;
         let error = |reason: String| MethodError::File {
             path: path.clone(),

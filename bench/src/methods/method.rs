@@ -8,8 +8,8 @@ use sharp::camera::RigidTransform;
 use sharp_datasets::{DatasetError, View};
 use sharp_metrics::{Mask, Picture, Scorer, Scores};
 
+use super::truth::Truth;
 use crate::protocol::Region;
-
 use crate::rendering::SharedRenderer;
 
 /// One pair, as a method sees it.
@@ -26,8 +26,8 @@ pub struct PairInput<'a> {
     pub target: &'a View,
     /// The source's photograph, 8-bit sRGB.
     pub source_image: &'a RgbImage,
-    /// The target's photograph, 8-bit sRGB: the ground truth.
-    pub target_image: &'a RgbImage,
+    /// The target's photograph and which of its pixels count: the ground truth.
+    pub truth: &'a Truth,
     /// Renders the Gaussians of methods that have some.
     pub renderer: &'a SharedRenderer,
 }
@@ -66,8 +66,8 @@ impl Prediction {
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
-        truth: &Picture,
-        mask: Option<&Mask>,
+        truth: &Truth,
+        frustum: Option<&Mask>,
     ) -> Result<Scores, String> {
         let size = truth.dimensions();
         let region = self.region.unwrap_or(Region::whole(size));
@@ -77,11 +77,7 @@ impl Prediction {
                 size.0, size.1
             ));
         }
-        let truth = region.crop(truth);
-        let mask = mask.and_then(|mask| region.crop_mask(mask));
-        scorer
-            .score(&self.picture, &truth, mask.as_deref())
-            .map_err(|error| error.to_string())
+        truth.score(scorer, &self.picture, region, frustum)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Methods predict a target view from a source view.
 //!
 //! * [`spec`]: what the command line says, `KIND[:key=value,…]`.
+//! * [`truth`]: what predictions of a target are scored against.
 //! * [`method`]: the trait, its input and its output.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
@@ -23,7 +24,9 @@ pub mod sharp;
 pub mod spec;
 mod splat;
 pub mod trivial;
+pub mod truth;
 
 pub use build::{KINDS, KindInfo, build};
 pub use method::{Method, MethodError, PairInput, Prediction};
 pub use spec::{MethodSpec, SpecError};
+pub use truth::Truth;

@@ -7,11 +7,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sharp_metrics::{Picture, Scorer};
+use sharp_metrics::Scorer;
 
 use super::imported::Imported;
 use super::method::{Method, MethodError, PairInput, Prediction};
 use super::spec::{MethodSpec, SpecError};
+use super::truth::Truth;
 use crate::protocol::Region;
 
 /// What chooses among scales.
@@ -75,7 +76,7 @@ impl ScaleSweep {
     }
 
     /// The chooser's number; less is better.
-    fn badness(&self, prediction: &Prediction, truth: &Picture) -> Result<f64, String> {
+    fn badness(&self, prediction: &Prediction, truth: &Truth) -> Result<f64, String> {
         let scores = prediction.score(&self.chooser.scorer, truth, None)?;
         match scores.into_iter().next() {
             Some((_, Ok(value))) if !value.is_nan() => Ok(value),
@@ -124,12 +125,11 @@ impl Method for ScaleSweep {
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        self.region(pair.pair_id, pair.target_image.dimensions())?;
-        let truth = Picture::Rgb8(pair.target_image.clone());
+        self.region(pair.pair_id, pair.truth.dimensions())?;
         let mut best: Option<(f64, f64, Prediction)> = None;
         for (scale, pictures) in &self.scales {
             let prediction = pictures.predict(pair)?;
-            let badness = self.badness(&prediction, &truth);
+            let badness = self.badness(&prediction, pair.truth);
             let badness = badness.map_err(|reason| MethodError::Unsuitable {
                 view: pair.pair_id.to_owned(),
                 reason: format!("scale {scale}: {reason}"),

@@ -49,9 +49,10 @@ pub struct Sharp {
 }
 
 struct SourcePrediction {
+    /// With privileged depth already scaled, where it has a scale.
     gaussians: Gaussians,
-    /// First layer, metres, at the network's resolution.
-    first_layer: DepthMap,
+    /// The scale of privileged depth, or why there is none; `None` where no depth is known.
+    scale: Option<Result<f64, String>>,
 }
 
 impl Sharp {
@@ -150,10 +151,15 @@ impl Sharp {
         let Some(first_layer) = DepthMap::from_raw(side as u32, side as u32, layer) else {
             return Err(MethodError::Model("a depth layer of the wrong size".into()));
         };
-        let prediction = Arc::new(SourcePrediction {
-            gaussians: predicted.gaussians,
-            first_layer,
-        });
+        let scale = match self.depth {
+            KnownDepth::None => None,
+            KnownDepth::Privileged => Some(scale_of(pair, &first_layer)),
+        };
+        let gaussians = match &scale {
+            Some(Ok(scale)) => scaled(&predicted.gaussians, *scale),
+            _ => predicted.gaussians,
+        };
+        let prediction = Arc::new(SourcePrediction { gaussians, scale });
         *last = Some((source.to_owned(), Arc::clone(&prediction)));
         Ok(prediction)
     }
@@ -180,24 +186,26 @@ impl Method for Sharp {
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
         let prediction = self.source_prediction(pair)?;
-        if self.depth == KnownDepth::None {
-            return render_from_ndc(&prediction.gaussians, pair);
-        }
-        let unsuitable = |reason: String| MethodError::Unsuitable {
+        let scale = prediction.scale.clone().transpose();
+        let scale = scale.map_err(|reason| MethodError::Unsuitable {
             view: pair.source.id.clone(),
             reason,
-        };
-        let truth = pair.source.content.depth()?.ok_or_else(|| {
-            unsuitable("the source view has no depth, which depth=privileged needs".into())
         })?;
-        let found = median_scale(&truth, &prediction.first_layer)
-            .map_err(|error| unsuitable(error.to_string()))?;
-        let mut rendered = render_from_ndc(&scaled(&prediction.gaussians, found.scale), pair)?;
-        rendered
-            .extras
-            .insert("median_scale".to_owned(), found.scale);
+        let mut rendered = render_from_ndc(&prediction.gaussians, pair)?;
+        if let Some(scale) = scale {
+            rendered.extras.insert("median_scale".to_owned(), scale);
+        }
         Ok(rendered)
     }
+}
+
+/// The scale of the source's true depth over the first layer (metres, at the network's resolution).
+fn scale_of(pair: &PairInput, first_layer: &DepthMap) -> Result<f64, String> {
+    let truth = pair.source.content.depth();
+    let truth = truth.map_err(|error| error.to_string())?;
+    let truth = truth.ok_or("the source view has no depth, which depth=privileged needs")?;
+    let found = median_scale(&truth, first_layer).map_err(|error| error.to_string())?;
+    Ok(found.scale)
 }
 
 /// What the configuration says, whatever file it stands in.

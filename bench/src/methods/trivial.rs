@@ -21,7 +21,7 @@ impl Method for Target {
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        Ok(Prediction::plain(pair.target_image.clone()))
+        Ok(Prediction::plain(pair.truth.image().clone()))
     }
 }
 
@@ -42,13 +42,13 @@ impl Method for Copy {
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        if pair.source_image.dimensions() != pair.target_image.dimensions() {
+        if pair.source_image.dimensions() != pair.truth.dimensions() {
             return Err(MethodError::Unsuitable {
                 view: pair.source.id.clone(),
                 reason: format!(
                     "the source is {:?} and the target {:?} pixels; copy never resizes",
                     pair.source_image.dimensions(),
-                    pair.target_image.dimensions()
+                    pair.truth.dimensions()
                 ),
             });
         }
@@ -75,7 +75,7 @@ impl Method for Mean {
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        let (width, height) = pair.target_image.dimensions();
+        let (width, height) = pair.truth.dimensions();
         let color = mean_color(pair.source_image);
         Ok(Prediction::plain(RgbImage::from_pixel(
             width, height, color,

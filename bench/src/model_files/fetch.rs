@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use sharp::model::ModelError;
-use sharp::model::params::CheckpointSource;
+use sharp::model::inventory::CheckpointSource;
 use sharp_checkpoint::download::{Download, DownloadError, Progress, file_sha256, remove};
 
 use super::record::{RecordError, Standing, compare_or_record};

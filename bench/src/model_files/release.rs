@@ -60,7 +60,8 @@ impl Release {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sharp::model::params::{Parameter, inventory};
+    use sharp::model::inventory::inventory;
+    use sharp::model::params::Parameter;
 
     #[test]
     fn the_size_is_that_of_the_releases_parameters() {

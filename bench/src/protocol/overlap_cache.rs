@@ -113,24 +113,9 @@ impl OverlapCache {
         }
     }
 
-    /// The folder in the user's cache: `sharp-bench/overlap` in `$XDG_CACHE_HOME`, else where the system keeps caches.
+    /// The folder in the user's cache; see [`sharp_metrics::weights::user_cache`].
     pub fn users_folder() -> Option<PathBuf> {
-        let variable = |name: &str| {
-            let value = std::env::var_os(name).filter(|value| !value.is_empty());
-            value.map(PathBuf::from)
-        };
-        let cache = variable("XDG_CACHE_HOME").or_else(|| {
-            if cfg!(windows) {
-                return variable("LOCALAPPDATA");
-            }
-            let inside = if cfg!(target_os = "macos") {
-                "Library/Caches"
-            } else {
-                ".cache"
-            };
-            Some(variable("HOME")?.join(inside))
-        });
-        Some(cache?.join("sharp-bench").join("overlap"))
+        Some(sharp_metrics::weights::user_cache()?.join("overlap"))
     }
 
     /// What could not be read or written, once each, and forgets it.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DMat3, DVec3};
-use image::{Luma, RgbImage};
+use image::{GrayImage, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_datasets::needed::Role;
 use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
@@ -31,6 +31,10 @@ struct Wall {
 impl ViewContent for Wall {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         Ok(RgbImage::new(WIDTH, HEIGHT))
+    }
+
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        Ok(None)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use sharp_metrics::Picture;
 
+use super::error::RunError;
 use super::plan::{Keep, RunPlan};
 use super::predict::{Loaded, PredictedUnit, Step, predict_all};
 use super::region::{cut, region_extras};
@@ -40,24 +41,6 @@ impl Executed {
             .filter(|(record, _)| record.status != Status::Ok)
             .count()
     }
-}
-
-/// Why a run stopped before its end. What was finished is kept.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// The run folder cannot be read or written.
-    #[error(transparent)]
-    Folder(#[from] FileError),
-    /// The renderer's device failed: the unit stays undone, and the same run goes on from there.
-    #[error("{method} on {pair_id}: {reason}; what is done is kept, the same command goes on")]
-    Device {
-        /// The pair of the unit.
-        pair_id: String,
-        /// Its method.
-        method: String,
-        /// What the device said.
-        reason: String,
-    },
 }
 
 /// Runs a plan into a folder. Finished units are taken over, recorded failures tried again; a failing pair becomes
@@ -117,6 +100,9 @@ impl PredictedUnit {
             }
             record.scores = score(plan, &prediction, &loaded)?;
             timing.score_secs = started.elapsed().as_secs_f64();
+            if let Some(share) = loaded.truth.valid_share(prediction.region) {
+                prediction.extras.insert("valid_share".to_owned(), share);
+            }
             if let Some(region) = prediction.region {
                 prediction.extras.extend(region_extras(&region, size));
             }

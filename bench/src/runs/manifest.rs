@@ -154,6 +154,11 @@ pub fn scoring_facts(renderer: &str, networks: &str) -> BTreeMap<String, String>
             "aggregation",
             "mean over pairs; a mean that holds inf is inf",
         ),
+        (
+            "excluded pixels",
+            "where the dataset's mask excludes pixels of the target, both pictures take the mean colour of its other \
+             pixels, and PSNR is over those",
+        ),
         ("frustum mask", "margin 1.05, z > 0, invalid depth outside"),
         ("metric networks", networks),
     ]

@@ -8,10 +8,12 @@
 //! * [`identity`]: whether two runs may share a column.
 //! * [`metric_facts`]: what a metric column was computed with.
 //! * [`execute`]: predicts and scores what is not done yet, one unit ahead of the other, and records it.
+//! * [`error`]: why a run stops.
 //! * `region`: scoring on a part of the target.
 //! * [`scores`]: the table `scores.csv`.
 
 pub mod device_class;
+pub mod error;
 pub mod execute;
 pub mod identity;
 pub mod manifest;

@@ -7,15 +7,15 @@ use std::time::Instant;
 
 use image::RgbImage;
 use sharp_datasets::View;
-use sharp_metrics::{Mask, Picture};
+use sharp_metrics::Mask;
 
-use super::execute::RunError;
+use super::error::RunError;
 use super::plan::{Keep, RunPlan};
 use super::region::common_region;
 use super::store::{RunFolder, Timing, UnitFile};
 use super::unit::{SOURCE_FINGERPRINT, UnitKey, cpu_backend};
 use crate::durable::file_sha256;
-use crate::methods::{Method, MethodError, PairInput, Prediction};
+use crate::methods::{Method, MethodError, PairInput, Prediction, Truth};
 use crate::protocol::Region;
 use crate::protocol::depth::PosedDepth;
 use crate::protocol::frustum_mask::{FrustumMaskOptions, frustum_mask};
@@ -30,10 +30,11 @@ pub(super) fn predict_all(
     sender: &SyncSender<Result<Step, RunError>>,
 ) {
     let hashes = ViewHashes::default();
+    let mut sources = Sources::default();
     for planned in &plan.pairs {
         let mut pair = PairRun::new(plan, planned, &hashes);
         for method in plan.methods {
-            let step = pair.step(method.as_ref(), folder);
+            let step = pair.step(method.as_ref(), folder, &mut sources);
             let failed = step.is_err();
             // An error here: who scores has stopped, and says why itself.
             if sender.send(step).is_err() || failed {
@@ -79,12 +80,27 @@ enum Failure {
     Device(String),
 }
 
+/// The last source's photograph: pairs come sorted, so that those of one source follow each other.
+#[derive(Default)]
+struct Sources<'a>(Option<(&'a View, Arc<RgbImage>)>);
+
+impl<'a> Sources<'a> {
+    fn read(&mut self, view: &'a View) -> Result<Arc<RgbImage>, String> {
+        if let Some((last, picture)) = &self.0
+            && std::ptr::eq(*last, view)
+        {
+            return Ok(Arc::clone(picture));
+        }
+        let picture = Arc::new(view.content.image().map_err(|error| error.to_string())?);
+        self.0 = Some((view, Arc::clone(&picture)));
+        Ok(picture)
+    }
+}
+
 /// The pictures of a pair.
 pub(super) struct Loaded {
-    source: RgbImage,
-    target: RgbImage,
-    /// The target again, as the scorer takes it.
-    pub(super) truth: Picture,
+    source: Arc<RgbImage>,
+    pub(super) truth: Truth,
     pub(super) mask: Option<Mask>,
 }
 
@@ -174,7 +190,12 @@ impl<'a> PairRun<'a> {
     }
 
     /// Takes over what is stored, or predicts.
-    fn step(&mut self, method: &dyn Method, folder: &RunFolder) -> Result<Step, RunError> {
+    fn step(
+        &mut self,
+        method: &dyn Method,
+        folder: &RunFolder,
+        sources: &mut Sources<'a>,
+    ) -> Result<Step, RunError> {
         let key = self.key(method);
         let stored = folder
             .load(&key)?
@@ -185,7 +206,7 @@ impl<'a> PairRun<'a> {
         }
         let record = self.empty_record(method.label());
         let mut timing = Timing::default();
-        let outcome = match self.predict(method, &mut timing) {
+        let outcome = match self.predict(method, sources, &mut timing) {
             Ok(predicted) => Ok(predicted),
             Err(Failure::Pair(reason)) => Err(reason),
             Err(Failure::Device(reason)) => {
@@ -208,19 +229,20 @@ impl<'a> PairRun<'a> {
     fn predict(
         &mut self,
         method: &dyn Method,
+        sources: &mut Sources<'a>,
         timing: &mut Timing,
     ) -> Result<(Prediction, Arc<Loaded>), Failure> {
         let (plan, planned) = (self.plan, self.planned);
         let loaded = self
             .loaded
-            .get_or_insert_with(|| load(plan, planned).map(Arc::new));
+            .get_or_insert_with(|| load(plan, planned, sources).map(Arc::new));
         let loaded = Arc::clone(loaded.as_ref().map_err(|e| Failure::Pair(e.clone()))?);
         let input = PairInput {
             pair_id: &planned.pair.pair_id,
             source: planned.source,
             target: planned.target,
             source_image: &loaded.source,
-            target_image: &loaded.target,
+            truth: &loaded.truth,
             renderer: plan.renderer,
         };
         let started = Instant::now();
@@ -258,18 +280,23 @@ impl<'a> PairRun<'a> {
     }
 }
 
-fn load(plan: &RunPlan, planned: &ResolvedPair) -> Result<Loaded, String> {
-    let image = |view: &View| view.content.image().map_err(|error| error.to_string());
-    let (source, target) = (image(planned.source)?, image(planned.target)?);
+fn load<'a>(
+    plan: &RunPlan,
+    planned: &ResolvedPair<'a>,
+    sources: &mut Sources<'a>,
+) -> Result<Loaded, String> {
+    let source = sources.read(planned.source)?;
+    let content = &planned.target.content;
+    let target = content.image().map_err(|error| error.to_string())?;
+    let valid = content.valid_pixels().map_err(|error| error.to_string())?;
     let mask = if plan.scoring.metrics.iter().any(|m| m.key.is_masked()) {
         mask(planned)?
     } else {
         None
     };
     Ok(Loaded {
-        truth: Picture::Rgb8(target.clone()),
+        truth: Truth::of(target, valid.as_ref()),
         source,
-        target,
         mask,
     })
 }

@@ -1,5 +1,7 @@
 //! The key of a unit: a hash of everything that its value depends on.
 
+use sharp_metrics::{Level, Simd};
+
 use crate::durable::sha256_hex;
 
 /// sha256 over the crates' sources and the locked dependencies, taken when the harness was built. Two builds of
@@ -33,16 +35,11 @@ impl UnitKey {
 /// The instruction set of the metrics' and the network's kernels, part of a unit's key: results are
 /// bit-identical within one, not across.
 pub fn cpu_backend() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::arch::is_x86_feature_detected!("avx512f") {
-            return "cpu-avx512";
-        }
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return "cpu-avx2";
-        }
+    match Simd::detect().level() {
+        Level::Avx512 => "cpu-avx512",
+        Level::Avx2 => "cpu-avx2",
+        Level::Portable => "cpu-portable",
     }
-    "cpu-portable"
 }
 
 #[cfg(test)]

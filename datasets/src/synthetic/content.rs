@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use glam::{DVec2, DVec3};
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use rayon::prelude::*;
 use sharp::camera::RigidTransform;
 
@@ -89,6 +89,10 @@ impl ProceduralContent {
 impl ViewContent for ProceduralContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         Ok(self.picture().clone())
+    }
+
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        Ok(None)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {

@@ -6,7 +6,7 @@ use super::stream::{Taps, stream};
 #[cfg(feature = "tensors")]
 use super::tensors::TensorNetwork;
 use crate::device::Device;
-use crate::scorer::Unavailable;
+use crate::unavailable::Unavailable;
 use crate::weights::{Backbone, Tensors, WeightsError};
 
 /// A network with its weights, on our kernels or on a device of candle's.

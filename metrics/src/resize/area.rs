@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::kernel::Size;
+use super::size::Size;
 
 /// A value of a channel and how OpenCV rounds to it.
 pub(super) trait Level: Copy + Default + Send + Sync {

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::area::scale;
-use super::kernel::Size;
+use super::size::Size;
 
 /// Two neighbours and their weights.
 struct Neighbours {

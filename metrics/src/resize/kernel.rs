@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use image::{ImageBuffer, Rgb};
 
+use super::size::Size;
 use super::{area, area_enlarging, pillow, torch};
 use crate::picture::{Picture, PictureError};
 
@@ -156,22 +157,6 @@ pub fn resize(
             }
         }
     })
-}
-
-/// Width and height of a picture of interleaved RGB, pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Size {
-    pub(super) width: usize,
-    pub(super) height: usize,
-}
-
-impl From<(u32, u32)> for Size {
-    fn from((width, height): (u32, u32)) -> Self {
-        Self {
-            width: width as usize,
-            height: height as usize,
-        }
-    }
 }
 
 fn with_pillow(picture: &Picture, from: Size, to: Size, filter: &pillow::Filter) -> Picture {

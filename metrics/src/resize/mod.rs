@@ -16,6 +16,7 @@ mod area_enlarging;
 mod kernel;
 mod pillow;
 mod shorter_side;
+mod size;
 mod torch;
 
 pub use kernel::{ResizeKernel, ResizeKernelError, resize};

@@ -4,8 +4,9 @@ use std::borrow::Cow;
 
 use image::{Rgb, RgbImage};
 
-use super::kernel::{Size, buffer};
+use super::kernel::buffer;
 use super::pillow;
+use super::size::Size;
 use crate::picture::Picture;
 
 /// The side that `dists[resize256]` reduces to.

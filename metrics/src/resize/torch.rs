@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::kernel::Size;
+use super::size::Size;
 
 /// Source positions of one output coordinate: two neighbours and their weights.
 struct Neighbours {

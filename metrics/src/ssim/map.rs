@@ -6,7 +6,7 @@ use super::filter::Constants;
 use super::strip::Strip;
 use super::variant::Form;
 use crate::picture::Picture;
-use crate::scorer::Unavailable;
+use crate::unavailable::Unavailable;
 
 /// Rows of the map that one task computes; each task filters 2 × radius rows more than that.
 const ROWS_PER_TASK: usize = 64;

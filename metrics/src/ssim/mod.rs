@@ -20,7 +20,8 @@ use image::{ImageBuffer, Luma};
 
 use crate::identity::SsimVariant;
 use crate::picture::{Mask, Picture};
-use crate::scorer::{ScoreMap, Unavailable};
+use crate::score_map::ScoreMap;
+use crate::unavailable::Unavailable;
 use map::map_rows;
 use variant::Form;
 

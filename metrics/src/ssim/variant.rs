@@ -1,7 +1,7 @@
 //! The variants taken apart: window, border, covariance, channels and range.
 
 use crate::identity::SsimVariant;
-use crate::scorer::Unavailable;
+use crate::unavailable::Unavailable;
 
 /// What happens where the window reaches beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

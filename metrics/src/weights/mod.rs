@@ -21,7 +21,7 @@ pub(crate) use embedded::{dists_weights, linear_weights};
 #[cfg(any(feature = "download", test))]
 pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
-pub use registry::{Published, cache_folder};
+pub use registry::{Published, cache_folder, user_cache};
 
 use crate::device::Device;
 use crate::identity::{LpipsNet, Metric};

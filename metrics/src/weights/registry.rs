@@ -72,24 +72,33 @@ impl Published {
 }
 
 /// The folder where fetched weights are kept: `SHARP_BENCH_WEIGHTS` if set, else
-/// `sharp-bench/weights` in the user's cache folder; `None` where there is no such folder.
+/// `weights` in [`user_cache`]; `None` where there is no such folder.
 pub fn cache_folder() -> Option<PathBuf> {
-    let variable = |name| {
-        std::env::var_os(name)
-            .filter(|v| !v.is_empty())
-            .map(PathBuf::from)
+    let given = variable("SHARP_BENCH_WEIGHTS");
+    given.or_else(|| user_cache().map(|cache| cache.join("weights")))
+}
+
+/// Where this program keeps what it can fetch or compute again: `sharp-bench` in `XDG_CACHE_HOME` if
+/// that is set, else where the system keeps caches; `None` where the environment does not tell.
+pub fn user_cache() -> Option<PathBuf> {
+    let systems = || {
+        if cfg!(windows) {
+            return variable("LOCALAPPDATA");
+        }
+        let inside = if cfg!(target_os = "macos") {
+            "Library/Caches"
+        } else {
+            ".cache"
+        };
+        Some(variable("HOME")?.join(inside))
     };
-    if let Some(folder) = variable("SHARP_BENCH_WEIGHTS") {
-        return Some(folder);
-    }
-    let base = if cfg!(windows) {
-        variable("LOCALAPPDATA")
-    } else if cfg!(target_os = "macos") {
-        variable("HOME").map(|home| home.join("Library/Caches"))
-    } else {
-        variable("XDG_CACHE_HOME").or_else(|| variable("HOME").map(|home| home.join(".cache")))
-    };
-    base.map(|base| base.join("sharp-bench").join("weights"))
+    let base = variable("XDG_CACHE_HOME").or_else(systems)?;
+    Some(base.join("sharp-bench"))
+}
+
+fn variable(name: &str) -> Option<PathBuf> {
+    let value = std::env::var_os(name).filter(|value| !value.is_empty());
+    value.map(PathBuf::from)
 }
 
 impl Weights {

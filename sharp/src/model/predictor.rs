@@ -3,39 +3,17 @@
 use std::cell::RefCell;
 use std::path::Path;
 
-use super::alignment::DepthAlignment;
 use super::config::LAYERS;
 use super::engine::{Engine, Runtime};
-use super::gaussian_decoder::{GaussianDecoder, PredictionHead};
-use super::monodepth::Monodepth;
+use super::inventory::CheckpointSource;
+use super::network::Network;
 use super::observer::{Observer, StageValue};
-use super::params::{CheckpointSource, Params, Source};
+use super::params::{Params, Source};
 use super::{ModelConfig, ModelError};
 use crate::composer::{ATTRIBUTES, ComposerConfig, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::resize::{bilinear_align_corners, nearest};
-
-/// Every module with parameters, named as in the checkpoint.
-pub(super) struct Network {
-    monodepth: Monodepth,
-    feature_model: GaussianDecoder,
-    prediction_head: PredictionHead,
-    depth_alignment: DepthAlignment,
-}
-
-impl Network {
-    pub(super) fn new(config: &ModelConfig, p: &Params<'_>) -> Self {
-        let monodepth = p.pp("monodepth_model").pp("monodepth_predictor");
-        let alignment = p.pp("depth_alignment").pp("scale_map_estimator");
-        Self {
-            monodepth: Monodepth::new(&monodepth, config),
-            feature_model: GaussianDecoder::new(&p.pp("feature_model"), config),
-            prediction_head: PredictionHead::new(&p.pp("prediction_head"), config),
-            depth_alignment: DepthAlignment::new(&alignment, config),
-        }
-    }
-}
 
 /// An image as planes, sRGB-encoded.
 #[derive(Debug, Clone, Copy)]
@@ -334,7 +312,7 @@ pub(super) fn observe_gaussians(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Precision, Silent, params, synth::Synth};
+    use crate::model::{Precision, Silent, inventory, synth::Synth};
 
     #[test]
     fn disparity_is_clamped_on_both_sides() {
@@ -350,7 +328,7 @@ mod tests {
         let file = format!("{}{file}", env!("CARGO_MANIFEST_DIR"));
         let mut config = ModelConfig::load(&file).unwrap();
         config.gaussian_stride = stride;
-        assert!(!params::inventory(&config).unwrap().is_empty());
+        assert!(!inventory::inventory(&config).unwrap().is_empty());
         let engine = Engine::cpu(Precision::Fast);
         Predictor::from_source(&config, Synth::default(), engine).unwrap()
     }

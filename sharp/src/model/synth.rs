@@ -8,7 +8,8 @@ use std::path::Path;
 use sharp_checkpoint::deterministic::model_weights;
 use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
-use super::params::{Source, inventory};
+use super::inventory::inventory;
+use super::params::Source;
 use super::{ModelConfig, ModelError};
 
 /// Makes every parameter up from its name, see [`sharp_checkpoint::deterministic`].

@@ -21,7 +21,8 @@ The error of a stage is the largest difference over the stage's largest absolute
 further off than --tolerance or was not computed (then its error is \"inf\", also in --json).
 
 To trace a change of the full network: `record` before it, `parity` after it. The comparison with the recordings of the
-official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored")]
+official network at full size is a test: cargo test --release -p sharp-tests --test golden_model -- --ignored
+--test-threads=1")]
 pub(crate) struct ParityArgs {
     #[command(flatten)]
     model: ModelArgs,

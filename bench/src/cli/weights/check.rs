@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::json;
-use sharp::model::params::inventory;
+use sharp::model::inventory::inventory;
 use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::super::{Outcome, output};

@@ -204,7 +204,7 @@ impl Method for Command {
     }
 
     fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        let target = pair.target_image.dimensions();
+        let target = pair.truth.dimensions();
         let region = self.region(pair.pair_id, target)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let source_picture = state.source_picture(pair)?;

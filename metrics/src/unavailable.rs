@@ -1,0 +1,79 @@
+//! Why there is no value.
+
+use crate::device::Device;
+use crate::picture::PictureError;
+use crate::weights::Backbone;
+
+/// Why a metric has no value for a pair.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unavailable {
+    /// The network's weights were not given.
+    #[error(
+        "needs the weights of {backbone}: `sharp-bench weights fetch metrics` gets them (in a build \
+         with --features download), or give a file of yours with `--weights {backbone}=FILE`"
+    )]
+    NoWeights {
+        /// The network.
+        backbone: Backbone,
+    },
+    /// The picture is smaller than the metric's window or network allows.
+    #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
+    TooSmall {
+        /// Width, pixels.
+        width: u32,
+        /// Height, pixels.
+        height: u32,
+        /// Smallest side that works, pixels.
+        smallest: u32,
+    },
+    /// The key counts pixels inside the view-frustum mask and there is none.
+    #[error("needs the view-frustum mask of the pair, which takes the target's depth")]
+    NoFrustumMask,
+    /// The key counts pixels inside a mask to be handed in, and none was.
+    #[error("needs a mask (`sharp-bench metrics --mask FILE|DIR`)")]
+    NoMask,
+    /// The mask leaves no pixel for which the metric has a value.
+    #[error("the mask leaves no pixel to score")]
+    EmptyMask,
+    /// Both pictures are constant and the range was to be taken from them.
+    #[error("both pictures are constant, so their data range is zero and the value undefined")]
+    NoRange,
+    /// The device failed on this pair: its memory, mostly.
+    #[error("{device}: {reason}")]
+    Device {
+        /// What was to compute the network.
+        device: Device,
+        /// What it said.
+        reason: String,
+    },
+}
+
+/// Why a pair cannot be scored at all.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScoreError {
+    /// The two pictures differ in size; nothing is ever resized silently.
+    #[error(
+        "the prediction is {}x{} but the target is {}x{}", prediction.0, prediction.1, target.0,
+        target.1
+    )]
+    SizeMismatch {
+        /// Width and height of the prediction.
+        prediction: (u32, u32),
+        /// Width and height of the target.
+        target: (u32, u32),
+    },
+    /// The mask is not of the pictures' size.
+    #[error("the mask is {}x{} but the pictures are {}x{}", mask.0, mask.1, target.0, target.1)]
+    MaskSizeMismatch {
+        /// Width and height of the mask.
+        mask: (u32, u32),
+        /// Width and height of the pictures.
+        target: (u32, u32),
+    },
+    /// The prediction has pixels that no metric takes.
+    #[error("prediction: {0}")]
+    Prediction(PictureError),
+    /// The target has pixels that no metric takes.
+    #[error("target: {0}")]
+    Target(PictureError),
+}

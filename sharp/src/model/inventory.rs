@@ -1,0 +1,193 @@
+//! Everything that a network has, and whether a checkpoint holds it.
+
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::path::Path;
+
+use sharp_checkpoint::{Checkpoint, Expected};
+
+use super::network::Network;
+use super::params::{Parameter, Params, Source};
+use super::{ModelConfig, ModelError};
+
+/// Everything the network of `config` has, in order of construction.
+///
+/// # Errors
+/// [`ModelError::Config`] for an impossible configuration.
+pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
+    config.validate()?;
+    let list = RefCell::default();
+    Network::new(config, &Params::new(&list));
+    Ok(list.into_inner())
+}
+
+/// A checkpoint file as a network's source.
+#[derive(Debug)]
+pub struct CheckpointSource(Checkpoint);
+
+impl CheckpointSource {
+    /// Opens a `.pt` or `.safetensors` file.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`].
+    pub fn open(path: &Path) -> Result<Self, ModelError> {
+        Ok(Self(Checkpoint::open(path)?))
+    }
+
+    /// Checks that the file holds every parameter of `config` that inference uses, in its shape,
+    /// and nothing that the network does not know but for names that begin with one of
+    /// `allow_unused`. What inference never uses ([`Parameter::used`]) may be absent.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] for an impossible configuration or one of another Gaussian stride than the weights';
+    /// [`ModelError::Incomplete`] with everything else that differs.
+    pub fn check(&self, config: &ModelConfig, allow_unused: &[String]) -> Result<(), ModelError> {
+        config.validate()?;
+        if let Some(stride) = self.stride()
+            && stride != config.gaussian_stride
+        {
+            return Err(ModelError::Config(format!(
+                "`{}`: Gaussian stride {}, but the weights in {} are of stride {stride}: set `gaussian_stride`",
+                config.preset,
+                config.gaussian_stride,
+                self.0.path().display()
+            )));
+        }
+        let expected: Vec<Expected> = inventory(config)?
+            .into_iter()
+            .filter(|p| p.used || self.0.contains(&p.name))
+            .map(|p| Expected {
+                name: p.name,
+                shape: p.shape,
+            })
+            .collect();
+        Ok(self.0.check(&expected, allow_unused)?)
+    }
+
+    /// The Gaussian stride of the weights: the kernel of the convolution that takes image and depth to the Gaussians'
+    /// grid. `None` if the file has no such convolution.
+    fn stride(&self) -> Option<usize> {
+        match *self.0.shape(SKIP_CONVOLUTION).ok()? {
+            [_, _, rows, columns] if rows == columns => Some(rows),
+            _ => None,
+        }
+    }
+}
+
+const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
+
+impl Source for CheckpointSource {
+    fn values(&self, name: &str, _: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
+        Ok(self.0.tensor_f32_cow(name)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// The official state dict, names and shapes, against ours.
+    #[test]
+    fn the_releases_parameters_are_exactly_the_official_ones() {
+        let csv = include_str!("../../../tests/golden/model/state_dict.csv");
+        let official: BTreeMap<String, Vec<usize>> = csv
+            .lines()
+            .skip(1)
+            .map(|line| {
+                let mut fields = line.split(',');
+                let name = fields.next().unwrap().to_owned();
+                let shape = fields.next().unwrap().split('x');
+                (name, shape.map(|d| d.parse().unwrap()).collect())
+            })
+            .collect();
+        let ours = inventory(&ModelConfig::release()).unwrap();
+        assert_eq!(ours.len(), 1038);
+        assert_eq!(ours.iter().map(Parameter::len).sum::<usize>(), 702_305_169);
+        let ours: BTreeMap<String, Vec<usize>> =
+            ours.into_iter().map(|p| (p.name, p.shape)).collect();
+        assert_eq!(ours, official);
+    }
+
+    #[test]
+    fn another_stride_changes_the_skip_convolution() {
+        let mut config = ModelConfig::release();
+        config.gaussian_stride = 4;
+        let found = inventory(&config).unwrap();
+        let skip = found.iter().find(|p| p.name == SKIP_CONVOLUTION).unwrap();
+        assert_eq!(skip.shape, [128, 5, 4, 4]);
+    }
+
+    #[test]
+    fn weights_of_another_stride_are_a_configuration_error() {
+        for stride in [4, 8] {
+            let mut config = tiny();
+            config.gaussian_stride = stride;
+            let error = official_tiny().check(&config, &[]).unwrap_err();
+            assert!(matches!(error, ModelError::Config(_)), "{error:?}");
+            let text = error.to_string();
+            for part in [
+                &format!("Gaussian stride {stride}"),
+                "of stride 2",
+                "tiny_model.pt",
+            ] {
+                assert!(text.contains(part), "{text}");
+            }
+        }
+    }
+
+    fn tiny() -> ModelConfig {
+        let file = "/../tests/golden/model/tiny_config.json#tiny";
+        ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+    }
+
+    fn official_tiny() -> CheckpointSource {
+        let file = "/../tests/golden/model/tiny_model.pt";
+        let file = format!("{}{file}", env!("CARGO_MANIFEST_DIR"));
+        CheckpointSource::open(Path::new(&file)).unwrap()
+    }
+
+    #[test]
+    fn an_official_checkpoint_holds_the_deterministic_weights_and_nothing_else() {
+        let source = official_tiny();
+        source.check(&tiny(), &[]).unwrap();
+        for parameter in inventory(&tiny()).unwrap() {
+            let found = source.values(&parameter.name, &parameter.shape).unwrap();
+            let expected = sharp_checkpoint::deterministic::model_weights(
+                "",
+                &parameter.name,
+                &parameter.shape,
+            );
+            assert_eq!(*found, *expected, "{}", parameter.name);
+        }
+    }
+
+    #[test]
+    fn everything_that_does_not_fit_is_listed_at_once() {
+        let mut wider = tiny();
+        wider.gaussian_dim_out = 16;
+        wider.vit.depth = 5;
+        let message = official_tiny().check(&wider, &[]).unwrap_err().to_string();
+        for line in [
+            "28 missing, 0 surplus, 6 of another shape",
+            "patch_encoder.blocks.4.attn.qkv.weight [96, 32]",
+            "prediction_head.texture_prediction_head.weight [22, 8, 1, 1], expected [22, 16, 1, 1]",
+        ] {
+            assert!(message.contains(line), "{message}");
+        }
+        let mut shallower = tiny();
+        shallower.vit.depth = 3;
+        shallower.hook_ids = [0, 1, 2, 2];
+        let refused = official_tiny()
+            .check(&shallower, &[])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("0 missing, 28 surplus, 0 of another shape"),
+            "{refused}"
+        );
+        let encoder = "monodepth_model.monodepth_predictor.encoder.";
+        let allowed = ["patch", "image"].map(|k| format!("{encoder}{k}_encoder.blocks.3."));
+        official_tiny().check(&shallower, &allowed).unwrap();
+    }
+}
