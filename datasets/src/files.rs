@@ -1,23 +1,21 @@
 //! A dataset's folder: bounded reads, ordered listings, and no way out of it.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::posed::Skipped;
 use crate::{DatasetError, natural};
 
 /// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
 /// nor a symbolic link may lead elsewhere, because file lists and JSON come from strangers.
 #[derive(Debug, Clone)]
 pub struct Root {
-    canonical: PathBuf,
+    pub(crate) canonical: PathBuf,
     given: PathBuf,
-    outside_allowed: bool,
+    pub(crate) outside_allowed: bool,
 }
 
 impl Root {
@@ -131,67 +129,6 @@ impl Root {
         }
     }
 
-    /// Folders at most `depth` levels below the root (and the root itself) for which `is_scene`
-    /// holds, in natural order; folders inside a scene are not searched. What could not be searched
-    /// is counted: links that lead out of the root or nowhere, and folders that cannot be listed.
-    /// Of folders that several links name the first counts.
-    ///
-    /// # Errors
-    /// [`DatasetError::Io`] when the root cannot be listed.
-    pub(crate) fn find_folders(
-        &self,
-        depth: usize,
-        is_scene: &dyn Fn(&Path) -> bool,
-    ) -> Result<Found, DatasetError> {
-        let mut search = Search {
-            root: self,
-            is_scene,
-            seen: BTreeSet::new(),
-            found: Found {
-                folders: Vec::new(),
-                passed_over: Skipped::of("folder"),
-            },
-        };
-        search.walk(&self.given, depth)?;
-        Ok(search.found)
-    }
-
-    /// The files of a folder by name, without asking the system about each: only symbolic links
-    /// are followed, and those that lead elsewhere are left out and counted. Empty for a folder that
-    /// is not there.
-    pub(crate) fn files_in(
-        &self,
-        folder: &Path,
-        passed_over: &mut Skipped,
-    ) -> BTreeMap<String, PathBuf> {
-        let entries = match std::fs::read_dir(folder) {
-            Ok(entries) => entries,
-            Err(error) => {
-                if error.kind() != ErrorKind::NotFound {
-                    passed_over.add(UNREADABLE, &format!("{} ({error})", self.id_of(folder)));
-                }
-                return BTreeMap::new();
-            }
-        };
-        let mut files = BTreeMap::new();
-        for entry in entries.flatten() {
-            let (name, path) = (
-                entry.file_name().to_string_lossy().into_owned(),
-                entry.path(),
-            );
-            if name.starts_with('.') {
-                continue;
-            }
-            let is_link = entry.file_type().is_ok_and(|kind| kind.is_symlink());
-            if is_link && self.check(&path).is_err() {
-                passed_over.add(LINK_OUT, &self.id_of(&path));
-            } else {
-                files.insert(name, path);
-            }
-        }
-        files
-    }
-
     /// A path below the root as an identifier: its components joined by `/`, and the root's own
     /// name for the root itself.
     pub fn id_of(&self, path: &Path) -> String {
@@ -209,61 +146,6 @@ impl Root {
         } else {
             parts.join("/")
         }
-    }
-}
-
-const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
-const LINK_NOWHERE: &str = "a symbolic link leads nowhere";
-const UNREADABLE: &str = "the system does not let it be listed";
-
-/// What a search found.
-#[derive(Debug)]
-pub(crate) struct Found {
-    /// The scenes' folders, in natural order.
-    pub(crate) folders: Vec<PathBuf>,
-    /// Folders that could not be looked into.
-    pub(crate) passed_over: Skipped,
-}
-
-struct Search<'a> {
-    root: &'a Root,
-    is_scene: &'a dyn Fn(&Path) -> bool,
-    seen: BTreeSet<PathBuf>,
-    found: Found,
-}
-
-impl Search<'_> {
-    fn walk(&mut self, folder: &Path, depth: usize) -> Result<(), DatasetError> {
-        let canonical = folder
-            .canonicalize()
-            .map_err(|e| DatasetError::io(folder, e))?;
-        if !self.root.outside_allowed && !canonical.starts_with(&self.root.canonical) {
-            let name = self.root.id_of(folder);
-            self.found.passed_over.add(LINK_OUT, &name);
-            return Ok(());
-        }
-        if !self.seen.insert(canonical) {
-            return Ok(());
-        }
-        if (self.is_scene)(folder) {
-            self.found.folders.push(folder.to_owned());
-            return Ok(());
-        }
-        if depth == 0 {
-            return Ok(());
-        }
-        for (name, path) in list(folder)? {
-            if path.is_dir() {
-                // An unreadable folder somewhere below must not hide the scenes beside it.
-                if let Err(error) = self.walk(&path, depth - 1) {
-                    self.found.passed_over.add(UNREADABLE, &error.to_string());
-                }
-            } else if path.is_symlink() && !path.exists() {
-                let name = format!("{}/{name}", self.root.id_of(folder));
-                self.found.passed_over.add(LINK_NOWHERE, &name);
-            }
-        }
-        Ok(())
     }
 }
 
@@ -401,50 +283,6 @@ mod tests {
         assert!(error.contains("leads out"), "{error}");
         let found = root.find_folders(9, &|p| p.ends_with("a")).unwrap();
         assert_eq!(found.folders.len(), 1);
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn folders_and_files_that_links_put_elsewhere_are_counted() {
-        use std::os::unix::fs::symlink;
-        let folder = tempfile::tempdir().unwrap();
-        let set = folder.path().join("set");
-        for name in ["set/a/scene", "elsewhere/scene"] {
-            std::fs::create_dir_all(folder.path().join(name)).unwrap();
-        }
-        std::fs::write(set.join("a/scene/1.png"), "").unwrap();
-        symlink(folder.path().join("elsewhere"), set.join("b")).unwrap();
-        symlink(folder.path().join("not there"), set.join("a/c")).unwrap();
-        symlink(
-            folder.path().join("elsewhere/2.png"),
-            set.join("a/scene/2.png"),
-        )
-        .unwrap();
-        std::fs::write(folder.path().join("elsewhere/2.png"), "").unwrap();
-        let is_scene = |p: &Path| p.ends_with("scene");
-        let root = Root::open(&set).unwrap();
-        let found = root.find_folders(9, &is_scene).unwrap();
-        assert_eq!(found.folders, [set.join("a/scene")]);
-        let notes = found.passed_over.notes(Path::new("set"));
-        assert_eq!(
-            notes,
-            [
-                format!("set: 1 folder(s) left out, {LINK_OUT}: b"),
-                format!("set: 1 folder(s) left out, {LINK_NOWHERE}: a/c"),
-            ]
-        );
-        let mut linked = Skipped::of("file");
-        let files = root.files_in(&set.join("a/scene"), &mut linked);
-        assert_eq!(files.keys().collect::<Vec<_>>(), ["1.png"]);
-        assert_eq!(
-            linked.notes(Path::new("set")),
-            [format!(
-                "set: 1 file(s) left out, {LINK_OUT}: a/scene/2.png"
-            )]
-        );
-        let root = root.allowing_outside(true);
-        let found = root.find_folders(9, &is_scene).unwrap();
-        assert_eq!(found.folders, [set.join("a/scene"), set.join("b/scene")]);
     }
 
     #[test]

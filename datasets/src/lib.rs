@@ -44,6 +44,7 @@ mod posed;
 mod rig;
 mod scan;
 mod scannetpp;
+mod search;
 pub mod spec;
 mod stereo;
 pub mod synthetic;
