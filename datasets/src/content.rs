@@ -9,6 +9,7 @@ use crate::depth::DepthSource;
 use crate::format::picture;
 use crate::mask::{Mask, check_size};
 use crate::needed::Role;
+use crate::processing::{Processing, Undistorted};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
@@ -33,13 +34,20 @@ impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         let mut image = picture::read(&self.image)?;
         check_size(&self.image, image.dimensions(), self.size)?;
-        if let Some(mask) = &self.mask {
-            mask.blacken(&mut image)?;
+        let undistortion = self.undistortion.as_ref();
+        if let Some(undistortion) = undistortion {
+            image = undistortion.image(&image);
         }
-        Ok(match &self.undistortion {
-            Some(undistortion) => undistortion.image(&image),
-            None => image,
-        })
+        // The picture is resampled first: black would else run into its neighbours.
+        if let Some(mask) = &self.mask {
+            let mask = mask.read(self.size, undistortion)?;
+            for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
+                if *keep == 0 {
+                    pixel.fill(0);
+                }
+            }
+        }
+        Ok(image)
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
@@ -66,6 +74,17 @@ impl ViewContent for FileContent {
         files.sort();
         files.dedup();
         files
+    }
+
+    fn processing(&self) -> Processing {
+        Processing {
+            undistorted: self.undistortion.map(|u| Undistorted {
+                model: u.lens().distortion().name(),
+                camera: u.rule(),
+            }),
+            masked: self.mask.is_some(),
+            lacks_depth: self.depth.is_none(),
+        }
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {

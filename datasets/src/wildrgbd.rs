@@ -16,7 +16,7 @@ use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting};
-use crate::{DatasetError, Pairing, Scene};
+use crate::{DatasetError, Pairing, Scene, processing};
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -200,13 +200,17 @@ fn read_scene(
     }
     posed::finish(&mut views);
     let id = root.id_of(folder);
+    let mut notes = skipped.notes(&poses_file);
+    if processing::without_depth(&views) == views.len() {
+        notes.push("depth: no map of these frames in depth/".to_owned());
+    }
     Ok(Scene {
         dataset: spec.name.clone(),
         cluster: id.clone(),
         id,
         views,
         pairing: Pairing::MultiView,
-        notes: skipped.notes(&poses_file),
+        notes,
     })
 }
 

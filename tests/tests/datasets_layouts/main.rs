@@ -6,6 +6,8 @@
 #[cfg(test)]
 mod multi_view;
 #[cfg(test)]
+mod processing;
+#[cfg(test)]
 mod stereo;
 #[cfg(test)]
 mod write;
