@@ -14,12 +14,8 @@ use sharp_datasets::{DepthMap, Scene, View};
 pub use self::first_layer::FirstLayerDepth;
 pub use self::given::GivenDepth;
 use super::ProtocolError;
-use super::alignment::{median_of, median_scale};
-
-/// True for a depth that means something: finite and positive.
-pub fn is_valid_depth(depth: f32) -> bool {
-    depth > 0.0 && depth < f32::INFINITY
-}
+use super::alignment::median_scale;
+use super::valid_depth::{is_valid_depth, median_of};
 
 /// Where the depth that decides overlap comes from.
 pub trait DepthSource: Sync {
@@ -192,14 +188,6 @@ pub fn median_depth_m(depth: &DepthMap) -> Option<f64> {
 mod tests {
     use super::*;
     use image::Luma;
-
-    #[test]
-    fn only_finite_positive_depth_is_valid() {
-        assert!(is_valid_depth(1e-6));
-        for bad in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            assert!(!is_valid_depth(bad), "{bad}");
-        }
-    }
 
     #[test]
     fn median_depth_ignores_what_is_invalid() {

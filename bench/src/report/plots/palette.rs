@@ -111,7 +111,7 @@ pub fn stroke(surface: &mut dyn Surface, points: &[Point], width: f64, style: St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::plots::lettering::Lettering;
+    use crate::report::plots::canvas::Lettering;
 
     /// Counts what is drawn.
     #[derive(Default)]
