@@ -103,7 +103,7 @@ pub(super) fn readings(
                     settings: format!("{} {:?}", other.format, other.settings),
                     scenes: match opened {
                         Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
-                        Err(error) => Err(format!("{error:#}")),
+                        Err(error) => Err(error.to_string()),
                     },
                 });
             }
