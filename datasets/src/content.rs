@@ -54,7 +54,8 @@ impl ViewContent for FileContent {
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let mask = self.mask.as_ref();
         let undistortion = self.undistortion.as_ref();
-        mask.map(|mask| mask.read(self.size, undistortion)).transpose()
+        mask.map(|mask| mask.read(self.size, undistortion))
+            .transpose()
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {

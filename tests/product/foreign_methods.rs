@@ -306,7 +306,7 @@ fn smaller_pictures_are_resized_up_by_a_named_kernel_only() {
     ];
     let said = run(dir, "r", &methods).ends_with(4);
     assert!(
-        said.out.contains("resized up before scoring"),
+        said.out.contains("resized up (`bicubic`) before scoring"),
         "{}",
         said.out
     );

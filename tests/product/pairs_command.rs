@@ -215,7 +215,7 @@ fn exported_pairs_are_what_is_scored() {
 #[test]
 fn exports_that_cannot_work_say_why() {
     let dir = tempfile::tempdir().unwrap();
-    build(dir.path(), "p.csv", &["--pair-options", "limit=0"]).ends_with(0);
+    build(dir.path(), "p.csv", &["--pair-options", "limit=0"]).ends_with(4);
     let export = |dataset: &str, out: &str| {
         let args = [
             "pairs",
@@ -391,7 +391,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
     assert_eq!(ids("mono.csv"), ids("truth.csv"));
     // As it is, it would put every surface at a quarter of its distance.
     let metric = [&mono[..], &["--pair-options", "overlap=given-metric"]].concat();
-    build(dir.path(), "metric.csv", &metric).ends_with(0);
+    build(dir.path(), "metric.csv", &metric).ends_with(4);
     assert_ne!(ids("metric.csv"), ids("truth.csv"));
 
     // A run says where its overlap comes from, also with a list that was built before.
@@ -499,4 +499,151 @@ fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
     build(dir.path(), "q.csv", &absent).is_error_with(&["no.pt"]);
     let useless = ["--overlap-checkpoint", model.as_str()];
     build(dir.path(), "q.csv", &useless).is_error_with(&["overlap=sharp-release"]);
+}
+
+#[test]
+fn an_empty_list_says_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = build(dir.path(), "p.csv", &["--pair-options", "threshold=2"]).ends_with(4);
+    assert!(dir.path().join("p.csv").is_file());
+    let warning = said
+        .err
+        .lines()
+        .find(|line| line.starts_with("warning: S:"));
+    let warning = warning.unwrap_or_else(|| panic!("{}", said.err));
+    assert!(warning.contains("above threshold=2"), "{warning}");
+    let more = ["--pair-options", "threshold=2", "--json"];
+    let json = build(dir.path(), "p.csv", &more).ends_with(4).json();
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 1);
+    let run = [
+        "run",
+        "--dataset",
+        SYNTHETIC,
+        "--method",
+        "copy",
+        "--metrics",
+        "psnr",
+    ];
+    let run = [
+        &run[..],
+        &["--pair-options", "min-baseline=9", "--out", "r"],
+    ]
+    .concat();
+    sharp_bench(dir.path(), &run).is_error_with(&["no pair to evaluate", "min-baseline=9"]);
+    // Nothing amiss, nothing said.
+    let json = build(dir.path(), "p.csv", &["--json"]).ends_with(0).json();
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn depth_is_exported_where_there_is_some() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let build = ["pairs", "--dataset", &dataset, "--out", "p.csv"];
+    sharp_bench(dir.path(), &build).ends_with(0);
+    let export = || {
+        let args = ["pairs", "export", "--pairs", "p.csv", "--dataset", &dataset];
+        let more = ["--with", "depth", "--out", "e", "--json"];
+        sharp_bench(dir.path(), &[&args[..], &more].concat()).ends_with(0)
+    };
+    let stale = find(&data, "im0.png");
+    let list = read(dir.path().join("p.csv"));
+    let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
+    let folder = dir.path().join("e").join(id);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(stale, folder.join("target_depth.npy")).unwrap();
+    let said = export();
+    assert!(said.err.contains("1 view without depth"), "{}", said.err);
+    let json = said.json();
+    assert_eq!(
+        (&json["written"], &json["without_depth"]),
+        (&1.into(), &1.into())
+    );
+    assert!(folder.join("source_depth.npy").is_file());
+    assert!(!folder.join("target_depth.npy").exists());
+    let pair: serde_json::Value = serde_json::from_str(&read(folder.join("pair.json"))).unwrap();
+    let files: Vec<&String> = pair["files"].as_object().unwrap().keys().collect();
+    assert_eq!(files, ["source.png", "source_depth.npy"]);
+    // What is kept lacks it just as well.
+    let json = export().json();
+    assert_eq!(
+        (&json["kept"], &json["without_depth"]),
+        (&1.into(), &1.into())
+    );
+}
+
+#[test]
+fn readings_of_a_dataset_are_choices_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let args = ["pairs", "--dataset", &dataset, "--ambiguity", "--no-cache"];
+    let json = sharp_bench(dir.path(), &[&args[..], &["--json"]].concat());
+    let json = json.ends_with(0).json();
+    let rows = json["choices"].as_array().unwrap();
+    let of = |change: &str| {
+        let found = rows.iter().find(|row| row["change"] == change);
+        found.unwrap_or_else(|| panic!("no {change} in {json}"))
+    };
+    assert_eq!(of("")["datasets"]["M"]["selected"], 1);
+    // The bundle has one exposure.
+    let other = of("right=im1E");
+    assert!(other["unavailable"]["M"].is_string(), "{other}");
+    assert!(rows.iter().all(|row| row["about"] != "threshold"));
+    let said = sharp_bench(dir.path(), &args).ends_with(0);
+    let line = said.out.lines().find(|line| line.contains("right=im1E"));
+    assert!(line.unwrap().contains("cannot be opened"), "{}", said.out);
+}
+
+#[test]
+fn choices_that_differ_from_the_paper_are_marked() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let run = |options: &str, out: &str| {
+        let args = ["run", "--dataset", &dataset, "--pair-options", options];
+        let more = ["--method", "copy", "--metrics", "psnr", "--out", out];
+        sharp_bench(dir.path(), &[&args[..], &more].concat()).ends_with(0);
+        sharp_bench(dir.path(), &["report", out]).ends_with(0);
+        let manifest: serde_json::Value =
+            serde_json::from_str(&read(dir.path().join(out).join("manifest.json"))).unwrap();
+        let tables = dir.path().join(out).join("report");
+        (
+            manifest,
+            read(find(&tables, "scores.md")),
+            read(find(&tables, "report.md")),
+        )
+    };
+    let (manifest, table, report) = run("min-baseline=0.001,seed=3", "a");
+    let proxies = &manifest["pairs"]["proxies"];
+    assert_eq!(proxies, &serde_json::json!(["min-baseline=0.001"]));
+    assert!(table.contains("M<sup>a</sup><br>PSNR"), "{table}");
+    assert!(table.contains("proxy of the paper's column"), "{table}");
+    assert!(
+        report.contains("| min-baseline | 0.001 (proxy: differs from the paper) |"),
+        "{report}"
+    );
+    assert!(report.contains("| seed | 3 |"), "{report}");
+    let (manifest, table, _) = run("seed=3", "b");
+    assert!(manifest["pairs"]["proxies"].is_null());
+    assert!(table.contains("M<br>PSNR"), "{table}");
+
+    build(dir.path(), "p.csv", &["--pair-options", "threshold=0.5"]).ends_with(0);
+    let beside: serde_json::Value =
+        serde_json::from_str(&read(dir.path().join("p.csv.json"))).unwrap();
+    assert_eq!(beside["proxies"], serde_json::json!(["threshold=0.5"]));
+}
+
+#[test]
+fn help_lists_what_each_choice_may_be() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = sharp_bench(dir.path(), &["pairs", "--help"]).ends_with(0);
+    for part in [
+        "sets           consecutive, strided, whole, random:SEED [default: consecutive]",
+        "limit          all or a number [default: 512]",
+        "at-threshold   out, in [default: out]",
+    ] {
+        assert!(said.out.contains(part), "{}", said.out);
+    }
 }

@@ -13,11 +13,12 @@ use safetensors::SafeTensors;
 use serde_json::Value;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_bench::protocol::alignment::median_scale;
-use sharp_bench::protocol::depth::{PosedDepth, is_valid_depth};
+use sharp_bench::protocol::depth::PosedDepth;
 use sharp_bench::protocol::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
 use sharp_bench::protocol::overlap::{
     Denominator, DepthLookup, OverlapOptions, OverlapTest, overlap, seen_mask,
 };
+use sharp_bench::protocol::valid_depth::is_valid_depth;
 use sharp_datasets::DepthMap;
 
 type Outcome = Result<(), Failed>;

@@ -8,6 +8,7 @@ use sharp_datasets::Scene;
 
 use super::data_args::{self, DatasetArgs};
 use super::{Outcome, output, progress};
+use crate::counted::counted;
 use crate::exchange::cameras;
 
 /// Write views as files: pictures and cameras
@@ -60,7 +61,8 @@ pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     } else {
         let (written, kept) = (exported.written, exported.kept);
         output::line(format!(
-            "{views} views in {out}: {written} written, {kept} kept"
+            "{} in {out}: {written} written, {kept} kept",
+            counted(views, "view")
         ))?;
     }
     Ok(Outcome::Done)

@@ -11,6 +11,7 @@ use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavaila
 
 use super::usage::UsageError;
 use crate::methods::scale_sweep::ScaleChooser;
+use crate::protocol::options::paper::PROXY;
 use crate::runs::plan::Scoring;
 
 /// Which metrics, with which weights.
@@ -169,12 +170,11 @@ pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec
             found.retain(|scene| matches(pattern, &scene.id));
         }
         let readings = spec.readings().into_iter().map(|(key, value, proxy)| {
-            let proxy = if proxy {
-                " (proxy: differs from the paper)"
+            if proxy {
+                format!("{key}={value} ({PROXY})")
             } else {
-                ""
-            };
-            format!("{key}={value}{proxy}")
+                format!("{key}={value}")
+            }
         });
         open.push(OpenDataset {
             settings: format!("{} {:?}", spec.format, spec.settings),

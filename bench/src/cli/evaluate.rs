@@ -11,7 +11,6 @@ use sharp_datasets::Scene;
 use super::data_args::{self, OpenDataset};
 use super::list_facts::ListFacts;
 use super::pair_args::PairOrigin;
-use super::pair_recipe::counted_pairs;
 use super::usage::UsageError;
 use super::{output, progress};
 use crate::durable::write_atomic;
@@ -93,10 +92,11 @@ impl Evaluation {
         let (list, facts) = match &request.pairs {
             PairOrigin::Built(recipe) => {
                 let built = recipe.build(&datasets)?;
-                for (dataset, counts) in &built.pairs.summaries {
-                    if counts.selected == 0 {
-                        output::remark(format!("warning: {}", counted_pairs(dataset, counts)));
-                    }
+                if built.pairs.pairs.iter().all(|pair| !pair.selected) {
+                    bail!("no pair to evaluate: {}", built.advice.join("; "));
+                }
+                for advice in &built.advice {
+                    output::remark(format!("warning: {advice}"));
                 }
                 let facts = ListFacts::of_built(&built, &methods)?;
                 (PairList::new("pairs.csv", built.pairs.pairs), facts)
@@ -178,6 +178,7 @@ impl Evaluation {
                 limit: self.limit,
                 origin: self.facts.origin.to_owned(),
                 options: self.facts.options(),
+                proxies: self.facts.proxies(),
             },
             methods: self
                 .specs

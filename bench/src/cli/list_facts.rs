@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::pair_recipe::Built;
 use crate::durable::{FileError, write_atomic};
 use crate::methods::Method;
-use crate::protocol::PairList;
+use crate::protocol::{PairList, PairOptions};
 use crate::runs::unit::SOURCE_FINGERPRINT;
 
 /// Says that overlap came from a checkpoint, by its sha256.
@@ -30,6 +30,9 @@ pub(super) struct ListCompanion {
     pub(super) sha256: String,
     /// As in a manifest.
     pub(super) options: BTreeMap<String, String>,
+    /// Of these, the choices that are known to differ from the paper's.
+    #[serde(default)]
+    proxies: Vec<String>,
     /// The datasets as given.
     pub(super) datasets: Vec<String>,
     /// Version of the harness.
@@ -43,6 +46,7 @@ impl ListCompanion {
         Self {
             sha256: sha256.to_owned(),
             options: options_of(built),
+            proxies: proxies_of(&options_of(built)),
             datasets: datasets.to_vec(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source_fingerprint: SOURCE_FINGERPRINT.to_owned(),
@@ -108,6 +112,15 @@ impl ListFacts {
     pub(super) fn options(&self) -> BTreeMap<String, String> {
         self.options.clone()
     }
+
+    /// For [`PairFacts::proxies`](crate::runs::manifest::PairFacts::proxies).
+    pub(super) fn proxies(&self) -> Vec<String> {
+        proxies_of(&self.options)
+    }
+}
+
+fn proxies_of(options: &BTreeMap<String, String>) -> Vec<String> {
+    PairOptions::of_facts(options).map_or_else(Vec::new, |options| options.proxies())
 }
 
 fn options_of(built: &Built) -> BTreeMap<String, String> {

@@ -14,6 +14,7 @@ mod metrics;
 mod model;
 mod outcome;
 mod output;
+mod pair_advice;
 mod pair_args;
 mod pair_recipe;
 mod pairs;

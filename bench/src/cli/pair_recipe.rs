@@ -9,10 +9,10 @@ use sharp::model::ModelConfig;
 use sharp_datasets::Scene;
 
 use super::data_args::OpenDataset;
-use super::{output, progress};
+use super::{output, pair_advice, progress};
 use crate::counted::counted;
 use crate::model_files::find_checkpoint;
-use crate::protocol::ambiguity::{Alternative, alternatives};
+use crate::protocol::ambiguity::{Alternative, Reading, alternatives};
 use crate::protocol::depth::{
     DepthSource, FirstLayerDepth, GivenDepth, GroundTruthDepth, ScaledToGroundTruth,
 };
@@ -60,6 +60,8 @@ struct Depth {
 pub(super) struct Built {
     pub(super) pairs: PairBuild,
     pub(super) facts: BTreeMap<String, String>,
+    /// What its reader should know of datasets without a selected pair, or with depth too sparse for the choices made.
+    pub(super) advice: Vec<String>,
     /// sha256 of the checkpoint that decided overlap.
     pub(super) checkpoint_sha256: Option<String>,
 }
@@ -131,14 +133,25 @@ impl PairRecipe {
             facts.insert("overlap depth maps".to_owned(), text);
         }
         Ok(Built {
+            advice: datasets
+                .iter()
+                .filter_map(|dataset| {
+                    let counts = pairs.summaries.get(&dataset.name)?;
+                    pair_advice::advice(&dataset.name, &dataset.spec, counts, &self.options)
+                })
+                .collect(),
             pairs,
             facts,
             checkpoint_sha256: depth.checkpoint_sha256,
         })
     }
 
-    /// How the count changes over the open choices.
-    pub(super) fn ambiguity(&self, datasets: &[OpenDataset]) -> anyhow::Result<Vec<Alternative>> {
+    /// How the count changes over the open choices and the datasets' other readings.
+    pub(super) fn ambiguity(
+        &self,
+        datasets: &[OpenDataset],
+        readings: &[Reading],
+    ) -> anyhow::Result<Vec<Alternative>> {
         let scenes: Vec<Scene> = datasets.iter().flat_map(|d| d.scenes.clone()).collect();
         let (depth, cache) = (self.depth()?, self.cache());
         let bar = progress::bar(1, "choices");
@@ -148,7 +161,7 @@ impl PairRecipe {
             bar.set_position(done as u64);
         };
         let context = context(datasets, &depth, cache.as_ref(), &|_, _| {});
-        let rows = alternatives(&scenes, &self.options, &context, &advance)?;
+        let rows = alternatives(&scenes, &self.options, readings, &context, &advance)?;
         bar.finish_and_clear();
         warn(cache.as_ref());
         Ok(rows)

@@ -13,8 +13,10 @@ use super::evaluate::Finished;
 use super::usage::UsageError;
 use super::{Outcome, data_args, output};
 use crate::counted::counted;
-use crate::methods::KINDS;
+use crate::methods::{KINDS, MethodSpec};
 use crate::pictures::read_rgb8;
+use crate::protocol::PairOptions;
+use crate::protocol::options::paper::{PROXY, PaperOverlap};
 use crate::record::Record;
 use crate::report::scores::merged;
 use crate::report::{
@@ -24,7 +26,7 @@ use crate::report::{
 use crate::runs::device_class::check_one_class;
 use crate::runs::execute::Executed;
 use crate::runs::identity::identity_difference;
-use crate::runs::manifest::{Manifest, MethodFacts};
+use crate::runs::manifest::{DatasetFacts, Manifest, MethodFacts};
 use crate::runs::store::RunFolder;
 
 /// Write tables, plots and a browsable page from runs
@@ -188,10 +190,19 @@ fn input<'a>(
             description: description(method),
             unranked: (method.identity == "target")
                 .then(|| "it is the ground truth itself".to_owned()),
+            resize_kernel: method
+                .spec
+                .parse()
+                .ok()
+                .and_then(|spec: MethodSpec| spec.options.get("resize").cloned()),
         })
         .collect();
     let mut datasets: Vec<Dataset> = Vec::new();
-    for facts in manifests.iter().flat_map(|manifest| &manifest.datasets) {
+    let of_runs = manifests.iter().flat_map(|manifest| {
+        let datasets = manifest.datasets.iter();
+        datasets.map(move |facts| (*manifest, facts))
+    });
+    for (manifest, facts) in of_runs {
         if datasets.iter().all(|d| d.name != facts.name) {
             datasets.push(Dataset {
                 description: format!(
@@ -208,6 +219,8 @@ fn input<'a>(
                 published_as: DatasetSpec::parse(&facts.spec)
                     .ok()
                     .map(|spec| spec.format.to_owned()),
+                proxies: proxies(manifest, facts),
+                common_region: manifest.scoring.contains_key("region"),
                 ..Dataset::named(&facts.name)
             });
         }
@@ -237,6 +250,21 @@ fn input<'a>(
         pictures,
         options: Options::default(),
     })
+}
+
+/// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's.
+fn proxies(manifest: &Manifest, facts: &DatasetFacts) -> Vec<String> {
+    let Ok(spec) = DatasetSpec::parse(&facts.spec) else {
+        return Vec::new();
+    };
+    let readings = spec.readings().into_iter();
+    let readings = readings
+        .filter(|(_, _, proxy)| *proxy)
+        .map(|(key, value, _)| format!("{key}={value}"));
+    let pairs = PairOptions::of_facts(&manifest.pairs.options);
+    let kind = PaperOverlap::of_format(spec.format);
+    let pairs = pairs.map_or_else(Vec::new, |options| options.proxies_on(kind));
+    readings.chain(pairs).collect()
 }
 
 fn description(method: &MethodFacts) -> String {
@@ -347,7 +375,15 @@ fn facts(run: &LoadedRun) -> Vec<FactGroup> {
             &format!("{limit} (not all that are selected)"),
         ));
     }
-    pair_facts.extend(manifest.pairs.options.clone());
+    let proxies = PairOptions::of_facts(&manifest.pairs.options)
+        .map_or_else(Vec::new, |options| options.proxies());
+    pair_facts.extend(manifest.pairs.options.iter().map(|(key, value)| {
+        if proxies.contains(&format!("{key}={value}")) {
+            text(key, &format!("{value} ({PROXY})"))
+        } else {
+            text(key, value)
+        }
+    }));
     let notes: Vec<_> = manifest
         .datasets
         .iter()

@@ -59,6 +59,7 @@ pub fn export(
     Ok(Exported {
         written: fresh,
         kept: written.len() - fresh,
+        without_depth: 0,
     })
 }
 

@@ -27,12 +27,6 @@ pub enum ExportError {
     /// A file of the dataset.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Depth was asked for and there is none.
-    #[error("{view}: the dataset has no depth of this view")]
-    NoDepth {
-        /// `dataset/scene/view`.
-        view: String,
-    },
     /// The folder holds something else.
     #[error("{}: {reason}", path.display())]
     Folder {

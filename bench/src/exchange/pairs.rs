@@ -1,20 +1,21 @@
 //! The pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, on request `target.png` and depth.
 //!
-//! `pair.json` is written last and holds the sha256 of its files and of what they were made from: an export that was
+//! `pair.json` is written last and holds the names of its files with their sha256 and that of what they were made from: an export that was
 //! stopped goes on where it was, one whose dataset changed is made anew.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::path::Path;
 
 use rayon::prelude::*;
 use serde::Serialize;
+use sharp_datasets::View;
 use sharp_datasets::format::npy;
-use sharp_datasets::{Scene, View};
 
 use super::ExportError;
 use super::description::{FORMAT, PairDescription};
 use super::file::{Hashes, Stamp, write, write_json};
-use crate::durable::sha256_hex;
+use crate::durable::{FileError, sha256_hex};
 use crate::protocol::pair_list::ResolvedPair;
 use crate::render_file::encode_png;
 use crate::view_hashes::ViewHashes;
@@ -24,7 +25,7 @@ use crate::view_hashes::ViewHashes;
 pub struct ExportOptions {
     /// `target.png`: the ground truth.
     pub target: bool,
-    /// `source_depth.npy` and `target_depth.npy`, float32 metres.
+    /// `source_depth.npy` and `target_depth.npy`, float32 metres; of a view without depth there is none.
     pub depth: bool,
     /// By dataset: the settings in force, which decide what depth means. An export under other settings is made anew.
     pub readings: BTreeMap<String, String>,
@@ -37,6 +38,8 @@ pub struct Exported {
     pub written: usize,
     /// Pairs that were there already, unchanged.
     pub kept: usize,
+    /// Views of which depth was asked for and the dataset has none.
+    pub without_depth: usize,
 }
 
 #[derive(Serialize)]
@@ -63,16 +66,26 @@ pub fn export(
         std::ptr::eq(a.scene, b.scene) && a.source.id == b.source.id
     };
     let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
-    let counts: Result<Vec<Exported>, ExportError> = groups
+    let done: Result<Vec<Group>, ExportError> = groups
         .into_par_iter()
         .map(|group| export_group(group, out, options, &hashes, advance))
         .collect();
-    Ok(counts?
-        .into_iter()
-        .fold(Exported::default(), |sum, one| Exported {
-            written: sum.written + one.written,
-            kept: sum.kept + one.kept,
-        }))
+    let done = done?;
+    let without_depth: BTreeSet<&String> = done.iter().flat_map(|g| &g.without_depth).collect();
+    Ok(Exported {
+        written: done.iter().map(|group| group.written).sum(),
+        kept: done.iter().map(|group| group.kept).sum(),
+        without_depth: without_depth.len(),
+    })
+}
+
+/// What became of the pairs of one source.
+#[derive(Default)]
+struct Group {
+    written: usize,
+    kept: usize,
+    /// `dataset/scene/view` of those whose depth was asked for in vain.
+    without_depth: BTreeSet<String>,
 }
 
 /// The pairs of one source.
@@ -82,13 +95,23 @@ fn export_group(
     options: &ExportOptions,
     hashes: &ViewHashes,
     advance: &(dyn Fn() + Sync),
-) -> Result<Exported, ExportError> {
-    let mut exported = Exported::default();
+) -> Result<Group, ExportError> {
+    let mut exported = Group::default();
     let (mut picture, mut depth) = (None, None);
     for pair in group {
         let folder = out.join(&pair.pair.pair_id);
         let key = key(pair, options, hashes)?;
+        let mut lacks_depth = |view: &View| {
+            let scene = pair.scene;
+            let name = format!("{}/{}/{}", scene.dataset, scene.id, view.id);
+            exported.without_depth.insert(name);
+        };
         if Stamp::is_done(&folder, "pair.json", &key) {
+            for (view, file) in depth_files(pair, options) {
+                if !folder.join(file).exists() {
+                    lacks_depth(view);
+                }
+            }
             exported.kept += 1;
             advance();
             continue;
@@ -111,14 +134,24 @@ fn export_group(
                 &mut files,
             )?;
         }
-        if options.depth {
-            if depth.is_none() {
-                depth = Some(depth_of(pair.scene, pair.source)?);
+        for (view, file) in depth_files(pair, options) {
+            let of_target;
+            let bytes = if std::ptr::eq(view, pair.source) {
+                if depth.is_none() {
+                    depth = Some(depth_of(view)?);
+                }
+                depth.as_ref().and_then(Option::as_ref)
+            } else {
+                of_target = depth_of(view)?;
+                of_target.as_ref()
+            };
+            match bytes {
+                Some(bytes) => write(&folder, file, bytes, &mut files)?,
+                None => {
+                    remove(&folder.join(file))?;
+                    lacks_depth(view);
+                }
             }
-            let source_depth = depth.as_deref().unwrap_or_default();
-            write(&folder, "source_depth.npy", source_depth, &mut files)?;
-            let target_depth = depth_of(pair.scene, pair.target)?;
-            write(&folder, "target_depth.npy", &target_depth, &mut files)?;
         }
         let names = pair.pair;
         let description = PairDescription::new(
@@ -147,11 +180,32 @@ pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
     Ok(encode_png(&view.content.image()?, path)?)
 }
 
-fn depth_of(scene: &Scene, view: &View) -> Result<Vec<u8>, ExportError> {
-    let depth = view.content.depth()?.ok_or_else(|| ExportError::NoDepth {
-        view: format!("{}/{}/{}", scene.dataset, scene.id, view.id),
-    })?;
-    Ok(npy::to_bytes(&depth))
+/// The views whose depth is asked for, with the names of their files.
+fn depth_files<'a>(
+    pair: &ResolvedPair<'a>,
+    options: &ExportOptions,
+) -> Vec<(&'a View, &'static str)> {
+    if !options.depth {
+        return Vec::new();
+    }
+    vec![
+        (pair.source, "source_depth.npy"),
+        (pair.target, "target_depth.npy"),
+    ]
+}
+
+fn depth_of(view: &View) -> Result<Option<Vec<u8>>, ExportError> {
+    Ok(view.content.depth()?.map(|depth| npy::to_bytes(&depth)))
+}
+
+/// Removes what an earlier export may have left of a file that is none any more.
+fn remove(path: &Path) -> Result<(), ExportError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(FileError::new(path, "remove")(error).into())
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Hash of everything that a pair's files depend on.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use sharp_datasets::DepthMap;
 
 use super::ProtocolError;
-use super::depth::is_valid_depth;
+use super::valid_depth::{is_valid_depth, median_of};
 
 /// A scale and what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,21 +65,6 @@ pub fn median_scale(
     Ok(MedianScale { scale, pixels })
 }
 
-/// The median; the mean of the two middle values of an even count; `None` of nothing.
-fn median_of(mut values: Vec<f64>) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    let even = values.len().is_multiple_of(2);
-    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    if !even {
-        return Some(upper);
-    }
-    let lower = below.iter().copied().max_by(f64::total_cmp)?;
-    Some(0.5 * (lower + upper))
-}
-
 /// Bilinear sample at continuous coordinates, the border repeated; `None` if a pixel with a share in
 /// it is invalid.
 fn sample(map: &DepthMap, u: f64, v: f64) -> Option<f64> {
@@ -115,15 +100,6 @@ mod tests {
 
     fn map(width: u32, height: u32, values: &[f32]) -> DepthMap {
         DepthMap::from_vec(width, height, values.to_vec()).unwrap()
-    }
-
-    #[test]
-    fn medians_of_odd_and_even_counts() {
-        assert_eq!(median_of(vec![]), None);
-        assert_eq!(median_of(vec![3.0]), Some(3.0));
-        assert_eq!(median_of(vec![3.0, 1.0]), Some(2.0));
-        assert_eq!(median_of(vec![9.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median_of(vec![9.0, 2.0, 1.0, 4.0]), Some(3.0));
     }
 
     #[test]

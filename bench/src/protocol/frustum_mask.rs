@@ -6,7 +6,8 @@ use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use super::depth::{PosedDepth, is_valid_depth};
+use super::depth::PosedDepth;
+use super::valid_depth::is_valid_depth;
 
 /// 1 inside, 0 outside; of the target's size.
 pub type FrustumMask = ImageBuffer<Luma<u8>, Vec<u8>>;

@@ -15,6 +15,7 @@
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
 //! * [`frustum_mask`]: which target pixels lie inside the source's field of view.
+//! * [`valid_depth`]: which depths count, their median and share.
 //! * [`region`]: parts of a picture, for methods that crop.
 
 pub mod alignment;
@@ -34,6 +35,7 @@ pub mod sampling;
 pub mod sets;
 #[cfg(test)]
 mod test_scene;
+pub mod valid_depth;
 
 pub use error::ProtocolError;
 pub use options::PairOptions;

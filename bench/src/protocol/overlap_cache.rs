@@ -21,7 +21,7 @@ use crate::durable::{FileError, sha256_hex, write_atomic};
 use crate::view_hashes::ViewHashes;
 
 /// Changes with the form of the files.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// The two overlaps of views a < b, by index into the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -32,11 +32,20 @@ pub(super) struct Overlaps {
     pub(super) b_in_a: f64,
 }
 
+/// What is known of a view's depth at its full size.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct DepthFacts {
+    /// Median of the valid depths, metres.
+    pub(super) median_m: f64,
+    /// Share of pixels with valid depth, above 0.
+    pub(super) coverage: f64,
+}
+
 /// What is known of a scene under one way of measuring.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct SceneOverlaps {
-    /// Median depth, metres; `None` for a view without valid depth.
-    pub(super) medians: BTreeMap<usize, Option<f64>>,
+    /// `None` for a view without valid depth.
+    pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
     /// Of views a < b with valid depth.
     pub(super) couples: BTreeMap<(usize, usize), Option<Overlaps>>,
     /// Views whose depth could not be read. Never stored: the file may be mended.
@@ -63,7 +72,7 @@ impl SceneOverlaps {
 
     /// True if the view is known to have no depth that could be used.
     pub(super) fn has_none(&self, view: usize) -> bool {
-        self.failed.contains(&view) || self.medians.get(&view) == Some(&None)
+        self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
     }
 }
 
@@ -79,7 +88,7 @@ struct TableFile {
 
 #[derive(Serialize, Deserialize)]
 struct Content {
-    medians: Vec<(usize, Option<f64>)>,
+    depths: Vec<(usize, Option<DepthFacts>)>,
     couples: Vec<(usize, usize, Option<Overlaps>)>,
 }
 
@@ -223,7 +232,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
         return Err("damaged (its checksum differs)".to_owned());
     }
     let table = SceneOverlaps {
-        medians: file.content.medians.into_iter().collect(),
+        depths: file.content.depths.into_iter().collect(),
         couples: file
             .content
             .couples
@@ -232,7 +241,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
             .collect(),
         failed: BTreeSet::new(),
     };
-    let known = table.medians.keys().all(|view| *view < views)
+    let known = table.depths.keys().all(|view| *view < views)
         && table.couples.keys().all(|(a, b)| a < b && *b < views);
     known
         .then_some(Some(table))
@@ -241,7 +250,7 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
 
 fn write(path: &Path, key: &str, table: &SceneOverlaps) -> Result<(), FileError> {
     let content = Content {
-        medians: table.medians.iter().map(|(view, m)| (*view, *m)).collect(),
+        depths: table.depths.iter().map(|(view, d)| (*view, *d)).collect(),
         couples: table
             .couples
             .iter()

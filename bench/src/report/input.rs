@@ -130,6 +130,10 @@ pub struct Dataset {
     pub planned_pairs: Option<usize>,
     /// The paper's name of this dataset; `None`: recognised by [`Dataset::name`].
     pub published_as: Option<String>,
+    /// `key=value` of the readings and pair choices that are known to differ from the paper's: a footnote of the column.
+    pub proxies: Vec<String>,
+    /// Whether scores are taken on the part of each target that all methods predict.
+    pub common_region: bool,
 }
 
 impl Dataset {
@@ -140,6 +144,8 @@ impl Dataset {
             description: String::new(),
             planned_pairs: None,
             published_as: None,
+            proxies: Vec::new(),
+            common_region: false,
         }
     }
 }
@@ -153,6 +159,8 @@ pub struct Method {
     pub description: String,
     /// Why this row is shown without a rank (`it is the target itself`); `None` ranks it.
     pub unranked: Option<String>,
+    /// The kernel that smaller predictions are resized up with, where one is named.
+    pub resize_kernel: Option<String>,
 }
 
 impl Method {
@@ -162,6 +170,7 @@ impl Method {
             label: label.into(),
             description: String::new(),
             unranked: None,
+            resize_kernel: None,
         }
     }
 }

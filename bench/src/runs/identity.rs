@@ -59,6 +59,7 @@ mod tests {
                 limit: None,
                 origin: "built".into(),
                 options: BTreeMap::new(),
+                proxies: Vec::new(),
             },
             methods: Vec::new(),
             metrics: vec![MetricFacts {

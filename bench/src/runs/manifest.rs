@@ -70,6 +70,9 @@ pub struct PairFacts {
     pub origin: String,
     /// Every open choice of the protocol, by name.
     pub options: BTreeMap<String, String>,
+    /// Of these, `key=value` of those that are known to differ from the paper's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub proxies: Vec<String>,
 }
 
 /// One method instance.

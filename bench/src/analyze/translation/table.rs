@@ -48,6 +48,7 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
         groups: vec![Group {
             title: format!("{name} ({width} × {height})"),
             pairs: None,
+            note: None,
         }],
         metrics: keys.into_iter().map(Metric::from).collect(),
         rows,
@@ -72,6 +73,7 @@ pub fn published() -> Table {
         groups: vec![Group {
             title: "SHARP paper".to_owned(),
             pairs: None,
+            note: None,
         }],
         metrics,
         rows: PAPER

@@ -6,6 +6,7 @@ use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
 
 use crate::cli::{Outcome, output, progress};
+use crate::counted::counted;
 
 pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
     anyhow::ensure!(views > 0, "--views 0: at least one is needed");
@@ -63,9 +64,10 @@ fn print(report: &DatasetReport) -> anyhow::Result<()> {
     }
     let views: usize = report.scenes.iter().map(|scene| scene.views).sum();
     output::line(format!(
-        "{} scenes, {views} views; {} scenes unreadable; problems: {}",
-        report.scenes.len(),
-        report.unreadable.len(),
+        "{}, {}; {} unreadable; problems: {}",
+        counted(report.scenes.len(), "scene"),
+        counted(views, "view"),
+        counted(report.unreadable.len(), "scene"),
         report.problems
     ))
 }
@@ -109,8 +111,9 @@ fn print_scene(scene: &SceneReport) -> anyhow::Result<()> {
         None => format!("no depth in {} decoded", scene.decoded),
     };
     output::line(format!(
-        "  {}: {} views, {sizes}; {depth}",
-        scene.id, scene.views
+        "  {}: {}, {sizes}; {depth}",
+        scene.id,
+        counted(scene.views, "view")
     ))?;
     if let Some(found) = &scene.consistency {
         output::line(format!("    poses: {}", poses(found)))?;

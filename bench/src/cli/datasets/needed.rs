@@ -9,6 +9,7 @@ use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for, files_of
 use sharp_datasets::{DatasetSpec, Pairing, catalog};
 
 use crate::cli::{Outcome, output};
+use crate::counted::counted;
 use crate::protocol::PairList;
 
 /// What a list needs of one dataset.
@@ -163,10 +164,10 @@ fn print(needed: &Needed) -> anyhow::Result<()> {
         None => " (format unknown: name it with --dataset NAME:FORMAT=PATH)".to_owned(),
     };
     output::line(format!(
-        "{}{format}: {} selected pairs, {} files",
+        "{}{format}: {}, {}",
         needed.dataset,
-        needed.pairs,
-        needed.files.len()
+        counted(needed.pairs, "selected pair"),
+        counted(needed.files.len(), "file")
     ))?;
     for archive in &needed.archives {
         output::line(format!("  download {archive}"))?;

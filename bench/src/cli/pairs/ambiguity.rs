@@ -3,10 +3,13 @@
 use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
+use sharp_datasets::DatasetSpec;
+use sharp_datasets::catalog::formats;
 
+use super::super::data_args::{self, OpenDataset};
 use super::super::{Outcome, output};
 use crate::protocol::PairOptions;
-use crate::protocol::ambiguity::{Alternative, Count};
+use crate::protocol::ambiguity::{Alternative, Count, Reading};
 
 pub(super) fn print(
     rows: &[Alternative],
@@ -18,7 +21,10 @@ pub(super) fn print(
         output::json(&json!({ "options": base.to_string(), "choices": rows }))?;
         return Ok(Outcome::Done);
     }
-    let datasets: BTreeSet<&String> = rows.iter().flat_map(|row| row.counts.keys()).collect();
+    let datasets: BTreeSet<&String> = rows
+        .iter()
+        .flat_map(|row| row.counts.keys().chain(row.unavailable.keys()))
+        .collect();
     for dataset in datasets {
         output::line(format!("{dataset}, one choice changed at a time:"))?;
         output::line(format!(
@@ -26,19 +32,27 @@ pub(super) fn print(
             "about", "choice", "qualify", "selected", "shared"
         ))?;
         for row in rows {
-            let count = row.counts.get(dataset).copied().unwrap_or_default();
             let change = if row.change.is_empty() {
                 "(as given)"
             } else {
-                row.change
+                &row.change
             };
-            output::line(format!(
-                "  {:<18} {change:<28} {:>8} {:>8} {:>8}",
-                row.about, count.qualified, count.selected, count.shared
-            ))?;
+            if let Some(count) = row.counts.get(dataset) {
+                output::line(format!(
+                    "  {:<18} {change:<28} {:>8} {:>8} {:>8}",
+                    row.about, count.qualified, count.selected, count.shared
+                ))?;
+            } else if let Some(reason) = row.unavailable.get(dataset) {
+                output::line(format!(
+                    "  {:<18} {change:<28} cannot be opened: {reason}",
+                    row.about
+                ))?;
+            }
         }
     }
-    output::line("shared: pairs that are selected as given, too")?;
+    output::line(
+        "shared: pairs that are selected as given, too; a choice that does not concern a dataset is left out",
+    )?;
     output::line(format!("as given: {base}"))?;
     Ok(Outcome::Done)
 }
@@ -57,5 +71,43 @@ fn row_json(row: &Alternative) -> Value {
             (dataset.clone(), count)
         })
         .collect();
-    json!({ "about": row.about, "change": row.change, "datasets": counts })
+    json!({
+        "about": row.about,
+        "change": row.change,
+        "datasets": counts,
+        "unavailable": row.unavailable,
+    })
+}
+
+/// Each dataset under every other choice of its settings, opened as far as its files allow.
+pub(super) fn readings(
+    datasets: &[OpenDataset],
+    only_scenes: Option<&str>,
+) -> anyhow::Result<Vec<Reading>> {
+    let mut readings = Vec::new();
+    for dataset in datasets {
+        let spec = DatasetSpec::parse(&dataset.spec)?;
+        let format = formats().iter().find(|format| format.name == spec.format);
+        let settings = format.map_or(&[][..], |format| format.settings);
+        // Which files may be opened is no reading of the paper.
+        for setting in settings.iter().filter(|setting| setting.key != "outside") {
+            let others = setting.choices.iter().map(|choice| choice.value);
+            for value in others.filter(|value| *value != spec.setting(setting.key)) {
+                let mut other = spec.clone();
+                other.settings.insert(setting.key, value.to_owned());
+                let opened = data_args::open(&[other.to_string()], only_scenes);
+                let opened = opened.map(|mut opened| opened.pop());
+                readings.push(Reading {
+                    dataset: dataset.name.clone(),
+                    change: format!("{}={value}", setting.key),
+                    settings: format!("{} {:?}", other.format, other.settings),
+                    scenes: match opened {
+                        Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
+                        Err(error) => Err(error.to_string()),
+                    },
+                });
+            }
+        }
+    }
+    Ok(readings)
 }

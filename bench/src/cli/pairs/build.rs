@@ -12,6 +12,7 @@ use super::super::pair_recipe::{OverlapArgs, PairRecipe, counted_pairs};
 use super::super::{Outcome, output};
 use super::ambiguity;
 use crate::durable::write_atomic;
+use crate::protocol::options::paper::PROXY;
 use crate::protocol::{PairList, PairOptions};
 
 /// What `pairs` without a subcommand takes.
@@ -19,7 +20,7 @@ use crate::protocol::{PairList, PairOptions};
 pub(super) struct BuildArgs {
     #[command(flatten)]
     datasets: DatasetArgs,
-    /// Choices that the paper leaves open, key=value,…
+    /// Choices that the paper leaves open, key=value,…; keys, values and defaults below
     #[arg(long, value_name = "LIST", default_value = "")]
     pair_options: PairOptions,
     #[command(flatten)]
@@ -27,7 +28,8 @@ pub(super) struct BuildArgs {
     /// Where to write the list; FILE.json beside it says how it came about
     #[arg(long, value_name = "FILE", required_unless_present = "ambiguity")]
     out: Option<PathBuf>,
-    /// Print how the number of pairs changes over the choices that the paper leaves open, one at a time
+    /// Print how the number of pairs changes over the choices that the paper leaves open and over the datasets' other
+    /// readings, one at a time
     #[arg(long, conflicts_with = "out")]
     ambiguity: bool,
     /// Print JSON
@@ -39,7 +41,8 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     let recipe = PairRecipe::new(args.pair_options.clone(), args.overlap.clone())?;
     let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
     if args.ambiguity {
-        let rows = recipe.ambiguity(&datasets)?;
+        let readings = ambiguity::readings(&datasets, args.datasets.scenes.as_deref())?;
+        let rows = recipe.ambiguity(&datasets, &readings)?;
         return ambiguity::print(&rows, recipe.options(), args.json);
     }
     let out = args.out.as_deref().context("--out FILE is needed")?;
@@ -48,6 +51,14 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     write_atomic(out, list.to_csv().as_bytes())?;
     ListCompanion::new(&list.sha256, &built, &args.datasets.datasets).write(out)?;
     let build = &built.pairs;
+    let outcome = if build.pairs.iter().any(|pair| pair.selected) {
+        Outcome::Done
+    } else {
+        Outcome::RecordedFailures
+    };
+    for advice in &built.advice {
+        output::remark(format!("warning: {advice}"));
+    }
 
     if args.json {
         let counts: Map<String, _> = build
@@ -57,6 +68,8 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
                 let counts = json!({
                     "scenes": counts.scenes,
                     "views": counts.views,
+                    "with_depth": counts.with_depth,
+                    "with_sparse_depth": counts.with_sparse_depth,
                     "sets": counts.sets,
                     "considered": counts.considered,
                     "too_near": counts.too_near,
@@ -74,18 +87,23 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
             "options": recipe.options().to_string(),
             "overlap_depth": built.facts.get("overlap depth"),
             "overlap_depth_maps": built.facts.get("overlap depth maps"),
+            "proxies": recipe.options().proxies(),
+            "warnings": built.advice,
             "datasets": counts,
         }))?;
-        return Ok(Outcome::Done);
+        return Ok(outcome);
     }
     for (dataset, counts) in &build.summaries {
         output::line(counted_pairs(dataset, counts))?;
     }
     output::line(format!("options {}", recipe.options()))?;
+    for proxy in recipe.options().proxies() {
+        output::line(format!("        {proxy} ({PROXY})"))?;
+    }
     if let Some(depth) = built.facts.get("overlap depth") {
         output::line(format!("depth   {depth}"))?;
     }
     output::line(format!("sha256  {}", list.sha256))?;
     output::line(format!("list    {}", out.display()))?;
-    Ok(Outcome::Done)
+    Ok(outcome)
 }

@@ -8,6 +8,7 @@ use sharp_datasets::Scene;
 
 use super::super::data_args::{self, DatasetArgs};
 use super::super::{Outcome, output};
+use crate::counted::counted;
 use crate::protocol::PairList;
 use crate::protocol::pair_list::ListDiff;
 
@@ -89,8 +90,8 @@ fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::R
         format!("{pair_id}: {}", changes.join(", "))
     })?;
     output::line(format!(
-        "{} pairs equal, {} different, {} only in {a}, {} only in {b}",
-        diff.equal,
+        "{} equal, {} different, {} only in {a}, {} only in {b}",
+        counted(diff.equal, "pair"),
         diff.changed.len(),
         diff.only_first.len(),
         diff.only_second.len()
@@ -201,9 +202,9 @@ pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
         )
     })?;
     output::line(format!(
-        "{} pairs, {} photographs: {} equal, {} without a hash in the list",
-        list.pairs.len(),
-        found.photographs,
+        "{}, {}: {} equal, {} without a hash in the list",
+        counted(list.pairs.len(), "pair"),
+        counted(found.photographs, "photograph"),
         found.equal,
         found.unhashed
     ))?;

@@ -8,6 +8,7 @@ use sharp_datasets::Scene;
 
 use super::super::data_args::{self, DatasetArgs};
 use super::super::{Outcome, output, progress};
+use crate::counted::counted;
 use crate::durable::write_atomic;
 use crate::exchange::pairs;
 use crate::protocol::PairList;
@@ -36,7 +37,7 @@ pub(super) struct ExportArgs {
     /// At most this many pairs, the first ones by id
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
-    /// More to write: the ground truth, depth of both views (.npy, metres)
+    /// More to write: the ground truth, depth of both views (.npy, metres) where the dataset has it
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
     /// The folder to write
@@ -75,8 +76,8 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(
-            "warning: {} photographs are not those that the list was made from, such as {}/{}/{}",
-            found.different.len(),
+            "warning: other than those that the list was made from: {}, such as {}/{}/{}",
+            counted(found.different.len(), "photograph"),
             first.dataset,
             first.scene,
             first.view
@@ -92,19 +93,26 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     bar.finish_and_clear();
     let copy = args.out.join("pairs.csv");
     write_atomic(&copy, list.to_csv().as_bytes())?;
+    if exported.without_depth > 0 {
+        output::remark(format!(
+            "warning: {} without depth in the dataset; the files of each pair are listed in its pair.json",
+            counted(exported.without_depth, "view")
+        ));
+    }
     if args.json {
         output::json(&json!({
             "out": args.out.display().to_string(),
             "pairs": pairs.len(),
             "written": exported.written,
             "kept": exported.kept,
+            "without_depth": exported.without_depth,
             "list": copy.display().to_string(),
             "sha256": list.sha256,
         }))?;
     } else {
         output::line(format!(
-            "{} pairs in {}: {} written, {} kept",
-            pairs.len(),
+            "{} in {}: {} written, {} kept",
+            counted(pairs.len(), "pair"),
             args.out.display(),
             exported.written,
             exported.kept

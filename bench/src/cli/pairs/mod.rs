@@ -13,7 +13,8 @@ use crate::protocol::PairOptions;
 
 /// Build, compare, check and export lists of pairs
 ///
-/// The list is an artifact: CSV with a sha256, to be published, compared and evaluated with `run --pairs`.
+/// The list is an artifact: CSV with a sha256, to be published, compared and evaluated with `run --pairs`. A list without
+/// a single selected pair is written, too, with a warning that says why; the exit code then is 4.
 #[derive(Debug, Args)]
 #[command(after_help = help(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct PairsArgs {
@@ -48,13 +49,13 @@ None of them is the method under test. With Depth Pro (github.com/apple/ml-depth
 
 fn help() -> String {
     format!(
-        "Choices and their defaults:\n  {}\n\n{SPARSE}\n{}\nExamples:\n  \
+        "Keys of --pair-options; what is known to differ from the paper is called a proxy in lists and reports:\n{}\n{SPARSE}\n{}\nExamples:\n  \
          sharp-bench pairs --dataset synthetic --out pairs.csv\n  \
          sharp-bench pairs --dataset synthetic --ambiguity\n  \
          sharp-bench pairs diff pairs.csv theirs.csv\n  \
          sharp-bench pairs verify theirs.csv --dataset synthetic\n  \
          sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others --with target,depth",
-        PairOptions::default().to_string().replace(',', "\n  "),
+        PairOptions::help(),
         data_args::formats_help()
     )
 }

@@ -105,7 +105,8 @@ impl DepthSource for FirstLayerDepth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::protocol::depth::{ScaledToGroundTruth, is_valid_depth, median_depth_m};
+    use crate::protocol::depth::{ScaledToGroundTruth, median_depth_m};
+    use crate::protocol::valid_depth::is_valid_depth;
     use crate::protocol::{BuildContext, build_pairs};
 
     fn golden(name: &str) -> PathBuf {

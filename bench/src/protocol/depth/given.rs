@@ -6,10 +6,11 @@ use sharp::resize::nearest;
 use sharp_datasets::format::read_map;
 use sharp_datasets::{DepthMap, Scene, View};
 
-use super::{DepthSource, is_valid_depth};
+use super::DepthSource;
 use crate::durable::{file_sha256, sha256_hex};
 use crate::protocol::ProtocolError;
 use crate::protocol::pair_id::{scene_path, view_name};
+use crate::protocol::valid_depth::is_valid_depth;
 
 /// What a map's name may end in.
 const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];

@@ -15,11 +15,7 @@ pub use self::first_layer::FirstLayerDepth;
 pub use self::given::GivenDepth;
 use super::ProtocolError;
 use super::alignment::median_scale;
-
-/// True for a depth that means something: finite and positive.
-pub fn is_valid_depth(depth: f32) -> bool {
-    depth > 0.0 && depth < f32::INFINITY
-}
+use super::valid_depth::{is_valid_depth, median_of};
 
 /// Where the depth that decides overlap comes from.
 pub trait DepthSource: Sync {
@@ -179,36 +175,14 @@ impl PosedDepth {
 /// Median of the valid depths, metres; `None` if there is none. An even count gives the mean of the
 /// two middle values.
 pub fn median_depth_m(depth: &DepthMap) -> Option<f64> {
-    let mut valid: Vec<f32> = depth
-        .iter()
-        .copied()
-        .filter(|d| is_valid_depth(*d))
-        .collect();
-    if valid.is_empty() {
-        return None;
-    }
-    let (middle, even) = (valid.len() / 2, valid.len().is_multiple_of(2));
-    let (below, upper, _) = valid.select_nth_unstable_by(middle, f32::total_cmp);
-    let upper = f64::from(*upper);
-    if !even {
-        return Some(upper);
-    }
-    let lower = below.iter().copied().max_by(f32::total_cmp)?;
-    Some(0.5 * (f64::from(lower) + upper))
+    let valid = depth.iter().copied().filter(|d| is_valid_depth(*d));
+    median_of(valid.collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use image::Luma;
-
-    #[test]
-    fn only_finite_positive_depth_is_valid() {
-        assert!(is_valid_depth(1e-6));
-        for bad in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            assert!(!is_valid_depth(bad), "{bad}");
-        }
-    }
 
     #[test]
     fn median_depth_ignores_what_is_invalid() {

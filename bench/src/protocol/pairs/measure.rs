@@ -11,7 +11,8 @@ use crate::protocol::ProtocolError;
 use crate::protocol::depth::{PosedDepth, median_depth_m};
 use crate::protocol::options::PairOptions;
 use crate::protocol::overlap::{OverlapOptions, overlap};
-use crate::protocol::overlap_cache::{Overlaps, SceneOverlaps};
+use crate::protocol::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
+use crate::protocol::valid_depth::coverage;
 
 /// While a view's depth is read, so many maps of its size are in memory at most: the file's bytes unpacked, as 64-bit
 /// numbers two maps' worth, and the map made of them. Later there are two: the stored map and the undistorted one, or
@@ -64,7 +65,7 @@ impl<'a> Measuring<'a> {
                 let mut needed: BTreeSet<usize> =
                     couples.iter().flat_map(|&(a, b)| [a, b]).collect();
                 if n == k {
-                    needed.extend(first.iter().filter(|i| !known.medians.contains_key(*i)));
+                    needed.extend(first.iter().filter(|i| !known.depths.contains_key(*i)));
                 }
                 let (of_first, of_second) = needed.into_iter().partition(|i| first.contains(i));
                 self.load(of_first, &mut held, known, &mut failures);
@@ -80,7 +81,7 @@ impl<'a> Measuring<'a> {
     pub(super) fn find_depth(&self, views: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
         let mut failures = Vec::new();
         for part in views.chunks(self.views_at_once(views)) {
-            let unknown = part.iter().filter(|i| !known.medians.contains_key(*i));
+            let unknown = part.iter().filter(|i| !known.depths.contains_key(*i));
             let unknown = unknown.copied().collect();
             self.load(unknown, &mut Held::new(), known, &mut failures);
         }
@@ -127,7 +128,8 @@ impl<'a> Measuring<'a> {
         usize::try_from(self.context.depth_memory_bytes / largest).unwrap_or(usize::MAX)
     }
 
-    /// Adds the depth of views that have any, reduced as the options say, to those held; notes medians and errors.
+    /// Adds the depth of views that have any, reduced as the options say, to those held; notes what is known
+    /// of it, and errors.
     fn load(
         &self,
         mut views: Vec<usize>,
@@ -138,19 +140,21 @@ impl<'a> Measuring<'a> {
         views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
         // The progress that the context holds does not go to other threads.
         let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
-        let load_one = |&i: &usize| -> Result<Option<(f64, PosedDepth)>, ProtocolError> {
+        let load_one = |&i: &usize| -> Result<Option<(DepthFacts, PosedDepth)>, ProtocolError> {
             let view = &scene.views[i];
             let Some(depth) = source.depth(scene, view)? else {
                 return Ok(None);
             };
-            let Some(median) = median_depth_m(&depth) else {
+            let Some(median_m) = median_depth_m(&depth) else {
                 return Ok(None);
             };
+            let coverage = coverage(&depth);
+            let facts = DepthFacts { median_m, coverage };
             let mut posed = PosedDepth::of_view(view, depth)?;
             if let Some(side) = max_side {
                 posed = posed.reduced(side);
             }
-            Ok(Some((median, posed)))
+            Ok(Some((facts, posed)))
         };
         for part in views.chunks(self.views_at_once(&views)) {
             let loaded: Vec<_> = if source.in_parallel() {
@@ -160,12 +164,12 @@ impl<'a> Measuring<'a> {
             };
             for (&i, result) in part.iter().zip(loaded) {
                 match result {
-                    Ok(Some((median, posed))) => {
-                        known.medians.insert(i, Some(median));
+                    Ok(Some((facts, posed))) => {
+                        known.depths.insert(i, Some(facts));
                         held.insert(i, posed);
                     }
                     Ok(None) => {
-                        known.medians.insert(i, None);
+                        known.depths.insert(i, None);
                     }
                     Err(error) => {
                         known.failed.insert(i);

@@ -99,6 +99,9 @@ pub struct PairBuild {
     pub problems: Vec<Problem>,
 }
 
+/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
+pub const SPARSE_COVERAGE: f64 = 0.3;
+
 /// How the pairs of a dataset came to be so many.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PairCounts {
@@ -106,6 +109,10 @@ pub struct PairCounts {
     pub scenes: usize,
     /// Views given.
     pub views: usize,
+    /// Of the multi-view scenes' views, those known to have depth.
+    pub with_depth: usize,
+    /// Of these, with depth at less than [`SPARSE_COVERAGE`] of their pixels.
+    pub with_sparse_depth: usize,
     /// Sets formed, a stereo scene counting as one.
     pub sets: usize,
     /// Ordered pairs within the sets.
@@ -120,6 +127,13 @@ pub struct PairCounts {
     pub qualified: usize,
     /// Of the qualified, selected for evaluation.
     pub selected: usize,
+}
+
+impl PairCounts {
+    /// True if most views that have depth have it at few of their pixels.
+    pub fn is_sparse(&self) -> bool {
+        2 * self.with_sparse_depth > self.with_depth
+    }
 }
 
 /// A view whose files could not be read.

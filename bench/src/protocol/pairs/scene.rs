@@ -8,7 +8,7 @@ use sharp::camera::baseline_m;
 use sharp_datasets::{Scene, View};
 
 use super::measure::{Failure, Measuring};
-use super::{BuildContext, Pair, PairBuild, PairCounts, Problem};
+use super::{BuildContext, Pair, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
 use crate::protocol::ProtocolError;
 use crate::protocol::options::{MissingDepth, PairOptions, PairOrder};
 use crate::protocol::overlap_cache::SceneOverlaps;
@@ -117,6 +117,17 @@ impl<'a> SceneWork<'a> {
             }
             self.add(&qualified);
         }
+        self.count_depth();
+    }
+
+    /// Notes how many views have depth, and of how many it is sparse.
+    fn count_depth(&mut self) {
+        let known: Vec<f64> = (0..self.scene.views.len())
+            .filter_map(|i| Some(self.known.depths.get(&i)?.as_ref()?.coverage))
+            .collect();
+        let counts = self.counts();
+        counts.with_depth += known.len();
+        counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_COVERAGE).count();
     }
 
     /// Views that take part in forming sets.
@@ -127,7 +138,7 @@ impl<'a> SceneWork<'a> {
         }
         self.measuring(|work, known| work.find_depth(&all, known));
         let kept = all.into_iter();
-        kept.filter(|i| matches!(self.known.medians.get(i), Some(Some(_))))
+        kept.filter(|i| matches!(self.known.depths.get(i), Some(Some(_))))
             .collect()
     }
 
@@ -180,6 +191,7 @@ impl<'a> SceneWork<'a> {
                 target: t.id.clone(),
             };
             let overlaps = self.known.overlaps(source, target);
+            let depth = self.known.depths.get(&target).copied().flatten();
             let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
             let pair = Pair {
                 pair_id: name.encode(),
@@ -197,7 +209,7 @@ impl<'a> SceneWork<'a> {
                     .camera_from_world
                     .after(&s.camera_from_world.inverse())
                     .rotation_deg(),
-                median_depth_m: self.known.medians.get(&target).copied().flatten(),
+                median_depth_m: depth.map(|depth| depth.median_m),
                 overlap: overlaps.map(|(overlap, _)| overlap),
                 overlap_source_to_target: overlaps.map(|(_, reverse)| reverse),
                 selected: false,

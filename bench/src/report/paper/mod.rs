@@ -81,6 +81,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
             .map(|name| Group {
                 title: (*name).to_owned(),
                 pairs: None,
+                note: None,
             })
             .collect(),
         metrics,

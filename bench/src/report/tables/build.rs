@@ -4,7 +4,7 @@ use crate::report::input::{Better, Metric};
 use crate::report::records::{Board, DatasetBoard};
 use crate::report::summary::{Summary, of_extra, of_metric};
 
-use super::marks::marks;
+use super::marks::{marks, proxy_mark};
 use super::rank::{Candidate, ranks};
 use super::{Cell, Group, Row, Table, shown};
 
@@ -90,6 +90,15 @@ fn table(
     summarise: Summarise,
 ) -> Table {
     let mut notes = Vec::new();
+    let groups = board
+        .datasets
+        .iter()
+        .map(|d| Group {
+            title: d.dataset.name.clone(),
+            pairs: Some(d.total()),
+            note: proxy_mark(&d.dataset).map(|text| Table::note(&mut notes, text)),
+        })
+        .collect();
     let mut rows: Vec<Row> = board
         .methods
         .iter()
@@ -123,7 +132,7 @@ fn table(
             {
                 let mut texts = cell_notes(&row.label, &dataset.dataset.name, metric, summary);
                 if metric.better != Better::Neither && summary.n > 0 {
-                    texts.extend(marks(dataset, method, &row.label));
+                    texts.extend(marks(dataset, method, &board.methods[method]));
                 }
                 row.cells.push(Cell {
                     value: summary.mean,
@@ -144,14 +153,7 @@ fn table(
         name,
         title,
         row_head: "method",
-        groups: board
-            .datasets
-            .iter()
-            .map(|d| Group {
-                title: d.dataset.name.clone(),
-                pairs: Some(d.total()),
-            })
-            .collect(),
+        groups,
         metrics: metrics.to_vec(),
         rows,
         notes,

@@ -28,7 +28,9 @@ pub fn csv(table: &Table) -> String {
     for row in &table.rows {
         for (i, cell) in row.cells.iter().enumerate() {
             let count = |n: Option<usize>| n.map(|n| n.to_string()).unwrap_or_default();
-            let notes: Vec<usize> = row.note.iter().chain(&cell.notes).copied().collect();
+            let group = table.group_of(i);
+            let notes = group.note.iter().chain(&row.note).chain(&cell.notes);
+            let notes: Vec<usize> = notes.copied().collect();
             let letters: Vec<String> = notes.iter().map(|i| letter(*i)).collect();
             let texts: Vec<&str> = notes
                 .iter()
@@ -38,7 +40,7 @@ pub fn csv(table: &Table) -> String {
             let metric = table.metric_of(i);
             let _ = writer.write_record([
                 row.label.clone(),
-                table.group_of(i).title.clone(),
+                group.title.clone(),
                 metric.key.clone(),
                 number(cell.value),
                 number(cell.std),

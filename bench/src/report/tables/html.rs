@@ -27,9 +27,11 @@ pub fn html(table: &Table, id: &str) -> String {
         };
         let _ = write!(
             out,
-            "<th scope=\"colgroup\" colspan=\"{per_group}\">{}{pairs}</th>",
+            "<th scope=\"colgroup\" colspan=\"{per_group}\">{}",
             escape(&group.title)
         );
+        marks(&mut out, group.note.iter(), id);
+        let _ = write!(out, "{pairs}</th>");
     }
     out.push_str("</tr>\n<tr><th scope=\"col\" data-sort=\"text\">Method</th>");
     for _ in &table.groups {

@@ -54,8 +54,9 @@ pub fn latex(table: &Table) -> String {
             .unwrap_or_default();
         let _ = write!(
             out,
-            " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{pairs}}}",
-            escape(&group.title)
+            " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
+            escape(&group.title),
+            letters(group.note.iter())
         );
     }
     out.push_str(" \\\\\n");

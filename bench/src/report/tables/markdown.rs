@@ -11,7 +11,9 @@ pub fn markdown(table: &Table) -> String {
     let heads = table.heads();
     for group in &table.groups {
         for head in &heads {
-            let _ = write!(out, " {}<br>{} |", escape(&group.title), escape(head));
+            let _ = write!(out, " {}", escape(&group.title));
+            marks(&mut out, group.note.iter());
+            let _ = write!(out, "<br>{} |", escape(head));
         }
     }
     out.push_str("\n|:---|");

@@ -1,13 +1,29 @@
 //! Footnotes of cells whose predictions were not simply pictures of the target's size: cropped, resized up, or the best
-//! of several scales. The records say so themselves, in what their methods report.
+//! of several scales. The records say so themselves, in what their methods report. And of columns that are not the
+//! paper's, though they bear its dataset's name.
 
 use std::collections::BTreeMap;
 
 use crate::record::{Record, Status};
+use crate::report::input::{Dataset, Method};
+use crate::report::paper;
 use crate::report::records::DatasetBoard;
 
+/// What a reader must know about the columns of a dataset of the paper that was not read or paired as in the paper.
+pub(super) fn proxy_mark(dataset: &Dataset) -> Option<String> {
+    if dataset.proxies.is_empty() || paper::position(dataset).is_none() {
+        return None;
+    }
+    let proxies: Vec<String> = dataset.proxies.iter().map(|p| format!("`{p}`")).collect();
+    Some(format!(
+        "{}: a proxy of the paper's column, not the same quantity: {} differs from what the paper did.",
+        dataset.name,
+        proxies.join(", ")
+    ))
+}
+
 /// What a reader must know about method number `method` on a dataset, besides coverage.
-pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, label: &str) -> Vec<String> {
+pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, facts: &Method) -> Vec<String> {
     let records: Vec<&Record> = dataset
         .pairs
         .iter()
@@ -18,24 +34,33 @@ pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, label: &str) -> V
         let values = records.iter().filter_map(|record| record.extras.get(key));
         values.copied().collect()
     };
-    let name = &dataset.dataset.name;
+    let (name, label) = (&dataset.dataset.name, &facts.label);
     let mut marks = Vec::new();
     let shares = values("scored_share");
     if !shares.is_empty() {
         let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-        marks.push(format!(
-            "{label} on {name}: cropped; {} of {} pairs scored on a part of the target only, on average {:.1} % of its \
-             pixels, against the equally cropped ground truth.",
+        let scored = format!(
+            "{} of {} pairs scored on a part of the target only, on average {:.1} % of its pixels",
             shares.len(),
             records.len(),
             100.0 * mean
-        ));
+        );
+        marks.push(if dataset.dataset.common_region {
+            // The same for every method that has all pairs: one footnote for all of them.
+            format!("{name}: {scored}, the common region of all methods.")
+        } else {
+            format!(
+                "{label} on {name}: cropped; {scored}, against the equally cropped ground truth."
+            )
+        });
     }
     let resized = values("predicted_width").len();
     if resized > 0 {
+        let kernel = facts.resize_kernel.as_ref();
         marks.push(format!(
-            "{label} on {name}: {resized} of {} predictions were smaller than the target and resized up before scoring.",
-            records.len()
+            "{label} on {name}: {resized} of {} predictions were smaller than the target and resized up{} before scoring.",
+            records.len(),
+            kernel.map_or_else(String::new, |kernel| format!(" (`{kernel}`)"))
         ));
     }
     let mut tried: BTreeMap<u64, usize> = BTreeMap::new();

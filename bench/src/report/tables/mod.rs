@@ -2,7 +2,8 @@
 //!
 //! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::records::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
-//! * `marks`: footnotes of predictions that were cropped, resized or chosen among scales.
+//! * `marks`: footnotes of predictions that were cropped, resized or chosen among scales, and of columns that differ from
+//!   the paper's.
 //!
 //! Every cell says how many pairs it covers, and a cell without a number says why.
 
@@ -32,7 +33,7 @@ pub struct Table {
     pub metrics: Vec<Metric>,
     /// Methods.
     pub rows: Vec<Row>,
-    /// Footnotes; rows and cells refer to them by position.
+    /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
 }
 
@@ -43,6 +44,8 @@ pub struct Group {
     pub title: String,
     /// Pairs that a complete cell covers; `None` where the source does not say.
     pub pairs: Option<usize>,
+    /// Footnote of its columns.
+    pub note: Option<usize>,
 }
 
 /// A method and its cells, group by group.
@@ -131,6 +134,8 @@ impl Table {
                 *note = Self::note(&mut kept, text.clone());
             }
         };
+        let groups = self.groups.iter_mut();
+        groups.flat_map(|group| &mut group.note).for_each(&mut keep);
         for row in &mut self.rows {
             row.note.iter_mut().for_each(&mut keep);
             for cell in &mut row.cells {

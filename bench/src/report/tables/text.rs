@@ -13,9 +13,10 @@ pub fn text(table: &Table) -> String {
             grid[0].push(if m > 0 {
                 String::new()
             } else {
+                let title = format!("{}{}", group.title, marks(group.note.iter()));
                 match group.pairs {
-                    Some(n) => format!("{} (n={n})", group.title),
-                    None => group.title.clone(),
+                    Some(n) => format!("{title} (n={n})"),
+                    None => title,
                 }
             });
             grid[1].push(format!("{head} "));

@@ -1,6 +1,6 @@
 //! What tables say, in each form.
 
-use crate::report::tables::{csv, latex, markdown, text};
+use crate::report::tables::{csv, html as html_table, latex, markdown, text};
 
 use super::*;
 
@@ -192,7 +192,11 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         one("p1", "plain"),
         one("p2", "plain"),
     ];
-    let board = Board::new(&records, &[], &[]).unwrap();
+    let small = Method {
+        resize_kernel: Some("bicubic".to_owned()),
+        ..Method::named("small")
+    };
+    let board = Board::new(&records, &[], &[small]).unwrap();
     let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
     let notes = |label: &str| -> Vec<&str> {
         let row = tables[0].rows.iter().find(|row| row.label == label);
@@ -200,8 +204,12 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         notes.map(|&n| tables[0].notes[n].as_str()).collect()
     };
     assert!(notes("plain").is_empty());
-    assert!(notes("crops")[0].contains("2 of 2 pairs") && notes("crops")[0].contains("62.5 %"));
+    assert!(
+        notes("crops")[0].contains("crops on d: cropped; 2 of 2 pairs")
+            && notes("crops")[0].contains("62.5 %")
+    );
     assert!(notes("small")[0].contains("1 of 2 predictions"));
+    assert!(notes("small")[0].contains("resized up (`bicubic`) before"));
     assert!(notes("sweeps")[0].contains("best of 3 scales by DISTS"));
     // A mark costs nobody a rank.
     assert!(
@@ -210,4 +218,73 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
             .iter()
             .all(|row| row.cells[0].rank == Some(1))
     );
+}
+
+#[test]
+fn a_common_region_is_no_methods_crop() {
+    let with = |method: &str| {
+        let mut record = record("d", "p1", method, 0.1, &[("psnr", 20.0)]);
+        record.extras.insert("scored_share".to_owned(), 0.5);
+        record
+    };
+    let records = [with("copy"), with("crops")];
+    let dataset = Dataset {
+        common_region: true,
+        ..Dataset::named("d")
+    };
+    let board = Board::new(&records, &[dataset], &[]).unwrap();
+    let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
+    assert_eq!(
+        tables[0].notes,
+        [
+            "d: 1 of 1 pairs scored on a part of the target only, on average 50.0 % of its pixels, the common region of \
+             all methods."
+        ]
+    );
+}
+
+#[test]
+fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
+    let records = [
+        record("mine", "p1", "a", 0.1, &[("psnr", 20.0)]),
+        record("scannetpp", "p1", "a", 0.1, &[("psnr", 20.0)]),
+    ];
+    let with = |name: &str| Dataset {
+        proxies: vec!["split=nvs_sem_val".to_owned(), "threshold=0.5".to_owned()],
+        ..Dataset::named(name)
+    };
+    // A dataset that the paper does not have is nobody's proxy.
+    let datasets = [with("mine"), with("scannetpp")];
+    let board = Board::new(&records, &datasets, &[]).unwrap();
+    let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
+    let table = &tables[0];
+    assert_eq!(table.groups[0].note, None);
+    assert_eq!(table.groups[1].note, Some(0));
+    assert_eq!(table.notes.len(), 1);
+    assert!(table.notes[0].contains("`split=nvs_sem_val`, `threshold=0.5`"));
+
+    let markdown = markdown::markdown(table);
+    assert!(
+        markdown.contains("scannetpp<sup>a</sup><br>PSNR"),
+        "{markdown}"
+    );
+    assert!(markdown.contains("mine<br>PSNR"), "{markdown}");
+    let html = html_table::html(table, "t");
+    assert!(
+        html.contains("scannetpp<sup><a href=\"#t-a\">a</a></sup>"),
+        "{html}"
+    );
+    let latex = latex::latex(table);
+    assert!(
+        latex.contains("scannetpp\\textsuperscript{a} ($n=1$)"),
+        "{latex}"
+    );
+    let text = text::text(table);
+    assert!(text.contains("scannetpp a) (n=1)"), "{text}");
+    let csv = csv::csv(table);
+    let mut reader = ::csv::Reader::from_reader(csv.as_bytes());
+    let rows: Vec<::csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    assert_eq!((&rows[0][1], &rows[0][11]), ("mine", ""));
+    assert_eq!((&rows[1][1], &rows[1][11]), ("scannetpp", "a"));
+    assert!(rows[1][12].contains("proxy of the paper's column"));
 }
