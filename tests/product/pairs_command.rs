@@ -640,9 +640,9 @@ fn help_lists_what_each_choice_may_be() {
     let dir = tempfile::tempdir().unwrap();
     let said = sharp_bench(dir.path(), &["pairs", "--help"]).ends_with(0);
     for part in [
-        "sets           consecutive, strided, whole, random:SEED [default: consecutive]",
-        "limit          all or a number [default: 512]",
-        "at-threshold   out, in [default: out]",
+        "sets           consecutive, strided, whole, random:SEED\n",
+        "limit          all or a number\n                 default 512; pairs of a dataset",
+        "at-threshold   out, in\n                 default out; ",
     ] {
         assert!(said.out.contains(part), "{}", said.out);
     }

@@ -49,7 +49,7 @@ None of them is the method under test. With Depth Pro (github.com/apple/ml-depth
 
 fn help() -> String {
     format!(
-        "Keys of --pair-options; what is known to differ from the paper is called a proxy in lists and reports:\n{}\n{SPARSE}\n{}\nExamples:\n  \
+        "Keys of --pair-options (a value known to differ from the paper is called a proxy in reports):\n{}\n{SPARSE}\n{}\nExamples:\n  \
          sharp-bench pairs --dataset synthetic --out pairs.csv\n  \
          sharp-bench pairs --dataset synthetic --ambiguity\n  \
          sharp-bench pairs diff pairs.csv theirs.csv\n  \

@@ -178,11 +178,11 @@ impl PairOptions {
         let default = Self::default();
         let lines = KEYS.iter().map(|key| {
             format!(
-                "  {:<14} {} [default: {}]\n{:17}{}\n",
+                "  {:<14} {}\n{:17}default {}; {}\n",
                 key.name,
                 (key.values)(),
-                (key.get)(&default),
                 "",
+                (key.get)(&default),
                 key.meaning
             )
         });

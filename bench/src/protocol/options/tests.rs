@@ -85,11 +85,11 @@ fn directions() {
 fn help_names_every_key_with_values_and_default() {
     let help = PairOptions::help();
     for (key, default) in PairOptions::default().entries() {
-        let line = help
-            .lines()
-            .find(|line| line.split_whitespace().next() == Some(key));
-        let line = line.unwrap_or_else(|| panic!("{key} is not in\n{help}"));
-        assert!(line.contains(&format!("[default: {default}]")), "{line}");
+        let mut lines = help.lines();
+        let line = lines.find(|line| line.split_whitespace().next() == Some(key));
+        assert!(line.is_some(), "{key} is not in\n{help}");
+        let next = lines.next().unwrap_or_default();
+        assert!(next.contains(&format!("default {default}; ")), "{next}");
     }
     for words in [
         "consecutive, strided, whole, random:SEED",

@@ -16,7 +16,7 @@ pub(super) fn proxy_mark(dataset: &Dataset) -> Option<String> {
     }
     let proxies: Vec<String> = dataset.proxies.iter().map(|p| format!("`{p}`")).collect();
     Some(format!(
-        "{}: a proxy of the paper's column, not the same quantity: {} differs from what the paper did.",
+        "{}: a proxy of the paper's column, not the same quantity; known to differ from what the paper did: {}.",
         dataset.name,
         proxies.join(", ")
     ))
