@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use crate::spec::{Attempts, DatasetSpec, Format};
 use crate::{
-    DatasetError, Scene, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
-    synthetic, tanks_and_temples, wildrgbd,
+    DatasetError, Scene, booster, colmap, eth3d, middlebury, nerfstudio, processing, scannetpp,
+    stereo, synthetic, tanks_and_temples, wildrgbd,
 };
 
 /// Every format, in the order of the paper's tables, then one's own data, then the procedural.
@@ -132,7 +132,11 @@ pub(crate) fn open_each(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
             name: spec.format.to_owned(),
             known: String::new(),
         })?;
-    (format.open)(spec)
+    let mut scenes = (format.open)(spec)?;
+    for scene in scenes.iter_mut().flatten() {
+        scene.notes.extend(processing::notes(scene));
+    }
+    Ok(scenes)
 }
 
 #[cfg(test)]

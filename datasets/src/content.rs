@@ -10,6 +10,7 @@ use crate::depth::DepthSource;
 use crate::format::picture;
 use crate::mask::Mask;
 use crate::needed::Role;
+use crate::processing::{Processing, Undistorted};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
@@ -34,24 +35,26 @@ impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         let mut image = picture::read(&self.image)?;
         check_size(&self.image, image.dimensions(), self.size)?;
-        if let Some(mask) = &self.mask {
-            mask.blacken(&mut image)?;
+        let undistortion = self.undistortion.as_ref();
+        if let Some(undistortion) = undistortion {
+            image = undistortion.image(&image);
         }
-        Ok(match &self.undistortion {
-            Some(undistortion) => undistortion.image(&image),
-            None => image,
-        })
+        // The picture is resampled first: black would else run into its neighbours.
+        if let Some(mask) = &self.mask {
+            let mask = mask.read(self.size, undistortion)?;
+            for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
+                if *keep == 0 {
+                    pixel.fill(0);
+                }
+            }
+        }
+        Ok(image)
     }
 
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
-        let Some(mask) = &self.mask else {
-            return Ok(None);
-        };
-        let stored = mask.read(self.size)?;
-        Ok(Some(match &self.undistortion {
-            Some(undistortion) => undistortion.mask_nearest(&stored),
-            None => stored,
-        }))
+        let mask = self.mask.as_ref();
+        let undistortion = self.undistortion.as_ref();
+        mask.map(|mask| mask.read(self.size, undistortion)).transpose()
     }
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
@@ -78,6 +81,17 @@ impl ViewContent for FileContent {
         files.sort();
         files.dedup();
         files
+    }
+
+    fn processing(&self) -> Processing {
+        Processing {
+            undistorted: self.undistortion.map(|u| Undistorted {
+                model: u.lens().distortion().name(),
+                camera: u.rule(),
+            }),
+            masked: self.mask.is_some(),
+            lacks_depth: self.depth.is_none(),
+        }
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {

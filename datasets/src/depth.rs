@@ -162,7 +162,7 @@ impl DepthSource for StoredDepth {
     }
 }
 
-/// Depth without the pixels that a mask in the stored picture's geometry excludes.
+/// Depth without the pixels that are black in the view because of its mask.
 #[derive(Debug)]
 pub(crate) struct MaskedDepth {
     pub(crate) depth: Arc<dyn DepthSource>,
@@ -175,12 +175,9 @@ pub(crate) struct MaskedDepth {
 impl DepthSource for MaskedDepth {
     fn load(&self) -> Result<DepthMap, DatasetError> {
         let mut depth = self.depth.load()?;
-        let mut mask = self.mask.read(self.size)?;
-        if let Some(undistortion) = &self.undistortion {
-            mask = undistortion.mask_nearest(&mask);
-        }
+        let mask = self.mask.read(self.size, self.undistortion.as_ref())?;
         for (z, keep) in depth.iter_mut().zip(mask.iter()) {
-            if *keep < 255 {
+            if *keep == 0 {
                 *z = 0.0;
             }
         }

@@ -16,7 +16,7 @@ use crate::format::colmap_records::Image;
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, Pairing, Scene};
+use crate::{DatasetError, Pairing, Scene, processing};
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -144,6 +144,17 @@ fn read_scene(
         );
     }
     posed::finish(&mut views);
+    if !distorted {
+        notes.push("pictures: dslr_images_undistorted, as published".to_owned());
+    }
+    notes.push(
+        if processing::without_depth(&views) == views.len() {
+            "depth: none in ground_truth_depth/dslr_images"
+        } else {
+            "depth: ground_truth_depth/dslr_images, each sample carried by us to the pinhole camera"
+        }
+        .to_owned(),
+    );
     notes.extend(skipped.notes(&model_folder));
     notes.extend(finder.notes());
     if views.is_empty() {

@@ -6,6 +6,7 @@
 //!
 //! # Contents
 //! * [`view`]: what every reader produces.
+//! * [`processing`]: what readers do on the way from files to pixels, for the record.
 //! * [`spec`]: what a format is and what can be set; [`catalog`]: the formats by name, and how one is
 //!   asked for and opened.
 //! * [`facts`]: what each dataset is and where to get it.
@@ -41,6 +42,7 @@ pub mod natural;
 pub mod needed;
 mod nerfstudio;
 mod posed;
+pub mod processing;
 mod rig;
 mod scan;
 mod scannetpp;

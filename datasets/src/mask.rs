@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use image::{GrayImage, RgbImage};
+use image::GrayImage;
 
 use crate::DatasetError;
 use crate::format::picture;
+use crate::undistort::Undistortion;
 
 /// A gray picture that says which pixels count: those at full brightness.
 #[derive(Debug, Clone)]
@@ -14,22 +15,22 @@ pub(crate) struct Mask {
 }
 
 impl Mask {
-    /// Reads it; it must have the stored picture's size.
-    pub(crate) fn read(&self, size: (u32, u32)) -> Result<GrayImage, DatasetError> {
-        let mask = picture::read_mask(&self.file)?;
+    /// Reads it as the view needs it: 255 where a pixel counts, else 0. `size` is that of the stored
+    /// picture, which the mask must have; `undistortion` is the picture's.
+    pub(crate) fn read(
+        &self,
+        size: (u32, u32),
+        undistortion: Option<&Undistortion>,
+    ) -> Result<GrayImage, DatasetError> {
+        let mut mask = picture::read_mask(&self.file)?;
         check_size(&self.file, mask.dimensions(), size)?;
-        Ok(mask)
-    }
-
-    /// Makes the pixels that do not count black.
-    pub(crate) fn blacken(&self, image: &mut RgbImage) -> Result<(), DatasetError> {
-        let mask = self.read(image.dimensions())?;
-        for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
-            if *keep < 255 {
-                pixel.fill(0);
-            }
+        if let Some(undistortion) = undistortion {
+            return Ok(undistortion.mask(&mask));
         }
-        Ok(())
+        for value in mask.iter_mut().filter(|value| **value < 255) {
+            *value = 0;
+        }
+        Ok(mask)
     }
 }
 

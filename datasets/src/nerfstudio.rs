@@ -144,11 +144,11 @@ fn read_scene(
     let mut notes = skipped.notes(json);
     notes.extend(finder.notes());
     notes.extend(reader.sizes.notes(json));
-    let overriding = file.frames.iter().filter(|f| f.overrides_file).count();
-    if overriding > 0 {
+    let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
+    if contradicting > 0 {
         notes.push(format!(
-            "{}: {overriding} frame(s) state intrinsics that differ from the file's; the frames' \
-             are used (nerfstudio would use the file's)",
+            "{}: {contradicting} frame(s) state intrinsics that differ from the file's, which count \
+             for all frames, as in nerfstudio",
             json.display()
         ));
     }

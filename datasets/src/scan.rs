@@ -75,14 +75,10 @@ impl DepthSource for ScanDepth {
                 places,
             ));
         }
-        let points: Vec<DVec3> = geometry.points.iter().map(camera).collect();
         let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
         for triangle in &geometry.triangles {
-            fill(
-                &self.pinhole,
-                triangle.map(|i| points[i as usize]),
-                &mut depth,
-            );
+            let corners = triangle.map(|i| camera(&geometry.points[i as usize]));
+            draw(&self.pinhole, corners, &mut depth);
         }
         Ok(depth)
     }
@@ -120,7 +116,32 @@ fn size(pinhole: &Intrinsics) -> (u32, u32) {
 }
 
 fn place(pinhole: &Intrinsics, point: DVec3) -> Option<(DVec2, f64)> {
-    (point.z > NEAR_M).then(|| Some((pinhole.project(point)?, point.z)))?
+    (point.z >= NEAR_M).then(|| Some((pinhole.project(point)?, point.z)))?
+}
+
+/// Draws the part of a triangle that lies beyond the near plane.
+fn draw(pinhole: &Intrinsics, corners: [DVec3; 3], depth: &mut DepthMap) {
+    let beyond = corners.map(|c| c.z >= NEAR_M);
+    match beyond.iter().filter(|b| **b).count() {
+        0 => return,
+        3 => return fill(pinhole, corners, depth),
+        _ => {}
+    }
+    // What is left of a triangle is one, or a quadrilateral.
+    let mut left = Vec::with_capacity(4);
+    for i in 0..3 {
+        let (a, b) = (corners[i], corners[(i + 1) % 3]);
+        if beyond[i] {
+            left.push(a);
+        }
+        if beyond[i] != beyond[(i + 1) % 3] {
+            let cut = a.lerp(b, (NEAR_M - a.z) / (b.z - a.z));
+            left.push(cut.truncate().extend(NEAR_M));
+        }
+    }
+    for pair in left[1..].windows(2) {
+        fill(pinhole, [left[0], pair[0], pair[1]], depth);
+    }
 }
 
 /// Draws a triangle into a z-buffer at the pixels' centres; 1/z is linear in the picture.
@@ -189,13 +210,42 @@ mod tests {
         }
         assert!(filled > 700, "{filled}");
         // Something nearer wins, something behind the camera is not drawn.
-        fill(
+        let behind = [(-9.0, -9.0), (9.0, -9.0), (0.0, 9.0)];
+        let before = depth.clone();
+        draw(
             &pinhole,
-            [at(-9.0, -9.0), at(9.0, -9.0), DVec3::new(0.0, 9.0, -1.0)],
+            behind.map(|(x, y)| DVec3::new(x, y, 0.049)),
             &mut depth,
         );
+        assert_eq!(depth, before);
         let near = [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)].map(|(x, y)| DVec3::new(x, y, 1.0));
         fill(&pinhole, near, &mut depth);
         assert_eq!(depth.get_pixel(20, 15).0[0], 1.0);
+    }
+
+    /// A floor that begins behind the camera is seen from where it leaves the near plane.
+    #[test]
+    fn a_triangle_through_the_near_plane_is_cut_there() {
+        let pinhole = Intrinsics::new((50.0, 50.0), (20.0, 15.0), (40, 30)).unwrap();
+        let floor = |x: f64, z: f64| DVec3::new(x, 1.5, z);
+        // One corner beyond the plane, then two.
+        for corners in [
+            [floor(-900.0, -9.0), floor(0.0, 60.0), floor(900.0, -9.0)],
+            [floor(-900.0, 60.0), floor(900.0, 60.0), floor(0.0, -90.0)],
+        ] {
+            let mut depth = DepthMap::new(40, 30);
+            draw(&pinhole, corners, &mut depth);
+            for (x, y, z) in depth.enumerate_pixels() {
+                // The floor 1.5 m below is at 1.5 f / (y - cy).
+                let expected = 75.0 / (f64::from(y) + 0.5 - 15.0);
+                let seen = expected > 0.0 && expected < 55.0;
+                if seen {
+                    let error = (f64::from(z.0[0]) - expected).abs();
+                    assert!(error < 1e-6 * expected, "({x}, {y}): {error}");
+                } else if expected < 0.0 {
+                    assert_eq!(z.0[0], 0.0, "({x}, {y})");
+                }
+            }
+        }
     }
 }

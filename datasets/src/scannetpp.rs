@@ -20,7 +20,7 @@ use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
 use crate::scan::{Scan, ScanCache};
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, Pairing, Scene};
+use crate::{DatasetError, Pairing, Scene, View, processing};
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -160,6 +160,8 @@ struct Pictures {
     file: Transforms,
     images: PathBuf,
     masks: PathBuf,
+    /// The folder of pictures that the toolbox undistorted; `None` for the fisheye ones.
+    published: Option<String>,
     /// The fisheye cameras, where the pictures are undistorted but depth is not.
     fisheye: Option<Transforms>,
 }
@@ -169,11 +171,8 @@ impl Reader<'_> {
         let pictures = self.pictures()?;
         let source = self.depth_source()?;
         let mut notes = Vec::new();
-        if matches!(source, Source::None) && self.spec.setting("depth") != "none" {
-            notes.push(format!(
-                "{name}: neither dslr/render_depth nor scans/mesh_aligned_0.05.ply, so the views \
-                 have no depth; depth=points takes COLMAP's points"
-            ));
+        if let Some(published) = &pictures.published {
+            notes.push(format!("pictures: {published}, undistorted by the toolbox"));
         }
         let choice = self.spec.setting("frames");
         let chosen: Vec<&Frame> = [
@@ -233,6 +232,15 @@ impl Reader<'_> {
             );
         }
         posed::finish(&mut views);
+        let has_depth = processing::without_depth(&views) < views.len();
+        if let Some(said) = source.said(has_depth, self.spec.setting("depth")) {
+            notes.push(format!("depth: {said}"));
+        }
+        let masked = |view: &View| view.content.processing().masked;
+        if self.spec.setting("masks") == "apply" && !views.iter().any(masked) {
+            let folder = pictures.masks.file_name().unwrap_or_default();
+            notes.push(format!("masks: none in dslr/{}", folder.display()));
+        }
         notes.extend(skipped.notes(&pictures.json));
         notes.extend(finder.notes());
         Ok(Scene {
@@ -268,7 +276,9 @@ impl Reader<'_> {
             let fisheye = fisheye_json
                 .is_file()
                 .then(|| transforms::read(&fisheye_json));
+            let folder = undistorted.file_name().unwrap_or_default();
             Ok(Pictures {
+                published: Some(format!("dslr/{}", folder.display())),
                 file: transforms::read(&pinhole_json)?,
                 json: pinhole_json,
                 images: undistorted,
@@ -281,6 +291,7 @@ impl Reader<'_> {
                 json: fisheye_json,
                 images: inside("resized_images")?,
                 masks: inside("resized_anon_masks")?,
+                published: None,
                 fisheye: None,
             })
         }
@@ -297,7 +308,7 @@ impl Reader<'_> {
             splat_radius: 0,
         };
         Ok(match self.spec.setting("depth") {
-            "rendered" => Source::Rendered(rendered),
+            "rendered" if rendered.is_dir() => Source::Rendered(rendered),
             "mesh" => Source::Mesh(scan),
             "points" => {
                 let folder = self.root.resolve(&self.dslr, "colmap")?;
@@ -370,4 +381,22 @@ enum Source {
     Rendered(PathBuf),
     Mesh(Scan),
     Points(Tracks, Vec<(String, u32)>),
+}
+
+impl Source {
+    /// What was read under a value of the setting `depth`, or why nothing was.
+    fn said(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
+        Some(match (self, setting) {
+            (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",
+            (Self::Rendered(_), _) => "none, no map of these pictures in dslr/render_depth",
+            (Self::Mesh(_), _) => "scans/mesh_aligned_0.05.ply, drawn by us",
+            (Self::Points(..), _) => "COLMAP's points that each picture sees",
+            (Self::None, "none") => return None,
+            (Self::None, "rendered") => "none, there is no dslr/render_depth",
+            (Self::None, _) => {
+                "neither dslr/render_depth nor scans/mesh_aligned_0.05.ply, so the views have no \
+                 depth; depth=points takes COLMAP's points"
+            }
+        })
+    }
 }

@@ -1,7 +1,9 @@
 //! Pictures and depth of a camera with a lens, resampled to a pinhole camera.
 
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
 use glam::{DVec2, DVec3};
-use image::{GrayImage, Luma, RgbImage};
+use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use rayon::prelude::*;
 use sharp::camera::Intrinsics;
 
@@ -13,12 +15,17 @@ use crate::lens::Lens;
 pub struct Undistortion {
     lens: Lens,
     pinhole: Intrinsics,
+    rule: &'static str,
 }
 
 impl Undistortion {
     /// Resamples `lens` to a given pinhole camera, of any size.
     pub fn new(lens: Lens, pinhole: Intrinsics) -> Self {
-        Self { lens, pinhole }
+        Self {
+            lens,
+            pinhole,
+            rule: "a given pinhole camera",
+        }
     }
 
     /// Resamples to the pinhole camera of the same size and principal point with the widest field
@@ -45,7 +52,11 @@ impl Undistortion {
                 wide = middle;
             }
         }
-        Ok(Self::new(lens, scaled(f64::from(narrow) / 4096.0)))
+        Ok(Self {
+            lens,
+            pinhole: scaled(f64::from(narrow) / 4096.0),
+            rule: "the widest pinhole camera without blank pixels",
+        })
     }
 
     /// The pinhole camera that ScanNet++'s toolbox resamples its fisheye pictures to: OpenCV's
@@ -85,12 +96,21 @@ impl Undistortion {
             (k.width, k.height),
         )
         .map_err(|e| e.to_string())?;
-        Ok(Self::new(lens, pinhole))
+        Ok(Self {
+            lens,
+            pinhole,
+            rule: "the pinhole camera of ScanNet++'s toolbox",
+        })
     }
 
     /// The camera that the resampled pictures have.
     pub fn pinhole(&self) -> &Intrinsics {
         &self.pinhole
+    }
+
+    /// How that camera was chosen, in words.
+    pub fn rule(&self) -> &'static str {
+        self.rule
     }
 
     /// The camera that the stored pictures have.
@@ -134,61 +154,93 @@ impl Undistortion {
     /// Resamples a dense depth map to the nearest stored value; never blends depths. z-depth does
     /// not change: both cameras look along the same axis.
     pub fn depth_nearest(&self, stored: &DepthMap) -> DepthMap {
-        self.nearest(stored, 0.0)
+        let (w, h) = stored.dimensions();
+        let inside =
+            |p: &DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) && p.y < f64::from(h);
+        self.gathered(|place| {
+            place
+                .filter(inside)
+                .map_or(0.0, |p| stored.get_pixel(p.x as u32, p.y as u32).0[0])
+        })
     }
 
-    /// Resamples a mask to the nearest stored value; beyond it, 0.
-    pub fn mask_nearest(&self, stored: &GrayImage) -> GrayImage {
-        self.nearest(stored, 0)
+    /// Resamples a mask as ScanNet++'s toolbox does: bilinearly, 255 beyond its border, and what is
+    /// then below 255 becomes 0. What the lens does not see is 0.
+    pub fn mask(&self, stored: &GrayImage) -> GrayImage {
+        let (w, h) = (i64::from(stored.width()), i64::from(stored.height()));
+        let lack = |x: i64, y: i64| {
+            let inside = x >= 0 && y >= 0 && x < w && y < h;
+            let value = inside.then(|| stored.get_pixel(x as u32, y as u32).0[0]);
+            f64::from(255 - value.unwrap_or(255))
+        };
+        self.gathered(|place| {
+            let Some(place) = place else {
+                return 0;
+            };
+            let floor = (place - 0.5).floor();
+            let blend = place - 0.5 - floor;
+            let (x, y) = (floor.x as i64, floor.y as i64);
+            let above = lack(x, y) * (1.0 - blend.x) + lack(x + 1, y) * blend.x;
+            let below = lack(x, y + 1) * (1.0 - blend.x) + lack(x + 1, y + 1) * blend.x;
+            // Values are rounded to whole levels, half a level to the even 254.
+            if above * (1.0 - blend.y) + below * blend.y < 0.5 {
+                255
+            } else {
+                0
+            }
+        })
     }
 
     /// Carries each valid pixel of a sparse depth map to where it lands, the nearer one winning.
     /// Unlike [`Self::depth_nearest`] this loses no sample where the picture shrinks.
     pub fn depth_splat(&self, stored: &DepthMap) -> DepthMap {
-        let width = stored.width() as usize;
-        let places: Vec<(DVec2, f32)> = stored
-            .as_raw()
-            .par_iter()
-            .enumerate()
-            .filter(|(_, z)| **z > 0.0)
-            .filter_map(|(i, &z)| {
-                let center = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-                let place = self.pinhole.project(self.lens.unproject(center)?)?;
-                self.pinhole.contains(place).then_some((place, z))
-            })
-            .collect();
-        let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
-        for (place, z) in places {
-            let Luma([into]) = depth.get_pixel_mut(place.x as u32, place.y as u32);
-            if *into == 0.0 || z < *into {
-                *into = z;
+        let (width, height) = (self.pinhole.width, self.pinhole.height);
+        // The bits of positive floats are in the order of the floats.
+        let nothing = f32::INFINITY.to_bits();
+        let mut nearest = Vec::new();
+        nearest.resize_with(width as usize * height as usize, || AtomicU32::new(nothing));
+        stored
+            .par_chunks_exact(stored.width() as usize)
+            .zip(0..stored.height())
+            .for_each(|(row, y)| {
+                for (&z, x) in row.iter().zip(0_u32..).filter(|(z, _)| **z > 0.0) {
+                    let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                    let ray = self.lens.unproject(center);
+                    let place = ray.and_then(|ray| self.pinhole.project(ray));
+                    if let Some(place) = place.filter(|place| self.pinhole.contains(*place)) {
+                        let pixel = place.y as usize * width as usize + place.x as usize;
+                        nearest[pixel].fetch_min(z.to_bits(), Relaxed);
+                    }
+                }
+            });
+        // In place: both take four bytes.
+        let depths = nearest.into_iter().map(AtomicU32::into_inner);
+        let depths = depths.map(|bits| {
+            if bits == nothing {
+                0.0
+            } else {
+                f32::from_bits(bits)
             }
-        }
-        depth
+        });
+        DepthMap::from_vec(width, height, depths.collect()).unwrap_or_default()
     }
 
-    fn nearest<T: Copy + Send + Sync + image::Primitive>(
-        &self,
-        stored: &image::ImageBuffer<Luma<T>, Vec<T>>,
-        outside: T,
-    ) -> image::ImageBuffer<Luma<T>, Vec<T>>
+    /// One value a pixel, made of its place in the stored picture.
+    fn gathered<T>(&self, value: impl Fn(Option<DVec2>) -> T + Sync) -> ImageBuffer<Luma<T>, Vec<T>>
     where
-        Luma<T>: image::Pixel<Subpixel = T> + Send,
+        T: image::Primitive + Send,
+        Luma<T>: image::Pixel<Subpixel = T>,
     {
-        let (w, h) = stored.dimensions();
-        let inside =
-            |p: &DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) && p.y < f64::from(h);
-        let values = (0..self.pinhole.height)
-            .into_par_iter()
-            .flat_map_iter(|y| (0..self.pinhole.width).map(move |x| (x, y)))
-            .map(|(x, y)| {
-                self.stored_place(x, y)
-                    .filter(inside)
-                    .map_or(outside, |p| stored.get_pixel(p.x as u32, p.y as u32).0[0])
-            })
-            .collect();
-        image::ImageBuffer::from_vec(self.pinhole.width, self.pinhole.height, values)
-            .unwrap_or_default()
+        let mut values = ImageBuffer::new(self.pinhole.width, self.pinhole.height);
+        values
+            .par_chunks_exact_mut(self.pinhole.width as usize)
+            .zip(0..self.pinhole.height)
+            .for_each(|(row, y)| {
+                for (into, x) in row.iter_mut().zip(0..) {
+                    *into = value(self.stored_place(x, y));
+                }
+            });
+        values
     }
 
     /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);
@@ -299,6 +351,56 @@ mod tests {
         let depth = half.depth_splat(&stored);
         assert_eq!(depth.get_pixel(2, 3).0[0], 2.0);
         assert_eq!(depth.iter().filter(|z| **z > 0.0).count(), 1);
+    }
+
+    #[test]
+    fn splatting_a_map_does_not_depend_on_threads() {
+        let view = Undistortion::without_blank_pixels(fisheye()).unwrap();
+        let stored = DepthMap::from_fn(175, 117, |x, y| {
+            Luma([((x * 31 + y * 57) % 97) as f32 * 0.1])
+        });
+        let mut expected = DepthMap::new(175, 117);
+        for (x, y, z) in stored.enumerate_pixels().filter(|p| p.2.0[0] > 0.0) {
+            let center = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let ray = view.lens().unproject(center).unwrap();
+            let place = view.pinhole().project(ray).unwrap();
+            if view.pinhole().contains(place) {
+                let into = &mut expected.get_pixel_mut(place.x as u32, place.y as u32).0[0];
+                if *into == 0.0 || z.0[0] < *into {
+                    *into = z.0[0];
+                }
+            }
+        }
+        assert_eq!(view.depth_splat(&stored), expected);
+        assert!(expected.iter().filter(|z| **z > 0.0).count() > 10_000);
+    }
+
+    /// A masked pixel takes the rim that its bilinear footprint reaches; what lies beyond the stored
+    /// mask counts.
+    #[test]
+    fn a_resampled_mask_takes_all_that_a_masked_pixel_reaches() {
+        let lens = Lens::new((40.0, 40.0), (10.0, 10.0), (20, 20), Distortion::None).unwrap();
+        let mut stored = GrayImage::from_pixel(20, 20, Luma([255]));
+        stored.put_pixel(4, 6, Luma([0]));
+        stored.put_pixel(0, 12, Luma([254]));
+        let masked = |shift: DVec2| {
+            let pinhole = Intrinsics {
+                cx: 10.0 - shift.x,
+                cy: 10.0 - shift.y,
+                ..lens.intrinsics()
+            };
+            let mask = Undistortion::new(lens, pinhole).mask(&stored);
+            assert!(mask.iter().all(|v| [0, 255].contains(v)));
+            let pixels = mask.enumerate_pixels().filter(|(_, _, v)| v.0[0] == 0);
+            pixels.map(|(x, y, _)| (x, y)).collect::<Vec<_>>()
+        };
+        assert_eq!(masked(DVec2::ZERO), [(4, 6), (0, 12)]);
+        // A trace below half a level is rounded away.
+        assert_eq!(masked(DVec2::new(0.0015, 0.0)), [(4, 6), (0, 12)]);
+        assert_eq!(masked(DVec2::new(0.0025, 0.0)), [(3, 6), (4, 6), (0, 12)]);
+        assert_eq!(masked(DVec2::new(0.75, 0.0)), [(3, 6), (4, 6)]);
+        let four = masked(DVec2::new(0.25, 0.25));
+        assert_eq!(four, [(3, 5), (4, 5), (3, 6), (4, 6), (0, 12)]);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::DatasetError;
 use crate::needed::Role;
+use crate::processing::Processing;
 
 /// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
 /// finite and positive.
@@ -47,6 +48,11 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
         files.sort();
         files.dedup();
         files
+    }
+
+    /// What a reader does on the way from the files to the pixels.
+    fn processing(&self) -> Processing {
+        Processing::default()
     }
 
     /// Hash of the photograph: sha256 of the file's bytes, or of the RGB bytes of a procedural

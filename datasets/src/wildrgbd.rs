@@ -16,7 +16,7 @@ use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
 use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene};
+use crate::{DatasetError, Pairing, Scene, processing};
 
 /// The catalogue's entry.
 pub(crate) const FORMAT: Format = Format {
@@ -202,6 +202,9 @@ fn read_scene(
     let mut notes = skipped.notes(&poses_file);
     notes.extend(linked.notes(folder));
     let id = root.id_of(folder);
+    if processing::without_depth(&views) == views.len() {
+        notes.push("depth: no map of these frames in depth/".to_owned());
+    }
     Ok(Scene {
         dataset: spec.name.clone(),
         cluster: id.clone(),

@@ -3,7 +3,8 @@
 //! Reads a JSON list of requests from standard input and writes a list of answers to standard output:
 //! * request: `model` and `params` (COLMAP's), `size` (width, height), `points` (triples in camera
 //!   space), `pixels` (pairs), `pinhole` (fx, fy, cx, cy of a camera of the same size), `picture` and
-//!   `undistorted` (files of interleaved RGB bytes: what the lens took; where to write it resampled);
+//!   `undistorted` (files of interleaved RGB bytes: what the lens took; where to write it resampled),
+//!   `mask` and `masked` (the same of a mask, gray bytes);
 //! * answer: `projected` (pairs), `unprojected` (pairs at z = 1), `map` (for each pixel of the pinhole
 //!   camera its place in the lens's picture), `scannetpp_focal` (fx, fy of the pinhole camera that
 //!   ScanNet++'s recipe gives; fisheye only). What a lens does not see is null.
@@ -13,7 +14,7 @@ use std::io::{Write, stdin, stdout};
 use std::path::PathBuf;
 
 use glam::{DVec2, DVec3};
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sharp::camera::Intrinsics;
@@ -30,6 +31,8 @@ struct Request {
     pinhole: [f64; 4],
     picture: PathBuf,
     undistorted: PathBuf,
+    mask: PathBuf,
+    masked: PathBuf,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -48,6 +51,9 @@ fn answer(request: &Request) -> Result<Value, Box<dyn Error>> {
     let taken = RgbImage::from_raw(width, height, std::fs::read(&request.picture)?)
         .ok_or("the picture has another size")?;
     std::fs::write(&request.undistorted, undistortion.image(&taken).as_raw())?;
+    let mask = GrayImage::from_raw(width, height, std::fs::read(&request.mask)?)
+        .ok_or("the mask has another size")?;
+    std::fs::write(&request.masked, undistortion.mask(&mask).as_raw())?;
 
     let projected = request.points.iter().map(|p| lens.project(DVec3::from(*p)));
     let unprojected = request

@@ -141,11 +141,14 @@ pub fn scoring_facts(renderer: &str, networks: &str) -> BTreeMap<String, String>
     let renderer = format!("{kind}, near 0.01, far 1e10, eps2d 0");
     [
         ("prediction", "sRGB, 8 bit, rounded to nearest"),
-        ("target", "sRGB, 8 bit, as decoded; colour profiles ignored"),
+        (
+            "target",
+            "sRGB, 8 bit, as decoded; colour profiles ignored; undistorted or masked where the dataset's notes say so",
+        ),
         ("decoder", DECODERS),
         (
             "resolution",
-            "full resolution of the target; nothing is resized",
+            "full resolution of the target, which is never resized; resized predictions are marked in the tables",
         ),
         ("background", "black, in linear light"),
         ("renderer", renderer.as_str()),

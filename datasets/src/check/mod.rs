@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::catalog;
 use crate::spec::DatasetSpec;
-use crate::{DatasetError, Scene, View};
+use crate::{DatasetError, Scene, View, processing};
 use consistency::Consistency;
 
 /// How thoroughly to look.
@@ -80,7 +80,7 @@ pub struct SceneReport {
     pub consistency: Option<Consistency>,
     /// What the reader assumed or left out.
     pub notes: Vec<String>,
-    /// What is broken, a line each, naming the file.
+    /// What is broken, a line each, naming the file; nothing twice.
     pub problems: Vec<String>,
 }
 
@@ -99,7 +99,7 @@ pub fn check(
     let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
     for (i, attempt) in attempts.into_iter().enumerate() {
         match attempt {
-            Ok(scene) => reports.push(check_scene(&scene, options)),
+            Ok(scene) => reports.push(check_scene(&scene, options, demanded_depth(spec))),
             Err(error) => unreadable.push(error.to_string()),
         }
         done(i + 1, total);
@@ -127,7 +127,13 @@ struct Decoded {
     coverage: Option<f64>,
 }
 
-fn check_scene(scene: &Scene, options: &CheckOptions) -> SceneReport {
+/// The source of depth that was asked for by name.
+fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
+    let source = spec.settings.get("depth").map(String::as_str);
+    source.filter(|source| !matches!(*source, "auto" | "none"))
+}
+
+fn check_scene(scene: &Scene, options: &CheckOptions, depth: Option<&str>) -> SceneReport {
     let chosen = evenly_spaced(scene.views.len(), options.views_per_scene);
     let decoded: Vec<Decoded> = chosen
         .par_iter()
@@ -153,6 +159,17 @@ fn check_scene(scene: &Scene, options: &CheckOptions) -> SceneReport {
     if scene.views.len() < 2 {
         problems.push(format!("{}: fewer than two views, so no pair", scene.id));
     }
+    if let Some(source) = depth
+        && processing::without_depth(&scene.views) == scene.views.len()
+    {
+        problems.push(format!(
+            "{}: depth={source} was asked for, but there is none for any picture",
+            scene.id
+        ));
+    }
+    // One broken file may spoil a picture and its depth, or every view.
+    let mut seen = BTreeSet::new();
+    problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
     let consistency = consistency::of(&scene.views);
     problems.extend(

@@ -39,8 +39,8 @@ pub struct Frame {
     /// Camera to world in OpenCV's axes, translation as written; or why it is none.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
-    /// True when the frame states intrinsics that differ from the file's own.
-    pub overrides_file: bool,
+    /// True when the frame states intrinsics that differ from the file's own, which count.
+    pub contradicts_file: bool,
 }
 
 /// Intrinsics as stated, before the picture's size is known.
@@ -132,11 +132,11 @@ fn frame_of(value: &Value, shared: &RawIntrinsics) -> Result<Frame, String> {
     let rows = matrix(written).ok_or("its 'transform_matrix' is neither 4x4 nor 3x4")?;
     let own = RawIntrinsics::of(object);
     Ok(Frame {
-        overrides_file: own
+        contradicts_file: own
             .numbers
             .iter()
             .any(|(key, v)| shared.numbers.get(key).is_some_and(|s| s != v)),
-        intrinsics: shared.overridden_by(&own),
+        intrinsics: own.overridden_by(shared),
         file_path,
         depth_file_path: text("depth_file_path"),
         mask_path: text("mask_path"),
@@ -187,9 +187,10 @@ impl RawIntrinsics {
         Self { numbers }
     }
 
-    fn overridden_by(&self, own: &Self) -> Self {
+    /// What the file states for all its frames counts, by nerfstudio's rule; these fill the gaps.
+    fn overridden_by(&self, file: &Self) -> Self {
         let mut numbers = self.numbers.clone();
-        numbers.extend(own.numbers.iter().map(|(k, v)| (k.clone(), v.clone())));
+        numbers.extend(file.numbers.iter().map(|(k, v)| (k.clone(), v.clone())));
         Self { numbers }
     }
 
@@ -259,8 +260,13 @@ impl Frame {
             _ if fisheye => "OPENCV_FISHEYE",
             _ => "OPENCV",
         };
+        // nerfstudio takes coefficients under these names too, where there are any.
+        let model = match model {
+            "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => "OPENCV",
+            other => other,
+        };
         let distortion = match model {
-            "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE" => Distortion::None,
+            "OPENCV" if [k1, k2, k3, k4, p[0], p[1]] == [0.0; 6] => Distortion::None,
             "SIMPLE_RADIAL" | "RADIAL" => Distortion::Radial { k: [k1, k2] },
             // nerfstudio's k3 and k4 continue the radial polynomial of OPENCV.
             "OPENCV" if k3 == 0.0 && k4 == 0.0 => Distortion::OpenCv { k: [k1, k2], p },
@@ -361,8 +367,27 @@ mod tests {
                 k: [0.0, 0.0, 0.0, 0.1]
             })
         );
+        // Coefficients count under a pinhole's name too.
+        assert_eq!(
+            of("\"camera_model\": \"PINHOLE\", \"k1\": 0.1,"),
+            of("\"k1\": 0.1,")
+        );
+        assert_eq!(
+            of("\"camera_model\": \"PINHOLE\", \"k1\": 0.0,"),
+            Ok(Distortion::None)
+        );
         assert!(of("\"camera_model\": \"EQUIRECTANGULAR\",").is_err());
         assert!(of("\"k1\": \"x\",").is_err());
+    }
+
+    #[test]
+    fn what_the_file_states_counts_for_all_frames() {
+        let file = one("\"fl_x\": 5,", "\"fl_x\": 6, \"cx\": 3,");
+        let frame = &file.frames[0];
+        assert!(frame.contradicts_file);
+        let k = frame.lens((8, 8)).unwrap().intrinsics();
+        assert_eq!((k.fx, k.cx, k.cy), (5.0, 3.0, 4.0));
+        assert!(!one("\"fl_x\": 5,", "\"fl_x\": 5,").frames[0].contradicts_file);
     }
 
     #[test]

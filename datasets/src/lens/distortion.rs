@@ -4,7 +4,7 @@
 //! fx, fy, cx, cy turn into pixels. The formulas are those of OpenCV (`calib3d`) and COLMAP
 //! (`sensor/models.h`), which agree with each other.
 
-use glam::DVec2;
+use glam::{DMat2, DVec2};
 
 /// What a lens does to normalised coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +48,18 @@ pub enum Distortion {
 }
 
 impl Distortion {
+    /// COLMAP's name of the model; of a family the one with the most parameters.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::None => "PINHOLE",
+            Self::Radial { .. } => "RADIAL",
+            Self::OpenCv { .. } => "OPENCV",
+            Self::FullOpenCv { .. } => "FULL_OPENCV",
+            Self::OpenCvFisheye { .. } => "OPENCV_FISHEYE",
+            Self::ThinPrismFisheye { .. } => "THIN_PRISM_FISHEYE",
+        }
+    }
+
     /// Distorts normalised coordinates `(X/Z, Y/Z)` by the plain formula, however far out.
     pub fn distort(&self, uv: DVec2) -> DVec2 {
         match *self {
@@ -86,6 +98,32 @@ impl Distortion {
         }
     }
 
+    /// The derivative of [`Self::bend`] at a point: columns by its first and second coordinate.
+    pub(super) fn bend_slope(&self, x: DVec2) -> DMat2 {
+        let r2 = x.length_squared();
+        match *self {
+            Self::None => DMat2::IDENTITY,
+            Self::Radial { k } => radial_slope(x, radial2(r2, k)),
+            Self::OpenCv { k, p } => radial_slope(x, radial2(r2, k)) + tangential_slope(x, p),
+            Self::FullOpenCv { k, p } => {
+                let [a1, a2, a3, b1, b2, b3] = k;
+                let above = 1.0 + r2 * (a1 + r2 * (a2 + r2 * a3));
+                let below = 1.0 + r2 * (b1 + r2 * (b2 + r2 * b3));
+                let derived = |k1: f64, k2: f64, k3: f64| k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3);
+                let factor = above / below;
+                let slope = (derived(a1, a2, a3) - factor * derived(b1, b2, b3)) / below;
+                radial_slope(x, (factor, slope)) + tangential_slope(x, p)
+            }
+            Self::OpenCvFisheye { k } => radial_slope(x, (1.0 + radial4(r2, k), by_r2(r2, k))),
+            Self::ThinPrismFisheye { k, p, s } => {
+                let prism = outer(DVec2::from(s), 2.0 * x);
+                radial_slope(x, (1.0 + radial4(r2, k), by_r2(r2, k)))
+                    + tangential_slope(x, p)
+                    + prism
+            }
+        }
+    }
+
     pub(super) fn is_fisheye(&self) -> bool {
         matches!(
             self,
@@ -103,8 +141,37 @@ fn tangential(uv: DVec2, p: [f64; 2]) -> DVec2 {
     )
 }
 
+/// The derivative of [`tangential`].
+fn tangential_slope(uv: DVec2, p: [f64; 2]) -> DMat2 {
+    let crossed = 2.0 * (p[0] * uv.x + p[1] * uv.y);
+    DMat2::from_cols(
+        DVec2::new(2.0 * p[0] * uv.y + 6.0 * p[1] * uv.x, crossed),
+        DVec2::new(crossed, 2.0 * p[1] * uv.x + 6.0 * p[0] * uv.y),
+    )
+}
+
+/// The derivative of x · f(|x|²) for a factor f and its derivative by |x|².
+fn radial_slope(x: DVec2, (factor, by_r2): (f64, f64)) -> DMat2 {
+    DMat2::from_diagonal(DVec2::splat(factor)) + outer(x, 2.0 * by_r2 * x)
+}
+
+/// a bᵀ.
+fn outer(a: DVec2, b: DVec2) -> DMat2 {
+    DMat2::from_cols(a * b.x, a * b.y)
+}
+
+/// `1 + k1 r² + k2 r⁴` and its derivative by r².
+fn radial2(r2: f64, k: [f64; 2]) -> (f64, f64) {
+    (1.0 + r2 * (k[0] + r2 * k[1]), k[0] + 2.0 * r2 * k[1])
+}
+
 fn radial4(r2: f64, k: [f64; 4]) -> f64 {
     r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
+}
+
+/// The derivative of [`radial4`] by r².
+fn by_r2(r2: f64, k: [f64; 4]) -> f64 {
+    k[0] + r2 * (2.0 * k[1] + r2 * (3.0 * k[2] + r2 * 4.0 * k[3]))
 }
 
 /// `(u, v) θ/r` with θ = atan r: the angle from the axis becomes the radius.
@@ -117,6 +184,39 @@ fn equidistant(uv: DVec2) -> DVec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Central differences of step 1e-5: their own error is 1e-10 times the third derivative, and
+    /// rounding 1e-11.
+    #[test]
+    fn slopes_are_those_of_small_differences() {
+        let p = [5e-3, -3e-3];
+        let k = [0.21047, 0.21102, -0.158023, 0.406856];
+        for model in [
+            Distortion::None,
+            Distortion::Radial { k: [-0.09, 0.02] },
+            Distortion::OpenCv { k: [-0.1, 0.04], p },
+            Distortion::FullOpenCv {
+                k: [0.3, -0.15, 0.02, 0.31, -0.12, 0.01],
+                p,
+            },
+            Distortion::OpenCvFisheye { k },
+            Distortion::ThinPrismFisheye {
+                k,
+                p,
+                s: [-8e-3, 6e-3],
+            },
+        ] {
+            for i in 0..100 {
+                let x = DVec2::new(f64::from(i % 10) / 6.0 - 0.7, f64::from(i / 10) / 7.0 - 0.6);
+                let along = |step| (model.bend(x + step) - model.bend(x - step)) / 2e-5;
+                let expected = DMat2::from_cols(along(DVec2::X * 1e-5), along(DVec2::Y * 1e-5));
+                let difference = model.bend_slope(x) - expected;
+                let largest = difference.to_cols_array().map(f64::abs);
+                let largest = largest.into_iter().fold(0.0, f64::max);
+                assert!(largest < 2e-8, "{} {x}: {largest}", model.name());
+            }
+        }
+    }
 
     #[test]
     fn a_thin_prism_without_its_other_terms_is_the_fisheye() {

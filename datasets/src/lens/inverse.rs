@@ -1,6 +1,6 @@
 //! The way back: from distorted coordinates to the ray, and how far out there is one.
 
-use glam::{DMat2, DVec2};
+use glam::DVec2;
 
 use super::Distortion;
 
@@ -40,15 +40,17 @@ impl Distortion {
         }
         let mut x = distorted;
         // Far outside, the polynomial may explode: begin where it is close to the identity.
-        if (self.bend(x) - distorted).length() > x.length() {
-            x = DVec2::ZERO;
-        }
         let mut error = self.bend(x) - distorted;
+        if error.length_squared() > x.length_squared() {
+            x = DVec2::ZERO;
+            error = self.bend(x) - distorted;
+        }
+        let rounding = 1e-15 * (1.0 + distorted.length());
         for _ in 0..100 {
-            if error.length() <= 1e-15 * (1.0 + distorted.length()) {
+            if error.length_squared() <= rounding * rounding {
                 break;
             }
-            let step = self.slope(x).inverse() * error;
+            let step = self.bend_slope(x).inverse() * error;
             if !step.is_finite() {
                 return None;
             }
@@ -56,7 +58,7 @@ impl Distortion {
             let next = loop {
                 let candidate = x - step * fraction;
                 let next_error = self.bend(candidate) - distorted;
-                if next_error.length() < error.length() {
+                if next_error.length_squared() < error.length_squared() {
                     break Some((candidate, next_error));
                 }
                 fraction *= 0.5;
@@ -70,7 +72,7 @@ impl Distortion {
             };
             (x, error) = (candidate, next_error);
         }
-        let converged = error.length() <= 1e-12 * (1.0 + distorted.length());
+        let converged = error.length() <= 1e3 * rounding;
         converged.then_some(x)
     }
 
@@ -80,7 +82,7 @@ impl Distortion {
     }
 
     fn is_unfolded_at(&self, x: DVec2) -> bool {
-        let slope = self.slope(x);
+        let slope = self.bend_slope(x);
         slope.determinant() > 0.0 && (slope * x).dot(x) > 0.0 || x == DVec2::ZERO
     }
 
@@ -106,13 +108,6 @@ impl Distortion {
             .map(|i| f64::from(i) / 128.0)
             .find(|radius| *radius >= limit || !unfolded(*radius))
             .map_or(limit, |radius| radius.min(limit))
-    }
-
-    /// Derivative of [`Self::bend`] by central differences.
-    fn slope(&self, x: DVec2) -> DMat2 {
-        let h = 1e-6 * (1.0 + x.length());
-        let along = |step: DVec2| (self.bend(x + step) - self.bend(x - step)) / (2.0 * h);
-        DMat2::from_cols(along(DVec2::new(h, 0.0)), along(DVec2::new(0.0, h)))
     }
 }
 

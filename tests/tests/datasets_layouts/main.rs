@@ -8,6 +8,8 @@ mod choices;
 #[cfg(test)]
 mod multi_view;
 #[cfg(test)]
+mod processing;
+#[cfg(test)]
 mod stereo;
 #[cfg(test)]
 mod tanks;

@@ -300,8 +300,24 @@ fn check_undistorted(scene: &SyntheticScene, found: &[View], share: f64) {
     }
 }
 
+/// The camera of a fisheye's `transforms.json`.
+pub(crate) fn fisheye_keys(lens: &Lens) -> String {
+    let i = lens.intrinsics();
+    let mut keys = format!(
+        "\"camera_model\": \"OPENCV_FISHEYE\", \"fl_x\": {:?}, \"fl_y\": {:?}, \"cx\": {:?}, \
+         \"cy\": {:?}, \"w\": {}, \"h\": {}",
+        i.fx, i.fy, i.cx, i.cy, i.width, i.height
+    );
+    if let Distortion::OpenCvFisheye { k } = lens.distortion() {
+        for (i, k) in k.iter().enumerate() {
+            write!(keys, ", \"k{}\": {k:?}", i + 1).unwrap();
+        }
+    }
+    keys
+}
+
 /// A frame of ScanNet++'s JSON: the world's axes are swapped on the way in.
-fn scannetpp_frame(view: &View, file: &str, extra: &str) -> String {
+pub(crate) fn scannetpp_frame(view: &View, file: &str, extra: &str) -> String {
     let pose = view.camera_from_world.inverse();
     let swap = |v: DVec3| DVec3::new(v.y, v.x, -v.z);
     let r = pose.rotation;
@@ -323,17 +339,7 @@ fn scannetpp() {
     write::text(folder.path(), "splits/nvs_test.txt", "a1b2c3\nnot_here\n");
     let at = folder.path().join("data/a1b2c3");
     let dslr = at.join("dslr");
-    let mut keys = String::new();
-    if let Distortion::OpenCvFisheye { k } = lens.distortion() {
-        let i = lens.intrinsics();
-        write!(
-            keys,
-            "\"camera_model\": \"OPENCV_FISHEYE\", \"fl_x\": {:?}, \"fl_y\": {:?}, \"cx\": {:?}, \
-             \"cy\": {:?}, \"w\": 96, \"h\": 72, \"k1\": {:?}, \"k2\": {:?}, \"k3\": {:?}, \"k4\": {:?}",
-            i.fx, i.fy, i.cx, i.cy, k[0], k[1], k[2], k[3]
-        )
-        .unwrap();
-    }
+    let keys = fisheye_keys(&lens);
     for view in scene.views() {
         let stored = scene.view_through(&view.id, lens, view.camera_from_world);
         write::picture(&dslr, &format!("resized_images/{}.JPG", view.id), &stored);

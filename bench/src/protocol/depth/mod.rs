@@ -14,7 +14,7 @@ use sharp_datasets::{DepthMap, Scene, View};
 pub use self::first_layer::FirstLayerDepth;
 pub use self::given::GivenDepth;
 use super::ProtocolError;
-use super::alignment::{median_of, median_scale};
+use super::alignment::median_scale;
 
 /// True for a depth that means something: finite and positive.
 pub fn is_valid_depth(depth: f32) -> bool {
@@ -179,13 +179,22 @@ impl PosedDepth {
 /// Median of the valid depths, metres; `None` if there is none. An even count gives the mean of the
 /// two middle values.
 pub fn median_depth_m(depth: &DepthMap) -> Option<f64> {
-    median_of(
-        depth
-            .iter()
-            .filter(|d| is_valid_depth(**d))
-            .map(|d| f64::from(*d))
-            .collect(),
-    )
+    let mut valid: Vec<f32> = depth
+        .iter()
+        .copied()
+        .filter(|d| is_valid_depth(*d))
+        .collect();
+    if valid.is_empty() {
+        return None;
+    }
+    let (middle, even) = (valid.len() / 2, valid.len().is_multiple_of(2));
+    let (below, upper, _) = valid.select_nth_unstable_by(middle, f32::total_cmp);
+    let upper = f64::from(*upper);
+    if !even {
+        return Some(upper);
+    }
+    let lower = below.iter().copied().max_by(f32::total_cmp)?;
+    Some(0.5 * (f64::from(lower) + upper))
 }
 
 #[cfg(test)]
@@ -208,6 +217,10 @@ mod tests {
         assert_eq!(median_depth_m(&depth), Some(2.0));
         let even = DepthMap::from_vec(2, 1, vec![1.0, 2.0]).unwrap();
         assert_eq!(median_depth_m(&even), Some(1.5));
+        // Between neighbouring floats there is none; the mean is not rounded to one.
+        let next = 1.0_f32.next_up();
+        let even = DepthMap::from_vec(2, 2, vec![next, 0.5, 1.0, 9.0]).unwrap();
+        assert_eq!(median_depth_m(&even), Some(0.5 + 0.5 * f64::from(next)));
         assert_eq!(median_depth_m(&DepthMap::new(2, 2)), None);
     }
 

@@ -13,7 +13,10 @@ use crate::protocol::options::PairOptions;
 use crate::protocol::overlap::{OverlapOptions, overlap};
 use crate::protocol::overlap_cache::{Overlaps, SceneOverlaps};
 
-/// While a depth map is read it is held about this many times at full size: as stored, undistorted, reduced.
+/// While a view's depth is read, so many maps of its size are in memory at most: the file's bytes unpacked, as 64-bit
+/// numbers two maps' worth, and the map made of them. Later there are two: the stored map and the undistorted one, or
+/// that and the values its median is chosen from. Not counted: a scan, which all views share; a prediction and its
+/// ratios to sparse depth, where overlap is measured by one.
 const COPIES_WHILE_READING: u64 = 3;
 
 /// A view whose depth could not be read, and why.

@@ -1,0 +1,93 @@
+//! What readers do on the way from files to pixels, said in one line each for a scene.
+
+use std::collections::BTreeMap;
+
+use sharp::camera::Intrinsics;
+
+use crate::{Pairing, Scene, View};
+
+/// What becomes of one view's files on the way to its pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Processing {
+    /// How the photograph was resampled; `None` where it is taken as stored.
+    pub undistorted: Option<Undistorted>,
+    /// True where pixels are black and without depth because of a mask.
+    pub masked: bool,
+    /// True where it is known that no file holds the view's depth.
+    pub lacks_depth: bool,
+}
+
+/// How a photograph became that of a pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Undistorted {
+    /// COLMAP's name of the lens model.
+    pub model: &'static str,
+    /// How the pinhole camera was chosen, in words.
+    pub camera: &'static str,
+}
+
+/// How many views lack depth.
+pub(crate) fn without_depth(views: &[View]) -> usize {
+    let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
+    lacking.count()
+}
+
+/// What was done to the pixels of a scene and which views lack what others have, a line each.
+pub(crate) fn notes(scene: &Scene) -> Vec<String> {
+    let all = scene.views.len();
+    let mut notes = Vec::new();
+    let mut ways: BTreeMap<Undistorted, Vec<&Intrinsics>> = BTreeMap::new();
+    for view in &scene.views {
+        if let Some(way) = view.content.processing().undistorted {
+            ways.entry(way).or_default().push(&view.intrinsics);
+        }
+    }
+    for (way, cameras) in ways {
+        let camera = if cameras.iter().all(|camera| *camera == cameras[0]) {
+            let k = cameras[0];
+            format!(
+                " (fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}, {}x{})",
+                k.fx, k.fy, k.cx, k.cy, k.width, k.height
+            )
+        } else {
+            String::new()
+        };
+        notes.push(format!(
+            "pictures: {} of {all} undistorted by us, bilinearly, from {} to {}{camera}",
+            cameras.len(),
+            way.model,
+            way.camera
+        ));
+    }
+    let masked = scene.views.iter().filter(|v| v.content.processing().masked);
+    let masked = masked.count();
+    if masked > 0 {
+        notes.push(format!(
+            "masks: {masked} of {all} pictures have one; where it is below 255 they are black and without depth"
+        ));
+    }
+    let lacking = without_depth(&scene.views);
+    if scene.pairing == Pairing::MultiView && (1..all).contains(&lacking) {
+        notes.push(format!(
+            "depth: {lacking} of {all} pictures have none: {}",
+            first_without_depth(&scene.views)
+        ));
+    }
+    notes
+}
+
+/// The file names of the first pictures without depth.
+fn first_without_depth(views: &[View]) -> String {
+    let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
+    let mut names: Vec<String> = lacking
+        .take(4)
+        .map(|view| {
+            let file = view.content.image_file().and_then(|path| path.file_name());
+            file.map_or(view.id.clone(), |name| name.to_string_lossy().into_owned())
+        })
+        .collect();
+    if let Some(more) = names.get_mut(3) {
+        *more = "…".to_owned();
+    }
+    names.join(", ")
+}
