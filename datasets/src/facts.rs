@@ -88,9 +88,10 @@ const FACTS: [Facts; 10] = [
         terms: "non-commercial research without redistribution, beside a CC BY 4.0 notice",
         download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
         size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
-        layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/*.jpg}",
+        layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/000001.jpg ...}; \
+                 cameras.txt or .bin beside the log or in sparse/0, with images.* if it has several",
         table_column: "Tanks and Temples",
-        caveat: "intrinsics were never published: give a COLMAP camera or accept 0.7 of the width",
+        caveat: "intrinsics were never published: give a COLMAP model or accept 0.7 of the width",
     },
     Facts {
         format: "eth3d",
@@ -111,7 +112,7 @@ const FACTS: [Facts; 10] = [
         terms: "yours",
         download: "nothing",
         size: "any",
-        layout: "transforms.json and the pictures it names",
+        layout: "transforms.json (or transforms_train.json) and the pictures it names",
         table_column: "",
         caveat: "the poses' unit is taken as metres; say scale= if it is not",
     },

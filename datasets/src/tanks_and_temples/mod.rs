@@ -119,7 +119,10 @@ impl Place<'_> {
                 "{name}: the pictures are numbered from 0, so block i is taken to be that of picture i"
             ));
         }
-        let cameras = self.cameras(name, spec, &pictures.files[0], &mut notes)?;
+        // The size of a picture that is used, where any is.
+        let first = by_block.files.values().next().copied();
+        let first = first.unwrap_or(&pictures.files[0]);
+        let cameras = self.cameras(name, spec, first, &mut notes)?;
         let mut camera_files = vec![log.clone(), trans];
         camera_files.extend(cameras.files.iter().cloned());
         let mut sizes = CameraSizes::new(spec);
