@@ -147,14 +147,14 @@ fn read_scene(
     if !distorted {
         notes.push("pictures: dslr_images_undistorted, as published".to_owned());
     }
-    notes.push(
-        if processing::without_depth(&views) == views.len() {
+    if stored.is_some() {
+        let said = if processing::without_depth(&views) == views.len() {
             "depth: none in ground_truth_depth/dslr_images"
         } else {
             "depth: ground_truth_depth/dslr_images, each sample carried by us to the pinhole camera"
-        }
-        .to_owned(),
-    );
+        };
+        notes.push(said.to_owned());
+    }
     notes.extend(skipped.notes(&model_folder));
     notes.extend(finder.notes());
     if views.is_empty() {
