@@ -66,7 +66,7 @@ pub fn median_scale(
 }
 
 /// The median; the mean of the two middle values of an even count; `None` of nothing.
-fn median_of(mut values: Vec<f64>) -> Option<f64> {
+pub(super) fn median_of(mut values: Vec<f64>) -> Option<f64> {
     if values.is_empty() {
         return None;
     }
