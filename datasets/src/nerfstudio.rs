@@ -32,6 +32,14 @@ pub(crate) const FORMAT: Format = Format {
             "0.001",
         ),
         Setting::choice(
+            "intrinsics",
+            "whose count where a frame and the file state different ones",
+            &[
+                Choice::new("frame", "the frame's own"),
+                Choice::new("file", "the file's, as in nerfstudio"),
+            ],
+        ),
+        Setting::choice(
             "masks",
             "what becomes of pixels that a mask excludes",
             &[
@@ -110,7 +118,11 @@ fn read_scene(
     (scale, depth_unit): (f64, f64),
 ) -> Result<Scene, DatasetError> {
     root.check(json)?;
-    let file = transforms::read(json)?;
+    let mut file = transforms::read(json)?;
+    let by_file = spec.setting("intrinsics") == "file";
+    if by_file {
+        file.frames.iter_mut().for_each(Frame::prefer_file);
+    }
     let folder = json.parent().unwrap_or(Path::new("."));
     let mut reader = Reader {
         metres: scale / file.applied_scale,
@@ -147,9 +159,13 @@ fn read_scene(
     let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
     if contradicting > 0 {
         notes.push(format!(
-            "{}: {contradicting} frame(s) state intrinsics that differ from the file's, which count \
-             for all frames, as in nerfstudio",
-            json.display()
+            "{}: {contradicting} frame(s) state intrinsics that differ from the file's; {} count",
+            json.display(),
+            if by_file {
+                "the file's"
+            } else {
+                "the frames' (intrinsics=file: the file's, as in nerfstudio)"
+            }
         ));
     }
     if views.is_empty() {

@@ -2,6 +2,7 @@
 //! camera-to-world poses in OpenGL's axes (x right, y up, z backwards).
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::DVec3;
 use serde_json::{Map, Value};
@@ -39,7 +40,10 @@ pub struct Frame {
     /// Camera to world in OpenCV's axes, translation as written; or why it is none.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
-    /// True when the frame states intrinsics that differ from the file's own, which count.
+    /// What the file states for all its frames.
+    shared: Arc<RawIntrinsics>,
+    /// True when the frame states intrinsics that differ from the file's. Its own count, unless
+    /// [`Frame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
 
@@ -93,7 +97,7 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
         .and_then(Value::as_array)
         .ok_or("there is no list of 'frames'")?;
     let test_frames = top.get("test_frames").and_then(Value::as_array);
-    let shared = RawIntrinsics::of(top);
+    let shared = Arc::new(RawIntrinsics::of(top));
     let read = |list: &[Value]| {
         list.iter()
             .enumerate()
@@ -122,7 +126,7 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
     })
 }
 
-fn frame_of(value: &Value, shared: &RawIntrinsics) -> Result<Frame, String> {
+fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, String> {
     let object = value.as_object().ok_or("is not an object")?;
     let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
     let file_path = text("file_path").ok_or("has no 'file_path'")?;
@@ -136,7 +140,8 @@ fn frame_of(value: &Value, shared: &RawIntrinsics) -> Result<Frame, String> {
             .numbers
             .iter()
             .any(|(key, v)| shared.numbers.get(key).is_some_and(|s| s != v)),
-        intrinsics: own.overridden_by(shared),
+        intrinsics: shared.overridden_by(&own),
+        shared: Arc::clone(shared),
         file_path,
         depth_file_path: text("depth_file_path"),
         mask_path: text("mask_path"),
@@ -187,10 +192,9 @@ impl RawIntrinsics {
         Self { numbers }
     }
 
-    /// What the file states for all its frames counts, by nerfstudio's rule; these fill the gaps.
-    fn overridden_by(&self, file: &Self) -> Self {
+    fn overridden_by(&self, other: &Self) -> Self {
         let mut numbers = self.numbers.clone();
-        numbers.extend(file.numbers.iter().map(|(k, v)| (k.clone(), v.clone())));
+        numbers.extend(other.numbers.iter().map(|(k, v)| (k.clone(), v.clone())));
         Self { numbers }
     }
 
@@ -206,6 +210,11 @@ impl RawIntrinsics {
 }
 
 impl Frame {
+    /// From now on what the file states counts before what the frame states: nerfstudio's rule.
+    pub fn prefer_file(&mut self) {
+        self.intrinsics = self.intrinsics.overridden_by(&self.shared);
+    }
+
     /// Width and height as stated, if they are.
     ///
     /// # Errors
@@ -381,12 +390,17 @@ mod tests {
     }
 
     #[test]
-    fn what_the_file_states_counts_for_all_frames() {
-        let file = one("\"fl_x\": 5,", "\"fl_x\": 6, \"cx\": 3,");
-        let frame = &file.frames[0];
+    fn a_frames_intrinsics_count_unless_the_files_are_preferred() {
+        let mut file = one("\"fl_x\": 5,", "\"fl_x\": 6, \"cx\": 3,");
+        let frame = &mut file.frames[0];
         assert!(frame.contradicts_file);
-        let k = frame.lens((8, 8)).unwrap().intrinsics();
-        assert_eq!((k.fx, k.cx, k.cy), (5.0, 3.0, 4.0));
+        let numbers = |frame: &Frame| {
+            let k = frame.lens((8, 8)).unwrap().intrinsics();
+            (k.fx, k.cx, k.cy)
+        };
+        assert_eq!(numbers(frame), (6.0, 3.0, 4.0));
+        frame.prefer_file();
+        assert_eq!(numbers(frame), (5.0, 3.0, 4.0));
         assert!(!one("\"fl_x\": 5,", "\"fl_x\": 5,").frames[0].contradicts_file);
     }
 
