@@ -79,6 +79,10 @@ fn row_json(row: &Alternative) -> Value {
     })
 }
 
+/// Settings that are no readings of the paper: which files may be opened, and what becomes of pictures that are not their
+/// camera's size.
+const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
+
 /// Each dataset under every other choice of its settings, opened as far as its files allow.
 pub(super) fn readings(
     datasets: &[OpenDataset],
@@ -89,8 +93,8 @@ pub(super) fn readings(
         let spec = DatasetSpec::parse(&dataset.spec)?;
         let format = formats().iter().find(|format| format.name == spec.format);
         let settings = format.map_or(&[][..], |format| format.settings);
-        // Which files may be opened is no reading of the paper.
-        for setting in settings.iter().filter(|setting| setting.key != "outside") {
+        let of_paper = settings.iter().filter(|s| !NO_READINGS.contains(&s.key));
+        for setting in of_paper {
             let others = setting.choices.iter().map(|choice| choice.value);
             for value in others.filter(|value| *value != spec.setting(setting.key)) {
                 let mut other = spec.clone();
