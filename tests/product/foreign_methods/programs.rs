@@ -1,0 +1,219 @@
+//! Someone's program, asked pair by pair.
+
+use super::*;
+
+/// A program in shell: the n-th pair that it is ever asked for decides what it does; it hands back the source.
+#[cfg(unix)]
+const PROGRAM: &str = r#"
+echo "hello from $$" >&2
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed "s/.*\"$1\":\"\([^\"]*\)\",\"$2\".*/\1/"; }
+  id=$(field pair_id source_picture); source=$(field source_picture write_to); to=$(field write_to pair)
+  n=$(($(cat count 2>/dev/null || echo 0) + 1)); echo $n > count
+  case $n in
+    2) echo "out of memory" >&2; exit 3 ;;
+    3) echo "Loading checkpoint shards" ; continue ;;
+    4) cp small.png "$to" ;;
+    5) sleep 1000 ;;
+    6) echo "{\"pair_id\":\"$id\",\"error\":\"no face found\"}"; continue ;;
+    7) echo "{\"pair_id\":\"$id\"}"; continue ;;
+    *) cp "$source" "$to" ;;
+  esac
+  echo "{\"pair_id\":\"$id\",\"extras\":{\"steps\":$n}}"
+done
+echo "input ended" >&2
+"#;
+
+#[cfg(unix)]
+#[test]
+fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("my.sh"), PROGRAM).unwrap();
+    RgbImage::new(5, 5).save(dir.join("small.png")).unwrap();
+    let method = [
+        "--method",
+        "command:label=mine,run='sh my.sh',timeout=8",
+        "--method",
+        "copy",
+        "--limit",
+        "9",
+    ];
+    let said = run(dir, "r", &method).ends_with(4);
+    assert!(said.err.contains("6 of 18 units failed"), "{}", said.err);
+    let found = scores(dir, "r");
+    let (mine, copy) = (&found["mine"], &found["copy"]);
+    for (n, part) in [
+        (2, "exit status: 3"),
+        (2, "out of memory"),
+        (3, "Loading checkpoint"),
+        (4, "5x5"),
+        (5, "no answer within 8 s"),
+        (6, "no face found"),
+        (7, "prediction.png"),
+    ] {
+        let row = &mine[n - 1];
+        assert_eq!(row["status"], "failed", "{n}");
+        assert!(row["reason"].contains(part), "{n}: {}", row["reason"]);
+    }
+    for n in [1, 8, 9] {
+        assert_eq!(
+            mine[n - 1]["status"],
+            "ok",
+            "{n}: {}",
+            mine[n - 1]["reason"]
+        );
+        assert_eq!(mine[n - 1]["psnr"], copy[n - 1]["psnr"]);
+        assert_eq!(mine[n - 1]["steps"], n.to_string());
+    }
+    // Started at first, then after the crash, the noise and the silence.
+    let log = read(dir.join("r/logs/mine.log"));
+    let count = |text: &str| log.lines().filter(|l| l.contains(text)).count();
+    assert_eq!(count("== started: sh my.sh"), 4, "{log}");
+    assert_eq!(count("hello from"), 4, "{log}");
+    assert_eq!(count("input ended"), 1, "{log}");
+
+    // Only what failed is asked again; a changed script is another method.
+    let json = run(dir, "r", &[&method[..], &["--json"]].concat())
+        .ends_with(0)
+        .json();
+    assert_eq!((&json["reused"], &json["failed"]), (&12.into(), &0.into()));
+    std::fs::write(dir.join("my.sh"), format!("{PROGRAM}#\n")).unwrap();
+    let json = run(dir, "r", &[&method[..], &["--json"]].concat())
+        .ends_with(0)
+        .json();
+    assert_eq!(json["reused"], 9);
+    let identity = json["manifest"]["methods"][0]["identity"].as_str().unwrap();
+    assert_eq!(identity, "command(run=sh my.sh,version=)");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_program_may_serve_one_pair_only() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = PROGRAM.replace(
+        "while IFS= read -r line; do",
+        "IFS= read -r line; for x in 1; do",
+    );
+    std::fs::write(dir.path().join("one.sh"), script).unwrap();
+    std::fs::write(dir.path().join("count"), "10").unwrap();
+    let method = ["--method", "command:run='sh one.sh'", "--limit", "3"];
+    run(dir.path(), "r", &method).ends_with(0);
+    let log = read(dir.path().join("r/logs/command.log"));
+    assert_eq!(log.matches("== started").count(), 3, "{log}");
+}
+
+#[test]
+fn programs_that_are_not_there_fail_pair_by_pair() {
+    let dir = tempfile::tempdir().unwrap();
+    let method = [
+        "--method",
+        "command:run=no-such-program-here",
+        "--limit",
+        "2",
+    ];
+    run(dir.path(), "r", &method).ends_with(4);
+    for row in &scores(dir.path(), "r")["command"] {
+        assert!(
+            row["reason"].contains("no-such-program-here"),
+            "{}",
+            row["reason"]
+        );
+    }
+    for (method, part) in [
+        ("command", "run="),
+        ("command:run=x,timeout=never", "timeout=never"),
+        ("command:run=x,speed=2", "speed"),
+    ] {
+        run(dir.path(), "s", &["--method", method]).is_error_with(&[part]);
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_program_dies_with_the_run() {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(
+        dir.path().join("my.sh"),
+        "echo $$ > pid.new; mv pid.new pid; exec sleep 1000",
+    )
+    .unwrap();
+    let mut run = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
+        .args([
+            "run",
+            "--dataset",
+            DATASET,
+            "--metrics",
+            "psnr",
+            "--out",
+            "r",
+        ])
+        .args(["--method", "command:run='exec sh my.sh'"])
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let wait = |what: &str, done: &dyn Fn() -> bool| {
+        let start = Instant::now();
+        while !done() {
+            assert!(start.elapsed() < Duration::from_secs(60), "{what}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    wait("the program did not start", &|| {
+        dir.path().join("pid").exists()
+    });
+    let pid = read(dir.path().join("pid"));
+    let process = format!("/proc/{}/comm", pid.trim());
+    assert!(Path::new(&process).exists());
+    // SIGKILL: nothing of the run is left to end its program.
+    run.kill().unwrap();
+    run.wait().unwrap();
+    wait("the program outlived the run", &|| {
+        std::fs::read_to_string(&process).map_or(true, |name| name.trim() != "sleep")
+    });
+}
+
+/// The README's Python program, with a model that copies.
+#[cfg(unix)]
+#[test]
+#[ignore = "needs python3"]
+fn the_python_program_of_the_readme_is_a_method() {
+    let dir = tempfile::tempdir().unwrap();
+    let model = r#"
+import shutil
+
+class Copy:
+    def __init__(self, path):
+        self.path = path
+
+    def save(self, path):
+        shutil.copy(self.path, path)
+
+def predict(path, pair):
+    assert len(pair["K_s"]) == 9 and len(pair["target_from_source"]) == 16
+    return Copy(path)
+"#;
+    let readme = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md"));
+    let program = readme.split("```python").nth(1).unwrap();
+    let program = program.split("```").next().unwrap();
+    std::fs::write(dir.path().join("my.py"), format!("{model}{program}")).unwrap();
+    let methods = [
+        "--method",
+        "command:label=mine,run='python3 my.py'",
+        "--method",
+        "copy",
+        "--limit",
+        "5",
+    ];
+    run(dir.path(), "r", &methods).ends_with(0);
+    let found = scores(dir.path(), "r");
+    assert_eq!(found["mine"].len(), 5);
+    for (mine, copy) in found["mine"].iter().zip(&found["copy"]) {
+        assert_eq!(mine["psnr"], copy["psnr"]);
+        assert_eq!(mine["steps"], "50");
+    }
+}

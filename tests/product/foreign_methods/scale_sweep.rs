@@ -1,0 +1,121 @@
+//! The best of several scales.
+
+use super::*;
+
+#[test]
+fn the_best_of_several_scales_is_chosen_by_dists_and_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let ids = truth(dir, "2");
+    for (id, best) in ids.iter().zip(["0.5", "2"]) {
+        for scale in ["0.5", "1", "2"] {
+            let mut image = picture(dir, id);
+            if scale != best {
+                image = imageops::blur(&image, 3.0);
+            }
+            save(dir, &format!("scales/{scale}"), id, &image);
+        }
+    }
+    let sweep = [
+        "--limit",
+        "2",
+        "--method",
+        "imported:label=lvsm,dir=scales,scales=0.5+1+2",
+    ];
+    run(dir, "r", &sweep).is_error_with(&["--scale-sweep"]);
+    // A run must not find weights of the machine it is tested on.
+    let said = sharp_bench(
+        dir,
+        &[
+            &["run", "--dataset", DATASET, "--out", "r", "--scale-sweep"],
+            &sweep[..],
+        ]
+        .concat(),
+    );
+    said.is_error_with(&["DISTS", "--weights vgg16="]);
+
+    let weights = format!("vgg16={}", vgg16(dir).display());
+    let args = [&sweep[..], &["--scale-sweep", "--weights", &weights]].concat();
+    let said = run(dir, "r", &args).ends_with(0);
+    assert!(
+        said.out.contains("best of 3 scales by DISTS"),
+        "{}",
+        said.out
+    );
+    let found = scores(dir, "r");
+    let chosen: Vec<&str> = found["lvsm"]
+        .iter()
+        .map(|r| r["best_scale"].as_str())
+        .collect();
+    assert_eq!(chosen, ["0.5", "2"]);
+    assert!(
+        found["lvsm"]
+            .iter()
+            .all(|r| r["psnr"] == "inf" && r["scales_tried"] == "3")
+    );
+    let manifest: serde_json::Value =
+        serde_json::from_str(&read(dir.join("r/manifest.json"))).unwrap();
+    let identity = manifest["methods"][0]["identity"].as_str().unwrap();
+    assert!(
+        identity.contains("best of scales 0.5+1+2 by dists vgg16="),
+        "{identity}"
+    );
+
+    // The best of fewer would be another number.
+    std::fs::remove_file(dir.join(format!("scales/1/{}.png", ids[0]))).unwrap();
+    run(dir, "r", &args).ends_with(4);
+    assert!(scores(dir, "r")["lvsm"][0]["reason"].contains("no picture"));
+    for (scales, part) in [("1+1", "twice"), ("1+big", "positive"), ("1+7", "7")] {
+        let method = format!("imported:dir=scales,scales={scales}");
+        run(
+            dir,
+            "s",
+            &["--method", &method, "--scale-sweep", "--weights", &weights],
+        )
+        .is_error_with(&[part]);
+    }
+}
+
+/// Deterministic weights in VGG16's shapes.
+fn vgg16(dir: &Path) -> std::path::PathBuf {
+    use safetensors::tensor::{Dtype, TensorView};
+    let mut tensors: Vec<(String, Vec<usize>, Vec<u8>)> = Vec::new();
+    let mut inputs = 3;
+    for (index, outputs) in [
+        (0, 64),
+        (2, 64),
+        (5, 128),
+        (7, 128),
+        (10, 256),
+        (12, 256),
+        (14, 256),
+        (17, 512),
+        (19, 512),
+        (21, 512),
+        (24, 512),
+        (26, 512),
+        (28, 512),
+    ] {
+        for (kind, shape) in [
+            ("weight", vec![outputs, inputs, 3, 3]),
+            ("bias", vec![outputs]),
+        ] {
+            let name = format!("features.{index}.{kind}");
+            let values = sharp_checkpoint::deterministic::backbone_weights(
+                "",
+                &format!("vgg16.{name}"),
+                &shape,
+            );
+            let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            tensors.push((name, shape, bytes));
+        }
+        inputs = outputs;
+    }
+    let views = tensors.iter().map(|(name, shape, bytes)| {
+        let view = TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap();
+        (name.as_str(), view)
+    });
+    let path = dir.join("vgg16.safetensors");
+    std::fs::write(&path, safetensors::serialize(views, None).unwrap()).unwrap();
+    path
+}

@@ -1,0 +1,190 @@
+//! `pairs export`, `cameras export`.
+
+use super::*;
+
+#[test]
+fn exported_pairs_are_what_is_scored() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "p.csv", &[]).ends_with(0);
+    let export = |more: &[&str]| {
+        let args = [
+            "pairs",
+            "export",
+            "--pairs",
+            "p.csv",
+            "--dataset",
+            SYNTHETIC,
+            "--limit",
+            "3",
+            "--out",
+            "e",
+            "--json",
+        ];
+        sharp_bench(dir.path(), &[&args[..], more].concat())
+    };
+    let json = export(&[]).ends_with(0).json();
+    assert_eq!((&json["written"], &json["kept"]), (&3.into(), &0.into()));
+    let list = read(dir.path().join("p.csv"));
+    let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
+    let folder = dir.path().join("e").join(id);
+    let pair: serde_json::Value = serde_json::from_str(&read(folder.join("pair.json"))).unwrap();
+    assert_eq!(pair["pair_id"], id);
+    assert_eq!(pair["prediction"]["file"], format!("{id}.png"));
+    assert_eq!(pair["prediction"]["width"], 96);
+    for (key, n) in [("K_s", 9), ("K_t", 9), ("target_from_source", 16)] {
+        assert_eq!(pair[key].as_array().unwrap().len(), n, "{key}");
+    }
+    assert!(
+        pair["conventions"]["pixels"]
+            .as_str()
+            .unwrap()
+            .contains("0.5")
+    );
+    assert!(!folder.join("target.png").exists());
+
+    // The exported source, handed back, is what `copy` predicts.
+    let predictions = dir.path().join("predictions");
+    for line in list.lines().skip(1).take(3) {
+        let id = line.split(',').next().unwrap();
+        let to = predictions.join(format!("{id}.png"));
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        std::fs::copy(dir.path().join("e").join(id).join("source.png"), to).unwrap();
+    }
+    let run = [
+        "run",
+        "--dataset",
+        SYNTHETIC,
+        "--pairs",
+        "p.csv",
+        "--limit",
+        "3",
+        "--metrics",
+        "psnr",
+        "--method",
+        "copy",
+        "--method",
+        "imported:label=mine,dir=predictions",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &run).ends_with(0);
+    let scores = read(dir.path().join("r/scores.csv"));
+    let psnr = |method: &str| -> Vec<&str> {
+        let rows = scores.lines().filter(|l| l.contains(method));
+        rows.map(|l| l.split(',').nth(11).unwrap()).collect()
+    };
+    assert_eq!(psnr(",copy,"), psnr(",mine,"));
+    assert_eq!(psnr(",mine,").len(), 3);
+
+    // Again: nothing to do. More asked for, or a file damaged: done anew.
+    assert_eq!(export(&[]).ends_with(0).json()["kept"], 3);
+    let before = modified(&folder.join("pair.json"));
+    std::fs::write(folder.join("source.png"), b"half").unwrap();
+    let json = export(&[]).ends_with(0).json();
+    assert_eq!((&json["written"], &json["kept"]), (&1.into(), &2.into()));
+    assert!(modified(&folder.join("pair.json")) >= before);
+    image::open(folder.join("source.png")).unwrap();
+    let json = export(&["--with", "target,depth"]).ends_with(0).json();
+    assert_eq!(json["written"], 3);
+    for name in ["target.png", "source_depth.npy", "target_depth.npy"] {
+        assert!(folder.join(name).is_file(), "{name}");
+    }
+    let depth = sharp_datasets::format::npy::read(&folder.join("target_depth.npy")).unwrap();
+    assert_eq!(depth.dimensions(), (96, 72));
+    // No stray files of an interrupted write.
+    for entry in std::fs::read_dir(&folder).unwrap() {
+        let name = entry.unwrap().file_name();
+        assert!(!name.to_string_lossy().starts_with('.'), "{name:?}");
+    }
+}
+
+#[test]
+fn exports_that_cannot_work_say_why() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "p.csv", &["--pair-options", "limit=0"]).ends_with(4);
+    let export = |dataset: &str, out: &str| {
+        let args = [
+            "pairs",
+            "export",
+            "--pairs",
+            "p.csv",
+            "--dataset",
+            dataset,
+            "--out",
+            out,
+        ];
+        sharp_bench(dir.path(), &args)
+    };
+    export(SYNTHETIC, "e").is_error_with(&["p.csv", "selected", "--all"]);
+    export("T:synthetic=size=96x72,views=12", "e").is_error_with(&["p.csv:2", "'S'"]);
+    std::fs::write(dir.path().join("file"), b"x").unwrap();
+    build(dir.path(), "p.csv", &[]).ends_with(0);
+    export(SYNTHETIC, "file").is_error_with(&["file"]);
+    assert!(!dir.path().join("e").exists());
+}
+
+#[test]
+fn views_are_exported_with_their_cameras() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = [
+        "cameras",
+        "export",
+        "--dataset",
+        SYNTHETIC,
+        "--out",
+        "v",
+        "--json",
+    ];
+    let json = sharp_bench(dir.path(), &args).ends_with(0).json();
+    assert_eq!((&json["views"], &json["written"]), (&12.into(), &12.into()));
+    assert_eq!(sharp_bench(dir.path(), &args).json()["kept"], 12);
+    let scene = DatasetSpec::parse(SYNTHETIC).unwrap();
+    let scene = sharp_datasets::open(&scene).unwrap().remove(0);
+    for view in &scene.views {
+        let path = find(&dir.path().join("v/S"), &format!("{}.json", view.id));
+        let camera: serde_json::Value = serde_json::from_str(&read(&path)).unwrap();
+        assert!(!camera["conventions"].is_null());
+        // What `render --camera` reads.
+        let (intrinsics, camera_from_world) = CameraFile::read(&path).unwrap();
+        assert_eq!(intrinsics, view.intrinsics);
+        assert_eq!(camera_from_world, view.camera_from_world.to_affine());
+    }
+}
+
+#[test]
+fn depth_is_exported_where_there_is_some() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let build = ["pairs", "--dataset", &dataset, "--out", "p.csv"];
+    sharp_bench(dir.path(), &build).ends_with(0);
+    let export = || {
+        let args = ["pairs", "export", "--pairs", "p.csv", "--dataset", &dataset];
+        let more = ["--with", "depth", "--out", "e", "--json"];
+        sharp_bench(dir.path(), &[&args[..], &more].concat()).ends_with(0)
+    };
+    let stale = find(&data, "im0.png");
+    let list = read(dir.path().join("p.csv"));
+    let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
+    let folder = dir.path().join("e").join(id);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(stale, folder.join("target_depth.npy")).unwrap();
+    let said = export();
+    assert!(said.err.contains("1 view without depth"), "{}", said.err);
+    let json = said.json();
+    assert_eq!(
+        (&json["written"], &json["without_depth"]),
+        (&1.into(), &1.into())
+    );
+    assert!(folder.join("source_depth.npy").is_file());
+    assert!(!folder.join("target_depth.npy").exists());
+    let pair: serde_json::Value = serde_json::from_str(&read(folder.join("pair.json"))).unwrap();
+    let files: Vec<&String> = pair["files"].as_object().unwrap().keys().collect();
+    assert_eq!(files, ["source.png", "source_depth.npy"]);
+    // What is kept lacks it just as well.
+    let json = export().json();
+    assert_eq!(
+        (&json["kept"], &json["without_depth"]),
+        (&1.into(), &1.into())
+    );
+}

@@ -1,0 +1,172 @@
+//! Lists: why they are empty, what they say of their choices, compared and verified.
+
+use super::*;
+
+#[test]
+fn lists_are_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "a.csv", &[]).ends_with(0);
+    build(dir.path(), "b.csv", &["--pair-options", "threshold=0.8"]).ends_with(0);
+    let diff = |b: &str, more: &[&str]| {
+        sharp_bench(
+            dir.path(),
+            &[&["pairs", "diff", "a.csv", b][..], more].concat(),
+        )
+    };
+    let same = diff("a.csv", &["--json"]).ends_with(0).json();
+    assert_eq!(same["same"], true);
+    assert_eq!(same["equal"], same["first"]["pairs"]);
+
+    let json = diff("b.csv", &["--json"]).ends_with(4).json();
+    let (a, b) = (&json["first"]["pairs"], &json["second"]["pairs"]);
+    assert!(b.as_u64() < a.as_u64(), "{json}");
+    assert_eq!(json["only_second"].as_array().unwrap().len(), 0);
+    let gone = json["only_first"].as_array().unwrap().len() as u64;
+    assert_eq!(a.as_u64().unwrap() - gone, json["equal"].as_u64().unwrap());
+
+    let list = read(dir.path().join("a.csv"));
+    std::fs::write(
+        dir.path().join("c.csv"),
+        list.replacen(",true\n", ",false\n", 1),
+    )
+    .unwrap();
+    let json = diff("c.csv", &["--json"]).ends_with(4).json();
+    assert_eq!(json["changed"].as_array().unwrap().len(), 1);
+    assert_eq!(
+        json["changed"][0]["columns"]["selected"],
+        serde_json::json!(["true", "false"])
+    );
+    let said = diff("c.csv", &[]).ends_with(4);
+    assert!(said.out.contains("selected true -> false"), "{}", said.out);
+    assert!(said.out.contains("1 different"), "{}", said.out);
+
+    diff("nowhere.csv", &[]).is_error_with(&["nowhere.csv"]);
+    std::fs::write(dir.path().join("d.csv"), "pair_id\nx\n").unwrap();
+    diff("d.csv", &[]).is_error_with(&["d.csv:1", "columns"]);
+}
+
+#[test]
+fn lists_are_verified_against_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let build = ["pairs", "--dataset", &dataset, "--out", "p.csv"];
+    sharp_bench(dir.path(), &build).ends_with(0);
+    let verify = |more: &[&str]| {
+        let args = ["pairs", "verify", "p.csv", "--dataset", &dataset];
+        sharp_bench(dir.path(), &[&args[..], more].concat())
+    };
+    let json = verify(&["--json"]).ends_with(0).json();
+    assert_eq!(json["good"], true);
+    assert_eq!(json["photographs"], 2);
+    assert_eq!(json["equal"], 2);
+
+    // Another photograph, and a calibration of another day.
+    let picture = find(&data, "im1.png");
+    let mut image = image::open(&picture).unwrap().to_rgb8();
+    image.put_pixel(0, 0, image::Rgb([1, 2, 3]));
+    image.save(&picture).unwrap();
+    let calibration = find(&data, "calib.txt");
+    let text = read(&calibration);
+    let baseline = text.lines().find(|l| l.starts_with("baseline=")).unwrap();
+    std::fs::write(&calibration, text.replace(baseline, "baseline=200")).unwrap();
+    let json = verify(&["--json"]).ends_with(4).json();
+    assert_eq!(json["good"], false);
+    assert_eq!(json["different"][0]["view"], "im1");
+    assert_eq!(json["different"].as_array().unwrap().len(), 1);
+    assert_eq!(json["moved"][0]["baseline_m"][1], 0.2);
+    let said = verify(&[]).ends_with(4);
+    assert!(said.out.contains("another photograph: M/"), "{}", said.out);
+    assert!(said.out.contains("other cameras: M/"), "{}", said.out);
+
+    // What is not there is named, and is no reason to stop.
+    let other = ["pairs", "verify", "p.csv", "--dataset", SYNTHETIC, "--json"];
+    let json = sharp_bench(dir.path(), &other).ends_with(4).json();
+    assert_eq!(json["absent"][0], "dataset 'M' is not given; given: S");
+}
+
+#[test]
+fn an_empty_list_says_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = build(dir.path(), "p.csv", &["--pair-options", "threshold=2"]).ends_with(4);
+    assert!(dir.path().join("p.csv").is_file());
+    let warning = said
+        .err
+        .lines()
+        .find(|line| line.starts_with("warning: S:"));
+    let warning = warning.unwrap_or_else(|| panic!("{}", said.err));
+    assert!(warning.contains("above threshold=2"), "{warning}");
+    let more = ["--pair-options", "threshold=2", "--json"];
+    let json = build(dir.path(), "p.csv", &more).ends_with(4).json();
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 1);
+    let run = [
+        "run",
+        "--dataset",
+        SYNTHETIC,
+        "--method",
+        "copy",
+        "--metrics",
+        "psnr",
+    ];
+    let run = [
+        &run[..],
+        &["--pair-options", "min-baseline=9", "--out", "r"],
+    ]
+    .concat();
+    sharp_bench(dir.path(), &run).is_error_with(&["no pair to evaluate", "min-baseline=9"]);
+    // Nothing amiss, nothing said.
+    let json = build(dir.path(), "p.csv", &["--json"]).ends_with(0).json();
+    assert_eq!(json["warnings"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn choices_that_differ_from_the_paper_are_marked() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let dataset = format!("M:middlebury={}", data.display());
+    let run = |options: &str, out: &str| {
+        let args = ["run", "--dataset", &dataset, "--pair-options", options];
+        let more = ["--method", "copy", "--metrics", "psnr", "--out", out];
+        sharp_bench(dir.path(), &[&args[..], &more].concat()).ends_with(0);
+        sharp_bench(dir.path(), &["report", out]).ends_with(0);
+        let manifest: serde_json::Value =
+            serde_json::from_str(&read(dir.path().join(out).join("manifest.json"))).unwrap();
+        let tables = dir.path().join(out).join("report");
+        (
+            manifest,
+            read(find(&tables, "scores.md")),
+            read(find(&tables, "report.md")),
+        )
+    };
+    let (manifest, table, report) = run("min-baseline=0.001,seed=3", "a");
+    let proxies = &manifest["pairs"]["proxies"];
+    assert_eq!(proxies, &serde_json::json!(["min-baseline=0.001"]));
+    assert!(table.contains("M<sup>a</sup><br>PSNR"), "{table}");
+    assert!(table.contains("proxy of the paper's column"), "{table}");
+    assert!(
+        report.contains("| min-baseline | 0.001 (proxy: differs from the paper) |"),
+        "{report}"
+    );
+    assert!(report.contains("| seed | 3 |"), "{report}");
+    let (manifest, table, _) = run("seed=3", "b");
+    assert!(manifest["pairs"]["proxies"].is_null());
+    assert!(table.contains("M<br>PSNR"), "{table}");
+
+    build(dir.path(), "p.csv", &["--pair-options", "threshold=0.5"]).ends_with(0);
+    let beside: serde_json::Value =
+        serde_json::from_str(&read(dir.path().join("p.csv.json"))).unwrap();
+    assert_eq!(beside["proxies"], serde_json::json!(["threshold=0.5"]));
+}
+
+#[test]
+fn help_lists_what_each_choice_may_be() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = sharp_bench(dir.path(), &["pairs", "--help"]).ends_with(0);
+    for part in [
+        "sets           consecutive, strided, whole, random:SEED\n",
+        "limit          all or a number\n                 default 512; pairs of a dataset",
+        "at-threshold   out, in\n                 default out; ",
+    ] {
+        assert!(said.out.contains(part), "{}", said.out);
+    }
+}

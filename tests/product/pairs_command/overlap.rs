@@ -1,0 +1,204 @@
+//! Whose depth decides overlap, and what is kept of it.
+
+use super::*;
+
+#[test]
+fn overlaps_are_kept_and_change_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "fresh.csv", &["--no-cache"]).ends_with(0);
+    assert!(!dir.path().join("c").exists());
+    build(dir.path(), "first.csv", &["--cache", "c"]).ends_with(0);
+    let tables = files(&dir.path().join("c"));
+    assert_eq!(tables.len(), 1);
+    let before = modified(&tables[0]);
+    build(dir.path(), "second.csv", &["--cache", "c"]).ends_with(0);
+    assert_eq!(modified(&tables[0]), before);
+    std::fs::write(&tables[0], b"{").unwrap();
+    let said = build(dir.path(), "third.csv", &["--cache", "c"]).ends_with(0);
+    assert!(said.err.contains("warning: c/"), "{}", said.err);
+    assert!(said.err.contains("measured anew"), "{}", said.err);
+    let fresh = read(dir.path().join("fresh.csv"));
+    for list in ["first.csv", "second.csv", "third.csv"] {
+        assert_eq!(read(dir.path().join(list)), fresh, "{list}");
+    }
+    let both = build(dir.path(), "x.csv", &["--cache", "c", "--no-cache"]);
+    assert_eq!(both.code, 2, "{}", both.err);
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().path());
+    let mut found = Vec::new();
+    for path in entries {
+        if path.is_dir() {
+            found.extend(files(&path));
+        } else {
+            found.push(path);
+        }
+    }
+    found
+}
+
+#[test]
+fn somebody_elses_depth_decides_overlap_and_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "truth.csv", &["--no-cache"]).ends_with(0);
+    // The true depth in another unit, as a prediction of the right shape has it.
+    let export = [
+        "pairs",
+        "export",
+        "--pairs",
+        "truth.csv",
+        "--all",
+        "--dataset",
+        SYNTHETIC,
+        "--out",
+        "e",
+        "--with",
+        "depth",
+    ];
+    sharp_bench(dir.path(), &export).ends_with(0);
+    let list = read(dir.path().join("truth.csv"));
+    for line in list.lines().skip(1) {
+        let id = line.split(',').next().unwrap();
+        let (stem, _) = id.split_once("__").unwrap();
+        let from = dir.path().join("e").join(id).join("source_depth.npy");
+        let mut depth = sharp_datasets::format::npy::read(&from).unwrap();
+        depth.iter_mut().for_each(|z| *z *= 0.25);
+        let to = dir.path().join("mono").join(format!("{stem}.npy"));
+        std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+        sharp_datasets::format::npy::write(&to, &depth).unwrap();
+    }
+    let mono = ["--overlap-depth", "mono", "--no-cache"];
+    let json = build(dir.path(), "mono.csv", &[&mono[..], &["--json"]].concat())
+        .ends_with(0)
+        .json();
+    assert_eq!(json["overlap_depth"], "given,median-scaled-to-ground-truth");
+    assert!(json["options"].as_str().unwrap().contains("overlap=given"));
+    assert!(
+        json["overlap_depth_maps"]
+            .as_str()
+            .unwrap()
+            .contains("maps, sha256 ")
+    );
+    // Scaled back, it is the truth: the same pairs with the same overlap to rounding.
+    let ids = |name: &str| -> Vec<String> {
+        let text = read(dir.path().join(name));
+        let lines = text.lines().skip(1);
+        lines
+            .map(|l| l.split(',').next().unwrap().to_owned())
+            .collect()
+    };
+    assert_eq!(ids("mono.csv"), ids("truth.csv"));
+    // As it is, it would put every surface at a quarter of its distance.
+    let metric = [&mono[..], &["--pair-options", "overlap=given-metric"]].concat();
+    build(dir.path(), "metric.csv", &metric).ends_with(4);
+    assert_ne!(ids("metric.csv"), ids("truth.csv"));
+
+    // A run says where its overlap comes from, also with a list that was built before.
+    let run = |out: &str, pairs: &[&str]| {
+        let args = [
+            "run",
+            "--dataset",
+            SYNTHETIC,
+            "--method",
+            "copy",
+            "--metrics",
+            "psnr",
+            "--limit",
+            "1",
+            "--out",
+            out,
+        ];
+        sharp_bench(dir.path(), &[&args[..], pairs].concat()).ends_with(0);
+        let manifest: serde_json::Value =
+            serde_json::from_str(&read(dir.path().join(out).join("manifest.json"))).unwrap();
+        manifest["pairs"]["options"].clone()
+    };
+    let built = run("built", &mono);
+    assert_eq!(
+        built["overlap depth"],
+        "given,median-scaled-to-ground-truth"
+    );
+    assert_eq!(run("given", &["--pairs", "mono.csv"]), built);
+    sharp_bench(dir.path(), &["report", "built"]).ends_with(0);
+    let report = read(dir.path().join("built/report/report.md"));
+    assert!(report.contains("median-scaled-to-ground-truth"), "{report}");
+
+    let wrong = |more: &[&str], parts: &[&str]| {
+        build(dir.path(), "x.csv", more).is_error_with(parts);
+        assert!(!dir.path().join("x.csv").exists());
+    };
+    wrong(
+        &["--overlap-depth", "nowhere"],
+        &["nowhere", "not a folder"],
+    );
+    std::fs::create_dir(dir.path().join("empty")).unwrap();
+    wrong(&["--overlap-depth", "empty"], &["not one view"]);
+    wrong(
+        &["--pair-options", "overlap=given"],
+        &["--overlap-depth DIR"],
+    );
+    let both = [
+        "--overlap-depth",
+        "mono",
+        "--pair-options",
+        "overlap=sparse",
+    ];
+    wrong(&both, &["does not take"]);
+}
+
+#[test]
+fn a_checkpoint_decides_overlap_and_is_not_judged_on_its_own_choice() {
+    let dir = tempfile::tempdir().unwrap();
+    let golden = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/golden/model");
+    let model = golden.join("tiny_model.pt").display().to_string();
+    let config = golden.join("tiny_config.json#tiny").display().to_string();
+    let options = [
+        "--pair-options",
+        "overlap=sharp-release,threshold=0",
+        "--overlap-checkpoint",
+        &model,
+        "--overlap-config",
+        &config,
+        "--no-cache",
+    ];
+    let json = build(dir.path(), "p.csv", &[&options[..], &["--json"]].concat())
+        .ends_with(0)
+        .json();
+    let depth = json["overlap_depth"].as_str().unwrap();
+    assert!(
+        depth.starts_with("first layer of another network(checkpoint sha256 "),
+        "{depth}"
+    );
+    let method = format!("sharp:checkpoint={model},config={config}");
+    let run = [
+        "run",
+        "--dataset",
+        SYNTHETIC,
+        "--pairs",
+        "p.csv",
+        "--metrics",
+        "psnr",
+        "--limit",
+        "1",
+        "--method",
+        &method,
+        "--method",
+        "copy",
+        "--out",
+        "r",
+    ];
+    sharp_bench(dir.path(), &run).is_error_with(&["method 'sharp' is evaluated with"]);
+    // Without the official file nothing stands in for it.
+    let absent = [
+        "--pair-options",
+        "overlap=sharp-release",
+        "--overlap-checkpoint",
+        "no.pt",
+    ];
+    build(dir.path(), "q.csv", &absent).is_error_with(&["no.pt"]);
+    let useless = ["--overlap-checkpoint", model.as_str()];
+    build(dir.path(), "q.csv", &useless).is_error_with(&["overlap=sharp-release"]);
+}
