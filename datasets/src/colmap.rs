@@ -14,7 +14,8 @@ use crate::depth::{Encoding, Resampling};
 use crate::files::Root;
 use crate::finder::Finder;
 use crate::format::colmap;
-use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
+use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
+use crate::skipped::Skipped;
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{self, Root};
-use crate::posed::{first_few, is_picture_extension};
+use crate::posed::is_picture_extension;
+use crate::skipped::first_few;
 
 /// Lower-case stems of a folder's files, and the files that have them, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;

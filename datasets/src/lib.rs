@@ -47,6 +47,7 @@ mod rig;
 mod scan;
 mod scannetpp;
 mod search;
+mod skipped;
 pub mod spec;
 mod stereo;
 pub mod synthetic;

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use crate::depth::StereoGeometry;
 use crate::files::Root;
 use crate::format::{calib, picture};
-use crate::posed::Skipped;
 use crate::rig::Side;
+use crate::skipped::Skipped;
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene, View};
 

@@ -16,7 +16,8 @@ use crate::finder::Finder;
 use crate::format::picture;
 use crate::format::transforms::{self, Frame};
 use crate::mask::Mask;
-use crate::posed::{self, Depth, Pinhole, Posed, Skipped, frame_id};
+use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
+use crate::skipped::Skipped;
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene};
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{Root, list};
-use crate::posed::Skipped;
+use crate::skipped::Skipped;
 
 const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
 const LINK_NOWHERE: &str = "a symbolic link leads nowhere";

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::posed::Skipped;
+use crate::skipped::Skipped;
 use crate::{DatasetError, Scene};
 
 /// One dataset format.

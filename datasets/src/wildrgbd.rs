@@ -14,7 +14,8 @@ use crate::depth::{Encoding, Resampling};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::lens::{Distortion, Lens};
-use crate::posed::{self, Depth, Pinhole, Posed, Skipped};
+use crate::posed::{self, Depth, Pinhole, Posed};
+use crate::skipped::Skipped;
 use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
 use crate::{DatasetError, Pairing, Scene, processing};
 

@@ -2,7 +2,6 @@
 
 use sharp_datasets::DatasetSpec;
 
-use super::pair_recipe::counted_pairs;
 use crate::counted::counted;
 use crate::protocol::PairOptions;
 use crate::protocol::pairs::{PairCounts, SPARSE_COVERAGE};
@@ -11,6 +10,22 @@ use crate::protocol::pairs::{PairCounts, SPARSE_COVERAGE};
 const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
                      way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
                      depth, agreement within 8 pixels)";
+
+/// What became of a dataset's pairs, in a line.
+pub(super) fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
+    format!(
+        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
+        counted(counts.scenes, "scene"),
+        counted(counts.views, "view"),
+        counted(counts.sets, "set"),
+        counted(counts.considered, "ordered pair"),
+        counts.without_depth,
+        counts.too_little_overlap,
+        counts.too_near,
+        counts.qualified,
+        counts.selected
+    )
+}
 
 /// A sentence for a dataset of which no pair is selected, or whose depth is too sparse for the choices made; `None` where
 /// nothing is amiss. `spec` is the dataset as asked for.

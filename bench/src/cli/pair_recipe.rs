@@ -10,14 +10,12 @@ use sharp_datasets::Scene;
 
 use super::data_args::OpenDataset;
 use super::{output, pair_advice, progress};
-use crate::counted::counted;
 use crate::model_files::find_checkpoint;
 use crate::protocol::ambiguity::{Alternative, Reading, alternatives};
 use crate::protocol::depth::{
     DepthSource, FirstLayerDepth, GivenDepth, GroundTruthDepth, ScaledToGroundTruth,
 };
 use crate::protocol::options::OverlapDepth;
-use crate::protocol::pairs::PairCounts;
 use crate::protocol::{BuildContext, OverlapCache, PairBuild, PairOptions, build_pairs};
 
 /// Whose depth decides overlap, and where measured overlaps are kept.
@@ -245,20 +243,4 @@ fn warn(cache: Option<&OverlapCache>) {
     for warning in cache.map(OverlapCache::take_warnings).unwrap_or_default() {
         output::remark(format!("warning: {warning}"));
     }
-}
-
-/// What became of a dataset's pairs, in a line.
-pub(super) fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
-    format!(
-        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
-        counted(counts.scenes, "scene"),
-        counted(counts.views, "view"),
-        counted(counts.sets, "set"),
-        counted(counts.considered, "ordered pair"),
-        counts.without_depth,
-        counts.too_little_overlap,
-        counts.too_near,
-        counts.qualified,
-        counts.selected
-    )
 }

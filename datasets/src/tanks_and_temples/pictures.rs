@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::format::trajectory::Log;
-use crate::posed::first_few;
+use crate::skipped::first_few;
 
 /// The pictures of a scene.
 #[derive(Debug)]

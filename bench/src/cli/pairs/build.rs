@@ -8,7 +8,8 @@ use serde_json::{Map, json};
 
 use super::super::data_args::{self, DatasetArgs};
 use super::super::list_facts::ListCompanion;
-use super::super::pair_recipe::{OverlapArgs, PairRecipe, counted_pairs};
+use super::super::pair_advice::counted_pairs;
+use super::super::pair_recipe::{OverlapArgs, PairRecipe};
 use super::super::{Outcome, output};
 use super::ambiguity;
 use crate::durable::write_atomic;
