@@ -1,6 +1,11 @@
 //! What the fuzz targets share.
 
 #[path = "../parsers.rs"]
+#[allow(
+    dead_code,
+    unused_imports,
+    reason = "the test of mutants takes seeds from there too"
+)]
 pub mod parsers;
 
 /// Runs one parser; an unknown name is a mistake in a target.
