@@ -185,9 +185,8 @@ impl DepthSource for MaskedDepth {
     }
 
     fn files(&self) -> Vec<PathBuf> {
-        let mut files = self.depth.files();
-        files.push(self.mask.file.clone());
-        files
+        // The mask is the view's own.
+        self.depth.files()
     }
 }
 

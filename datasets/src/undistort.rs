@@ -99,7 +99,7 @@ impl Undistortion {
         Ok(Self {
             lens,
             pinhole,
-            rule: "the pinhole camera of ScanNet++'s toolbox",
+            rule: "the pinhole camera of ScanNet++'s toolbox (balance 0, principal point in the middle)",
         })
     }
 

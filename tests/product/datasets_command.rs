@@ -264,8 +264,17 @@ fn own_pictures_need_what_their_camera_file_names() {
     // The file itself may be the dataset.
     let same = needed("nerfstudio=own/transforms.json").ends_with(0).json();
     assert_eq!(same["datasets"], json["datasets"]);
+    // Under another name, what the reader found.
+    let own = dir.path().join("own");
+    let train = own.join("transforms_train.json");
+    std::fs::rename(own.join("transforms.json"), &train).unwrap();
+    let json = needed("nerfstudio=own").ends_with(0).json();
+    let files = json["datasets"][0]["files"].as_array().unwrap();
+    let cameras = files.iter().filter(|file| file["role"] == "camera");
+    let cameras: Vec<_> = cameras.map(|file| file["path"].as_str().unwrap()).collect();
+    assert_eq!(cameras, ["transforms_train.json"]);
     // Without the cameras, what the layout tells.
-    std::fs::remove_file(dir.path().join("own/transforms.json")).unwrap();
+    std::fs::remove_file(train).unwrap();
     let json = needed("nerfstudio=own").ends_with(4).json();
     assert_eq!(json["missing"], 1);
 }

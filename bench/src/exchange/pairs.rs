@@ -147,10 +147,12 @@ fn export_group(
             };
             match bytes {
                 Some(bytes) => write(&folder, file, bytes, &mut files)?,
-                None => {
-                    remove(&folder.join(file))?;
-                    lacks_depth(view);
-                }
+                None => lacks_depth(view),
+            }
+        }
+        for name in ["target.png", "source_depth.npy", "target_depth.npy"] {
+            if !files.contains_key(name) {
+                remove(&folder.join(name))?;
             }
         }
         let names = pair.pair;

@@ -1,7 +1,7 @@
 //! One view's depth and colours, carried into another view by a pose.
 
 use glam::DVec2;
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use sharp::camera::RigidTransform;
 
 use crate::{DepthMap, View};
@@ -18,6 +18,8 @@ pub(super) struct Loaded<'a> {
     view: &'a View,
     depth: DepthMap,
     picture: RgbImage,
+    /// 255 where a pixel counts; `None` where all do.
+    valid: Option<GrayImage>,
 }
 
 impl<'a> Loaded<'a> {
@@ -27,11 +29,13 @@ impl<'a> Loaded<'a> {
             view,
             depth: view.content.depth().ok()??,
             picture: view.content.image().ok()?,
+            valid: view.content.valid_pixels().ok()?,
         })
     }
 
-    /// The colour at a place in the picture, between pixel centres; the border is repeated.
-    fn colour(&self, place: DVec2) -> [f64; 3] {
+    /// The colour at a place in the picture, between pixel centres; the border is repeated. `None` where a mask excludes
+    /// one of the pixels.
+    fn colour(&self, place: DVec2) -> Option<[f64; 3]> {
         let (width, height) = self.picture.dimensions();
         let taps = |at: f64, n: u32| {
             let at = (at - 0.5).clamp(0.0, f64::from(n - 1));
@@ -40,12 +44,20 @@ impl<'a> Loaded<'a> {
         };
         let (x0, x1, fx) = taps(place.x, width);
         let (y0, y1, fy) = taps(place.y, height);
-        std::array::from_fn(|channel| {
+        let corners = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)];
+        if let Some(valid) = &self.valid
+            && corners
+                .iter()
+                .any(|&(x, y)| valid.get_pixel(x, y).0[0] < 255)
+        {
+            return None;
+        }
+        Some(std::array::from_fn(|channel| {
             let at = |x, y| f64::from(self.picture.get_pixel(x, y).0[channel]);
             let top = at(x0, y0) * (1.0 - fx) + at(x1, y0) * fx;
             let bottom = at(x0, y1) * (1.0 - fx) + at(x1, y1) * fx;
             top * (1.0 - fy) + bottom * fy
-        })
+        }))
     }
 }
 
@@ -90,9 +102,12 @@ impl Carried {
                     continue;
                 }
             }
+            let Some(there) = b.colour(place) else {
+                continue;
+            };
             let here = a.picture.get_pixel(x, y).0;
             carried.compared += 1;
-            for (one, other) in here.into_iter().zip(b.colour(place)) {
+            for (one, other) in here.into_iter().zip(there) {
                 carried.squares += (f64::from(one) - other).powi(2);
             }
         }

@@ -99,17 +99,19 @@ impl Pictures {
 
     /// The pictures by the blocks of the log that they belong to, and those that have no block.
     ///
-    /// Where all names are numbers, block i belongs to the picture numbered i + 1; to the one
-    /// numbered i only if the pictures' numbers begin with 0 and end with the last block. Where not
-    /// all are, there must be as many pictures as blocks, and their order counts.
+    /// Where any name is a number, block i belongs to the picture numbered i + 1; to the one
+    /// numbered i only if the pictures' numbers begin with 0 and end with the last block; pictures
+    /// without a number have no block. Where none is, there must be as many pictures as blocks, and
+    /// their order counts.
     ///
     /// # Errors
     /// The reason why it cannot be told which picture a pose belongs to.
     pub(super) fn by_block(&self, log: &Log) -> Result<ByBlock<'_>, String> {
         let last = log.blocks.last().copied().unwrap_or(-1);
-        let Some(numbered) = self.numbered()? else {
+        let (numbered, unnumbered) = self.numbered()?;
+        if numbered.is_empty() {
             return self.by_order(last, log.blocks.len());
-        };
+        }
         let bounds = numbered.first_key_value().zip(numbered.last_key_value());
         let (least, most) = bounds.map_or((0, 0), |((least, _), (most, _))| (*least, *most));
         let counts = || {
@@ -139,7 +141,10 @@ impl Pictures {
             }
             _ => 1,
         };
-        let mut by_block = ByBlock::default();
+        let mut by_block = ByBlock {
+            left_over: unnumbered,
+            ..ByBlock::default()
+        };
         for (number, file) in numbered {
             let block = number - first;
             if log.blocks.binary_search(&block).is_ok() {
@@ -152,15 +157,16 @@ impl Pictures {
         Ok(by_block)
     }
 
-    /// The pictures by their numbers, if all names are numbers.
-    fn numbered(&self) -> Result<Option<BTreeMap<i64, &Path>>, String> {
-        let mut numbered = BTreeMap::new();
+    /// The pictures by their numbers, and those whose names are none.
+    fn numbered(&self) -> Result<Numbered<'_>, String> {
+        let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
             let stem = file.file_stem().unwrap_or_default().to_string_lossy();
             // A sign would be read as part of a number.
             let plain = stem.bytes().all(|c| c.is_ascii_digit());
             let Some(number) = stem.parse().ok().filter(|_| plain) else {
-                return Ok(None);
+                others.push(file.as_path());
+                continue;
             };
             if let Some(other) = numbered.insert(number, file.as_path()) {
                 return Err(format!(
@@ -170,32 +176,24 @@ impl Pictures {
                 ));
             }
         }
-        Ok(Some(numbered))
+        Ok((numbered, others))
     }
 
     fn by_order(&self, last: i64, blocks: usize) -> Result<ByBlock<'_>, String> {
         let count = self.files.len();
         if usize::try_from(last + 1) != Ok(count) {
-            let unnumbered: Vec<String> = self
+            let names: Vec<String> = self
                 .files
                 .iter()
                 .filter_map(|file| Some(file.file_name()?.to_string_lossy().into_owned()))
-                .filter(|name| {
-                    !name
-                        .split('.')
-                        .next()
-                        .unwrap_or("")
-                        .bytes()
-                        .all(|c| c.is_ascii_digit())
-                })
                 .collect();
             return Err(format!(
-                "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: not all \
-                 pictures are named by a number ({}), so that it cannot be told which pose belongs \
+                "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: no \
+                 picture is named by a number ({}), so that it cannot be told which pose belongs \
                  to which; take away what does not belong there, or name the pictures 000001, \
                  000002 and so on, block 0 being that of 000001",
                 self.folder.display(),
-                first_few(&unnumbered)
+                first_few(&names)
             ));
         }
         let files = self.files.iter().zip(0..);
@@ -205,6 +203,9 @@ impl Pictures {
         })
     }
 }
+
+/// Pictures by number, and those without one.
+type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
 /// Pictures by the blocks of a log.
 #[derive(Debug, Default)]
@@ -278,6 +279,13 @@ mod tests {
             (&["1.jpg", "2.jpg", "3.jpg"], &[0, 2], "0:1 2:3", 1),
             (&["2.jpg", "3.jpg"], &[0, 1], "1:2", 1),
             (&["0.jpg", "2.jpg"], &[0, 1, 2], "0:0 2:2", 0),
+            // What has no number has no block, however many pictures there are.
+            (
+                &["000000_preview.jpg", "1.jpg", "3.jpg", "cover.jpg"],
+                &[0, 1, 2, 3],
+                "0:1 2:3",
+                2,
+            ),
             // A log whose first block lacks.
             (&["1.jpg", "2.jpg", "3.jpg"], &[1, 2], "1:2 2:3", 1),
         ] {
@@ -314,13 +322,8 @@ mod tests {
                 &[0, 1, 2][..],
                 "2 pictures in images, but 3 blocks",
             ),
-            (
-                &["000000_preview.jpg", "1.jpg"],
-                &[0],
-                "number (000000_preview.jpg)",
-            ),
             (&["a.jpg", "b.jpg"], &[0, 2], "the last with the index 2"),
-            (&["+1.jpg", "2.jpg"], &[0], "number (+1.jpg)"),
+            (&["+1.jpg", "b.jpg"], &[0], "number (+1.jpg, b.jpg)"),
             (
                 &["0.jpg", "1.jpg", "2.jpg"],
                 &[0, 1],

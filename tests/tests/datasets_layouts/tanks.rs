@@ -118,6 +118,17 @@ fn a_picture_without_a_block_is_left_out_and_named() {
         &found.notes,
         "2 frame(s) left out, no block of the log belongs to the picture: 000006.jpg, 000009.jpg",
     );
+    // As many pictures as blocks, but one of them is none of the sequence.
+    for name in ["000003", "000006", "000009"] {
+        std::fs::remove_file(at.join(format!("images/{name}.jpg"))).unwrap();
+    }
+    write::picture(&at, "images/cover.jpg", &scene.views()[0]);
+    let found = read(FORMAT, folder.path());
+    check(&found.views, &scene, &[1, 2, 4, 5]);
+    has_note(
+        &found.notes,
+        "no block of the log belongs to the picture: cover.jpg",
+    );
 }
 
 #[test]
@@ -156,7 +167,7 @@ fn other_names_count_by_order_only_if_there_are_as_many_as_blocks() {
     for (a, b) in found.views.iter().zip(scene.views()) {
         compare_cameras(a, b);
     }
-    write::picture(&at, "images/000000_preview.jpg", &scene.views()[0]);
+    write::picture(&at, "images/a_preview.jpg", &scene.views()[0]);
     let error = refusal(FORMAT, folder.path());
     for part in [
         "Barn_COLMAP_SfM.log",

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::json;
 use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for, files_of};
-use sharp_datasets::{DatasetSpec, Pairing, catalog};
+use sharp_datasets::{DatasetSpec, Pairing, Scene, View, catalog};
 
 use crate::cli::{Outcome, output};
 use crate::counted::counted;
@@ -75,23 +75,39 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
     };
     let format = spec.as_ref().map(|spec| spec.format).or_else(named);
     let (mut archives, mut files, mut pairs) = (BTreeSet::new(), BTreeSet::new(), 0);
+    let root = spec.as_ref().map(|spec| folder_of(&spec.path));
+    let scenes = spec
+        .as_ref()
+        .map(|spec| sharp_datasets::open(spec).unwrap_or_default());
+    let found = found_views(scenes.as_deref().unwrap_or_default());
+    let split = spec.as_ref().map(|spec| spec.setting("split"));
     for pair in list
         .pairs
         .iter()
         .filter(|p| p.dataset == name && p.selected)
     {
         pairs += 1;
-        for picture in [&pair.source_file, &pair.target_file] {
-            // A procedural view has no file.
-            if !picture.is_empty() {
-                files.extend(files_for(format.unwrap_or(""), &pair.scene, picture));
-                archives.extend(archives_for(format.unwrap_or(""), &pair.scene, picture));
+        let views = [
+            (&pair.source, &pair.source_file),
+            (&pair.target, &pair.target_file),
+        ];
+        // A procedural view has no file.
+        for (view, picture) in views.into_iter().filter(|(_, picture)| !picture.is_empty()) {
+            archives.extend(archives_for(format.unwrap_or(""), &pair.scene, picture));
+            let by_layout = files_for(format.unwrap_or(""), &pair.scene, picture);
+            let by_layout = by_layout
+                .into_iter()
+                .filter_map(|file| of_split(file, split));
+            match found.get(&(pair.scene.as_str(), view.as_str())) {
+                // The reader knows; of the layout's names only the lists are not among its files.
+                Some(view) => {
+                    let folder = root.as_deref().unwrap_or(Path::new(""));
+                    files.extend(files_of(view, folder));
+                    files.extend(by_layout.filter(|file| file.role == Role::List));
+                }
+                None => files.extend(by_layout),
             }
         }
-    }
-    let root = spec.as_ref().map(|spec| folder_of(&spec.path));
-    if let Some(spec) = &spec {
-        add_found(&mut files, list, spec, &folder_of(&spec.path));
     }
     let files: Vec<Listed> = files
         .into_iter()
@@ -127,34 +143,31 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Adds what the reader finds of the pairs' views beside what the layout tells: depth and masks that a `transforms.json`
-/// names or that lie under their picture's name. A dataset that cannot be opened yet, as not all is there, adds nothing.
-fn add_found(files: &mut BTreeSet<NeededFile>, list: &PairList, spec: &DatasetSpec, folder: &Path) {
-    let scenes = sharp_datasets::open(spec).unwrap_or_default();
-    let wanted: BTreeSet<(&str, &str)> = list
-        .pairs
-        .iter()
-        .filter(|pair| pair.dataset == spec.name && pair.selected)
-        .flat_map(|pair| {
-            [&pair.source, &pair.target].map(|view| (pair.scene.as_str(), view.as_str()))
-        })
-        .collect();
-    let named: BTreeSet<String> = files
-        .iter()
-        .flat_map(|file| std::iter::once(&file.path).chain(&file.or))
-        .cloned()
-        .collect();
-    // The layout of a stereo pair says it all, and of the right picture only the picture is needed.
-    let scenes = scenes
+/// The views that the reader finds, by scene and view: it knows the depth and masks that a `transforms.json` names, or that
+/// lie under their picture's name. None of a dataset that cannot be opened yet, as not all is there. Not those of stereo
+/// pairs, whose layout says it all: of the right picture only the picture is needed.
+fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
+    let multi_view = scenes
         .iter()
         .filter(|scene| scene.pairing == Pairing::MultiView);
-    for scene in scenes {
+    let views = multi_view.flat_map(|scene| {
         let views = scene.views.iter();
-        for view in views.filter(|view| wanted.contains(&(scene.id.as_str(), view.id.as_str()))) {
-            let found = files_of(view, folder).into_iter();
-            files.extend(found.filter(|file| !named.contains(&file.path)));
+        views.map(move |view| ((scene.id.as_str(), view.id.as_str()), view))
+    });
+    views.collect()
+}
+
+/// A list of ScanNet++'s is that of the split as asked for; a whole dataset needs none.
+fn of_split(mut file: NeededFile, split: Option<&str>) -> Option<NeededFile> {
+    if let (Role::List, Some(split)) = (file.role, split)
+        && file.path.starts_with("splits/")
+    {
+        if split == "all" {
+            return None;
         }
+        file.path = format!("splits/{split}.txt");
     }
+    Some(file)
 }
 
 fn print(needed: &Needed) -> anyhow::Result<()> {

@@ -65,6 +65,11 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
         .collect();
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let mut pairs = list.resolve(&scenes)?;
+    anyhow::ensure!(
+        !pairs.is_empty(),
+        "{}: the list has no pair",
+        list.path.display()
+    );
     pairs.retain(|resolved| args.all || resolved.pair.selected);
     pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
     pairs.truncate(args.limit.unwrap_or(usize::MAX));

@@ -3,7 +3,7 @@
 use super::PairOptions;
 use super::text::{
     AT_THRESHOLD, DENOMINATORS, DEPTHS, DIRECTIONS, GROUPINGS, LOOKUPS, MISSING_DEPTHS, ORDERS,
-    REMAINDERS, SAMPLINGS, TESTS, name_of, names, number, number_unless, or, parse_depth,
+    REMAINDERS, SAMPLINGS, TESTS, expected, name_of, names, number, number_unless, or, parse_depth,
     parse_test, test_text, word,
 };
 use crate::protocol::ProtocolError;
@@ -39,7 +39,10 @@ pub(super) const KEYS: [Key; 19] = [
                 Some(("random", seed)) => Grouping::Random {
                     seed: number(key, seed)?,
                 },
-                _ => word(key, text, &GROUPINGS)?,
+                _ => word(key, text, &GROUPINGS).map_err(|_| {
+                    let values = format!("one of {}, random:SEED", names(&GROUPINGS));
+                    expected(key, text, &values)
+                })?,
             };
             Ok(())
         },

@@ -98,7 +98,7 @@ pub(super) fn or(value: Option<impl fmt::Display>, none: &str) -> String {
     value.map_or_else(|| none.to_owned(), |v| v.to_string())
 }
 
-fn expected(key: &str, value: &str, what: &str) -> ProtocolError {
+pub(super) fn expected(key: &str, value: &str, what: &str) -> ProtocolError {
     ProtocolError::Options(format!("{key}={value}: expected {what}"))
 }
 
