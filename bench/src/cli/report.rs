@@ -1,5 +1,6 @@
 //! `report RUN…`: tables, plots and a browsable page from runs.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -219,7 +220,7 @@ fn input<'a>(
                 published_as: DatasetSpec::parse(&facts.spec)
                     .ok()
                     .map(|spec| spec.format.to_owned()),
-                proxies: proxies(manifest, facts),
+                proxies: proxies(manifest, facts, selected(manifest, facts, records)),
                 common_region: manifest.scoring.contains_key("region"),
                 ..Dataset::named(&facts.name)
             });
@@ -252,8 +253,18 @@ fn input<'a>(
     })
 }
 
+/// How many pairs of a dataset were selected, as the records tell: no number where the run left some out.
+fn selected(manifest: &Manifest, facts: &DatasetFacts, records: &[Record]) -> usize {
+    if manifest.pairs.limit.is_some() {
+        return usize::MAX;
+    }
+    let of_dataset = records.iter().filter(|record| record.dataset == facts.name);
+    let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
+    ids.len()
+}
+
 /// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's.
-fn proxies(manifest: &Manifest, facts: &DatasetFacts) -> Vec<String> {
+fn proxies(manifest: &Manifest, facts: &DatasetFacts, selected: usize) -> Vec<String> {
     let Ok(spec) = DatasetSpec::parse(&facts.spec) else {
         return Vec::new();
     };
@@ -263,7 +274,7 @@ fn proxies(manifest: &Manifest, facts: &DatasetFacts) -> Vec<String> {
         .map(|(key, value, _)| format!("{key}={value}"));
     let pairs = PairOptions::of_facts(&manifest.pairs.options);
     let kind = PaperOverlap::of_format(spec.format);
-    let pairs = pairs.map_or_else(Vec::new, |options| options.proxies_on(kind));
+    let pairs = pairs.map_or_else(Vec::new, |options| options.proxies_on(kind, selected));
     readings.chain(pairs).collect()
 }
 

@@ -41,10 +41,19 @@ impl PaperOverlap {
     }
 }
 
-/// Keys whose values are known to differ from the paper on some kinds of datasets; in the order of the text form.
-fn differing(options: &PairOptions, kinds: &[PaperOverlap]) -> Vec<&'static str> {
+/// Pairs of a dataset that the paper evaluates at most.
+const LIMIT: usize = 512;
+
+/// Keys whose values are known to differ from the paper on some kinds of datasets, of which so many pairs were selected; in
+/// the order of the text form.
+fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
     let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::None);
-    let fewer = options.sampling.limit.is_some_and(|limit| limit < 512);
+    // A limit that nothing was cut by is as good as any other.
+    let cut_otherwise = match options.sampling.limit {
+        Some(limit) if limit < LIMIT => pairs >= limit,
+        Some(LIMIT) => false,
+        _ => !stereo && pairs > LIMIT,
+    };
     let of_multi_view = [
         ("sets", options.sets.grouping == Grouping::Whole),
         ("size", options.sets.size != 10),
@@ -61,10 +70,7 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap]) -> Vec<&'static str>
     ];
     let of_all = [
         ("min-baseline", options.min_baseline_m > 0.0),
-        (
-            "limit",
-            fewer || (!stereo && options.sampling.limit != Some(512)),
-        ),
+        ("limit", cut_otherwise),
     ];
     let of_multi_view = of_multi_view.into_iter().filter(|_| !stereo);
     let all = of_multi_view.chain(of_all);
@@ -74,9 +80,10 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap]) -> Vec<&'static str>
 }
 
 impl PairOptions {
-    /// `key=value` of every value that is known to differ from what the paper did with such a dataset.
-    pub fn proxies_on(&self, kind: PaperOverlap) -> Vec<String> {
-        self.named(&differing(self, &[kind]))
+    /// `key=value` of every value that is known to differ from what the paper did with such a dataset, of which so many
+    /// pairs were selected.
+    pub fn proxies_on(&self, kind: PaperOverlap, pairs: usize) -> Vec<String> {
+        self.named(&differing(self, &[kind], pairs))
     }
 
     /// `key=value` of every value that is known to differ from what the paper did with any of its multi-view datasets.
@@ -84,6 +91,7 @@ impl PairOptions {
         self.named(&differing(
             self,
             &[PaperOverlap::Dense, PaperOverlap::Sparse],
+            usize::MAX,
         ))
     }
 
@@ -147,7 +155,7 @@ mod tests {
         let on = |text: &str, format: &str| {
             let options: PairOptions = text.parse().unwrap();
             options
-                .proxies_on(PaperOverlap::of_format(format))
+                .proxies_on(PaperOverlap::of_format(format), 24)
                 .join(",")
         };
         assert_eq!(on("", "eth3d"), "overlap=ground-truth");
@@ -159,6 +167,10 @@ mod tests {
             on("limit=20,min-baseline=1", "booster"),
             "min-baseline=1,limit=20"
         );
+        // Nothing was cut.
+        assert_eq!(on("limit=25", "booster"), "");
+        assert_eq!(on("limit=all", "scannetpp"), "");
+        assert_eq!(on("limit=24", "scannetpp"), "limit=24");
     }
 
     #[test]
