@@ -71,7 +71,7 @@ impl Answer {
             let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
             let reserved = name.starts_with("crop_")
                 || name.starts_with("predicted_")
-                || name == "scored_share";
+                || matches!(name.as_str(), "scored_share" | "valid_share");
             if name.is_empty() || !name.chars().all(plain) || reserved {
                 return Err(format!(
                     "its extra '{}' is not a name of lower-case letters, digits and '_', or is one of ours",

@@ -1,5 +1,5 @@
-//! Footnotes of cells whose predictions were not simply pictures of the target's size: cropped, resized up, or the best
-//! of several scales. The records say so themselves, in what their methods report. And of columns that are not the
+//! Footnotes of cells whose predictions were not simply pictures of the target's size, all of it: cropped, resized up, the
+//! best of several scales, or in part excluded by masks. The records say so themselves, in what their methods report. And of columns that are not the
 //! paper's, though they bear its dataset's name.
 
 use std::collections::BTreeMap;
@@ -53,6 +53,18 @@ pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, facts: &Method) -
                 "{label} on {name}: cropped; {scored}, against the equally cropped ground truth."
             )
         });
+    }
+    let valid = values("valid_share");
+    if !valid.is_empty() {
+        let excluded = 1.0 - valid.iter().sum::<f64>() / valid.len() as f64;
+        // The same for every method that has all pairs, as above.
+        marks.push(format!(
+            "{name}: masks of the dataset exclude pixels of {} of {} targets, on average {:.1} % of theirs; they have no \
+             say in scores.",
+            valid.len(),
+            records.len(),
+            100.0 * excluded
+        ));
     }
     let resized = values("predicted_width").len();
     if resized > 0 {

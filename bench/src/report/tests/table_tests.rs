@@ -191,6 +191,8 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         with(one("p2", "sweeps"), &[("scales_tried", 3.0)]),
         one("p1", "plain"),
         one("p2", "plain"),
+        with(one("p1", "masked"), &[("valid_share", 0.9)]),
+        one("p2", "masked"),
     ];
     let small = Method {
         resize_kernel: Some("bicubic".to_owned()),
@@ -211,6 +213,7 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
     assert!(notes("small")[0].contains("1 of 2 predictions"));
     assert!(notes("small")[0].contains("resized up (`bicubic`) before"));
     assert!(notes("sweeps")[0].contains("best of 3 scales by DISTS"));
+    assert!(notes("masked")[0].contains("exclude pixels of 1 of 2 targets, on average 10.0 %"));
     // A mark costs nobody a rank.
     assert!(
         tables[0]
