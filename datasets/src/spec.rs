@@ -86,11 +86,8 @@ impl Setting {
         choices: &'static [Choice],
     ) -> Self {
         Self {
-            key,
-            meaning,
-            choices,
             any: true,
-            default: choices[0].value,
+            ..Self::choice(key, meaning, choices)
         }
     }
 

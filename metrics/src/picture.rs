@@ -59,13 +59,6 @@ impl Picture {
         }))
     }
 
-    /// A gray picture with values in 0..1, replicated to three channels.
-    pub fn from_gray_f32(gray: &ImageBuffer<Luma<f32>, Vec<f32>>) -> Self {
-        Self::RgbF32(ImageBuffer::from_fn(gray.width(), gray.height(), |x, y| {
-            Rgb([gray.get_pixel(x, y).0[0]; 3])
-        }))
-    }
-
     /// Width and height, pixels.
     pub fn dimensions(&self) -> (u32, u32) {
         match self {

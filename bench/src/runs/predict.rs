@@ -66,6 +66,7 @@ pub(super) struct PredictedUnit {
 struct PairRun<'a> {
     plan: &'a RunPlan<'a>,
     planned: &'a ResolvedPair<'a>,
+    hashes: &'a ViewHashes,
     inputs: String,
     /// What all methods predict of the target, where that is asked for.
     common: Option<Region>,
@@ -105,13 +106,14 @@ pub(super) struct Loaded {
 }
 
 impl<'a> PairRun<'a> {
-    fn new(plan: &'a RunPlan, planned: &'a ResolvedPair, hashes: &ViewHashes) -> Self {
+    fn new(plan: &'a RunPlan, planned: &'a ResolvedPair, hashes: &'a ViewHashes) -> Self {
         // A file that cannot be read hashes to its error: the unit fails anyway, with the reason.
         let inputs = [planned.source, planned.target]
             .map(|view| hashes.view(view).unwrap_or_else(|error| error.to_string()));
         Self {
             plan,
             planned,
+            hashes,
             inputs: inputs.join(" "),
             common: plan
                 .common_region
@@ -125,7 +127,10 @@ impl<'a> PairRun<'a> {
         let method_inputs = match method.input_files(pair_id) {
             Ok(files) => files
                 .iter()
-                .map(|file| file_sha256(file).unwrap_or_else(|error| error.to_string()))
+                .map(|file| {
+                    let hash = self.hashes.file(file);
+                    hash.unwrap_or_else(|error| error.to_string())
+                })
                 .collect::<Vec<_>>()
                 .join(" "),
             Err(error) => error.to_string(),

@@ -183,9 +183,14 @@ impl Sum {
 mod tests {
     use super::*;
     use crate::check::convention::flip;
+    use crate::needed::Role;
     use crate::synthetic::{SyntheticOptions, SyntheticScene};
+    use crate::{DatasetError, DepthMap, ViewContent};
     use glam::{DMat3, DVec3};
+    use image::{GrayImage, Luma, RgbImage};
     use sharp::camera::RigidTransform;
+    use std::path::{Path, PathBuf};
+    use std::sync::Arc;
 
     /// Views on an arc; `spread` 1 is so wide that a wrong convention moves them out of each other's sight.
     fn views(spread: f64) -> Vec<View> {
@@ -259,6 +264,71 @@ mod tests {
                 "{name}: {complaint:?} {wrong:?}"
             );
         }
+    }
+
+    /// A view of which a block is excluded by a mask.
+    #[derive(Debug)]
+    struct Masked(Arc<dyn ViewContent>);
+
+    fn is_excluded(x: u32) -> bool {
+        (30..80).contains(&x)
+    }
+
+    impl ViewContent for Masked {
+        fn image(&self) -> Result<RgbImage, DatasetError> {
+            let mut image = self.0.image()?;
+            let excluded = image
+                .enumerate_pixels_mut()
+                .filter(|(x, ..)| is_excluded(*x));
+            excluded.for_each(|(_, _, pixel)| pixel.0 = [0; 3]);
+            Ok(image)
+        }
+
+        fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+            let level = |x, _| Luma([if is_excluded(x) { 0 } else { 255 }]);
+            Ok(Some(GrayImage::from_fn(128, 96, level)))
+        }
+
+        fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+            let mut depth = self.0.depth()?;
+            let pixels = depth
+                .iter_mut()
+                .flat_map(|depth| depth.enumerate_pixels_mut());
+            let excluded = pixels.filter(|(x, ..)| is_excluded(*x));
+            excluded.for_each(|(_, _, pixel)| pixel.0 = [0.0]);
+            Ok(depth)
+        }
+
+        fn image_file(&self) -> Option<&Path> {
+            None
+        }
+
+        fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+            Vec::new()
+        }
+
+        fn image_sha256(&self) -> Result<String, DatasetError> {
+            self.0.image_sha256()
+        }
+    }
+
+    /// Black pixels of a mask in every other view are no colours to compare.
+    #[test]
+    fn what_masks_exclude_is_not_compared() {
+        let plain = views(0.1);
+        let mut masked = plain.clone();
+        for view in masked.iter_mut().skip(1).step_by(2) {
+            view.content = Arc::new(Masked(Arc::clone(&view.content)));
+        }
+        let levels = |views: &[View]| of(views).unwrap().as_read.colour_levels.unwrap();
+        assert!(
+            levels(&masked) < 1.5 * levels(&plain),
+            "{}",
+            levels(&masked)
+        );
+        assert!(of(&masked).unwrap().complaint().is_none());
+        let complaint = taken(&masked, RigidTransform::inverse).complaint().unwrap();
+        assert!(complaint.contains("exchanged it would"), "{complaint}");
     }
 
     fn metres_as(pose: &RigidTransform, factor: f64) -> RigidTransform {
