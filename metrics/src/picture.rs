@@ -1,6 +1,6 @@
 //! Pictures and masks as the metrics take them.
 
-use image::{GrayImage, ImageBuffer, Luma, Rgb, Rgb32FImage, RgbImage};
+use image::{GrayImage, ImageBuffer, Rgb, Rgb32FImage, RgbImage};
 
 /// A three-channel sRGB-encoded picture with values that stand for 0..1.
 #[derive(Debug, Clone, PartialEq)]
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn gray_is_replicated() {
-        let picture = Picture::from_gray8(&GrayImage::from_pixel(2, 1, Luma([9])));
+        let picture = Picture::from_gray8(&GrayImage::from_pixel(2, 1, image::Luma([9])));
         assert_eq!(
             picture,
             Picture::Rgb8(RgbImage::from_pixel(2, 1, Rgb([9; 3])))
