@@ -1,5 +1,7 @@
 //! All selected metrics of a pair of pictures.
 
+use std::sync::Arc;
+
 use crate::engines::{Engines, Learned, Resolution};
 use crate::identity::{Family, Metric, MetricKey, Region};
 use crate::options::ScorerOptions;
@@ -14,7 +16,7 @@ use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
-    engines: Engines,
+    engines: Arc<Engines>,
     options: ScorerOptions,
 }
 
@@ -76,9 +78,31 @@ impl Scorer {
         let engines = Engines::new(&keys, weights, options)?;
         Ok(Self {
             keys,
-            engines,
+            engines: Arc::new(engines),
             options,
         })
+    }
+
+    /// The same for some of the metrics, in this scorer's order; the networks are shared.
+    #[must_use]
+    pub fn restricted(&self, keys: &[MetricKey]) -> Self {
+        let kept = self.keys.iter().copied();
+        Self {
+            keys: kept.filter(|key| keys.contains(key)).collect(),
+            engines: Arc::clone(&self.engines),
+            options: self.options,
+        }
+    }
+
+    /// As [`score`](Self::score).
+    pub fn score_all(
+        &self,
+        target: &Picture,
+        predictions: &[&Picture],
+        mask: Option<&Mask>,
+    ) -> Vec<Result<Scores, ScoreError>> {
+        let predictions = predictions.iter();
+        predictions.map(|prediction| self.score(prediction, target, mask)).collect()
     }
 
     /// The metrics in the order of the selection.

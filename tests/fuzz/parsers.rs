@@ -6,8 +6,8 @@ mod catalogue;
 use std::path::Path;
 
 use sharp::model::preprocess::{PhotoOptions, load_photo};
-use sharp_bench::exchange::camera_file::CameraFile;
-use sharp_bench::protocol::PairList;
+use sharp_bench::export::camera_file::CameraFile;
+use sharp_bench::pairs::PairList;
 use sharp_checkpoint::Checkpoint;
 use sharp_datasets::format;
 use sharp_datasets::lens::Lens;
@@ -240,14 +240,14 @@ fn prediction(bytes: &[u8]) {
         _ => ".png",
     };
     let file = file_of(bytes, extension);
-    if let Ok(picture) = sharp_bench::pictures::read(file.path()) {
+    if let Ok(picture) = sharp_bench::io::pictures::read(file.path()) {
         assert!(picture.check().is_ok());
     }
 }
 
 /// Gaussians as arrays.
 fn scene_arrays(bytes: &[u8]) {
-    let _ = sharp_bench::scene_file::read(file_of(bytes, ".safetensors").path());
+    let _ = sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path());
 }
 
 /// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.

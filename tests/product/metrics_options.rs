@@ -233,7 +233,7 @@ fn learned_metrics_come_with_terms_maps_weights_and_kernels() {
             .starts_with("df73285e")
     );
     let file = std::fs::read(dir.path().join("alexnet.safetensors")).unwrap();
-    let sha256 = sharp_bench::durable::sha256_hex(&file);
+    let sha256 = sharp_bench::io::hash::sha256_hex(&file);
     assert_eq!(facts["backbone"]["file_sha256"], sha256);
     let networks = |json: &serde_json::Value| {
         let text = json["conditions"]["networks"].as_str();
@@ -371,7 +371,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
     let args = "--methods-text --metrics lpips-alex,psnr --weights alexnet=alexnet.safetensors";
     let said = metrics(dir.path(), args).ends_with(0);
     let file = std::fs::read(dir.path().join("alexnet.safetensors")).unwrap();
-    let sha256 = sharp_bench::durable::sha256_hex(&file);
+    let sha256 = sharp_bench::io::hash::sha256_hex(&file);
     for part in [
         "version 0.1",
         "AlexNet",

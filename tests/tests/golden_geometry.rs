@@ -12,13 +12,13 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use safetensors::SafeTensors;
 use serde_json::Value;
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_bench::protocol::alignment::median_scale;
-use sharp_bench::protocol::depth::PosedDepth;
-use sharp_bench::protocol::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
-use sharp_bench::protocol::overlap::{
+use sharp_bench::pairs::alignment::median_scale;
+use sharp_bench::pairs::depth::PosedDepth;
+use sharp_bench::scoring::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
+use sharp_bench::pairs::overlap::{
     Denominator, DepthLookup, OverlapOptions, OverlapTest, overlap, seen_mask,
 };
-use sharp_bench::protocol::valid_depth::is_valid_depth;
+use sharp_bench::pairs::valid_depth::is_valid_depth;
 use sharp_datasets::DepthMap;
 
 type Outcome = Result<(), Failed>;

@@ -3,10 +3,10 @@
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
-use sharp_bench::protocol::depth::PosedDepth;
-use sharp_bench::protocol::overlap::{OverlapOptions, OverlapTest, overlap};
-use sharp_bench::protocol::pairs::{BuildContext, build_pairs};
-use sharp_bench::protocol::{Pair, PairOptions};
+use sharp_bench::pairs::depth::PosedDepth;
+use sharp_bench::pairs::overlap::{OverlapOptions, OverlapTest, overlap};
+use sharp_bench::pairs::build::{BuildContext, build_pairs};
+use sharp_bench::pairs::{Pair, PairOptions};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 
 /// How far below exact visibility the default definition may lie: the largest of six pairs of an

@@ -10,12 +10,12 @@ use sharp_metrics::{Scorer, Selection};
 use super::data_args::MetricArgs;
 use super::{Outcome, output, progress};
 use crate::analyze::translation::{Axis, Experiment, Shifts, figure, strip, table};
-use crate::durable::{check_writable, write_atomic};
-use crate::pictures;
-use crate::record::finite_or_text;
-use crate::render_file::write_png;
+use crate::io::atomic_files::{check_writable, write_atomic};
+use crate::io::pictures;
+use crate::evaluate::record::finite_or_text;
+use crate::io::rendering_files::write_png;
 use crate::report::tables::{latex::latex, markdown::markdown, text::text};
-use crate::runs::metric_facts::MetricFacts;
+use crate::scoring::MetricFacts;
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]

@@ -6,10 +6,10 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use sharp_datasets::Scene;
 
-use super::data_args::{self, DatasetArgs};
+use super::data_args::DatasetArgs;
 use super::{Outcome, output, progress};
-use crate::counted::counted;
-use crate::exchange::cameras;
+use crate::io::counts::counted;
+use crate::export::cameras;
 
 /// Write views as files: pictures and cameras
 #[derive(Debug, Args)]
@@ -44,7 +44,7 @@ struct CamerasExportArgs {
 
 pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     let CamerasCommand::Export(args) = &args.command;
-    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let datasets = args.datasets.open()?;
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let views = scenes.iter().map(|scene| scene.views.len()).sum();
     let bar = progress::bar(views, "views");

@@ -1,18 +1,15 @@
 //! Options that several commands share: datasets, metrics.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{Device, Region, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::usage::UsageError;
-use crate::methods::scale_sweep::ScaleChooser;
-use crate::protocol::options::paper::PROXY;
-use crate::runs::plan::Scoring;
+use crate::pairs::{OpenDataset, PairError};
+use crate::scoring::{ScaleChooser, Scoring};
 
 /// Which metrics, with which weights.
 #[derive(Debug, Args)]
@@ -61,15 +58,9 @@ impl MetricArgs {
     /// before anything is computed, not an empty column after hours.
     pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
         let (selection, scoring) = (self.selection()?, self.scoring()?);
-        for metric in &scoring.metrics {
-            let lacks =
-                Backbone::of(metric.key.metric()).filter(|_| metric.weights.ends_with("=absent"));
-            if let Some(backbone) = lacks.filter(|_| selection.is_explicit(metric.key)) {
-                bail!(
-                    "--metrics {}: {}",
-                    metric.key,
-                    Unavailable::NoWeights { backbone }
-                );
+        for (key, backbone) in scoring.missing_weights() {
+            if selection.is_explicit(key) {
+                bail!("--metrics {key}: {}", Unavailable::NoWeights { backbone });
             }
         }
         Ok(scoring)
@@ -77,22 +68,13 @@ impl MetricArgs {
 
     /// What `--scale-sweep` chooses by.
     pub(super) fn scale_chooser(&self) -> anyhow::Result<Arc<ScaleChooser>> {
-        let dists = Selection::parse("dists")?;
-        let scoring = Scoring::with_options(&dists, &self.weights()?, self.options()?)?;
-        let Some(metric) = scoring.metrics.first() else {
-            bail!("--scale-sweep: no metric to choose by");
-        };
-        if metric.weights.ends_with("=absent") {
-            bail!(
-                "--scale-sweep chooses by DISTS, whose network's weights are not at hand: give --weights vgg16=FILE, or \
-                 see `weights list`"
-            );
+        match ScaleChooser::dists(&self.weights()?, self.options()?)? {
+            Some(chooser) => Ok(Arc::new(chooser)),
+            None => bail!(
+                "--scale-sweep chooses by DISTS, whose network's weights are missing: give --weights vgg16=FILE, or see \
+                 `weights list`"
+            ),
         }
-        let identity = format!("{} {}", metric.key, metric.weights);
-        Ok(Arc::new(ScaleChooser {
-            scorer: scoring.scorer,
-            identity,
-        }))
     }
 
     /// The files given, then what was fetched earlier.
@@ -115,7 +97,7 @@ impl MetricArgs {
 /// Which datasets, and which of their scenes.
 #[derive(Debug, Args)]
 pub(super) struct DatasetArgs {
-    /// A dataset, [NAME:]FORMAT=PATH; repeatable
+    /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", required = true)]
     pub(super) datasets: Vec<String>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
@@ -123,101 +105,11 @@ pub(super) struct DatasetArgs {
     pub(super) scenes: Option<String>,
 }
 
-/// A dataset with what was found in it.
-pub(super) struct OpenDataset {
-    pub(super) name: String,
-    pub(super) spec: String,
-    /// The dataset's folder; `None` for a procedural one.
-    pub(super) root: Option<PathBuf>,
-    /// The reader and its settings, whatever the folder.
-    pub(super) settings: String,
-    /// Readings of the paper that the dataset's settings stand for.
-    readings: Vec<String>,
-    pub(super) scenes: Vec<Scene>,
-}
-
-impl OpenDataset {
-    /// The settings in force, `key=value` by commas.
-    pub(super) fn readings(&self) -> String {
-        self.readings.join(",")
+impl DatasetArgs {
+    /// Opens them.
+    pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
+        OpenDataset::open_all(&self.datasets, self.scenes.as_deref())
     }
-
-    /// What the reader chose, assumed or left out, for the manifest.
-    pub(super) fn notes(&self) -> Vec<String> {
-        let of_scenes = self.scenes.iter().flat_map(|scene| {
-            scene
-                .notes
-                .iter()
-                .map(|note| format!("{}: {note}", scene.id))
-        });
-        self.readings.iter().cloned().chain(of_scenes).collect()
-    }
-}
-
-/// Opens datasets; names must be unique, because they are columns.
-pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec<OpenDataset>> {
-    let mut open: Vec<OpenDataset> = Vec::new();
-    for text in specs {
-        let spec = DatasetSpec::parse(text)?;
-        if open.iter().any(|other| other.name == spec.name) {
-            bail!(
-                "--dataset {text}: the name '{}' is taken; give this one NAME:",
-                spec.name
-            );
-        }
-        let mut found = sharp_datasets::open(&spec)?;
-        if let Some(pattern) = scenes {
-            found.retain(|scene| matches(pattern, &scene.id));
-        }
-        let readings = spec.readings().into_iter().map(|(key, value, proxy)| {
-            if proxy {
-                format!("{key}={value} ({PROXY})")
-            } else {
-                format!("{key}={value}")
-            }
-        });
-        open.push(OpenDataset {
-            settings: format!("{} {:?}", spec.format, spec.settings),
-            readings: readings.collect(),
-            root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
-            name: spec.name,
-            spec: text.clone(),
-            scenes: found,
-        });
-    }
-    if open.iter().all(|dataset| dataset.scenes.is_empty()) {
-        bail!("no scene matches --scenes {}", scenes.unwrap_or("*"));
-    }
-    Ok(open)
-}
-
-/// `*` stands for any run of characters, `?` for one.
-fn matches(pattern: &str, text: &str) -> bool {
-    let (pattern, text): (Vec<char>, Vec<char>) =
-        (pattern.chars().collect(), text.chars().collect());
-    let (mut p, mut t) = (0, 0);
-    // Where to go on after a mismatch: the last star, and the text it has swallowed so far.
-    let mut retry = None;
-    while t < text.len() {
-        match pattern.get(p) {
-            Some('*') => {
-                retry = Some((p + 1, t));
-                p += 1;
-            }
-            Some(&c) if c == '?' || c == text[t] => {
-                p += 1;
-                t += 1;
-            }
-            _ => match retry {
-                Some((after_star, swallowed)) => {
-                    retry = Some((after_star, swallowed + 1));
-                    (p, t) = (after_star, swallowed + 1);
-                }
-                None => return false,
-            },
-        }
-    }
-    pattern[p..].iter().all(|&c| c == '*')
 }
 
 /// The formats of `--dataset` with their settings, for `--help`.
@@ -233,24 +125,4 @@ pub(super) fn formats_help() -> String {
         }
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn wildcards() {
-        for (pattern, text, expected) in [
-            ("*", "", true),
-            ("Moto*", "Motorcycle", true),
-            ("*cycle", "Motorcycle", true),
-            ("M?t*c*e", "Motorcycle", true),
-            ("Moto", "Motorcycle", false),
-            ("*x*", "Motorcycle", false),
-            ("a*b*c", "axxbyybc", true),
-        ] {
-            assert_eq!(matches(pattern, text), expected, "{pattern} {text}");
-        }
-    }
 }

@@ -7,13 +7,13 @@ use serde_json::json;
 use sharp::render::Backend;
 
 use super::data_args::MetricArgs;
-use super::evaluate::{Evaluation, Request};
-use super::pair_args::PairOrigin;
-use super::pair_recipe::PairRecipe;
-use super::{Outcome, output, report};
-use crate::protocol::PairOptions;
-use crate::report::{Options, Published};
-use crate::runs::plan::Keep;
+use super::observer::Terminal;
+use super::report::{outcome, print_tables};
+use super::run::build_methods;
+use super::{Outcome, output};
+use crate::evaluate::{PairOrigin, Request, RunOptions, prepare};
+use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
+use crate::report::{Options, Published, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
@@ -53,26 +53,29 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     ];
     let mut options = PairOptions::default();
     options.sampling.limit = Some(SYNTHETIC_PAIRS);
-    let scoring = args.metrics.scoring()?;
-    let finished = Evaluation::prepare(Request {
-        datasets: &datasets,
-        scenes: None,
-        pairs: PairOrigin::Built(Box::new(PairRecipe::plain(options))),
-        methods: &METHODS.map(str::to_owned),
-        scoring,
+    let terminal = Terminal::default();
+    let request = Request {
+        datasets: OpenDataset::open_all(&datasets, None)?,
+        only_scenes: None,
+        pairs: PairOrigin::Built {
+            recipe: Box::new(PairRecipe::new(options)),
+            cache: None,
+        },
         limit: None,
+        methods: build_methods(&METHODS.map(str::to_owned), None)?,
+        scoring: args.metrics.scoring()?,
         common_region: false,
-        backend: &Backend::Cpu,
-        chooser: None,
-    })?
-    .run(&args.out.join("run"), Keep::All)?;
-    let outcome = report::outcome(&finished.executed);
-    let runs = [finished.into()];
+        backend: Backend::Cpu,
+    };
+    let finished =
+        prepare(request, &terminal)?.run(&args.out.join("run"), RunOptions::default(), &terminal)?;
+    let outcome = outcome(finished.counts);
     if !args.json {
-        report::print_tables(&runs)?;
+        print_tables(&finished.results)?;
     }
-    let files = report::write(
-        &runs,
+    let files = report(
+        &finished.results,
+        &finished.scenes,
         &args.out.join("report"),
         Published::Matching,
         Options {

@@ -7,9 +7,9 @@ use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
 use super::{Outcome, output};
-use crate::model_files::find_checkpoint;
-use crate::movie::mp4::ffmpeg_version;
-use crate::runs::unit::{SOURCE_FINGERPRINT, cpu_backend};
+use crate::io::checkpoint::find_checkpoint;
+use crate::io::movie::mp4::ffmpeg_version;
+use crate::io::fingerprints;
 
 /// Show what this machine has, what lacks, and how to get it
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ fn findings() -> Vec<Finding> {
             found: format!(
                 "{} (sources {})",
                 env!("CARGO_PKG_VERSION"),
-                &SOURCE_FINGERPRINT[..12]
+                &fingerprints::BUILD[..12]
             ),
             advice: String::new(),
         },
@@ -64,7 +64,7 @@ fn findings() -> Vec<Finding> {
         },
         Finding {
             what: "cpu backend",
-            found: cpu_backend().to_owned(),
+            found: format!("cpu-{}", sharp_metrics::Simd::detect().level()),
             advice: String::new(),
         },
         Finding {

@@ -8,20 +8,20 @@ mod data_args;
 mod datasets;
 mod demo;
 mod doctor;
-mod evaluate;
-mod list_facts;
 mod metrics;
 mod model;
+mod merge;
+mod observer;
 mod outcome;
 mod output;
-mod pair_advice;
 mod pair_args;
-mod pair_recipe;
 mod pairs;
 mod progress;
 mod render;
 mod report;
 mod run;
+mod schema;
+mod score;
 mod usage;
 mod weights;
 
@@ -52,6 +52,8 @@ pub struct Cli {
 enum Command {
     Demo(demo::DemoArgs),
     Run(run::RunArgs),
+    Score(score::ScoreArgs),
+    Merge(merge::MergeArgs),
     Report(report::ReportArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
@@ -65,6 +67,7 @@ enum Command {
     Parity(model::parity::ParityArgs),
     Weights(weights::WeightsArgs),
     Doctor(doctor::DoctorArgs),
+    Schema(schema::SchemaArgs),
     Completions(completions::CompletionsArgs),
 }
 
@@ -77,6 +80,8 @@ impl Cli {
         match self.command {
             Command::Demo(args) => demo::execute(&args),
             Command::Run(args) => run::execute(&args),
+            Command::Score(args) => score::execute(&args),
+            Command::Merge(args) => merge::execute(&args),
             Command::Report(args) => report::execute(&args),
             Command::Pairs(args) => pairs::execute(&args),
             Command::Cameras(args) => cameras::execute(&args),
@@ -90,6 +95,7 @@ impl Cli {
             Command::Render(args) => render::execute(&args),
             Command::Weights(args) => weights::execute(&args),
             Command::Doctor(args) => doctor::execute(&args),
+            Command::Schema(args) => schema::execute(&args),
             Command::Completions(args) => completions::execute(&args),
         }
     }

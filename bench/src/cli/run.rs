@@ -7,18 +7,22 @@ use serde_json::json;
 use sharp::render::Backend;
 
 use super::data_args::{DatasetArgs, MetricArgs};
-use super::evaluate::{Evaluation, Request};
+use super::observer::Terminal;
 use super::pair_args::PairArgs;
+use super::report::{outcome, print_tables};
 use super::usage::UsageError;
-use super::{Outcome, backend_args, output, report};
-use crate::counted::counted;
-use crate::runs::error::RunError;
-use crate::runs::plan::Keep;
+use super::{Outcome, backend_args, output};
+use crate::evaluate::{
+    EvaluateError, Evaluation, Keep, Request, RunOptions, Stages, Standing, prepare,
+};
+use crate::io::counts::counted;
+use crate::methods::{self, KINDS, MethodSpec};
 
 /// Evaluate methods on datasets into a run folder
 ///
 /// A run can be stopped and started again with the same command: finished units are kept, recorded failures are tried
-/// again. A pair that fails becomes a recorded failure and the others go on (exit code 4).
+/// again. A pair that fails becomes a recorded failure and the others continue (exit code 4). A folder takes more
+/// methods, pairs, metrics and datasets later; nothing that is done is done again.
 #[derive(Debug, Args)]
 #[command(after_help = help())]
 pub(super) struct RunArgs {
@@ -47,6 +51,15 @@ pub(super) struct RunArgs {
     /// Which predicted pictures to keep
     #[arg(long, value_enum, default_value_t = Keep::All)]
     keep: Keep,
+    /// Keep the Gaussians that methods predict, so that another renderer or target predicts nothing again
+    #[arg(long)]
+    keep_gaussians: bool,
+    /// Which stages to do; the others can follow on another machine
+    #[arg(long, value_enum, default_value_t = Stages::All)]
+    stage: Stages,
+    /// Memory for the Gaussians of one source, in MiB; beyond it they wait on disk until the source is done
+    #[arg(long, value_name = "MIB", default_value_t = 2048)]
+    memory_limit: u64,
     /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
     /// result's identity, and a run has one
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
@@ -57,7 +70,7 @@ pub(super) struct RunArgs {
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Show what would be evaluated, and write nothing
+    /// Count what is done, failed and missing, and write nothing
     #[arg(long)]
     dry_run: bool,
     /// Print JSON
@@ -66,7 +79,7 @@ pub(super) struct RunArgs {
 }
 
 fn help() -> String {
-    let kinds: String = crate::methods::KINDS
+    let kinds: String = KINDS
         .iter()
         .map(|kind| format!("  {:<12} {}\n", kind.name, kind.summary))
         .collect();
@@ -79,6 +92,31 @@ fn help() -> String {
     )
 }
 
+/// Methods from the command line, each with its text.
+pub(super) fn build_methods(
+    texts: &[String],
+    chooser: Option<&std::sync::Arc<crate::scoring::ScaleChooser>>,
+) -> anyhow::Result<Vec<(String, Box<dyn methods::Method>)>> {
+    let specs: Vec<MethodSpec> = texts
+        .iter()
+        .map(|text| text.parse())
+        .collect::<Result<_, _>>()?;
+    if let Some(spec) = specs
+        .iter()
+        .find(|spec| KINDS.iter().all(|kind| kind.name != spec.kind))
+    {
+        let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
+        let reason = format!(
+            "--method {}: unknown kind; known: {}",
+            spec.text,
+            known.join(", ")
+        );
+        return Err(UsageError(reason).into());
+    }
+    let built = methods::build(&specs, chooser)?;
+    Ok(specs.into_iter().map(|spec| spec.text).zip(built).collect())
+}
+
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
@@ -86,57 +124,80 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         let reason = "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu";
         return Err(UsageError(reason.to_owned()).into());
     }
-    let scoring = args.metrics.complete_scoring()?;
-    let evaluation = Evaluation::prepare(Request {
-        datasets: &args.datasets.datasets,
-        scenes: args.datasets.scenes.as_deref(),
-        pairs: args.pairs.origin()?,
-        methods: &args.methods,
-        scoring,
-        limit: args.limit,
-        common_region: args.common_region,
-        backend: &backend,
-        chooser: args
-            .scale_sweep
-            .then(|| args.metrics.scale_chooser())
-            .transpose()?,
-    })?;
-    if args.dry_run {
-        return dry_run(&evaluation, args.json);
+    if args.limit == Some(0) {
+        return Err(UsageError("--limit 0: no pair to evaluate".to_owned()).into());
     }
-    let finished = match evaluation.run(&args.out, args.keep) {
-        Err(error) if matches!(error.downcast_ref(), Some(RunError::Device { .. })) => {
+    let scoring = args.metrics.complete_scoring()?;
+    let chooser = args
+        .scale_sweep
+        .then(|| args.metrics.scale_chooser())
+        .transpose()?;
+    let methods = build_methods(&args.methods, chooser.as_ref())?;
+    let terminal = Terminal::default();
+    let request = Request {
+        datasets: args.datasets.open()?,
+        only_scenes: args.datasets.scenes.clone(),
+        pairs: args.pairs.origin()?,
+        limit: args.limit,
+        methods,
+        scoring,
+        common_region: args.common_region,
+        backend,
+    };
+    let evaluation = prepare(request, &terminal)?;
+    if args.dry_run {
+        return dry_run(&evaluation, args);
+    }
+    let options = RunOptions {
+        stages: args.stage,
+        keep: args.keep,
+        keep_gaussians: args.keep_gaussians,
+        memory_limit_bytes: args.memory_limit << 20,
+    };
+    let finished = match evaluation.run(&args.out, options, &terminal) {
+        Err(error @ EvaluateError::Device { .. }) => {
             output::remark(format!("stopped: {error:#}"));
             return Ok(Outcome::Resumable);
         }
         result => result?,
     };
-    let outcome = report::outcome(&finished.executed);
+    let counts = finished.counts;
     let (root, scores) = (
         finished.folder.root().display().to_string(),
         finished.folder.scores_path().display().to_string(),
     );
+    let outcome = outcome(counts);
     if args.json {
         output::json(&json!({
             "run": root,
             "scores": scores,
-            "units": finished.executed.units.len(),
-            "reused": finished.executed.reused,
-            "failed": finished.executed.failures(),
-            "manifest": finished.manifest,
+            "units": counts.units,
+            "reused": counts.reused,
+            "predicted": counts.predicted,
+            "rendered": counts.rendered,
+            "scored": counts.scored,
+            "waiting": counts.waiting,
+            "failed": counts.failed,
+            "manifest": finished.results.manifest,
         }))?;
-    } else {
-        report::print_tables(&[finished.into()])?;
+    } else if args.stage == Stages::All || args.stage == Stages::Score {
+        print_tables(&finished.results)?;
         output::line(format!("scores  {scores}"))?;
         output::line(format!("run     {root}  (sharp-bench report {root})"))?;
+    } else {
+        output::line(format!(
+            "{} predicted, {} rendered; `--stage score` scores them",
+            counted(counts.predicted, "prediction"),
+            counts.rendered
+        ))?;
     }
     Ok(outcome)
 }
 
-fn dry_run(evaluation: &Evaluation, json: bool) -> anyhow::Result<Outcome> {
-    let manifest = evaluation.manifest()?;
-    if json {
-        output::json(&manifest)?;
+fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
+    let (manifest, standing) = (evaluation.manifest()?, evaluation.status(&args.out)?);
+    if args.json {
+        output::json(&json!({ "manifest": manifest, "units": standing }))?;
         return Ok(Outcome::Done);
     }
     for dataset in &manifest.datasets {
@@ -156,11 +217,17 @@ fn dry_run(evaluation: &Evaluation, json: bool) -> anyhow::Result<Outcome> {
         output::line(format!("method  {} ({})", method.label, method.identity))?;
     }
     for metric in &manifest.metrics {
-        output::line(format!("metric  {}", metric.key))?;
+        output::line(format!("metric  {}", metric.facts.key))?;
     }
+    let Standing {
+        units,
+        done,
+        unscored,
+        failed,
+        missing,
+    } = standing;
     output::line(format!(
-        "units   {}",
-        manifest.pairs.evaluated * manifest.methods.len()
+        "units   {units}: {done} done, {unscored} to score, {missing} missing, {failed} failed"
     ))?;
     Ok(Outcome::Done)
 }

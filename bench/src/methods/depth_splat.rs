@@ -1,15 +1,21 @@
 //! The dataset's own depth, splatted: what SHARP's representation can do when depth is perfect and nothing is
 //! learned.
 
+use std::collections::BTreeMap;
+
 use image::RgbImage;
 use sharp::composer::{ComposerConfig, compose};
 use sharp::initializer::{BaseGaussians, Grid, InvalidDepth};
 use sharp::resize::{bilinear_align_corners, nearest};
 use sharp_datasets::DepthMap;
 
-use super::method::{Method, MethodError, PairInput, Prediction};
+use super::method::{
+    Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
+    PredictGaussians, Privilege, SourceView,
+};
 use super::spec::{MethodSpec, SpecError};
-use super::splat::{planes, render_from_ndc};
+use crate::io::fingerprints;
+use crate::io::pictures::planes;
 
 /// SHARP's initializer and composer on ground-truth depth, rendered by our renderer.
 ///
@@ -19,8 +25,7 @@ use super::splat::{planes, render_from_ndc};
 /// affine map E_t E_s⁻¹ K_s⁻¹ with the dataset's own intrinsics, composited over black in linear light, encoded to
 /// sRGB and rounded to 8 bit.
 ///
-/// Extras: `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha < ½),
-/// `dropped_blocks` (blocks of both layers without valid depth).
+/// Extras: `dropped_blocks` (blocks of both layers without valid depth).
 #[derive(Debug, Clone)]
 pub struct DepthSplat {
     label: String,
@@ -82,33 +87,49 @@ impl Method for DepthSplat {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        format!("depth-splat(resolution={})", self.resolution)
+    fn identity(&self) -> MethodIdentity {
+        let resolution = self.resolution.to_string();
+        MethodIdentity::new("depth-splat", [("resolution", resolution)])
     }
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
+    fn sources(&self) -> &'static str {
+        fingerprints::DEPTH_SPLAT
+    }
+
+    fn privilege(&self) -> Privilege {
+        Privilege::SourceDepth
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Gaussians(self)
+    }
+}
+
+impl PredictGaussians for DepthSplat {
+    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+        let (view, image) = (&source.camera().id, source.image());
         let unsuitable = |reason: String| MethodError::Unsuitable {
-            view: pair.source.id.clone(),
+            view: view.clone(),
             reason,
         };
-        let depth = pair.source.content.depth()?.ok_or_else(|| {
+        let depth = source.depth().ok_or_else(|| {
             unsuitable("the source view has no depth, which depth-splat needs".into())
         })?;
-        if depth.dimensions() != pair.source_image.dimensions() {
+        if depth.dimensions() != image.dimensions() {
             return Err(unsuitable(format!(
                 "depth is {:?} pixels, the photograph {:?}",
                 depth.dimensions(),
-                pair.source_image.dimensions()
+                image.dimensions()
             )));
         }
-        let base = self.base_gaussians(pair.source_image, &depth, &pair.source.id)?;
+        let base = self.base_gaussians(image, depth, view)?;
         let gaussians = compose(&base, None, &ComposerConfig::default())
             .map_err(|error| unsuitable(error.to_string()))?;
-        let mut prediction = render_from_ndc(&gaussians, pair)?;
-        let dropped = base.dropped() as f64;
-        prediction
-            .extras
-            .insert("dropped_blocks".to_owned(), dropped);
-        Ok(prediction)
+        Ok(GaussianPrediction {
+            gaussians,
+            space: GaussianSpace::Normalized,
+            first_layer: None,
+            extras: BTreeMap::from([("dropped_blocks".to_owned(), base.dropped() as f64)]),
+        })
     }
 }

@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use sharp_datasets::format::picture;
 
-use super::fit::{CropRule, FitRules};
-use super::method::{Method, MethodError, PairInput, Prediction};
+use super::crop_and_resize::{CropRule, FitRules};
+use super::method::{
+    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
+    TargetCamera,
+};
 use super::spec::{MethodSpec, SpecError};
-use crate::pictures;
-use crate::protocol::Region;
+use crate::io::{fingerprints, pictures};
+use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
@@ -20,8 +23,6 @@ use crate::protocol::Region;
 /// aspect is resized up, or `crop=` says which part of the target it shows: `x:y:w:h` in pixels of the target,
 /// `center:W:H` for the largest part of that aspect in the middle, `center` for the picture's own aspect, `sidecar` for
 /// `DIR/<pair_id>.json` with `{"crop": [x, y, width, height]}`.
-///
-/// Extras: `predicted_width`, `predicted_height` of a resized picture.
 #[derive(Debug, Clone)]
 pub struct Imported {
     label: String,
@@ -153,11 +154,15 @@ impl Method for Imported {
 
     /// The folder is not part of it: the bytes of each picture are hashed instead, so a moved
     /// folder does not undo finished work.
-    fn identity(&self) -> String {
-        match self.fit.identity().trim_start_matches(',') {
-            "" => "imported".to_owned(),
-            rules => format!("imported({rules})"),
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity {
+            kind: "imported".to_owned(),
+            settings: self.fit.settings(),
         }
+    }
+
+    fn sources(&self) -> &'static str {
+        fingerprints::FILES
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
@@ -168,22 +173,24 @@ impl Method for Imported {
         Ok(files)
     }
 
-    fn region(&self, pair_id: &str, target: (u32, u32)) -> Result<Option<Region>, MethodError> {
-        if self.fit.crop() == CropRule::Whole {
-            return Ok(None);
-        }
-        self.region_of(&self.find(pair_id)?, pair_id, target)
+    fn approach(&self) -> Approach<'_> {
+        Approach::Pictures(self)
     }
+}
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        let path = self.find(pair.pair_id)?;
-        let target = pair.truth.dimensions();
-        let region = self.region_of(&path, pair.pair_id, target)?;
+impl PredictPicture for Imported {
+    fn predict(
+        &self,
+        _source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        let path = self.find(target.pair_id())?;
+        let region = self.region_of(&path, target.pair_id(), target.size())?;
         let error = |reason: String| MethodError::File {
             path: path.clone(),
             reason,
         };
         let picture = pictures::read(&path).map_err(|e| error(e.to_string()))?;
-        self.fit.fit(picture, region, target).map_err(error)
+        self.fit.fit(picture, region, target.size()).map_err(error)
     }
 }

@@ -1,92 +1,238 @@
-//! The trait that every method implements, what it is given and what it returns.
+//! What a method is, what it is given and what it returns.
+//!
+//! A method sees the source and the *camera* of the target. The target's photograph cannot be reached from what it is
+//! given:
+//!
+//! ```compile_fail,E0599
+//! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
+//!
+//! fn cheat(_: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
+//!     Ok(target.image().clone().into())
+//! }
+//! ```
+//!
+//! The source's photograph can:
+//!
+//! ```
+//! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
+//!
+//! fn copy(source: &SourceView, _: &TargetCamera) -> Result<PicturePrediction, MethodError> {
+//!     Ok(source.image().clone().into())
+//! }
+//! ```
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use sharp::camera::RigidTransform;
-use sharp_datasets::{DatasetError, View};
-use sharp_metrics::{Mask, Picture, Scorer, Scores};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::gaussians::Gaussians;
+use sharp_datasets::{DatasetError, DepthMap};
+use sharp_metrics::Picture;
 
-use super::truth::Truth;
-use crate::protocol::Region;
-use crate::rendering::SharedRenderer;
+use super::scale_sweep::ScaleSweep;
+use super::trivial::Target;
+use crate::pairs::PosedCamera;
+use crate::scoring::Region;
 
-/// One pair, as a method sees it.
-///
-/// The target view is handed over whole, but only its camera may be used for a prediction; the
-/// self-test `target` is the one exception.
+/// The view that a method starts from.
 #[derive(Debug, Clone, Copy)]
-pub struct PairInput<'a> {
-    /// `dataset/scene/source__target`.
-    pub pair_id: &'a str,
-    /// The view that a method starts from.
-    pub source: &'a View,
-    /// The view to predict.
-    pub target: &'a View,
-    /// The source's photograph, 8-bit sRGB.
-    pub source_image: &'a RgbImage,
-    /// The target's photograph and which of its pixels count: the ground truth.
-    pub truth: &'a Truth,
-    /// Renders the Gaussians of methods that have some.
-    pub renderer: &'a SharedRenderer,
+pub struct SourceView<'a> {
+    name: &'a str,
+    camera: &'a PosedCamera,
+    image: &'a RgbImage,
+    depth: Option<&'a DepthMap>,
 }
 
-impl PairInput<'_> {
-    /// Extrinsics between the two cameras.
-    pub fn target_from_source(&self) -> RigidTransform {
-        self.target
-            .camera_from_world
-            .after(&self.source.camera_from_world.inverse())
+impl<'a> SourceView<'a> {
+    /// A view. `name` is `dataset/scene/source`; `depth` is for methods that declare [`Privilege::SourceDepth`].
+    pub fn new(
+        name: &'a str,
+        camera: &'a PosedCamera,
+        image: &'a RgbImage,
+        depth: Option<&'a DepthMap>,
+    ) -> Self {
+        Self {
+            name,
+            camera,
+            image,
+            depth,
+        }
+    }
+
+    /// `dataset/scene/source`, each part percent-encoded.
+    pub fn name(&self) -> &'a str {
+        self.name
+    }
+
+    /// Its camera.
+    pub fn camera(&self) -> &'a PosedCamera {
+        self.camera
+    }
+
+    /// Pixels, principal point with centres at (i + 0.5, j + 0.5).
+    pub fn intrinsics(&self) -> &'a Intrinsics {
+        &self.camera.intrinsics
+    }
+
+    /// The photograph, 8-bit sRGB.
+    pub fn image(&self) -> &'a RgbImage {
+        self.image
+    }
+
+    /// Ground-truth z-depth in metres, 0 where there is none: only for methods that declare
+    /// [`Privilege::SourceDepth`], and only where the dataset has some.
+    pub fn depth(&self) -> Option<&'a DepthMap> {
+        self.depth
     }
 }
 
-/// What a method made of a pair.
-#[derive(Debug, Clone)]
-pub struct Prediction {
+/// The camera to predict the picture of: all that a method learns of the target.
+#[derive(Debug, Clone, Copy)]
+pub struct TargetCamera<'a> {
+    pair_id: &'a str,
+    camera: &'a PosedCamera,
+}
+
+impl<'a> TargetCamera<'a> {
+    /// The target camera of a pair.
+    pub fn new(pair_id: &'a str, camera: &'a PosedCamera) -> Self {
+        Self { pair_id, camera }
+    }
+
+    /// `dataset/scene/source__target`, each part percent-encoded.
+    pub fn pair_id(&self) -> &'a str {
+        self.pair_id
+    }
+
+    /// Its camera.
+    pub fn camera(&self) -> &'a PosedCamera {
+        self.camera
+    }
+
+    /// Pixels; the prediction has its width and height.
+    pub fn intrinsics(&self) -> &'a Intrinsics {
+        &self.camera.intrinsics
+    }
+
+    /// Width and height of the picture to predict, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        self.camera.size()
+    }
+
+    /// Maps points from the source camera's coordinates to this camera's, metres.
+    pub fn target_from_source(&self, source: &SourceView) -> RigidTransform {
+        source.camera.to(self.camera)
+    }
+}
+
+/// A picture that a method predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PicturePrediction {
     /// sRGB, of the target's size, or of [`Self::region`]'s.
     pub picture: Picture,
     /// The part of the target that the picture shows; `None` for all of it.
     pub region: Option<Region>,
-    /// Facts about this prediction that become columns (`mean_alpha`, `hole_share`, …).
+    /// Size before it was resized to what it shows, pixels.
+    pub resized_from: Option<(u32, u32)>,
+    /// What the method reports about it; each becomes a column.
     pub extras: BTreeMap<String, f64>,
 }
 
-impl Prediction {
-    /// A picture without further facts.
-    pub fn plain(image: RgbImage) -> Self {
+impl From<RgbImage> for PicturePrediction {
+    fn from(image: RgbImage) -> Self {
         Self {
             picture: Picture::Rgb8(image),
             region: None,
+            resized_from: None,
             extras: BTreeMap::new(),
         }
     }
+}
 
-    /// Scores it against the ground truth, cropped like itself. Errors are the bare reason.
-    pub(crate) fn score(
-        &self,
-        scorer: &Scorer,
-        truth: &Truth,
-        frustum: Option<&Mask>,
-    ) -> Result<Scores, String> {
-        let size = truth.dimensions();
-        let region = self.region.unwrap_or(Region::whole(size));
-        if !region.fits(size) {
-            return Err(format!(
-                "the crop {region} is not inside the target, {}x{}",
-                size.0, size.1
-            ));
+/// The same view at one of several scales of the scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// The factor on the scene.
+    pub scale: f64,
+    /// The picture.
+    pub prediction: PicturePrediction,
+}
+
+/// In which space Gaussians lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GaussianSpace {
+    /// The source's normalised space: the picture's edges at ±1, z in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
+    Normalized,
+    /// The source camera's space, metres.
+    Camera,
+}
+
+/// Gaussians that a method predicted from a source, whatever the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GaussianPrediction {
+    /// Linear RGB.
+    pub gaussians: Gaussians,
+    /// Where they lie.
+    pub space: GaussianSpace,
+    /// The network's first depth layer, metres: what [`Privilege::DepthScale`] aligns to the truth.
+    pub first_layer: Option<DepthMap>,
+    /// What the method reports about them; each becomes a column.
+    pub extras: BTreeMap<String, f64>,
+}
+
+/// What a method may know of the source's true depth. Reports say so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Privilege {
+    /// Nothing.
+    #[default]
+    None,
+    /// Its scale: predicted Gaussians are scaled about the source camera by the median of true over predicted depth (the
+    /// paper's "privileged depth evaluation", eq. global_scale). The method itself sees no depth.
+    DepthScale,
+    /// All of it.
+    SourceDepth,
+}
+
+/// Everything about an instance that its predictions depend on, besides the pair: `kind(key=value,…)`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct MethodIdentity {
+    /// As in `--method KIND`.
+    pub kind: String,
+    /// Weights by their sha256, options by their value. Paths are not among them: a moved file is the same file.
+    pub settings: BTreeMap<String, String>,
+}
+
+impl MethodIdentity {
+    /// An identity of some settings.
+    pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {
+        let settings = settings.into_iter();
+        Self {
+            kind: kind.to_owned(),
+            settings: settings.map(|(k, v)| (k.to_owned(), v)).collect(),
         }
-        truth.score(scorer, &self.picture, region, frustum)
     }
 }
 
-/// Why a method failed on a pair. It becomes a recorded failure; the other pairs go on.
-#[derive(Debug, thiserror::Error)]
+impl fmt::Display for MethodIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.kind)?;
+        if self.settings.is_empty() {
+            return Ok(());
+        }
+        let settings: Vec<String> = self.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        write!(f, "({})", settings.join(","))
+    }
+}
+
+/// Why a method failed on a pair. It becomes a recorded failure; the other pairs continue.
+#[derive(Debug, Clone, thiserror::Error)]
 pub enum MethodError {
-    /// A file of the dataset.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
     /// The view lacks what the method needs.
     #[error("{view}: {reason}")]
     Unsuitable {
@@ -111,16 +257,15 @@ pub enum MethodError {
         /// What went wrong.
         reason: String,
     },
-    /// The network or the file of Gaussians.
+    /// The network, the file of Gaussians, or whatever else a method is made of.
     #[error("{0}")]
     Model(String),
-    /// The renderer refused.
-    #[error("render: {0}")]
-    Render(String),
-    /// The renderer's device was lost or is out of memory. It says nothing about the pair: the run ends, the unit
-    /// stays undone, and a restart tries it again.
-    #[error("{0}")]
-    Device(String),
+}
+
+impl From<DatasetError> for MethodError {
+    fn from(error: DatasetError) -> Self {
+        Self::Model(error.to_string())
+    }
 }
 
 /// A way to predict a target view from a source view.
@@ -128,33 +273,116 @@ pub trait Method: Send + Sync {
     /// Fills the `method` column.
     fn label(&self) -> &str;
 
-    /// Everything about the instance that a predicted picture depends on, as stable text. It goes
-    /// into the key of a unit and into the manifest.
-    fn identity(&self) -> String;
+    /// Everything about the instance that a prediction depends on.
+    fn identity(&self) -> MethodIdentity;
 
-    /// Files besides the two views that this pair's prediction depends on, for the unit's key.
-    ///
-    /// # Errors
-    /// As [`Self::predict`].
-    fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        Ok(Vec::new())
+    /// Hash of the code that predicts, so that another version of it predicts again; see
+    /// [`fingerprints`](crate::io::fingerprints). Methods of others put a version into their identity instead.
+    fn sources(&self) -> &'static str {
+        ""
     }
 
-    /// The part of the target, of the given size, that the method predicts, where its options or files say so before
-    /// it predicts; `None` for all of it.
+    /// What it may know of the source's depth.
+    fn privilege(&self) -> Privilege {
+        Privilege::None
+    }
+
+    /// Files besides the two views that this pair's prediction depends on.
     ///
     /// # Errors
-    /// As [`Self::predict`].
-    fn region(&self, _pair_id: &str, _target: (u32, u32)) -> Result<Option<Region>, MethodError> {
-        Ok(None)
+    /// As predicting.
+    fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
+        Ok(Vec::new())
     }
 
     /// Told once, before the first prediction of a run, the folder for logs; it need not exist.
     fn begin(&self, _logs: &Path) {}
 
-    /// Predicts the target view.
+    /// What it predicts, and how.
+    fn approach(&self) -> Approach<'_>;
+}
+
+/// What a method predicts.
+pub enum Approach<'a> {
+    /// Pictures of target cameras.
+    Pictures(&'a dyn PredictPicture),
+    /// Gaussians of sources, rendered by us.
+    Gaussians(&'a dyn PredictGaussians),
+    /// Pictures at several scales of the scene, of which the best is scored.
+    Scales(&'a ScaleSweep),
+    /// The truth itself: a self-test.
+    Target(&'a Target),
+}
+
+/// Predicts pictures.
+pub trait PredictPicture: Sync {
+    /// Predicts the picture of a camera.
     ///
     /// # Errors
     /// Names the file or view and the reason.
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError>;
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError>;
+}
+
+/// Predicts Gaussians. Which targets they will be rendered to is not known.
+pub trait PredictGaussians: Sync {
+    /// Predicts the Gaussians of a source.
+    ///
+    /// # Errors
+    /// Names the file or view and the reason.
+    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError>;
+}
+
+/// A function as a method.
+pub struct Closure<F> {
+    label: String,
+    version: String,
+    predict: F,
+}
+
+impl<F> Closure<F>
+where
+    F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Send + Sync,
+{
+    /// A function under a label. Its code cannot be hashed: a changed `version` predicts anew.
+    pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
+        Self {
+            label: label.into(),
+            version: version.into(),
+            predict,
+        }
+    }
+}
+
+impl<F> Method for Closure<F>
+where
+    F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Send + Sync,
+{
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("closure", [("version", self.version.clone())])
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Pictures(self)
+    }
+}
+
+impl<F> PredictPicture for Closure<F>
+where
+    F: Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + Sync,
+{
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        (self.predict)(source, target)
+    }
 }

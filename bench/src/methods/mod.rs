@@ -1,32 +1,31 @@
 //! Methods predict a target view from a source view.
 //!
-//! * [`spec`]: what the command line says, `KIND[:key=value,…]`.
-//! * [`truth`]: what predictions of a target are scored against.
-//! * [`method`]: the trait, its input and its output.
+//! * [`method`]: the traits, what a method is given and what it returns.
+//! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: from specs to instances.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
-//! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer, composer and renderer.
+//! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
-//! * [`gaussians`]: Gaussians that someone else's method predicted, rendered by us.
-//! * [`imported`]: pictures that someone else's method made; `fit`: what becomes of smaller and cropped ones;
-//!   [`scale_sweep`]: the best of several scales.
+//! * [`gaussians`]: Gaussians that someone else's method predicted.
+//! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: what becomes of cropped and smaller
+//!   ones; [`scale_sweep`]: pictures at several scales.
 //! * [`command`]: someone's program, asked pair by pair.
-//! * [`mod@build`]: from specs to instances.
 
-pub mod build;
 pub mod command;
+mod crop_and_resize;
 pub mod depth_splat;
-mod fit;
 pub mod gaussians;
 pub mod imported;
+pub mod kinds;
 pub mod method;
 pub mod scale_sweep;
 pub mod sharp;
 pub mod spec;
-mod splat;
 pub mod trivial;
-pub mod truth;
 
-pub use build::{KINDS, KindInfo, build};
-pub use method::{Method, MethodError, PairInput, Prediction};
+pub use kinds::{KINDS, MethodKind, build};
+pub use method::{
+    Approach, Candidate, Closure, GaussianPrediction, GaussianSpace, Method, MethodError,
+    MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, Privilege, SourceView,
+    TargetCamera,
+};
 pub use spec::{MethodSpec, SpecError};
-pub use truth::Truth;

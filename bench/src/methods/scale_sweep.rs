@@ -1,28 +1,15 @@
-//! The best of several scales: what the paper does for methods that know no metric scale (LVSM, SVC).
-//!
-//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
-//! rendered each pair at several scales of the scene, and the one whose picture is nearest to the target under DISTS is
-//! scored. This looks at the target; the report says so beside the numbers.
+//! Pictures of someone else's method at several scales of the scene, of which the best is scored.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sharp_metrics::Scorer;
-
 use super::imported::Imported;
-use super::method::{Method, MethodError, PairInput, Prediction};
+use super::method::{
+    Approach, Candidate, Method, MethodError, MethodIdentity, PredictPicture, SourceView,
+    TargetCamera,
+};
 use super::spec::{MethodSpec, SpecError};
-use super::truth::Truth;
-use crate::protocol::Region;
-
-/// What chooses among scales.
-#[derive(Debug)]
-pub struct ScaleChooser {
-    /// Computes exactly one metric, of which less is better.
-    pub scorer: Scorer,
-    /// The metric and its weights, for identities.
-    pub identity: String,
-}
+use crate::scoring::ScaleChooser;
 
 /// Reads `DIR/<scale>/<pair_id>.png` for every scale and keeps the best.
 ///
@@ -75,15 +62,38 @@ impl ScaleSweep {
         })
     }
 
-    /// The chooser's number; less is better.
-    fn badness(&self, prediction: &Prediction, truth: &Truth) -> Result<f64, String> {
-        let scores = prediction.score(&self.chooser.scorer, truth, None)?;
-        match scores.into_iter().next() {
-            Some((_, Ok(value))) if !value.is_nan() => Ok(value),
-            Some((key, Ok(_))) => Err(format!("{key} is not a number")),
-            Some((key, Err(reason))) => Err(format!("{key}: {reason}")),
-            None => Err("no metric chooses".to_owned()),
+    /// The predictions at all scales.
+    ///
+    /// # Errors
+    /// When one is missing or unusable, or they show different parts of the target.
+    pub fn candidates(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<Vec<Candidate>, MethodError> {
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for (scale, pictures) in &self.scales {
+            let prediction = pictures.predict(source, target)?;
+            if candidates
+                .first()
+                .is_some_and(|first| first.prediction.region != prediction.region)
+            {
+                return Err(MethodError::File {
+                    path: Path::new(target.pair_id()).to_owned(),
+                    reason: "its scales show different parts of the target".to_owned(),
+                });
+            }
+            candidates.push(Candidate {
+                scale: *scale,
+                prediction,
+            });
         }
+        Ok(candidates)
+    }
+
+    /// What chooses the best.
+    pub fn chooser(&self) -> &ScaleChooser {
+        &self.chooser
     }
 }
 
@@ -92,13 +102,19 @@ impl Method for ScaleSweep {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        let pictures = self.scales.first();
-        let pictures = pictures.map_or_else(String::new, |(_, p)| p.identity());
-        format!(
-            "{pictures}, best of scales {} by {}",
-            self.names, self.chooser.identity
-        )
+    fn identity(&self) -> MethodIdentity {
+        let pictures = self.scales.first().map(|(_, pictures)| pictures.identity());
+        let mut settings = pictures.map_or_else(Default::default, |identity| identity.settings);
+        settings.insert("scales".to_owned(), self.names.clone());
+        settings.insert("chosen_by".to_owned(), self.chooser.identity().to_owned());
+        MethodIdentity {
+            kind: "imported".to_owned(),
+            settings,
+        }
+    }
+
+    fn sources(&self) -> &'static str {
+        self.scales.first().map_or("", |(_, pictures)| pictures.sources())
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
@@ -109,44 +125,7 @@ impl Method for ScaleSweep {
         Ok(files)
     }
 
-    fn region(&self, pair_id: &str, target: (u32, u32)) -> Result<Option<Region>, MethodError> {
-        let mut regions = Vec::new();
-        for (_, pictures) in &self.scales {
-            regions.push(pictures.region(pair_id, target)?);
-        }
-        let first = regions.first().copied().flatten();
-        if regions.iter().any(|region| *region != first) {
-            return Err(MethodError::File {
-                path: Path::new(pair_id).to_owned(),
-                reason: "its scales show different parts of the target".to_owned(),
-            });
-        }
-        Ok(first)
-    }
-
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        self.region(pair.pair_id, pair.truth.dimensions())?;
-        let mut best: Option<(f64, f64, Prediction)> = None;
-        for (scale, pictures) in &self.scales {
-            let prediction = pictures.predict(pair)?;
-            let badness = self.badness(&prediction, pair.truth);
-            let badness = badness.map_err(|reason| MethodError::Unsuitable {
-                view: pair.pair_id.to_owned(),
-                reason: format!("scale {scale}: {reason}"),
-            })?;
-            if best.as_ref().is_none_or(|(least, ..)| badness < *least) {
-                best = Some((badness, *scale, prediction));
-            }
-        }
-        let Some((_, scale, mut prediction)) = best else {
-            return Err(MethodError::Unsuitable {
-                view: pair.pair_id.to_owned(),
-                reason: "no scale was given".to_owned(),
-            });
-        };
-        let tried = self.scales.len() as f64;
-        prediction.extras.insert("best_scale".to_owned(), scale);
-        prediction.extras.insert("scales_tried".to_owned(), tried);
-        Ok(prediction)
+    fn approach(&self) -> Approach<'_> {
+        Approach::Scales(self)
     }
 }

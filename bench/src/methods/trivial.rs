@@ -2,7 +2,12 @@
 
 use image::{Rgb, RgbImage};
 
-use super::method::{Method, MethodError, PairInput, Prediction};
+use super::method::{
+    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
+    TargetCamera,
+};
+use crate::io::fingerprints;
+use crate::scoring::GroundTruth;
 
 /// Returns the ground truth. It must be perfect under every metric: a self-test of the whole path.
 #[derive(Debug, Clone)]
@@ -11,17 +16,28 @@ pub struct Target {
     pub label: String,
 }
 
+impl Target {
+    /// The truth as a prediction.
+    pub(crate) fn reveal(&self, truth: &GroundTruth) -> PicturePrediction {
+        truth.image().clone().into()
+    }
+}
+
 impl Method for Target {
     fn label(&self) -> &str {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        "target".into()
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("target", [])
     }
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        Ok(Prediction::plain(pair.truth.image().clone()))
+    fn sources(&self) -> &'static str {
+        fingerprints::TRIVIAL
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Target(self)
     }
 }
 
@@ -37,22 +53,35 @@ impl Method for Copy {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        "copy".into()
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("copy", [])
     }
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        if pair.source_image.dimensions() != pair.truth.dimensions() {
+    fn sources(&self) -> &'static str {
+        fingerprints::TRIVIAL
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Pictures(self)
+    }
+}
+
+impl PredictPicture for Copy {
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        let (own, wanted) = (source.image().dimensions(), target.size());
+        if own != wanted {
             return Err(MethodError::Unsuitable {
-                view: pair.source.id.clone(),
+                view: source.camera().id.clone(),
                 reason: format!(
-                    "the source is {:?} and the target {:?} pixels; copy never resizes",
-                    pair.source_image.dimensions(),
-                    pair.truth.dimensions()
+                    "the source is {own:?} and the target {wanted:?} pixels; copy never resizes"
                 ),
             });
         }
-        Ok(Prediction::plain(pair.source_image.clone()))
+        Ok(source.image().clone().into())
     }
 }
 
@@ -70,16 +99,28 @@ impl Method for Mean {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        "mean(source)".into()
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("mean", [("of", "source".to_owned())])
     }
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        let (width, height) = pair.truth.dimensions();
-        let color = mean_color(pair.source_image);
-        Ok(Prediction::plain(RgbImage::from_pixel(
-            width, height, color,
-        )))
+    fn sources(&self) -> &'static str {
+        fingerprints::TRIVIAL
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Pictures(self)
+    }
+}
+
+impl PredictPicture for Mean {
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        let (width, height) = target.size();
+        let color = mean_color(source.image());
+        Ok(RgbImage::from_pixel(width, height, color).into())
     }
 }
 

@@ -1,6 +1,6 @@
 //! What can go wrong while a report is made.
 
-use crate::durable::FileError;
+use crate::io::atomic_files::FileError;
 
 /// Every message names the file or unit and the reason, in one line.
 #[derive(Debug, thiserror::Error)]

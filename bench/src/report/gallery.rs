@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
-use crate::record::{Record, Status};
+use crate::scoring::Region;
+use crate::evaluate::record::{Record, Status};
 
 use super::error_map;
 use super::input::{Better, Metric, Options, Pictures};
@@ -140,16 +141,15 @@ fn load<'a>(
 /// The target as a prediction is compared with it: outside the crop that it was scored on, the prediction's own padding,
 /// which is no error.
 fn truth_of<'a>(record: &Record, prediction: &RgbImage, target: &'a RgbImage) -> Cow<'a, RgbImage> {
-    let at = |key: &str| record.extras.get(key).map(|v| *v as u32);
-    let crop = [
-        at("crop_x"),
-        at("crop_y"),
-        at("crop_width"),
-        at("crop_height"),
-    ];
-    let [Some(x), Some(y), Some(width), Some(height)] = crop else {
+    let Some(crop) = record.crop else {
         return Cow::Borrowed(target);
     };
+    let Region {
+        x,
+        y,
+        width,
+        height,
+    } = crop.region;
     let mut truth = prediction.clone();
     let cropped = imageops::crop_imm(target, x, y, width, height).to_image();
     imageops::replace(&mut truth, &cropped, i64::from(x), i64::from(y));

@@ -3,7 +3,7 @@
 use image::RgbImage;
 use sharp_metrics::MetricKey;
 
-use crate::record::Record;
+use crate::evaluate::record::Record;
 
 /// Which way a metric is better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -185,7 +185,7 @@ pub struct FactGroup {
 }
 
 /// Which of the paper's numbers stand beside ours.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Published {
     /// None.
     Never,

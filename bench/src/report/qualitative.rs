@@ -4,7 +4,7 @@
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageEncoder as _, Rgb, RgbImage, imageops};
 
-use crate::record::Status;
+use crate::evaluate::record::Status;
 
 use super::error::ReportError;
 use super::gallery::by_badness;

@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::record::{Record, Status};
+use crate::evaluate::record::{Record, Status};
 
 use super::error::ReportError;
 use super::input::{Dataset, Method};

@@ -1,6 +1,6 @@
 //! Mean, spread and coverage of one metric over the pairs of one dataset, from the raw records.
 
-use crate::record::{Record, Score, Status};
+use crate::evaluate::record::{Record, Score, Status};
 
 use super::records::DatasetBoard;
 
@@ -44,7 +44,7 @@ pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> Summar
 pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> Summary {
     summarise(dataset, method, |record| {
         record
-            .extras
+            .reported()
             .get(name)
             .copied()
             .ok_or_else(|| "this method does not report it".into())

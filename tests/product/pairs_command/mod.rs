@@ -6,7 +6,7 @@ mod lists;
 mod overlap;
 
 use crate::support::{Said, read, sharp_bench};
-use sharp_bench::exchange::camera_file::CameraFile;
+use sharp_bench::export::camera_file::CameraFile;
 use sharp_datasets::DatasetSpec;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 
 use super::experiment::Experiment;
 use super::shift::Axis;
-use crate::record::finite_or_text;
+use crate::evaluate::record::finite_or_text;
 use crate::report::input::Metric;
 use crate::report::paper;
 use crate::report::tables::{Cell, Group, Row, Table};

@@ -6,7 +6,7 @@ use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
 
 use crate::cli::{Outcome, output, progress};
-use crate::counted::counted;
+use crate::io::counts::counted;
 
 pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
     anyhow::ensure!(views > 0, "--views 0: at least one is needed");

@@ -9,8 +9,8 @@ use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for, files_of
 use sharp_datasets::{DatasetSpec, Pairing, Scene, View, catalog};
 
 use crate::cli::{Outcome, output};
-use crate::counted::counted;
-use crate::protocol::PairList;
+use crate::io::counts::counted;
+use crate::pairs::PairList;
 
 /// What a list needs of one dataset.
 #[derive(Debug, Serialize)]

@@ -5,7 +5,7 @@ use sharp_metrics::weights::Published;
 use sharp_metrics::{Facts, MetricKey, Scorer, Selection};
 
 use super::{Outcome, output};
-use crate::methods_text::MethodsText;
+use crate::pictures::methods_text::MethodsText;
 
 /// Each key with its convention and the public code that computes the same.
 pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outcome> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use crate::picture_pairs::{MatchBy, match_folders, partner};
+use crate::pictures::matching::{MatchBy, match_folders, partner};
 
 /// Files of one pair.
 pub(super) struct Input {

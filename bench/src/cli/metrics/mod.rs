@@ -23,8 +23,8 @@ use sharp_metrics::{Region, ResizeKernel, Scorer, Selection};
 use self::kernels::KernelArgs;
 use super::data_args::MetricArgs;
 use super::{Outcome, output, progress};
-use crate::durable::{check_writable, write_atomic};
-use crate::picture_pairs::MatchBy;
+use crate::io::atomic_files::{check_writable, write_atomic};
+use crate::pictures::matching::MatchBy;
 
 /// Score a prediction against a target: two pictures, or two folders
 ///

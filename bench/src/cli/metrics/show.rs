@@ -6,11 +6,11 @@ use sharp_metrics::{MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_na
 use super::find::Sought;
 use super::output;
 use super::scored::Scored;
-use crate::record::finite_or_text;
-use crate::runs::manifest::DECODERS;
-use crate::runs::metric_facts::MetricFacts;
-use crate::runs::scores::number;
-use crate::runs::unit::SOURCE_FINGERPRINT;
+use crate::evaluate::record::finite_or_text;
+use crate::io::fingerprints::DECODERS;
+use crate::scoring::MetricFacts;
+use crate::evaluate::results::number;
+use crate::io::fingerprints;
 
 /// All pairs and what they were scored with.
 pub(super) struct Results<'a> {
@@ -58,7 +58,7 @@ impl Results<'_> {
             "metrics": facts.collect::<Vec<_>>(),
             "conditions": {
                 "version": env!("CARGO_PKG_VERSION"),
-                "source_fingerprint": SOURCE_FINGERPRINT,
+                "source_fingerprint": fingerprints::BUILD,
                 "decoder": DECODERS,
                 "networks": self.scorer.options().arithmetic(),
                 "resize_prediction": self.resize.map_or("none", ResizeKernel::name),

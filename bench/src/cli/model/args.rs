@@ -8,7 +8,7 @@ use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
 use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor};
 
 use super::super::output;
-use crate::model_files::find_checkpoint;
+use crate::io::checkpoint::find_checkpoint;
 
 /// Which network.
 #[derive(Debug, Args)]

@@ -8,7 +8,7 @@ use sharp::gaussians::Gaussians;
 use sharp::ply::{GaussianScene, PlyForm, ReadOptions, load, to_bytes};
 
 use super::super::{Outcome, output};
-use crate::durable::write_atomic;
+use crate::io::atomic_files::write_atomic;
 
 /// Look into a PLY file of Gaussians, or rewrite it
 #[derive(Debug, Args)]

@@ -106,7 +106,7 @@ fn to_json(comparison: &Comparison, tolerance: f64) -> serde_json::Value {
         .stages
         .iter()
         .map(|stage| {
-            let error = crate::record::finite_or_text::text(stage.rel_error)
+            let error = crate::evaluate::record::finite_or_text::text(stage.rel_error)
                 .map_or_else(|| json!(stage.rel_error), |text| json!(text));
             json!({ "stage": stage.stage, "rel_error": error, "values": stage.values })
         })

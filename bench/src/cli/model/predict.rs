@@ -16,9 +16,9 @@ use sharp::unprojection::{release_intrinsics, unproject};
 
 use super::super::{Outcome, output};
 use super::args::{ModelArgs, PhotoArgs, focal_text};
-use crate::durable::{FileError, write_atomic};
-use crate::process_memory::peak_bytes;
-use crate::render_file;
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::process_memory::peak_bytes;
+use crate::io::rendering_files;
 
 /// Predict 3D Gaussians from photographs
 ///
@@ -241,7 +241,7 @@ fn write_depth(
                 .enumerate()
                 .map(|(k, layer)| (format!("layer{k}.Z"), *layer))
                 .collect();
-            render_file::write_exr_channels(&path, (side, side), &named)?;
+            rendering_files::write_exr_channels(&path, (side, side), &named)?;
             Ok(vec![path])
         }
         DepthForm::Png16 => layers

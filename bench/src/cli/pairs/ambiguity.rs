@@ -3,13 +3,10 @@
 use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
-use sharp_datasets::DatasetSpec;
-use sharp_datasets::catalog::formats;
 
-use super::super::data_args::{self, OpenDataset};
 use super::super::{Outcome, output};
-use crate::protocol::PairOptions;
-use crate::protocol::ambiguity::{Alternative, Count, Reading};
+use crate::pairs::PairOptions;
+use crate::pairs::ambiguity::{Alternative, Count};
 
 pub(super) fn print(
     rows: &[Alternative],
@@ -77,41 +74,4 @@ fn row_json(row: &Alternative) -> Value {
         "datasets": counts,
         "unavailable": row.unavailable,
     })
-}
-
-/// Settings that are no readings of the paper: which files may be opened, and what becomes of pictures that are not their
-/// camera's size.
-const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
-
-/// Each dataset under every other choice of its settings, opened as far as its files allow.
-pub(super) fn readings(
-    datasets: &[OpenDataset],
-    only_scenes: Option<&str>,
-) -> anyhow::Result<Vec<Reading>> {
-    let mut readings = Vec::new();
-    for dataset in datasets {
-        let spec = DatasetSpec::parse(&dataset.spec)?;
-        let format = formats().iter().find(|format| format.name == spec.format);
-        let settings = format.map_or(&[][..], |format| format.settings);
-        let of_paper = settings.iter().filter(|s| !NO_READINGS.contains(&s.key));
-        for setting in of_paper {
-            let others = setting.choices.iter().map(|choice| choice.value);
-            for value in others.filter(|value| *value != spec.setting(setting.key)) {
-                let mut other = spec.clone();
-                other.settings.insert(setting.key, value.to_owned());
-                let opened = data_args::open(&[other.to_string()], only_scenes);
-                let opened = opened.map(|mut opened| opened.pop());
-                readings.push(Reading {
-                    dataset: dataset.name.clone(),
-                    change: format!("{}={value}", setting.key),
-                    settings: format!("{} {:?}", other.format, other.settings),
-                    scenes: match opened {
-                        Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
-                        Err(error) => Err(error.to_string()),
-                    },
-                });
-            }
-        }
-    }
-    Ok(readings)
 }

@@ -6,15 +6,17 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::{Map, json};
 
-use super::super::data_args::{self, DatasetArgs};
-use super::super::list_facts::ListCompanion;
-use super::super::pair_advice::counted_pairs;
-use super::super::pair_recipe::{OverlapArgs, PairRecipe};
+use super::super::data_args::DatasetArgs;
+use super::super::observer::Terminal;
+use super::super::pair_args::OverlapArgs;
 use super::super::{Outcome, output};
 use super::ambiguity;
-use crate::durable::write_atomic;
-use crate::protocol::options::paper::PROXY;
-use crate::protocol::{PairList, PairOptions};
+use crate::pairs::ambiguity::other_readings;
+use crate::io::atomic_files::write_atomic;
+use crate::pairs::options::paper::PROXY;
+use crate::pairs::advice::counted_pairs;
+use crate::pairs::provenance::ListCompanion;
+use crate::pairs::PairOptions;
 
 /// What `pairs` without a subcommand takes.
 #[derive(Debug, Args)]
@@ -39,20 +41,21 @@ pub(super) struct BuildArgs {
 }
 
 pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
-    let recipe = PairRecipe::new(args.pair_options.clone(), args.overlap.clone())?;
-    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let recipe = args.overlap.recipe(&args.pair_options)?;
+    let datasets = args.datasets.open()?;
+    let (cache, terminal) = (args.overlap.cache(), Terminal::default());
     if args.ambiguity {
-        let readings = ambiguity::readings(&datasets, args.datasets.scenes.as_deref())?;
-        let rows = recipe.ambiguity(&datasets, &readings)?;
-        return ambiguity::print(&rows, recipe.options(), args.json);
+        let readings = other_readings(&datasets, args.datasets.scenes.as_deref())?;
+        let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;
+        return ambiguity::print(&rows, &recipe.options, args.json);
     }
     let out = args.out.as_deref().context("--out FILE is needed")?;
-    let built = recipe.build(&datasets)?;
-    let list = PairList::new(out, built.pairs.pairs.clone());
+    let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
+    let list = built.list(out);
     write_atomic(out, list.to_csv().as_bytes())?;
-    ListCompanion::new(&list.sha256, &built, &args.datasets.datasets).write(out)?;
-    let build = &built.pairs;
-    let outcome = if build.pairs.iter().any(|pair| pair.selected) {
+    ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
+    let build = &built.build;
+    let outcome = if built.has_selected() {
         Outcome::Done
     } else {
         Outcome::RecordedFailures
@@ -85,10 +88,9 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
         output::json(&json!({
             "out": out.display().to_string(),
             "sha256": list.sha256,
-            "options": recipe.options().to_string(),
-            "overlap_depth": built.facts.get("overlap depth"),
-            "overlap_depth_maps": built.facts.get("overlap depth maps"),
-            "proxies": recipe.options().proxies(),
+            "options": recipe.options.to_string(),
+            "choices": built.provenance,
+            "proxies": recipe.options.proxies(),
             "warnings": built.advice,
             "datasets": counts,
         }))?;
@@ -97,12 +99,12 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     for (dataset, counts) in &build.summaries {
         output::line(counted_pairs(dataset, counts))?;
     }
-    output::line(format!("options {}", recipe.options()))?;
-    for proxy in recipe.options().proxies() {
-        output::line(format!("        {proxy} ({PROXY})"))?;
-    }
-    if let Some(depth) = built.facts.get("overlap depth") {
-        output::line(format!("depth   {depth}"))?;
+    for (dataset, choices) in &built.provenance {
+        output::line(format!("{dataset}: options {}", choices.options))?;
+        for proxy in choices.options.proxies() {
+            output::line(format!("        {proxy} ({PROXY})"))?;
+        }
+        output::line(format!("        depth {}", choices.overlap_depth))?;
     }
     output::line(format!("sha256  {}", list.sha256))?;
     output::line(format!("list    {}", out.display()))?;

@@ -6,11 +6,11 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 use sharp_datasets::Scene;
 
-use super::super::data_args::{self, DatasetArgs};
+use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
-use crate::counted::counted;
-use crate::protocol::PairList;
-use crate::protocol::pair_list::ListDiff;
+use crate::io::counts::counted;
+use crate::pairs::PairList;
+use crate::pairs::pair_list::ListDiff;
 
 /// Lines of one kind that are printed; `--json` has all.
 const LINES: usize = 20;
@@ -134,7 +134,7 @@ pub(super) struct VerifyArgs {
 
 pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
     let list = PairList::read(&args.list)?;
-    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let datasets = args.datasets.open()?;
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let found = list.verify(&scenes);
     let outcome = if found.is_good() {

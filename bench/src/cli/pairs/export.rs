@@ -6,12 +6,12 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 use sharp_datasets::Scene;
 
-use super::super::data_args::{self, DatasetArgs};
+use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output, progress};
-use crate::counted::counted;
-use crate::durable::write_atomic;
-use crate::exchange::pairs;
-use crate::protocol::PairList;
+use crate::io::counts::counted;
+use crate::io::atomic_files::write_atomic;
+use crate::export::pairs;
+use crate::pairs::PairList;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
 ///
@@ -58,10 +58,10 @@ enum More {
 
 pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     let list = PairList::read(&args.pairs)?;
-    let datasets = data_args::open(&args.datasets.datasets, args.datasets.scenes.as_deref())?;
+    let datasets = args.datasets.open()?;
     let readings = datasets
         .iter()
-        .map(|dataset| (dataset.name.clone(), dataset.readings()))
+        .map(|dataset| (dataset.name.clone(), dataset.readings_text()))
         .collect();
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let mut pairs = list.resolve(&scenes)?;

@@ -9,7 +9,7 @@ use clap::{Args, Subcommand};
 
 use super::Outcome;
 use super::data_args;
-use crate::protocol::PairOptions;
+use crate::pairs::PairOptions;
 
 /// Build, compare, check and export lists of pairs
 ///

@@ -6,7 +6,7 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::durable::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_atomic};
 use crate::rendering::Fallback;
 
 /// What the frames of a folder have in common.

@@ -16,11 +16,11 @@ use super::args::{BackgroundArg, Layers};
 use super::target::{self, Form, Look, Target};
 use super::{RenderArgs, Seen, Summary, frames};
 use crate::cli::progress;
-use crate::durable::file_sha256;
-use crate::exchange::camera_file::CameraFile;
+use crate::io::hash::file_sha256;
+use crate::export::camera_file::CameraFile;
 use crate::rendering::BatchRenderer;
-use crate::runs::unit::SOURCE_FINGERPRINT;
-use crate::scene_file;
+use crate::io::fingerprints;
+use crate::io::gaussian_files;
 
 /// Everything that is known before a backend is.
 pub(super) struct Job<'a> {
@@ -37,7 +37,7 @@ pub(super) struct Job<'a> {
 impl<'a> Job<'a> {
     /// Reads the scene and finds the views.
     pub(super) fn prepare(args: &'a RenderArgs, form: Form) -> anyhow::Result<Self> {
-        let file = scene_file::read(&args.scene)?;
+        let file = gaussian_files::read(&args.scene)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
             (None, Some(stored)) => stored,
@@ -224,7 +224,7 @@ impl<'a> Job<'a> {
             "scene_sha256": file_sha256(&self.args.scene)?,
             "layer": layer,
             "path": self.path,
-            "cameras_sha256": crate::durable::sha256_hex(&serde_json::to_vec(&cameras)?),
+            "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
             "frames": self.views.len(),
             "eps2d": self.args.eps2d.0,
             "near": self.args.near,
@@ -234,7 +234,7 @@ impl<'a> Job<'a> {
             "depth_range_m": self.look.depth_m,
             "alpha": self.look.alpha,
             "backend": backend,
-            "source_fingerprint": SOURCE_FINGERPRINT,
+            "source_fingerprint": fingerprints::BUILD,
         }))
     }
 }

@@ -7,10 +7,10 @@ use image::{GrayImage, Luma, Rgb, RgbImage};
 use sharp::color::{Quantization, quantize};
 use sharp::render::{Background, RenderOutput};
 
-use crate::movie::Movie;
-use crate::movie::gif::GifMovie;
-use crate::movie::mp4::Mp4Movie;
-use crate::render_file;
+use crate::io::movie::Movie;
+use crate::io::movie::gif::GifMovie;
+use crate::io::movie::mp4::Mp4Movie;
+use crate::io::rendering_files;
 
 /// What the name given by `--out` asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,19 +92,19 @@ impl Look {
             let size = (view.width as usize, view.height as usize);
             let depth = view.expected_depth();
             let channel = [("Z".to_owned(), depth.as_raw().as_slice())];
-            render_file::write_exr_channels(&path.with_extension("depth.exr"), size, &channel)?;
+            rendering_files::write_exr_channels(&path.with_extension("depth.exr"), size, &channel)?;
         }
         if let Some(picture) = self.depth_colors(view) {
-            render_file::write_png(&path.with_extension("depth.png"), &picture)?;
+            rendering_files::write_png(&path.with_extension("depth.png"), &picture)?;
         }
         if let Some(picture) = self.alpha(view) {
-            render_file::write_gray_png(&path.with_extension("alpha.png"), &picture)?;
+            rendering_files::write_gray_png(&path.with_extension("alpha.png"), &picture)?;
         }
         // Last, so that a frame with its colour is complete.
         match path.extension().and_then(|e| e.to_str()) {
-            Some("exr") => render_file::write_exr(path, view)?,
-            Some("safetensors") => render_file::write_safetensors(path, view)?,
-            _ => render_file::write_png(path, &self.color(view))?,
+            Some("exr") => rendering_files::write_exr(path, view)?,
+            Some("safetensors") => rendering_files::write_safetensors(path, view)?,
+            _ => rendering_files::write_png(path, &self.color(view))?,
         }
         Ok(())
     }

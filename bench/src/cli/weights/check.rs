@@ -9,8 +9,8 @@ use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::super::{Outcome, output};
 use super::load_config;
-use crate::model_files::RELEASE_FILE;
-use crate::model_files::record::{compare_or_record, record_file};
+use crate::io::checkpoint::RELEASE_FILE;
+use crate::io::checkpoint::record::{compare_or_record, record_file};
 
 #[derive(Debug, Default)]
 struct Module {

@@ -9,10 +9,10 @@ use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
 use super::super::{Outcome, output};
-use crate::durable::file_sha256;
-use crate::model_files::find_checkpoint;
-use crate::model_files::record::{Standing, compare_or_record, record_file};
-use crate::model_files::release::{
+use crate::io::hash::file_sha256;
+use crate::io::checkpoint::find_checkpoint;
+use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
+use crate::io::checkpoint::release::{
     LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, licence_text,
 };
 
@@ -169,8 +169,8 @@ fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBu
         }
         let bar = super::super::progress::bar(0, "bytes");
         bar.set_message("sharp");
-        let release = crate::model_files::release::Release::official();
-        let found = crate::model_files::fetch::fetch(&release, cache, |at| {
+        let release = crate::io::checkpoint::release::Release::official();
+        let found = crate::io::checkpoint::fetch::fetch(&release, cache, |at| {
             bar.set_length(at.total);
             bar.set_position(at.done);
         })?;

@@ -5,9 +5,9 @@ use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
 use super::super::{Outcome, output};
-use crate::model_files::find_checkpoint;
-use crate::model_files::record::{self, record_file};
-use crate::model_files::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
+use crate::io::checkpoint::find_checkpoint;
+use crate::io::checkpoint::record::{self, record_file};
+use crate::io::checkpoint::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
 
 /// Prints one entry a file.
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {

@@ -6,7 +6,6 @@
 mod process;
 mod protocol;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -15,13 +14,15 @@ use tempfile::TempDir;
 
 use self::process::{Process, Trouble};
 use self::protocol::{Answer, Request};
-use super::fit::FitRules;
-use super::method::{Method, MethodError, PairInput, Prediction};
+use super::crop_and_resize::FitRules;
+use super::method::{
+    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
+    TargetCamera,
+};
 use super::spec::{MethodSpec, SpecError};
-use crate::durable::sha256_hex;
-use crate::pictures;
-use crate::protocol::Region;
-use crate::render_file::write_png;
+use crate::io::hash::sha256_hex;
+use crate::io::{fingerprints, pictures};
+use crate::io::rendering_files::write_png;
 
 /// Runs a program for all pairs of a run.
 ///
@@ -106,11 +107,12 @@ impl Command {
     fn ask(
         &self,
         state: &mut State,
-        pair: &PairInput,
+        source: &SourceView,
+        target: &TargetCamera,
         source_picture: &Path,
         write_to: &Path,
     ) -> Result<Answer, MethodError> {
-        let line = Request::new(pair, source_picture, write_to)
+        let line = Request::new(source, target, source_picture, write_to)
             .to_line()
             .map_err(|error| self.failure(error.to_string()))?;
         loop {
@@ -123,7 +125,7 @@ impl Command {
                 }
             };
             let trouble = match process.ask(&line, self.timeout) {
-                Ok(text) => match Answer::parse(&text, pair.pair_id) {
+                Ok(text) => match Answer::parse(&text, target.pair_id()) {
                     Ok(answer) => {
                         state.process = Some(process);
                         return Ok(answer);
@@ -151,7 +153,7 @@ impl Command {
 
 impl State {
     /// The scratch folder with the source's picture in it.
-    fn source_picture(&mut self, pair: &PairInput) -> Result<PathBuf, MethodError> {
+    fn source_picture(&mut self, source: &SourceView) -> Result<PathBuf, MethodError> {
         let fail = |path: &Path, reason: String| MethodError::File {
             path: path.to_owned(),
             reason,
@@ -163,10 +165,10 @@ impl State {
         }
         let folder = self.scratch.as_ref().map_or(Path::new("."), TempDir::path);
         let path = folder.join("source.png");
-        let hash = sha256_hex(pair.source_image.as_raw());
-        let hash = format!("{hash} {:?}", pair.source_image.dimensions());
+        let hash = sha256_hex(source.image().as_raw());
+        let hash = format!("{hash} {:?}", source.image().dimensions());
         if self.source.as_ref() != Some(&hash) {
-            write_png(&path, pair.source_image).map_err(|error| fail(&path, error.to_string()))?;
+            write_png(&path, source.image()).map_err(|error| fail(&path, error.to_string()))?;
             self.source = Some(hash);
         }
         Ok(path)
@@ -178,13 +180,18 @@ impl Method for Command {
         &self.label
     }
 
-    fn identity(&self) -> String {
-        format!(
-            "command(run={},version={}{})",
-            self.run,
-            self.version,
-            self.fit.identity()
-        )
+    fn identity(&self) -> MethodIdentity {
+        let mut settings = self.fit.settings();
+        settings.insert("run".to_owned(), self.run.clone());
+        settings.insert("version".to_owned(), self.version.clone());
+        MethodIdentity {
+            kind: "command".to_owned(),
+            settings,
+        }
+    }
+
+    fn sources(&self) -> &'static str {
+        fingerprints::COMMAND
     }
 
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
@@ -193,21 +200,26 @@ impl Method for Command {
         Ok(files.filter(|path| path.is_file()).collect())
     }
 
-    fn region(&self, _pair_id: &str, target: (u32, u32)) -> Result<Option<Region>, MethodError> {
-        let region = self.fit.region(target, None, None);
-        region.map_err(|reason| self.failure(reason))
-    }
-
     fn begin(&self, logs: &Path) {
-        // A second run of the same instance goes on in the first one's log.
+        // A second run of the same instance continues the first one's log.
         let _ = self.log.set(logs.join(format!("{}.log", self.label)));
     }
 
-    fn predict(&self, pair: &PairInput) -> Result<Prediction, MethodError> {
-        let target = pair.truth.dimensions();
-        let region = self.region(pair.pair_id, target)?;
+    fn approach(&self) -> Approach<'_> {
+        Approach::Pictures(self)
+    }
+}
+
+impl PredictPicture for Command {
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        let region = self.fit.region(target.size(), None, None);
+        let region = region.map_err(|reason| self.failure(reason))?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let source_picture = state.source_picture(pair)?;
+        let source_picture = state.source_picture(source)?;
         let write_to = source_picture.with_file_name("prediction.png");
         // What an earlier pair left must not pass for this one's.
         if let Err(error) = std::fs::remove_file(&write_to)
@@ -218,7 +230,7 @@ impl Method for Command {
                 reason: error.to_string(),
             });
         }
-        let answer = self.ask(&mut state, pair, &source_picture, &write_to)?;
+        let answer = self.ask(&mut state, source, target, &source_picture, &write_to)?;
         if let Some(reason) = answer.error {
             return Err(self.failure(format!("the program says: {reason}")));
         }
@@ -228,9 +240,9 @@ impl Method for Command {
             reason,
         };
         let picture = pictures::read(&path).map_err(|error| file_error(error.to_string()))?;
-        let mut prediction = self.fit.fit(picture, region, target).map_err(file_error)?;
-        let own: BTreeMap<String, f64> = answer.extras.into_iter().collect();
-        prediction.extras.extend(own);
+        let fitted = self.fit.fit(picture, region, target.size());
+        let mut prediction = fitted.map_err(file_error)?;
+        prediction.extras = answer.extras;
         Ok(prediction)
     }
 }
@@ -255,7 +267,10 @@ mod tests {
         }
         let spec: MethodSpec = "command:run='a b',version=2".parse().unwrap();
         let command = Command::from_spec(&spec).unwrap();
-        assert_eq!(command.identity(), "command(run=a b,version=2)");
+        assert_eq!(
+            command.identity().to_string(),
+            "command(run=a b,version=2)"
+        );
         assert_eq!(command.timeout, Duration::from_secs(600));
     }
 

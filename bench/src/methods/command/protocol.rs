@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::exchange::description::PairDescription;
-use crate::methods::PairInput;
+use crate::pairs::description::PairDescription;
+use crate::methods::{SourceView, TargetCamera};
 
 /// Version of what is said; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
 pub(super) const VERSION: u32 = 1;
@@ -29,13 +29,18 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    pub(super) fn new(pair: &PairInput<'a>, source_picture: &'a Path, write_to: &'a Path) -> Self {
+    pub(super) fn new(
+        source: &SourceView,
+        target: &TargetCamera<'a>,
+        source_picture: &'a Path,
+        write_to: &'a Path,
+    ) -> Self {
         Self {
             protocol: VERSION,
-            pair_id: pair.pair_id,
+            pair_id: target.pair_id(),
             source_picture,
             write_to,
-            pair: PairDescription::of_id(pair.pair_id, pair.source, pair.target),
+            pair: PairDescription::new(target.pair_id(), source.camera(), target.camera()),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::record::{Record, Score, Status};
+use crate::evaluate::record::{Record, Score, Status};
 use crate::report::gallery::{GalleryPair, Shown};
 use crate::report::input::{Better, Metric};
 use crate::report::plots::palette::style;
@@ -286,8 +286,9 @@ fn scores(out: &mut String, record: &Record, metrics: &[(usize, &Metric)], extra
             ),
         };
     }
+    let reported = record.reported();
     for extra in extras {
-        if let Some(value) = record.extras.get(&extra.key) {
+        if let Some(value) = reported.get(extra.key.as_str()) {
             let _ = write!(
                 out,
                 "<div class=\"extra\"><dt>{}</dt><dd>{}</dd></div>",

@@ -1,7 +1,7 @@
 //! Motion against a metric, in the form of the paper's motion-range figure: the mean of each bin as a line, the
 //! sample standard deviation as a shade, bins with a single sample without one, bins without samples skipped.
 
-use crate::record::{Record, Status};
+use crate::evaluate::record::{Record, Status};
 use crate::report::error::ReportError;
 use crate::report::input::Metric;
 use crate::report::records::{Board, DatasetBoard};

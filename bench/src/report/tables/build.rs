@@ -51,7 +51,7 @@ pub fn of_extras(board: &Board<'_>, extras: &[Metric]) -> Option<Table> {
     let reported = |method: usize, key: &str| {
         let pairs = board.datasets.iter().flat_map(|d| &d.pairs);
         let mut records = pairs.filter_map(|pair| pair.by_method.get(method).copied().flatten());
-        records.any(|record| record.extras.contains_key(key))
+        records.any(|record| record.reported().contains_key(key))
     };
     let methods = 0..board.methods.len();
     let present: Vec<Metric> = extras

@@ -1,7 +1,7 @@
 //! A table for programs: one line per number, full precision.
 
 use super::{Table, letter};
-use crate::record::finite_or_text;
+use crate::evaluate::record::finite_or_text;
 
 /// Columns of [`csv()`].
 pub const COLUMNS: [&str; 13] = [

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::record::{Record, Status};
+use crate::evaluate::record::{Record, Status};
 use crate::report::input::{Dataset, Method};
 use crate::report::paper;
 use crate::report::records::DatasetBoard;
@@ -30,13 +30,9 @@ pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, facts: &Method) -
         .filter_map(|pair| pair.by_method.get(method).copied().flatten())
         .filter(|record| record.status == Status::Ok)
         .collect();
-    let values = |key: &str| -> Vec<f64> {
-        let values = records.iter().filter_map(|record| record.extras.get(key));
-        values.copied().collect()
-    };
     let (name, label) = (&dataset.dataset.name, &facts.label);
     let mut marks = Vec::new();
-    let shares = values("scored_share");
+    let shares: Vec<f64> = records.iter().filter_map(|r| Some(r.crop?.share)).collect();
     if !shares.is_empty() {
         let mean = shares.iter().sum::<f64>() / shares.len() as f64;
         let scored = format!(
@@ -54,19 +50,19 @@ pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, facts: &Method) -
             )
         });
     }
-    let valid = values("valid_share");
+    let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
     if !valid.is_empty() {
         let excluded = 1.0 - valid.iter().sum::<f64>() / valid.len() as f64;
         // The same for every method that has all pairs, as above.
         marks.push(format!(
-            "{name}: masks of the dataset exclude pixels of {} of {} targets, on average {:.1} % of theirs; they have no \
-             say in scores.",
+            "{name}: masks of the dataset exclude pixels of {} of {} targets, on average {:.1} % of theirs; they are \
+             excluded from scoring.",
             valid.len(),
             records.len(),
             100.0 * excluded
         ));
     }
-    let resized = values("predicted_width").len();
+    let resized = records.iter().filter(|r| r.resized_from.is_some()).count();
     if resized > 0 {
         let kernel = facts.resize_kernel.as_ref();
         marks.push(format!(
@@ -75,9 +71,9 @@ pub(super) fn marks(dataset: &DatasetBoard<'_>, method: usize, facts: &Method) -
             kernel.map_or_else(String::new, |kernel| format!(" (`{kernel}`)"))
         ));
     }
-    let mut tried: BTreeMap<u64, usize> = BTreeMap::new();
-    for count in values("scales_tried") {
-        *tried.entry(count as u64).or_default() += 1;
+    let mut tried: BTreeMap<usize, usize> = BTreeMap::new();
+    for scale in records.iter().filter_map(|record| record.scale) {
+        *tried.entry(scale.tried).or_default() += 1;
     }
     for (count, pairs) in tried {
         marks.push(format!(

@@ -10,7 +10,7 @@ use std::path::Path;
 use image::{Rgb, RgbImage};
 use sharp_metrics::MetricKey;
 
-use crate::record::{Record, Score, Status};
+use crate::evaluate::record::{Record, Score, Status};
 
 use super::records::Board;
 use super::tables::{Table, build};
@@ -40,6 +40,10 @@ fn record(
             .iter()
             .map(|(k, v)| ((*k).into(), Score::Value(*v)))
             .collect(),
+        crop: None,
+        valid_share: None,
+        resized_from: None,
+        scale: None,
         extras: BTreeMap::new(),
     }
 }

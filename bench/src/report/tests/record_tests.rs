@@ -1,7 +1,6 @@
 //! What becomes of records on their way in.
 
 use crate::report::records::natural;
-use crate::report::scores::merged;
 use crate::report::summary::of_metric;
 
 use super::*;
@@ -45,23 +44,6 @@ fn contradicting_records_are_refused() {
     input.options.bin_width_m = Some(-1.0);
     let error = write_report(&input, Path::new("/nonexistent")).unwrap_err();
     assert!(error.to_string().starts_with("bin_width_m = -1"), "{error}");
-}
-
-#[test]
-fn runs_are_joined_by_unit() {
-    let a = record("d", "p", "m", 0.1, &[("psnr", 20.0)]);
-    let b = record("d", "p", "m", 0.1, &[("psnr", 20.0), ("dists", 0.1)]);
-    let joined = merged(vec![vec![a.clone()], vec![b.clone()]]).unwrap();
-    assert_eq!(joined, std::slice::from_ref(&b));
-    let c = record("d", "p", "m", 0.1, &[("psnr", 20.000001)]);
-    let error = merged(vec![vec![a.clone()], vec![c]])
-        .unwrap_err()
-        .to_string();
-    assert!(error.contains("psnr differs"), "{error}");
-    let error = merged(vec![vec![a.clone()], vec![failed(a, "x")]])
-        .unwrap_err()
-        .to_string();
-    assert!(error.contains("failed in another"), "{error}");
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use crate::report::tables::{csv, html as html_table, latex, markdown, text};
 
 use super::*;
+use crate::evaluate::record::{ChosenScale, Crop};
+use crate::scoring::Region;
 
 #[test]
 fn coverage_is_shown_and_incomplete_rows_are_not_ranked() {
@@ -174,24 +176,40 @@ fn reported_quantities_are_shown_for_those_who_report_them() {
     assert_eq!(build::of_extras(&board, &[holes]), None);
 }
 
+fn cropped(record: Record, share: f64) -> Record {
+    let region = Region::whole((8, 6));
+    Record {
+        crop: Some(Crop { region, share }),
+        ..record
+    }
+}
+
 #[test]
 fn cropped_resized_and_chosen_predictions_are_marked() {
-    let with = |mut record: Record, extras: &[(&str, f64)]| {
-        let extras = extras.iter().map(|(k, v)| ((*k).to_owned(), *v));
-        record.extras.extend(extras);
-        record
+    let swept = |record: Record| Record {
+        scale: Some(ChosenScale {
+            best: 1.0,
+            tried: 3,
+        }),
+        ..record
     };
     let one = |pair: &str, method: &str| record("d", pair, method, 0.1, &[("psnr", 20.0)]);
     let records = [
-        with(one("p1", "crops"), &[("scored_share", 0.5)]),
-        with(one("p2", "crops"), &[("scored_share", 0.75)]),
-        with(one("p1", "small"), &[("predicted_width", 32.0)]),
+        cropped(one("p1", "crops"), 0.5),
+        cropped(one("p2", "crops"), 0.75),
+        Record {
+            resized_from: Some((32, 24)),
+            ..one("p1", "small")
+        },
         one("p2", "small"),
-        with(one("p1", "sweeps"), &[("scales_tried", 3.0)]),
-        with(one("p2", "sweeps"), &[("scales_tried", 3.0)]),
+        swept(one("p1", "sweeps")),
+        swept(one("p2", "sweeps")),
         one("p1", "plain"),
         one("p2", "plain"),
-        with(one("p1", "masked"), &[("valid_share", 0.9)]),
+        Record {
+            valid_share: Some(0.9),
+            ..one("p1", "masked")
+        },
         one("p2", "masked"),
     ];
     let small = Method {
@@ -226,9 +244,8 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
 #[test]
 fn a_common_region_is_no_methods_crop() {
     let with = |method: &str| {
-        let mut record = record("d", "p1", method, 0.1, &[("psnr", 20.0)]);
-        record.extras.insert("scored_share".to_owned(), 0.5);
-        record
+        let record = record("d", "p1", method, 0.1, &[("psnr", 20.0)]);
+        cropped(record, 0.5)
     };
     let records = [with("copy"), with("crops")];
     let dataset = Dataset {

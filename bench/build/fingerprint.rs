@@ -1,0 +1,263 @@
+//! Which sources and dependencies each stage stands on. Part of the build script; the library's tests include it, too.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sha2::{Digest, Sha256};
+
+/// The code that decides the results of one stage.
+pub(crate) struct Group {
+    /// The fingerprint is in the environment of the build as `SHARP_BENCH_<name>`.
+    pub(crate) name: &'static str,
+    /// Files and folders below the workspace.
+    own: &'static [&'static str],
+    /// Further ones that several groups share.
+    shared: &'static [&'static [&'static str]],
+    /// Dependencies that matter with all that they depend on.
+    crates: &'static [&'static str],
+}
+
+impl Group {
+    /// Files and folders below the workspace.
+    pub(crate) fn sources(&self) -> impl Iterator<Item = &'static str> {
+        let shared = self.shared.iter().flat_map(|list| list.iter());
+        self.own.iter().chain(shared).copied()
+    }
+}
+
+/// Photographs, cameras and depth as the readers give them.
+const READING: &[&str] = &["datasets/src", "sharp/src/camera.rs"];
+/// From layers and colours to Gaussians.
+const COMPOSING: &[&str] = &[
+    "sharp/src/camera.rs",
+    "sharp/src/color.rs",
+    "sharp/src/composer.rs",
+    "sharp/src/gaussians.rs",
+    "sharp/src/initializer.rs",
+    "sharp/src/resize.rs",
+    "sharp/src/unprojection.rs",
+    "bench/src/io/pictures.rs",
+];
+/// Pictures of others.
+const PICTURES: &[&str] = &[
+    "bench/src/methods/crop_and_resize.rs",
+    "bench/src/io/pictures.rs",
+    "metrics/src/resize",
+];
+/// What all metrics stand on.
+const SCORING: &[&str] = &[
+    "bench/src/scoring",
+    "metrics/src/scorer.rs",
+    "metrics/src/picture.rs",
+    "metrics/src/simd.rs",
+];
+/// Networks of the learned metrics.
+const FEATURES: &[&str] = &[
+    "metrics/src/backbone",
+    "metrics/src/engines.rs",
+    "metrics/src/spatial.rs",
+    "metrics/src/weights",
+    "metrics/weights",
+    "sharp/kernels/src",
+    "sharp/checkpoint/src",
+];
+
+const READERS: &[&str] = &["image", "exr", "half", "flate2"];
+
+/// All groups there are.
+pub(crate) const GROUPS: [Group; 13] = [
+    group("READING", &[], &[READING], READERS),
+    group(
+        "OVERLAP",
+        &[
+            "bench/src/pairs/overlap",
+            "bench/src/pairs/depth",
+            "bench/src/pairs/alignment.rs",
+            "bench/src/pairs/valid_depth.rs",
+            "sharp/src/model",
+            "sharp/kernels/src",
+        ],
+        &[READING],
+        READERS,
+    ),
+    group("TRIVIAL", &["bench/src/methods/trivial.rs"], &[], &[]),
+    group(
+        "DEPTH_SPLAT",
+        &["bench/src/methods/depth_splat.rs"],
+        &[COMPOSING],
+        &["glam"],
+    ),
+    group(
+        "NETWORK",
+        &[
+            "bench/src/methods/sharp.rs",
+            "sharp/src/model",
+            "sharp/kernels/src",
+            "sharp/checkpoint/src",
+        ],
+        &[COMPOSING],
+        &["candle-core", "candle-nn", "gemm", "half", "glam"],
+    ),
+    group(
+        "FILES",
+        &[
+            "bench/src/methods/imported.rs",
+            "bench/src/methods/gaussians.rs",
+            "bench/src/methods/scale_sweep.rs",
+            "bench/src/io/gaussian_files.rs",
+            "sharp/src/ply",
+            "sharp/checkpoint/src",
+        ],
+        &[PICTURES],
+        READERS,
+    ),
+    group(
+        "COMMAND",
+        &["bench/src/methods/command"],
+        &[PICTURES],
+        READERS,
+    ),
+    group(
+        "RENDER_CPU",
+        &[
+            "bench/src/evaluate/render.rs",
+            "sharp/src/render",
+            "sharp/src/camera.rs",
+            "sharp/src/color.rs",
+            "sharp/src/gaussians.rs",
+            "bench/src/pairs/alignment.rs",
+        ],
+        &[],
+        &["glam", "rayon"],
+    ),
+    group(
+        "RENDER_WGPU",
+        &[
+            "bench/src/evaluate/render.rs",
+            "sharp/src/render",
+            "sharp/src/camera.rs",
+            "sharp/src/color.rs",
+            "sharp/src/gaussians.rs",
+            "bench/src/pairs/alignment.rs",
+            "shaders",
+        ],
+        &[],
+        &["glam", "wgpu"],
+    ),
+    group("PSNR", &["metrics/src/psnr.rs"], &[SCORING], &[]),
+    group("SSIM", &["metrics/src/ssim"], &[SCORING], &[]),
+    group(
+        "LPIPS",
+        &["metrics/src/lpips.rs"],
+        &[SCORING, FEATURES],
+        &["gemm", "candle-core", "safetensors"],
+    ),
+    group(
+        "DISTS",
+        &["metrics/src/dists.rs", "metrics/src/resize"],
+        &[SCORING, FEATURES],
+        &["gemm", "candle-core", "safetensors"],
+    ),
+];
+
+const fn group(
+    name: &'static str,
+    own: &'static [&'static str],
+    shared: &'static [&'static [&'static str]],
+    crates: &'static [&'static str],
+) -> Group {
+    Group {
+        name,
+        own,
+        shared,
+        crates,
+    }
+}
+
+/// The sources with the dependencies that are locked.
+pub(crate) struct Code {
+    files: BTreeMap<String, Vec<u8>>,
+    /// By name, the versions in the lock file, each with what it depends on.
+    locked: BTreeMap<String, Vec<Locked>>,
+    compiler: String,
+}
+
+struct Locked {
+    version: String,
+    /// `name` or `name version`.
+    dependencies: Vec<String>,
+}
+
+impl Code {
+    /// Files by name below the workspace, the text of `Cargo.lock`, and who compiles.
+    pub(crate) fn new(files: BTreeMap<String, Vec<u8>>, lock: &str, compiler: String) -> Self {
+        let mut locked: BTreeMap<String, Vec<Locked>> = BTreeMap::new();
+        for entry in lock.split("[[package]]").skip(1) {
+            let quoted = |line: &str| line.split('"').nth(1).map(str::to_owned);
+            let field = |name: &str| entry.lines().find(|l| l.starts_with(name)).and_then(quoted);
+            let (Some(name), Some(version)) = (field("name = "), field("version = ")) else {
+                continue;
+            };
+            let dependencies = entry.split_once("dependencies = [").map_or("", |(_, list)| list);
+            let dependencies = dependencies.lines().take_while(|line| *line != "]");
+            locked.entry(name).or_default().push(Locked {
+                version,
+                dependencies: dependencies.filter_map(quoted).collect(),
+            });
+        }
+        Self {
+            files,
+            locked,
+            compiler,
+        }
+    }
+
+    /// The locked versions of a crate.
+    pub(crate) fn versions(&self, name: &str) -> impl Iterator<Item = &str> {
+        let locked = self.locked.get(name).into_iter().flatten();
+        locked.map(|locked| locked.version.as_str())
+    }
+
+    /// sha256 over the sources of a group, its dependencies with theirs, and the compiler.
+    pub(crate) fn fingerprint(&self, group: &Group) -> String {
+        let mut parts = Vec::new();
+        let mut add = |part: &[u8]| {
+            parts.extend_from_slice(&(part.len() as u64).to_le_bytes());
+            parts.extend_from_slice(part);
+        };
+        add(self.compiler.as_bytes());
+        let belongs = |name: &str| {
+            let below = |source: &str| name == source || name.starts_with(&format!("{source}/"));
+            group.sources().any(below)
+        };
+        for (name, bytes) in self.files.iter().filter(|(name, _)| belongs(name)) {
+            add(name.as_bytes());
+            add(bytes);
+        }
+        for dependency in self.closure(group.crates) {
+            add(dependency.as_bytes());
+        }
+        sha256_hex(&parts)
+    }
+
+    /// `name version` of some crates and all that they depend on. A crate that is locked in several versions counts
+    /// with all of them.
+    fn closure(&self, roots: &[&str]) -> BTreeSet<String> {
+        let mut found = BTreeSet::new();
+        let mut open: Vec<&str> = roots.to_vec();
+        while let Some(name) = open.pop() {
+            for locked in self.locked.get(name).into_iter().flatten() {
+                if found.insert(format!("{name} {}", locked.version)) {
+                    let names = locked.dependencies.iter();
+                    open.extend(names.filter_map(|dependency| dependency.split(' ').next()));
+                }
+            }
+        }
+        found
+    }
+}
+
+/// sha256 of bytes, hexadecimal.
+pub(crate) fn sha256_hex(bytes: &[u8]) -> String {
+    let digest = Sha256::digest(bytes);
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}

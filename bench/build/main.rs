@@ -1,0 +1,79 @@
+//! Hashes the sources and locked dependencies that each stage stands on, so that the keys of results change with the
+//! code that made them and with nothing else, and names the decoders of pictures.
+
+mod fingerprint;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use fingerprint::{Code, GROUPS};
+
+/// Crates that turn files into pixels, and so decide a score's input.
+const DECODERS: [&str; 4] = ["image", "png", "zune-jpeg", "exr"];
+
+fn main() -> io::Result<()> {
+    let variable = |name| std::env::var(name).unwrap_or_default();
+    let bench = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
+    let workspace = bench.parent().unwrap_or(&bench);
+    let mut files = BTreeMap::new();
+    let mut folders: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();
+    folders.sort_unstable();
+    folders.dedup();
+    for folder in folders {
+        let path = workspace.join(folder);
+        println!("cargo::rerun-if-changed={}", path.display());
+        if !path.exists() {
+            let reason = format!("{folder}: no such file or folder, named in bench/build/fingerprint.rs");
+            return Err(io::Error::other(reason));
+        }
+        collect(workspace, &path, &mut files)?;
+    }
+    let lock = workspace.join("Cargo.lock");
+    println!("cargo::rerun-if-changed={}", lock.display());
+    let lock = fs::read_to_string(lock)?;
+    // The compiler and the target too: functions such as `powf` come from the platform's mathematics.
+    let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
+    let version = Command::new(compiler).arg("-vV").output()?.stdout;
+    let compiler = format!("{}{}", String::from_utf8_lossy(&version), variable("TARGET"));
+    let code = Code::new(files, &lock, compiler);
+    let mut all = String::new();
+    for group in &GROUPS {
+        let fingerprint = code.fingerprint(group);
+        all += &fingerprint;
+        println!("cargo::rustc-env=SHARP_BENCH_{}={fingerprint}", group.name);
+    }
+    println!(
+        "cargo::rustc-env=SHARP_BENCH_BUILD={}",
+        fingerprint::sha256_hex(all.as_bytes())
+    );
+    let decoders: Vec<String> = DECODERS
+        .iter()
+        .flat_map(|name| code.versions(name).map(move |version| format!("{name} {version}")))
+        .collect();
+    println!(
+        "cargo::rustc-env=SHARP_BENCH_DECODERS={}",
+        decoders.join(", ")
+    );
+    Ok(())
+}
+
+/// All files at or below a path, by their name below the workspace.
+fn collect(
+    workspace: &Path,
+    path: &Path,
+    files: &mut BTreeMap<String, Vec<u8>>,
+) -> io::Result<()> {
+    if path.is_dir() {
+        for entry in fs::read_dir(path)? {
+            collect(workspace, &entry?.path(), files)?;
+        }
+    } else {
+        let name = path.strip_prefix(workspace).unwrap_or(path);
+        let name = name.to_string_lossy().replace('\\', "/");
+        files.insert(name, fs::read(path)?);
+    }
+    Ok(())
+}

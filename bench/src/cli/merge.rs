@@ -1,0 +1,57 @@
+//! `merge`: several run folders as one, or the tables of one brought up to date.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::{Outcome, output};
+use crate::evaluate::merge;
+use crate::io::counts::counted;
+
+/// Join run folders
+///
+/// Equal units are taken once, disjoint pairs, methods and datasets stand side by side, and what contradicts each other is
+/// refused with the difference. One folder without --out gets its tables written again from its units.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench merge runs/node1 runs/node2 --out runs/all
+  sharp-bench merge runs/first")]
+pub(super) struct MergeArgs {
+    /// Run folders
+    #[arg(required = true, value_name = "FOLDER")]
+    folders: Vec<PathBuf>,
+    /// Where to write
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &MergeArgs) -> anyhow::Result<Outcome> {
+    let results = merge(&args.folders, args.out.as_deref())?;
+    let target = args.out.as_ref().or(args.folders.first());
+    let target = target.map_or_else(String::new, |path| path.display().to_string());
+    if args.json {
+        output::json(&json!({
+            "run": target,
+            "units": results.records.len(),
+            "missing": results.missing,
+            "failed": results.failures(),
+        }))?;
+    } else {
+        output::line(format!(
+            "{} in {target}: {} missing, {} failed",
+            counted(results.records.len(), "unit"),
+            results.missing,
+            results.failures()
+        ))?;
+    }
+    Ok(match (results.missing, results.failures()) {
+        (0, 0) => Outcome::Done,
+        (0, _) => Outcome::RecordedFailures,
+        _ => Outcome::Resumable,
+    })
+}

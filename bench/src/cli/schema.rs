@@ -1,0 +1,40 @@
+//! `schema`: the JSON Schema of the files in a run folder.
+
+use clap::{Args, ValueEnum};
+
+use super::{Outcome, output};
+use crate::evaluate::Manifest;
+use crate::evaluate::folder::Plan;
+use crate::evaluate::record::Record;
+use crate::evaluate::unit::Unit;
+
+/// Print the JSON Schema of a file in a run folder
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sharp-bench schema manifest > manifest.schema.json")]
+pub(super) struct SchemaArgs {
+    /// Which file
+    #[arg(value_enum)]
+    file: SchemaFile,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SchemaFile {
+    /// manifest.json
+    Manifest,
+    /// units/*/*.json
+    Unit,
+    /// A result in records of other programs: the record of a unit with its scores
+    Record,
+    /// plan.json
+    Plan,
+}
+
+pub(super) fn execute(args: &SchemaArgs) -> anyhow::Result<Outcome> {
+    output::json(&match args.file {
+        SchemaFile::Manifest => schemars::schema_for!(Manifest),
+        SchemaFile::Unit => schemars::schema_for!(Unit),
+        SchemaFile::Record => schemars::schema_for!(Record),
+        SchemaFile::Plan => schemars::schema_for!(Plan),
+    })?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,401 @@
+//! The run folder.
+//!
+//! ```text
+//! RUN/manifest.json                         what was run
+//! RUN/plan.json                             which pairs by which methods
+//! RUN/pairs.csv                             the pair list
+//! RUN/units/ab/abcdef….json                 one file a unit, named by its slot
+//! RUN/predictions/METHOD/<pair_id>.png      kept pictures (and .exr with --keep float)
+//! RUN/gaussians/<predict key>.safetensors   kept predictions of sources (--keep-gaussians)
+//! RUN/common-region/…                       units scored on what all methods predict (--common-region)
+//! RUN/scores.csv                            a table of the units
+//! RUN/timings.csv                           seconds, beside the scores
+//! RUN/.lock                                 held while a process writes here
+//! RUN/logs/METHOD.log                       standard error of a program that predicts
+//! ```
+
+use std::collections::BTreeSet;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::EvaluateError;
+use super::manifest::{FORMAT, Manifest};
+use super::unit::{Slot, Unit};
+use crate::io::atomic_files::{FileError, write_json};
+use crate::io::hash::file_sha256;
+
+/// A folder of durable results.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    root: PathBuf,
+    /// Held by the one process that writes here, as long as it lives.
+    _lock: Option<Arc<File>>,
+}
+
+/// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct Plan {
+    /// [`FORMAT`] of the writer.
+    pub format: u32,
+    /// All pairs of a block are evaluated by all its methods.
+    pub blocks: Vec<PlanBlock>,
+}
+
+/// Pairs by methods.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct PlanBlock {
+    /// Ids in order.
+    pub pairs: Vec<String>,
+    /// Labels in order.
+    pub methods: Vec<String>,
+}
+
+impl Plan {
+    /// Adds a block unless it is there.
+    pub fn add(&mut self, block: PlanBlock) {
+        self.format = FORMAT;
+        if !self.blocks.contains(&block) {
+            self.blocks.push(block);
+        }
+    }
+
+    /// Every planned pair with a method, once.
+    pub fn units(&self) -> BTreeSet<(&str, &str)> {
+        let mut units = BTreeSet::new();
+        for PlanBlock { pairs, methods } in &self.blocks {
+            for pair in pairs {
+                units.extend(methods.iter().map(|method| (pair.as_str(), method.as_str())));
+            }
+        }
+        units
+    }
+
+    /// Every planned pair, once.
+    pub fn pairs(&self) -> BTreeSet<&str> {
+        let pairs = self.blocks.iter().flat_map(|block| &block.pairs);
+        pairs.map(String::as_str).collect()
+    }
+}
+
+impl RunFolder {
+    /// Opens a run folder for writing, creating it where there is none. A folder that is neither empty nor a run is
+    /// refused, so that a mistyped path never mixes results into other files.
+    ///
+    /// # Errors
+    /// Names the folder and why it cannot be used.
+    pub fn create(root: &Path) -> Result<Self, FileError> {
+        fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
+        let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
+        // Names with a dot are ours: the lock, and what a killed process left half written.
+        let foreign = entries
+            .filter_map(Result::ok)
+            .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
+        let started = ["manifest.json", "units"].map(|name| root.join(name));
+        if foreign && !started.iter().any(|path| path.exists()) {
+            return Err(FileError {
+                path: root.to_owned(),
+                action: "use as run folder",
+                source: std::io::Error::other("it holds other files and no manifest.json"),
+            });
+        }
+        Ok(Self {
+            root: root.to_owned(),
+            _lock: Some(Arc::new(lock(root)?)),
+        })
+    }
+
+    /// Opens an existing run folder for reading.
+    ///
+    /// # Errors
+    /// When it holds no manifest.
+    pub fn open(root: &Path) -> Result<Self, FileError> {
+        let manifest = root.join("manifest.json");
+        fs::metadata(&manifest).map_err(FileError::new(&manifest, "read"))?;
+        Ok(Self {
+            root: root.to_owned(),
+            _lock: None,
+        })
+    }
+
+    /// The units that were scored on what all methods predict: a folder within this one, of the same layout.
+    pub(super) fn common_region(&self) -> Self {
+        Self {
+            root: self.root.join("common-region"),
+            _lock: self._lock.clone(),
+        }
+    }
+
+    /// The folder itself.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// `pairs.csv`.
+    pub fn pairs_path(&self) -> PathBuf {
+        self.root.join("pairs.csv")
+    }
+
+    /// `scores.csv`.
+    pub fn scores_path(&self) -> PathBuf {
+        self.root.join("scores.csv")
+    }
+
+    /// `timings.csv`.
+    pub fn timings_path(&self) -> PathBuf {
+        self.root.join("timings.csv")
+    }
+
+    /// Where methods keep their logs.
+    pub fn logs_path(&self) -> PathBuf {
+        self.root.join("logs")
+    }
+
+    /// Where predictions of sources are kept.
+    pub fn gaussians_path(&self) -> PathBuf {
+        self.root.join("gaussians")
+    }
+
+    /// Where the picture of a method for a pair is kept; `extension` is `png` or `exr`.
+    pub fn prediction_path(&self, method: &str, pair_id: &str, extension: &str) -> PathBuf {
+        self.root
+            .join("predictions")
+            .join(method)
+            .join(format!("{pair_id}.{extension}"))
+    }
+
+    /// Reads `manifest.json`; `None` where there is none yet.
+    ///
+    /// # Errors
+    /// When it cannot be read, is not a manifest, or is of another format.
+    pub fn manifest(&self) -> Result<Option<Manifest>, EvaluateError> {
+        #[derive(Deserialize)]
+        struct Format {
+            format: u32,
+        }
+        let path = self.root.join("manifest.json");
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(FileError::new(&path, "read")(error).into()),
+        };
+        let parse_error = |error: serde_json::Error| FileError::new(&path, "parse")(error.into());
+        let Format { format } = serde_json::from_slice(&bytes).map_err(parse_error)?;
+        if format != FORMAT {
+            return Err(EvaluateError::Format {
+                folder: self.root.clone(),
+                found: format,
+                expected: FORMAT,
+            });
+        }
+        Ok(Some(serde_json::from_slice(&bytes).map_err(parse_error)?))
+    }
+
+    /// Writes `manifest.json`.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), FileError> {
+        write_json(&self.root.join("manifest.json"), manifest)
+    }
+
+    /// Reads `plan.json`; an empty plan where there is none.
+    ///
+    /// # Errors
+    /// Names the file and what is wrong with it.
+    pub fn plan(&self) -> Result<Plan, FileError> {
+        let path = self.root.join("plan.json");
+        match fs::read(&path) {
+            Ok(bytes) => serde_json::from_slice(&bytes)
+                .map_err(|error| FileError::new(&path, "parse")(error.into())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Plan::default()),
+            Err(error) => Err(FileError::new(&path, "read")(error)),
+        }
+    }
+
+    /// Writes `plan.json`.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write_plan(&self, plan: &Plan) -> Result<(), FileError> {
+        write_json(&self.root.join("plan.json"), plan)
+    }
+
+    fn unit_path(&self, slot: &Slot) -> PathBuf {
+        let stem = slot.file_stem();
+        let (folder, _) = stem.split_at(2);
+        self.root
+            .join("units")
+            .join(folder)
+            .join(format!("{stem}.json"))
+    }
+
+    /// The stored result of a unit, if it is there and whole. A file that is damaged, or another unit's, is none:
+    /// the unit is done again and takes its place.
+    ///
+    /// # Errors
+    /// When a file exists but the system cannot read it.
+    pub fn load(&self, slot: &Slot) -> Result<Option<Unit>, FileError> {
+        let path = self.unit_path(slot);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(FileError::new(&path, "read")(error)),
+        };
+        Ok(parse_unit(&bytes).filter(|unit| unit.slot == *slot))
+    }
+
+    /// Stores a unit's result.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn save(&self, unit: Unit) -> Result<Unit, FileError> {
+        let unit = unit.sealed();
+        write_json(&self.unit_path(&unit.slot), &unit)?;
+        Ok(unit)
+    }
+
+    /// Every whole unit, in the order of slots, with the files that are damaged.
+    ///
+    /// # Errors
+    /// When the folder or a file cannot be read.
+    pub fn units(&self) -> Result<(Vec<Unit>, Vec<PathBuf>), FileError> {
+        let root = self.root.join("units");
+        let (mut units, mut damaged) = (Vec::new(), Vec::new());
+        for folder in entries(&root)? {
+            for path in entries(&folder)? {
+                if path.extension().is_none_or(|extension| extension != "json") {
+                    continue;
+                }
+                let bytes = fs::read(&path).map_err(FileError::new(&path, "read"))?;
+                match parse_unit(&bytes) {
+                    Some(unit) => units.push(unit),
+                    None => damaged.push(path),
+                }
+            }
+        }
+        units.sort_by(|a: &Unit, b| a.slot.cmp(&b.slot));
+        damaged.sort();
+        Ok((units, damaged))
+    }
+
+    /// True if the kept picture of a unit is the one that was scored.
+    pub fn has_picture(&self, unit: &Unit) -> bool {
+        let sha256 = unit.picture.as_ref().and_then(|p| p.file_sha256.as_ref());
+        self.has_file(unit, "png", sha256)
+    }
+
+    /// True if the linear picture beside it is the one that was rendered.
+    pub(super) fn has_float(&self, unit: &Unit) -> bool {
+        let sha256 = unit.picture.as_ref().and_then(|p| p.float_sha256.as_ref());
+        self.has_file(unit, "exr", sha256)
+    }
+
+    fn has_file(&self, unit: &Unit, extension: &str, sha256: Option<&String>) -> bool {
+        let path = self.prediction_path(&unit.slot.method, &unit.slot.pair_id, extension);
+        sha256.is_some_and(|sha256| file_sha256(&path).is_ok_and(|found| found == *sha256))
+    }
+
+    /// Removes the tables of an earlier run before results change: a folder without `scores.csv` is a run that has not
+    /// ended. The units stay.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub(super) fn remove_tables(&self) -> Result<(), FileError> {
+        for path in [self.scores_path(), self.timings_path()] {
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(FileError::new(&path, "remove")(error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+fn parse_unit(bytes: &[u8]) -> Option<Unit> {
+    let unit: Unit = serde_json::from_slice(bytes).ok()?;
+    (unit.format == FORMAT && unit.is_whole()).then_some(unit)
+}
+
+/// The entries of a folder in order; none where there is no folder.
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+    let read = match fs::read_dir(folder) {
+        Err(error)
+            if matches!(
+                error.kind(),
+                std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory
+            ) =>
+        {
+            return Ok(Vec::new());
+        }
+        read => read.map_err(FileError::new(folder, "read"))?,
+    };
+    let mut paths: Vec<PathBuf> = read
+        .filter_map(Result::ok)
+        .map(|entry| entry.path())
+        .collect();
+    paths.sort();
+    Ok(paths)
+}
+
+/// Takes the folder for this process. Where the file system has no locks, nothing is taken.
+fn lock(root: &Path) -> Result<File, FileError> {
+    let path = root.join(".lock");
+    let file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(&path)
+        .map_err(FileError::new(&path, "create"))?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            let reason = std::io::Error::other("another process is writing this run");
+            Err(FileError::new(root, "use as run folder")(reason))
+        }
+        _ => Ok(file),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_folder_has_one_writer() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = RunFolder::create(dir.path()).unwrap();
+        let error = RunFolder::create(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("another process"), "{error}");
+        drop(folder);
+        RunFolder::create(dir.path()).unwrap();
+    }
+
+    #[test]
+    fn folders_of_an_earlier_format_are_refused_with_what_to_do() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("manifest.json"), "{\"format\": 1}").unwrap();
+        let folder = RunFolder::open(dir.path()).unwrap();
+        let error = folder.manifest().unwrap_err();
+        assert!(matches!(error, EvaluateError::Format { found: 1, .. }));
+        assert!(error.to_string().contains("into a new folder"), "{error}");
+    }
+
+    #[test]
+    fn a_plan_counts_every_unit_once() {
+        let block = |pairs: &[&str], methods: &[&str]| PlanBlock {
+            pairs: pairs.iter().map(|&p| p.to_owned()).collect(),
+            methods: methods.iter().map(|&m| m.to_owned()).collect(),
+        };
+        let mut plan = Plan::default();
+        plan.add(block(&["p", "q"], &["a"]));
+        plan.add(block(&["p", "q"], &["a"]));
+        plan.add(block(&["q"], &["a", "b"]));
+        assert_eq!(plan.blocks.len(), 2);
+        let units: Vec<_> = plan.units().into_iter().collect();
+        assert_eq!(units, [("p", "a"), ("q", "a"), ("q", "b")]);
+    }
+}

@@ -1,0 +1,203 @@
+//! Predictions of sources, made once: the pairs of a source, and methods that share a network, render the same
+//! Gaussians.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use tempfile::TempDir;
+
+use crate::io::atomic_files::FileError;
+use crate::io::gaussian_files::{read_prediction, write_prediction};
+use crate::methods::{GaussianPrediction, MethodError};
+
+/// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.
+pub(super) struct GaussianStore {
+    /// Where predictions are kept for later; `None` to forget them.
+    kept: Option<PathBuf>,
+    limit_bytes: u64,
+    memory: BTreeMap<String, Arc<GaussianPrediction>>,
+    /// Keys in memory, the latest last.
+    order: Vec<String>,
+    spill: Option<(TempDir, BTreeSet<String>)>,
+    spill_in: PathBuf,
+    /// The source that predictions in memory are of: pairs come sorted, so that those of one source are neighbours.
+    source: String,
+}
+
+/// Why there is no prediction.
+#[derive(Debug)]
+pub(super) enum StoreError {
+    /// The method says so.
+    Method(MethodError),
+    /// A file of ours.
+    File(FileError),
+}
+
+impl GaussianStore {
+    /// Keeps up to `limit_bytes` in memory; spills into a temporary folder within `spill_in`.
+    pub(super) fn new(kept: Option<PathBuf>, spill_in: &Path, limit_bytes: u64) -> Self {
+        Self {
+            kept,
+            limit_bytes,
+            memory: BTreeMap::new(),
+            order: Vec::new(),
+            spill: None,
+            spill_in: spill_in.to_owned(),
+            source: String::new(),
+        }
+    }
+
+    /// The prediction of a key for a source. `predict` is asked if it is neither in memory nor on disk; without it, only
+    /// what was kept counts.
+    pub(super) fn get(
+        &mut self,
+        key: &str,
+        source: &str,
+        predict: Option<&dyn Fn() -> Result<GaussianPrediction, MethodError>>,
+    ) -> Result<Option<Arc<GaussianPrediction>>, StoreError> {
+        if self.source != source {
+            source.clone_into(&mut self.source);
+            self.memory.clear();
+            self.order.clear();
+            self.spill = None;
+        }
+        if let Some(known) = self.memory.get(key) {
+            return Ok(Some(Arc::clone(known)));
+        }
+        let kept = self.kept.as_ref().map(|folder| file(folder, key));
+        let spilled = self.spill.as_ref().filter(|(_, keys)| keys.contains(key));
+        let spilled = spilled.map(|(folder, _)| file(folder.path(), key));
+        // A damaged file is predicted again and replaced.
+        let read = [&kept, &spilled].into_iter().flatten();
+        let found = read.filter_map(|path| read_prediction(path).ok()).next();
+        let prediction = match (found, predict) {
+            (Some(found), _) => found,
+            (None, None) => return Ok(None),
+            (None, Some(predict)) => {
+                let prediction = predict().map_err(StoreError::Method)?;
+                if let Some(path) = &kept {
+                    write_prediction(path, &prediction).map_err(StoreError::File)?;
+                }
+                prediction
+            }
+        };
+        let prediction = Arc::new(prediction);
+        self.memory.insert(key.to_owned(), Arc::clone(&prediction));
+        self.order.push(key.to_owned());
+        self.shrink().map_err(StoreError::File)?;
+        Ok(Some(prediction))
+    }
+
+    /// Moves the oldest predictions to disk until the others are within the limit. The latest stays.
+    fn shrink(&mut self) -> Result<(), FileError> {
+        while self.order.len() > 1 && self.bytes() > self.limit_bytes {
+            let key = self.order.remove(0);
+            let Some(prediction) = self.memory.remove(&key) else {
+                continue;
+            };
+            if self.kept.is_some() {
+                continue;
+            }
+            if self.spill.is_none() {
+                let folder = tempfile::Builder::new()
+                    .prefix(".spill-")
+                    .tempdir_in(&self.spill_in)
+                    .map_err(FileError::new(&self.spill_in, "write into"))?;
+                self.spill = Some((folder, BTreeSet::new()));
+            }
+            if let Some((folder, keys)) = &mut self.spill {
+                write_prediction(&file(folder.path(), &key), &prediction)?;
+                keys.insert(key);
+            }
+        }
+        Ok(())
+    }
+
+    fn bytes(&self) -> u64 {
+        let sizes = self.memory.values().map(|prediction| {
+            let gaussians = prediction.gaussians.len() * 14 * size_of::<f32>();
+            let layer = prediction.first_layer.as_ref();
+            gaussians + layer.map_or(0, |layer| layer.as_raw().len() * size_of::<f32>())
+        });
+        sizes.sum::<usize>() as u64
+    }
+}
+
+fn file(folder: &Path, key: &str) -> PathBuf {
+    folder.join(format!("{key}.safetensors"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use sharp::gaussians::Gaussians;
+    use sharp_datasets::DepthMap;
+
+    use super::*;
+    use crate::methods::GaussianSpace;
+
+    fn prediction(z: f32) -> GaussianPrediction {
+        let gaussians = Gaussians::new(
+            vec![[0.5, -0.25, z]],
+            vec![[1.0, 0.0, 0.0, 0.0]],
+            vec![[0.1; 3]],
+            vec![0.5],
+            vec![[0.2; 3]],
+        );
+        GaussianPrediction {
+            gaussians: gaussians.unwrap(),
+            space: GaussianSpace::Normalized,
+            first_layer: DepthMap::from_vec(2, 1, vec![z, 2.0 * z]),
+            extras: BTreeMap::from([("dropped_blocks".to_owned(), 3.0)]),
+        }
+    }
+
+    #[test]
+    fn each_key_is_predicted_once_a_source_whatever_the_limit() {
+        let dir = tempfile::tempdir().unwrap();
+        for limit in [0, 1 << 20] {
+            let mut store = GaussianStore::new(None, dir.path(), limit);
+            let calls = Cell::new(0);
+            for (source, key, z) in [
+                ("s", "a", 1.0),
+                ("s", "b", 2.0),
+                ("s", "a", 1.0),
+                ("s", "b", 2.0),
+                ("s", "a", 1.0),
+            ] {
+                let predict = || {
+                    calls.set(calls.get() + 1);
+                    Ok(prediction(z))
+                };
+                let found = store.get(key, source, Some(&predict)).unwrap().unwrap();
+                assert_eq!(*found, prediction(z));
+            }
+            assert_eq!(calls.get(), 2, "limit {limit}");
+            assert!(store.get("c", "s", None).unwrap().is_none());
+            drop(store);
+            // What was spilled is removed.
+            assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        }
+    }
+
+    #[test]
+    fn kept_predictions_outlive_the_store_and_damaged_ones_are_made_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let kept = dir.path().join("gaussians");
+        let store = || GaussianStore::new(Some(kept.clone()), dir.path(), 1 << 20);
+        let predict = || Ok(prediction(1.5));
+        store().get("a", "s", Some(&predict)).unwrap();
+        let found = store().get("a", "s", None).unwrap().unwrap();
+        assert_eq!(*found, prediction(1.5));
+        let path = file(&kept, "a");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+        assert!(store().get("a", "s", None).unwrap().is_none());
+        store().get("a", "s", Some(&predict)).unwrap();
+        assert!(store().get("a", "s", None).unwrap().is_some());
+    }
+}

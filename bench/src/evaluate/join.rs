@@ -1,0 +1,331 @@
+//! Several folders as one: equal units once, disjoint ones side by side, conflicting ones refused with the difference.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::EvaluateError;
+use super::folder::{Plan, PlanBlock, RunFolder};
+use super::manifest::Manifest;
+use super::prepare::joined_list;
+use super::record::Record;
+use super::results::{Current, Results, write_tables};
+use super::unit::Unit;
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::pairs::PairList;
+
+/// A folder to join, `NAME=FOLDER` or `FOLDER`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named {
+    /// Put before the label of each method, or instead of it where the folder has one method.
+    pub name: Option<String>,
+    /// The run folder.
+    pub path: PathBuf,
+}
+
+impl std::str::FromStr for Named {
+    type Err = std::convert::Infallible;
+
+    /// A folder whose own path holds `=` is not split if it exists.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let plain = Self {
+            name: None,
+            path: text.into(),
+        };
+        Ok(match text.split_once('=') {
+            Some((name, path)) if !plain.path.exists() && !name.is_empty() => Self {
+                name: Some(name.to_owned()),
+                path: path.into(),
+            },
+            _ => plain,
+        })
+    }
+}
+
+/// Reads folders as one set of results.
+///
+/// # Errors
+/// When a folder cannot be read, or two of them contradict each other.
+pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
+    let mut joined: Option<(PathBuf, Results)> = None;
+    for folder in folders {
+        let mut results = Results::read(&folder.path)?;
+        if let Some(name) = &folder.name {
+            rename(&mut results, name);
+        }
+        joined = Some(match joined {
+            None => (folder.path.clone(), results),
+            Some((first, before)) => {
+                let results = joined_results(before, results).map_err(|difference| {
+                    EvaluateError::Conflict {
+                        a: first.clone(),
+                        b: folder.path.clone(),
+                        difference,
+                    }
+                })?;
+                (first, results)
+            }
+        });
+    }
+    match joined {
+        Some((_, results)) => Ok(results),
+        None => Err(FileError::new(Path::new(""), "report")(std::io::Error::other("no run folder is given")).into()),
+    }
+}
+
+/// Puts a name before each method, or instead of the label where there is one method.
+fn rename(results: &mut Results, name: &str) {
+    let alone = results.manifest.methods.len() == 1;
+    let renamed = |label: &str| match alone {
+        true => name.to_owned(),
+        false => format!("{name}/{label}"),
+    };
+    for record in &mut results.records {
+        record.method = renamed(&record.method);
+    }
+    for method in &mut results.manifest.methods {
+        method.label = renamed(&method.label);
+    }
+    for pictures in &mut results.pictures {
+        let labels = std::mem::take(&mut pictures.labels).into_values();
+        pictures.labels = labels.map(|label| (renamed(&label), label)).collect();
+    }
+}
+
+/// The error is the first difference.
+fn joined_results(a: Results, b: Results) -> Result<Results, String> {
+    let manifest = joined_manifests(a.manifest, b.manifest)?;
+    let mut records: BTreeMap<(String, String), Record> = BTreeMap::new();
+    for record in a.records.into_iter().chain(b.records) {
+        let key = (record.pair_id.clone(), record.method.clone());
+        match records.remove(&key) {
+            None => records.insert(key, record),
+            Some(before) => {
+                let joined = joined_records(before, record)
+                    .map_err(|what| format!("{what} of {} on {} differs", key.1, key.0))?;
+                records.insert(key, joined)
+            }
+        };
+    }
+    let order: BTreeMap<&str, usize> = manifest
+        .methods
+        .iter()
+        .enumerate()
+        .map(|(at, method)| (method.label.as_str(), at))
+        .collect();
+    let mut records: Vec<Record> = records.into_values().collect();
+    records.sort_by(|a, b| {
+        let at = |record: &Record| order.get(record.method.as_str()).copied();
+        a.pair_id.cmp(&b.pair_id).then_with(|| at(a).cmp(&at(b)))
+    });
+    let mut pictures = a.pictures;
+    pictures.extend(b.pictures);
+    Ok(Results {
+        manifest,
+        records,
+        missing: a.missing + b.missing,
+        pictures,
+    })
+}
+
+/// Columns of one key must be one quantity; names must mean one thing.
+fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
+    let differs = |what: &str, a: &str, b: &str| match a == b {
+        true => Ok(()),
+        false => Err(format!("{what} is \"{a}\" in one and \"{b}\" in the other")),
+    };
+    let learned = |manifest: &Manifest| manifest.metrics.iter().any(|m| !m.facts.weights.is_empty());
+    if learned(&a) && learned(&b) {
+        differs(
+            "the device behind LPIPS and DISTS",
+            &a.metric_networks.device,
+            &b.metric_networks.device,
+        )?;
+    }
+    let rules: BTreeSet<&String> = a.scoring.keys().chain(b.scoring.keys()).collect();
+    for rule in rules {
+        let text = |manifest: &Manifest| manifest.scoring.get(rule).cloned().unwrap_or_default();
+        differs(rule, &text(&a), &text(&b))?;
+    }
+    if a.common_region != b.common_region {
+        return Err("one was scored on the methods' common region (--common-region)".to_owned());
+    }
+    for metric in b.metrics {
+        match a.metrics.iter().find(|before| before.facts.key == metric.facts.key) {
+            None => a.metrics.push(metric),
+            Some(before) => {
+                if let Some((what, one, other)) = before.facts.difference(&metric.facts) {
+                    differs(&what, &one, &other)?;
+                }
+            }
+        }
+    }
+    for dataset in b.datasets {
+        match a.datasets.iter_mut().find(|before| before.name == dataset.name) {
+            None => a.datasets.push(dataset),
+            Some(before) if before.identity != dataset.identity => {
+                differs(
+                    &format!("the reading of dataset '{}'", dataset.name),
+                    &before.spec,
+                    &dataset.spec,
+                )?;
+            }
+            Some(before) => {
+                before.scenes = before.scenes.max(dataset.scenes);
+                before.views = before.views.max(dataset.views);
+            }
+        }
+    }
+    for method in b.methods {
+        match a.methods.iter().find(|before| before.label == method.label) {
+            None => a.methods.push(method),
+            Some(before) if before.identity != method.identity => differs(
+                &format!("method '{}' (NAME=FOLDER tells them apart)", method.label),
+                &before.identity.to_string(),
+                &method.identity.to_string(),
+            )?,
+            Some(_) => {}
+        }
+    }
+    for list in b.pairs.lists {
+        if !a.pairs.lists.contains(&list) {
+            a.pairs.listed = a.pairs.listed.max(list.listed);
+            a.pairs.evaluated = a.pairs.evaluated.max(list.evaluated);
+            a.pairs.lists.push(list);
+        }
+    }
+    Ok(a)
+}
+
+/// One record of two of the same unit. The error names what differs.
+fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
+    let bits = |v: Option<f64>| v.map(f64::to_bits);
+    let facts = [
+        ("baseline", Some(a.baseline_m), Some(b.baseline_m)),
+        ("rotation", Some(a.rotation_deg), Some(b.rotation_deg)),
+        ("median depth", a.median_depth_m, b.median_depth_m),
+        ("overlap", a.overlap, b.overlap),
+    ];
+    for (what, one, other) in facts {
+        if bits(one) != bits(other) {
+            return Err(what.to_owned());
+        }
+    }
+    if a.status != b.status {
+        return Err("the outcome".to_owned());
+    }
+    for (key, score) in b.scores {
+        match a.scores.get(&key) {
+            Some(before) if before.value().is_some() => {
+                if let Some(value) = score.value()
+                    && bits(before.value()) != Some(value.to_bits())
+                {
+                    return Err(key);
+                }
+            }
+            _ => {
+                a.scores.insert(key, score);
+            }
+        }
+    }
+    Ok(a)
+}
+
+/// Joins folders into one, or brings the tables of one up to date.
+///
+/// # Errors
+/// When a folder cannot be read or written, or two of them contradict each other.
+pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, EvaluateError> {
+    let target = match (folders, out) {
+        ([folder], None) => {
+            RunFolder::open(folder)?;
+            return write_tables(&RunFolder::create(folder)?);
+        }
+        (_, Some(out)) => RunFolder::create(out)?,
+        (_, None) => {
+            let reason = std::io::Error::other("several folders need --out FOLDER");
+            return Err(FileError::new(Path::new("merge"), "write")(reason).into());
+        }
+    };
+    let named: Vec<Named> = folders
+        .iter()
+        .map(|path| Named {
+            name: None,
+            path: path.clone(),
+        })
+        .collect();
+    let joined = join(&named)?;
+    let mut manifest = joined.manifest;
+    let mut list: Option<PairList> = None;
+    let mut plan = Plan::default();
+    for path in folders {
+        let folder = RunFolder::open(path)?;
+        let current = Current::read(&folder)?;
+        for (key, identity) in current.manifest.metric_identities() {
+            let merged = manifest.metrics.iter().find(|m| m.facts.key == key);
+            if merged.is_some_and(|m| m.identity != identity) {
+                return Err(EvaluateError::Conflict {
+                    a: folders[0].clone(),
+                    b: path.clone(),
+                    difference: format!(
+                        "{key} was computed by other CPU kernels ({} and {}); --simd pins them",
+                        manifest.kernels, current.manifest.kernels
+                    ),
+                });
+            }
+        }
+        let of_folder = PairList::read(&folder.pairs_path())?;
+        list = Some(match list {
+            None => of_folder,
+            Some(before) => joined_list(&before, &of_folder),
+        });
+        for block in folder.plan()?.blocks {
+            let PlanBlock { pairs, methods } = block;
+            plan.add(PlanBlock { pairs, methods });
+        }
+        for unit in current.units {
+            copy_unit(&folder, &target, unit, current.manifest.common_region)?;
+        }
+    }
+    if let Some(list) = list {
+        manifest.pairs.sha256.clone_from(&list.sha256);
+        manifest.pairs.listed = list.pairs.len();
+        manifest.pairs.evaluated = plan.pairs().len();
+        write_atomic(&target.pairs_path(), list.to_csv().as_bytes())?;
+    }
+    target.write_plan(&plan)?;
+    target.write_manifest(&manifest)?;
+    write_tables(&target)
+}
+
+/// Copies a unit with its pictures; scores that another copy has are kept.
+fn copy_unit(
+    from: &RunFolder,
+    to: &RunFolder,
+    mut unit: Unit,
+    common_region: bool,
+) -> Result<(), EvaluateError> {
+    let to_units = if common_region {
+        to.common_region()
+    } else {
+        to.clone()
+    };
+    if let Some(before) = to_units.load(&unit.slot)? {
+        for (key, score) in before.scores {
+            unit.scores.entry(key).or_insert(score);
+        }
+    }
+    for extension in ["png", "exr"] {
+        let path = |folder: &RunFolder| {
+            folder.prediction_path(&unit.slot.method, &unit.slot.pair_id, extension)
+        };
+        let (source, copy) = (path(from), path(to));
+        if source.is_file() && !copy.is_file() {
+            let bytes = fs::read(&source).map_err(FileError::new(&source, "read"))?;
+            write_atomic(&copy, &bytes)?;
+        }
+    }
+    to_units.save(unit)?;
+    Ok(())
+}
+

@@ -1,0 +1,169 @@
+//! The keys of a unit's stages: each a hash over only what can change that stage's result.
+//!
+//! * *predict*: the method's identity and code, the source's photograph and camera, its depth where the method may see it,
+//!   the files that the method reads, and for methods that make pictures the target's camera.
+//! * *picture*: the prediction; for Gaussians also the target's camera, the renderer with its code, and the true depth
+//!   that they are scaled to.
+//! * *score*, one a metric: the picture's pixels and region, the truth with its mask, the metric with its code.
+//!
+//! A file that cannot be read hashes to the error: the unit fails anyway, with the reason.
+
+use std::collections::BTreeMap;
+
+use sharp_datasets::View;
+
+use super::unit::Slot;
+use crate::io::fingerprints;
+use crate::io::hash::StableHasher;
+use crate::io::view_hashes::ViewHashes;
+use crate::methods::{Approach, Method, Privilege};
+use crate::pairs::OpenDataset;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::scoring::Region;
+use crate::scoring::metrics::ScoredMetric;
+
+/// Computes keys; files are hashed once.
+pub(super) struct Keys {
+    hashes: ViewHashes,
+    /// Reader and settings of each dataset, hashed.
+    datasets: BTreeMap<String, String>,
+    renderer: String,
+}
+
+/// The keys of what makes a unit's picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct PictureKeys {
+    pub(super) predict: String,
+    pub(super) picture: String,
+}
+
+/// Reader and settings, whatever the folder.
+pub(super) fn dataset_identity(dataset: &OpenDataset) -> String {
+    StableHasher::default()
+        .add("settings", &dataset.settings)
+        .finish()
+}
+
+/// The method's identity with its privilege.
+pub(super) fn method_identity(identity: &str, privilege: Privilege) -> String {
+    StableHasher::default()
+        .add("identity", identity)
+        .add("privilege", &format!("{privilege:?}"))
+        .finish()
+}
+
+impl Keys {
+    pub(super) fn new(datasets: &[OpenDataset], renderer: &str) -> Self {
+        let identities = datasets.iter().map(|d| (d.name.clone(), dataset_identity(d)));
+        Self {
+            hashes: ViewHashes::default(),
+            datasets: identities.collect(),
+            renderer: renderer.to_owned(),
+        }
+    }
+
+    pub(super) fn slot(&self, method: &dyn Method, planned: &ResolvedPair) -> Slot {
+        Slot {
+            pair_id: planned.pair.pair_id.clone(),
+            method: method.label().to_owned(),
+            method_identity: method_identity(&method.identity().to_string(), method.privilege()),
+            dataset_identity: self.dataset(planned).to_owned(),
+        }
+    }
+
+    fn dataset(&self, planned: &ResolvedPair) -> &str {
+        let identity = self.datasets.get(&planned.scene.dataset);
+        identity.map_or("", String::as_str)
+    }
+
+    pub(super) fn picture(&self, method: &dyn Method, planned: &ResolvedPair) -> PictureKeys {
+        let pair_id = &planned.pair.pair_id;
+        let approach = method.approach();
+        let mut predict = StableHasher::default();
+        predict
+            .add("method", &method.identity().to_string())
+            .add("method sources", method.sources())
+            .add("reading sources", fingerprints::READING)
+            .add("dataset", self.dataset(planned))
+            .add("source", &self.photograph(planned.source));
+        if method.privilege() == Privilege::SourceDepth {
+            predict.add("source depth", &self.view(planned.source));
+        }
+        match method.input_files(pair_id) {
+            Ok(files) => {
+                for file in files {
+                    let hash = self.hashes.file(&file).unwrap_or_else(|e| e.to_string());
+                    predict.add("file", &hash);
+                }
+            }
+            Err(error) => {
+                predict.add("no file", &error.to_string());
+            }
+        }
+        match &approach {
+            Approach::Gaussians(_) => {}
+            Approach::Pictures(_) => {
+                predict.add("target camera", &camera(planned.target));
+            }
+            // These look at the truth.
+            Approach::Scales(_) | Approach::Target(_) => {
+                predict.add("target", &self.view(planned.target));
+            }
+        }
+        let predict = predict.finish();
+        let mut picture = StableHasher::default();
+        picture.add("prediction", &predict);
+        if let Approach::Gaussians(_) = approach {
+            picture
+                .add("target camera", &camera(planned.target))
+                .add("renderer", &self.renderer)
+                .add("renderer sources", fingerprints::of_renderer(&self.renderer));
+            if method.privilege() == Privilege::DepthScale {
+                picture.add("source depth", &self.view(planned.source));
+            }
+        }
+        PictureKeys {
+            predict,
+            picture: picture.finish(),
+        }
+    }
+
+    /// The key of a metric for a picture of a region.
+    pub(super) fn score(
+        &self,
+        metric: &ScoredMetric,
+        picture_sha256: &str,
+        region: Option<Region>,
+        planned: &ResolvedPair,
+    ) -> String {
+        let mut key = StableHasher::default();
+        key.add("metric", &metric.identity)
+            .add("metric sources", metric.sources)
+            .add("picture", picture_sha256)
+            .add("reading sources", fingerprints::READING)
+            .add("dataset", self.dataset(planned))
+            .add("truth", &self.photograph(planned.target));
+        if let Some(region) = region {
+            key.add("region", &region.to_string());
+        }
+        if metric.key.is_masked() {
+            key.add("mask depth", &self.view(planned.target))
+                .add("mask source", &camera(planned.source));
+        }
+        key.finish()
+    }
+
+    fn photograph(&self, view: &View) -> String {
+        let hash = self.hashes.photograph(view);
+        hash.unwrap_or_else(|error| error.to_string())
+    }
+
+    fn view(&self, view: &View) -> String {
+        let hash = self.hashes.view(view);
+        hash.unwrap_or_else(|error| error.to_string())
+    }
+}
+
+fn camera(view: &View) -> String {
+    format!("{:?} {:?}", view.intrinsics, view.camera_from_world)
+}

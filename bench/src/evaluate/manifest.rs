@@ -1,0 +1,265 @@
+//! `manifest.json`: what was run and under which conventions, said once for all results of a folder.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::error::EvaluateError;
+use crate::methods::{MethodIdentity, Privilege};
+use crate::pairs::PairProvenance;
+use crate::pairs::dataset::DatasetReading;
+use crate::scoring::MetricFacts;
+
+/// Version of a run folder's layout: manifest, units and plan.
+pub const FORMAT: u32 = 2;
+
+/// Everything that the results of a folder share. Holds no time, and no path besides those that the user gave, so that
+/// two runs of the same thing have the same manifest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Manifest {
+    /// [`FORMAT`] of the writer.
+    pub format: u32,
+    /// Version of the harness.
+    pub version: String,
+    /// Hashes of the sources and locked dependencies, by what stands on them.
+    pub sources: BTreeMap<String, String>,
+    /// Who renders; one for the whole folder.
+    pub renderer: RendererRecord,
+    /// The CPU's kernels: `avx512`, `avx2` or `portable`.
+    pub kernels: String,
+    /// How the networks behind the metrics are computed.
+    pub metric_networks: NetworksRecord,
+    /// The conventions that turn predictions into scored pictures, in words.
+    pub scoring: BTreeMap<String, String>,
+    /// Whether all methods of a pair are scored on the part of the target that all of them predict.
+    #[serde(default)]
+    pub common_region: bool,
+    /// In the order given.
+    pub datasets: Vec<DatasetRecord>,
+    /// The pair lists.
+    pub pairs: PairsRecord,
+    /// In the order of the tables.
+    pub methods: Vec<MethodRecord>,
+    /// In the order of the columns.
+    pub metrics: Vec<MetricRecord>,
+}
+
+/// Who renders, with every setting that decides pixels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RendererRecord {
+    /// The exact backend: `cpu`, or `wgpu:<adapter, driver>`.
+    pub backend: String,
+    /// Nearest depth that is drawn, metres.
+    pub near: f64,
+    /// Farthest depth that is drawn, metres.
+    pub far: f64,
+    /// Added to the diagonal of projected covariances, pixels².
+    pub eps2d: f64,
+    /// Colour behind the Gaussians.
+    pub background: String,
+}
+
+/// How the networks behind LPIPS and DISTS are computed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct NetworksRecord {
+    /// `cpu` for the kernels, whatever their instruction set; `candle-cpu`, `cuda` or `metal` for candle's tensors.
+    pub device: String,
+    /// Instruction set and convolution algorithm.
+    pub arithmetic: String,
+}
+
+/// One dataset instance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DatasetRecord {
+    /// Its column group in the tables.
+    pub name: String,
+    /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
+    pub spec: String,
+    /// The reader.
+    pub format: String,
+    /// Hash of reader and settings; the path is not part of it.
+    pub identity: String,
+    /// The wildcard that chose among its scenes (`--scenes`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub only_scenes: Option<String>,
+    /// Scenes that are evaluated.
+    pub scenes: usize,
+    /// Their views.
+    pub views: usize,
+    /// The settings in force.
+    pub readings: Vec<DatasetReading>,
+    /// What the reader assumed or left out.
+    pub notes: Vec<String>,
+}
+
+/// The pairs of a folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PairsRecord {
+    /// sha256 of `pairs.csv`.
+    pub sha256: String,
+    /// Rows of `pairs.csv`.
+    pub listed: usize,
+    /// Pairs of the plan.
+    pub evaluated: usize,
+    /// The lists that `pairs.csv` was made of.
+    pub lists: Vec<ListRecord>,
+}
+
+/// One pair list and how it came about.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ListRecord {
+    /// sha256 of the list.
+    pub sha256: String,
+    /// Rows of the list.
+    pub listed: usize,
+    /// Pairs of it that are evaluated.
+    pub evaluated: usize,
+    /// The limit of the run (`--limit`); `None` for all selected pairs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<usize>,
+    /// Whether it was built or handed in.
+    pub origin: ListOrigin,
+    /// How the pairs of each dataset were chosen, where that is known.
+    pub choices: BTreeMap<String, PairProvenance>,
+}
+
+/// Where a list is from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ListOrigin {
+    /// Built from the datasets.
+    Built,
+    /// Handed in.
+    Given,
+}
+
+/// One method instance.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct MethodRecord {
+    /// Its row in the tables.
+    pub label: String,
+    /// As given on the command line; empty for methods of a program.
+    pub spec: String,
+    /// Everything that its predictions depend on.
+    pub identity: MethodIdentity,
+    /// What it knew of the source's true depth.
+    pub privilege: Privilege,
+}
+
+/// One metric column.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MetricRecord {
+    /// Convention, weights and precision.
+    #[serde(flatten)]
+    pub facts: MetricFacts,
+    /// Hash of all that and of the code that computes it.
+    pub identity: String,
+}
+
+impl Manifest {
+    /// Metric keys with their identities, in the order of the columns.
+    pub fn metric_identities(&self) -> Vec<(String, String)> {
+        let metrics = self.metrics.iter();
+        metrics
+            .map(|metric| (metric.facts.key.clone(), metric.identity.clone()))
+            .collect()
+    }
+
+    /// A manifest that covers what was there and what `new` adds, with a sentence for each earlier result that tables no
+    /// longer show because a name now means something else.
+    ///
+    /// # Errors
+    /// When the folder's renderer, kernels or device are others: results of both would not share a table.
+    pub(super) fn extended(self, new: Self, root: PathBuf) -> Result<(Self, Vec<String>), EvaluateError> {
+        let differs = |what: &'static str, before: &str, now: &str| match before == now {
+            true => Ok(()),
+            false => Err(EvaluateError::OtherMachine {
+                folder: root.clone(),
+                what,
+                before: before.to_owned(),
+                now: now.to_owned(),
+            }),
+        };
+        differs("renderer", &self.renderer.backend, &new.renderer.backend)?;
+        differs("class of CPU kernels (--simd)", &self.kernels, &new.kernels)?;
+        let mut replaced = Vec::new();
+        let mut merged = new;
+        merged.datasets = union(self.datasets, merged.datasets, |d| &d.name, |old, new| {
+            if old.identity != new.identity {
+                replaced.push(format!("dataset '{}' was read with other settings", old.name));
+            }
+        });
+        merged.methods = union(self.methods, merged.methods, |m| &m.label, |old, new| {
+            if (&old.identity, old.privilege) != (&new.identity, new.privilege) {
+                replaced.push(format!("method '{}' was {}", old.label, old.identity));
+            }
+        });
+        merged.metrics = union(self.metrics, merged.metrics, |m| &m.facts.key, |old, new| {
+            if old.identity != new.identity {
+                replaced.push(format!("{} was computed with other weights or code", old.facts.key));
+            }
+        });
+        let mut lists = self.pairs.lists;
+        lists.retain(|list| !merged.pairs.lists.contains(list));
+        lists.append(&mut merged.pairs.lists);
+        merged.pairs.lists = lists;
+        Ok((merged, replaced))
+    }
+}
+
+/// Items by name: those that were there, replaced by new ones of their name, then the others.
+fn union<T>(
+    before: Vec<T>,
+    new: Vec<T>,
+    name: impl Fn(&T) -> &String,
+    mut replaced: impl FnMut(&T, &T),
+) -> Vec<T> {
+    let mut new: Vec<Option<T>> = new.into_iter().map(Some).collect();
+    let mut all = Vec::new();
+    for old in before {
+        let same = new
+            .iter_mut()
+            .find(|item| item.as_ref().is_some_and(|item| name(item) == name(&old)));
+        match same.and_then(Option::take) {
+            Some(item) => {
+                replaced(&old, &item);
+                all.push(item);
+            }
+            None => all.push(old),
+        }
+    }
+    all.extend(new.into_iter().flatten());
+    all
+}
+
+/// What decides how predictions become scored pictures, in words.
+pub(super) fn scoring_conventions() -> BTreeMap<String, String> {
+    [
+        ("prediction", "sRGB, 8 bit, rounded to nearest"),
+        (
+            "target",
+            "sRGB, 8 bit, as decoded; colour profiles ignored; undistorted or masked where the dataset's notes say so",
+        ),
+        ("decoder", crate::io::fingerprints::DECODERS),
+        (
+            "resolution",
+            "full resolution of the target, which is never resized; predictions are resized up or cropped only where a \
+             method's identity says so, and are marked in the tables",
+        ),
+        ("background", "black, in linear light"),
+        (
+            "aggregation",
+            "mean over pairs; a mean that holds inf is inf",
+        ),
+        (
+            "excluded pixels",
+            "where the dataset's mask excludes pixels of the target, both pictures take the mean colour of its other \
+             pixels, and PSNR is over those",
+        ),
+        ("frustum mask", "margin 1.05, z > 0, invalid depth outside"),
+    ]
+    .map(|(name, value)| (name.to_owned(), value.to_owned()))
+    .into()
+}

@@ -1,0 +1,49 @@
+//! The evaluation core: what is evaluated, by which stages, and the folder that keeps its results.
+//!
+//! ```no_run
+//! use sharp_bench::evaluate::{Request, RunOptions, prepare};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let request: Request = unimplemented!();
+//! use sharp_bench::io::observer::Quiet;
+//!
+//! let finished = prepare(request, &Quiet)?.run("runs/first".as_ref(), RunOptions::default(), &Quiet)?;
+//! for record in &finished.results.records {
+//!     println!("{} {} {:?}", record.pair_id, record.method, record.scores);
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored.
+//! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`: predictions of
+//!   sources, made once.
+//! * [`record`]: one result; [`unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
+//!   [`manifest`]: what its results share.
+//! * [`results`]: a folder as records and tables; [`join`]: several folders as one; [`mod@rescore`]: kept predictions
+//!   scored again.
+
+pub mod error;
+pub mod folder;
+mod gaussian_store;
+pub mod join;
+mod keys;
+pub mod manifest;
+pub mod pipeline;
+pub mod prepare;
+pub mod record;
+mod render;
+pub mod rescore;
+pub mod results;
+mod score;
+#[cfg(test)]
+mod tests;
+pub mod unit;
+
+pub use error::EvaluateError;
+pub use folder::RunFolder;
+pub use join::{Named, join, merge};
+pub use manifest::Manifest;
+pub use pipeline::{Counts, Keep, RunOptions, Stages};
+pub use prepare::{Evaluation, Finished, PairOrigin, Request, Standing, prepare};
+pub use rescore::rescore;
+pub use results::Results;

@@ -1,0 +1,582 @@
+//! Runs a plan: predicts and renders the pictures of a pair on one thread, scores those of the pair before on the other.
+
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Instant;
+
+use image::RgbImage;
+use sharp::render::{RenderError, RenderOutput};
+use sharp_datasets::{DepthMap, View};
+use sharp_metrics::Picture;
+
+use super::error::EvaluateError;
+use super::folder::RunFolder;
+use super::gaussian_store::{GaussianStore, StoreError};
+use super::keys::{Keys, PictureKeys};
+use super::manifest::FORMAT;
+use super::record::{ChosenScale, Status};
+use super::render::{depth_scale, render};
+use super::score::{PairTruth, Unscored, crop, empty_record, missing, one_line, score_pair};
+use super::unit::{ScoredPicture, Slot, Timing, Unit};
+use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
+use crate::io::observer::Observer;
+use crate::io::pictures::{read_rgb8, to_rgb8};
+use crate::io::rendering_files::{write_exr, write_png};
+use crate::methods::{
+    Approach, Method, MethodError, PicturePrediction, Privilege, SourceView, TargetCamera,
+};
+use crate::pairs::PosedCamera;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::rendering::SharedRenderer;
+use crate::scoring::Scoring;
+
+/// Which stages of a run are done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Stages {
+    /// All of them
+    #[default]
+    All,
+    /// Predictions of sources alone; they and predicted pictures are kept
+    Predict,
+    /// Pictures from kept predictions; they are kept
+    Render,
+    /// Scores of kept pictures
+    Score,
+}
+
+/// Which pictures stay in the run folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Keep {
+    /// All of them, as 8-bit PNG
+    #[default]
+    All,
+    /// All of them as 8-bit PNG, and renderings also as EXR: linear RGB and alpha, for rules that need them
+    Float,
+    /// None
+    None,
+}
+
+/// How a plan is run. No value depends on it.
+#[derive(Debug, Clone, Copy)]
+pub struct RunOptions {
+    /// Which stages are done.
+    pub stages: Stages,
+    /// Which pictures are kept.
+    pub keep: Keep,
+    /// Whether predictions of sources are kept.
+    pub keep_gaussians: bool,
+    /// Predictions of one source that are held in memory, bytes; those beyond it are on disk until the source is done.
+    pub memory_limit_bytes: u64,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self {
+            stages: Stages::All,
+            keep: Keep::All,
+            keep_gaussians: false,
+            memory_limit_bytes: 2 << 30,
+        }
+    }
+}
+
+impl RunOptions {
+    fn keeps_pictures(&self) -> bool {
+        self.keep != Keep::None || self.stages != Stages::All
+    }
+}
+
+/// What a pipeline works on.
+pub(super) struct Job<'a> {
+    /// In the order of their ids.
+    pub(super) pairs: Vec<ResolvedPair<'a>>,
+    pub(super) methods: &'a [Box<dyn Method>],
+    pub(super) scoring: &'a Scoring,
+    pub(super) renderer: &'a SharedRenderer,
+    pub(super) keys: &'a Keys,
+    pub(super) options: RunOptions,
+}
+
+/// What happened to the units of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Units of the plan.
+    pub units: usize,
+    /// Units whose stored result was complete.
+    pub reused: usize,
+    /// Predictions that were made: of a source for methods that make Gaussians, else of a pair.
+    pub predicted: usize,
+    /// Renderings that were made.
+    pub rendered: usize,
+    /// Units that got scores.
+    pub scored: usize,
+    /// Units that are recorded failures.
+    pub failed: usize,
+    /// Units that wait for another stage.
+    pub waiting: usize,
+}
+
+/// A unit as it comes from the predicting to the scoring thread.
+enum Prepared {
+    /// Nothing is left to do, or it failed.
+    Done(Box<Unit>, Reuse),
+    /// To be scored.
+    Unscored(Box<Unscored>),
+    /// Another stage has to come first or afterwards.
+    Waiting,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Reuse {
+    Complete,
+    New,
+}
+
+/// A pair with its prepared units.
+struct PreparedPair<'a> {
+    truth: PairTruth<'a>,
+    units: Vec<(String, Prepared)>,
+    made: Counts,
+}
+
+/// Runs a plan into a folder. Finished units are taken over, recorded failures tried again; a failing pair becomes a
+/// record and the others continue.
+///
+/// While a pair is scored, the next one is predicted, and one step ahead only: the pictures of at most two pairs are in
+/// memory. No value depends on it.
+pub(super) fn run(
+    job: &Job,
+    folder: &RunFolder,
+    observer: &dyn Observer,
+) -> Result<Counts, EvaluateError> {
+    for method in job.methods {
+        method.begin(&folder.logs_path());
+    }
+    // A channel without room: who predicts waits until who scores is ready for it.
+    let (sender, pairs) = sync_channel(0);
+    observer.begin("", job.pairs.len() * job.methods.len(), "units");
+    std::thread::scope(|scope| {
+        scope.spawn(move || prepare_all(job, folder, &sender));
+        let mut counts = Counts::default();
+        for pair in pairs {
+            let PreparedPair { truth, units, made } = pair?;
+            counts.predicted += made.predicted;
+            counts.rendered += made.rendered;
+            let mut unscored = Vec::new();
+            for (method, unit) in units {
+                let pair_id = &truth.planned.pair.pair_id;
+                observer.progress(counts.units, &format!("{method} {pair_id}"));
+                counts.units += 1;
+                match unit {
+                    Prepared::Done(unit, reuse) => {
+                        counts.failed += usize::from(unit.record.status != Status::Ok);
+                        counts.reused += usize::from(reuse == Reuse::Complete);
+                    }
+                    Prepared::Waiting => counts.waiting += 1,
+                    Prepared::Unscored(item) => unscored.push(*item),
+                }
+            }
+            if !unscored.is_empty() {
+                for unit in score_pair(&truth, unscored, job.scoring, job.keys, folder)? {
+                    counts.scored += 1;
+                    counts.failed += usize::from(unit.record.status != Status::Ok);
+                }
+            }
+        }
+        observer.end();
+        Ok(counts)
+    })
+}
+
+/// Hands over every pair of a plan in order, until one cannot be had or nobody takes them any more.
+fn prepare_all<'a>(
+    job: &Job<'a>,
+    folder: &RunFolder,
+    sender: &SyncSender<Result<PreparedPair<'a>, EvaluateError>>,
+) {
+    let kept = job.options.keep_gaussians || job.options.stages != Stages::All;
+    let mut sources = Sources {
+        gaussians: GaussianStore::new(
+            kept.then(|| folder.gaussians_path()),
+            folder.root(),
+            job.options.memory_limit_bytes,
+        ),
+        photograph: None,
+        depth: None,
+        scale: None,
+    };
+    for planned in &job.pairs {
+        let mut pair = PairWork {
+            job,
+            folder,
+            source: planned.source.into(),
+            target: planned.target.into(),
+            truth: PairTruth::new(*planned),
+            made: Counts::default(),
+        };
+        let units: Result<Vec<_>, EvaluateError> = job
+            .methods
+            .iter()
+            .map(|method| {
+                let prepared = pair.prepare(method.as_ref(), &mut sources)?;
+                Ok((method.label().to_owned(), prepared))
+            })
+            .collect();
+        let failed = units.is_err();
+        let prepared = units.map(|units| PreparedPair {
+            truth: pair.truth,
+            units,
+            made: pair.made,
+        });
+        // An error here: who scores has stopped, and says why itself.
+        if sender.send(prepared).is_err() || failed {
+            return;
+        }
+    }
+}
+
+/// What the pairs of one source share: they follow each other, because pairs come sorted.
+struct Sources<'a> {
+    gaussians: GaussianStore,
+    photograph: Option<(&'a View, RgbImage)>,
+    depth: Option<(&'a View, Option<DepthMap>)>,
+    /// By the key of the prediction.
+    scale: Option<(String, Result<f64, String>)>,
+}
+
+impl<'a> Sources<'a> {
+    fn photograph(&mut self, view: &'a View) -> Result<&RgbImage, MethodError> {
+        cached(&mut self.photograph, view, || Ok(view.content.image()?))
+    }
+
+    fn depth(&mut self, view: &'a View) -> Result<Option<&DepthMap>, MethodError> {
+        let depth = cached(&mut self.depth, view, || Ok(view.content.depth()?))?;
+        Ok(depth.as_ref())
+    }
+}
+
+fn cached<'c, 'a, T>(
+    slot: &'c mut Option<(&'a View, T)>,
+    view: &'a View,
+    read: impl FnOnce() -> Result<T, MethodError>,
+) -> Result<&'c T, MethodError> {
+    let is_it = slot.as_ref().is_some_and(|(last, _)| std::ptr::eq(*last, view));
+    if !is_it {
+        *slot = None;
+    }
+    match slot {
+        Some((_, value)) => Ok(value),
+        None => Ok(&slot.insert((view, read()?)).1),
+    }
+}
+
+/// Why there is no picture.
+enum Failure {
+    /// It becomes the unit's record.
+    Pair(String),
+    /// It ends the run.
+    Run(EvaluateError),
+    /// A kept prediction that this stage needs is missing.
+    Waiting,
+}
+
+impl From<MethodError> for Failure {
+    fn from(error: MethodError) -> Self {
+        Self::Pair(error.to_string())
+    }
+}
+
+/// A picture as a method made it.
+struct Made {
+    prediction: PicturePrediction,
+    scale: Option<ChosenScale>,
+    rendering: Option<RenderOutput>,
+}
+
+/// One pair on the predicting thread.
+struct PairWork<'j, 'a> {
+    job: &'j Job<'a>,
+    folder: &'j RunFolder,
+    source: PosedCamera,
+    target: PosedCamera,
+    truth: PairTruth<'a>,
+    made: Counts,
+}
+
+impl<'a> PairWork<'_, 'a> {
+    /// Takes over what is stored, or makes the picture.
+    fn prepare(
+        &mut self,
+        method: &dyn Method,
+        sources: &mut Sources<'a>,
+    ) -> Result<Prepared, EvaluateError> {
+        let job = self.job;
+        let planned = self.truth.planned;
+        let slot = job.keys.slot(method, &planned);
+        let keys = job.keys.picture(method, &planned);
+        let stored = self.folder.load(&slot)?;
+        let stored = stored
+            .filter(|unit| unit.record.status == Status::Ok && unit.picture_key == keys.picture);
+        if let Some(unit) = stored {
+            let unit = self.refreshed(unit)?;
+            let renders = matches!(method.approach(), Approach::Gaussians(_));
+            let has_picture = self.folder.has_picture(&unit)
+                && (job.options.keep != Keep::Float || !renders || self.folder.has_float(&unit));
+            let is_scored = missing(&unit, job.scoring, job.keys, &planned).is_empty();
+            if is_scored && (has_picture || job.options.keep == Keep::None) {
+                return Ok(Prepared::Done(Box::new(unit), Reuse::Complete));
+            }
+            if has_picture {
+                if matches!(job.options.stages, Stages::Predict | Stages::Render) {
+                    return Ok(Prepared::Waiting);
+                }
+                let Slot { method, pair_id, .. } = &unit.slot;
+                let path = self.folder.prediction_path(method, pair_id, "png");
+                if let Ok(picture) = read_rgb8(&path) {
+                    let unscored = Unscored { unit, picture };
+                    return Ok(Prepared::Unscored(Box::new(unscored)));
+                }
+            }
+        }
+        if job.options.stages == Stages::Score {
+            return Ok(Prepared::Waiting);
+        }
+        let started = Instant::now();
+        let made = self.make(method, &keys, sources);
+        let mut unit = Unit {
+            format: FORMAT,
+            checksum: String::new(),
+            slot,
+            picture_key: keys.picture,
+            record: empty_record(&planned, method.label()),
+            picture: None,
+            scores: Default::default(),
+            timing: Timing {
+                predict_secs: started.elapsed().as_secs_f64(),
+                score_secs: 0.0,
+            },
+        };
+        match made {
+            Ok(None) | Err(Failure::Waiting) => Ok(Prepared::Waiting),
+            Err(Failure::Run(error)) => Err(error),
+            Err(Failure::Pair(reason)) => {
+                unit.record.status = Status::Failed {
+                    reason: one_line(&reason),
+                };
+                let unit = self.folder.save(unit)?;
+                Ok(Prepared::Done(Box::new(unit), Reuse::New))
+            }
+            Ok(Some(made)) => {
+                let picture = self.keep(&mut unit, made)?;
+                Ok(match job.options.stages {
+                    Stages::Predict | Stages::Render => Prepared::Waiting,
+                    _ => Prepared::Unscored(Box::new(Unscored { unit, picture })),
+                })
+            }
+        }
+    }
+
+    /// A stored unit with what the pair list says of its pair now.
+    fn refreshed(&self, mut unit: Unit) -> Result<Unit, EvaluateError> {
+        let now = empty_record(&self.truth.planned, &unit.slot.method);
+        let record = &mut unit.record;
+        let before = (
+            record.cluster.clone(),
+            [record.baseline_m, record.rotation_deg].map(f64::to_bits),
+            [record.median_depth_m, record.overlap].map(|v| v.map(f64::to_bits)),
+        );
+        record.cluster = now.cluster;
+        record.baseline_m = now.baseline_m;
+        record.rotation_deg = now.rotation_deg;
+        record.median_depth_m = now.median_depth_m;
+        record.overlap = now.overlap;
+        let after = (
+            record.cluster.clone(),
+            [record.baseline_m, record.rotation_deg].map(f64::to_bits),
+            [record.median_depth_m, record.overlap].map(|v| v.map(f64::to_bits)),
+        );
+        if before == after {
+            Ok(unit)
+        } else {
+            Ok(self.folder.save(unit)?)
+        }
+    }
+
+    /// Records what was made, and keeps it where that is asked for before anything else is done: a run that is killed
+    /// while it scores predicts nothing again.
+    fn keep(&self, unit: &mut Unit, made: Made) -> Result<RgbImage, EvaluateError> {
+        let prediction = made.prediction;
+        let picture = match prediction.picture {
+            Picture::Rgb8(image) => image,
+            Picture::RgbF32(image) => to_rgb8(&image),
+        };
+        unit.record.crop = crop(prediction.region, self.target.size());
+        unit.record.resized_from = prediction.resized_from;
+        unit.record.scale = made.scale;
+        unit.record.extras = prediction.extras;
+        let mut scored = ScoredPicture {
+            sha256: picture_sha256(&picture),
+            file_sha256: None,
+            float_sha256: None,
+        };
+        let Slot {
+            method, pair_id, ..
+        } = &unit.slot;
+        let path = |extension| self.folder.prediction_path(method, pair_id, extension);
+        if self.job.options.keeps_pictures() {
+            write_png(&path("png"), &picture)?;
+            scored.file_sha256 = Some(file_sha256(&path("png"))?);
+        }
+        if let (Keep::Float, Some(rendering)) = (self.job.options.keep, &made.rendering) {
+            write_exr(&path("exr"), rendering)?;
+            scored.float_sha256 = Some(file_sha256(&path("exr"))?);
+        }
+        unit.picture = Some(scored);
+        if self.job.options.keeps_pictures() {
+            *unit = self.folder.save(unit.clone())?;
+        }
+        Ok(picture)
+    }
+
+    /// The picture of a method; `None` where this stage stops before it.
+    fn make(
+        &mut self,
+        method: &dyn Method,
+        keys: &PictureKeys,
+        sources: &mut Sources<'a>,
+    ) -> Result<Option<Made>, Failure> {
+        let stages = self.job.options.stages;
+        let view = self.truth.planned.source;
+        let pair_id = &self.truth.planned.pair.pair_id;
+        let plain = |prediction: PicturePrediction| Made {
+            prediction,
+            scale: None,
+            rendering: None,
+        };
+        let target = TargetCamera::new(pair_id, &self.target);
+        // Ids encode underscores that would form a second separator.
+        let name = pair_id.split("__").next().unwrap_or(pair_id);
+        let made = match method.approach() {
+            Approach::Gaussians(_) => return self.splat(method, name, keys, sources),
+            _ if stages == Stages::Render => return Err(Failure::Waiting),
+            Approach::Target(target) => {
+                plain(target.reveal(self.truth.get().map_err(Failure::Pair)?))
+            }
+            Approach::Pictures(pictures) => {
+                let depth = match method.privilege() {
+                    Privilege::SourceDepth => sources.depth(view)?.cloned(),
+                    _ => None,
+                };
+                let image = sources.photograph(view)?;
+                let source = SourceView::new(name, &self.source, image, depth.as_ref());
+                plain(pictures.predict(&source, &target)?)
+            }
+            Approach::Scales(sweep) => {
+                let image = sources.photograph(view)?;
+                let source = SourceView::new(name, &self.source, image, None);
+                let mut candidates = sweep.candidates(&source, &target)?;
+                let tried = candidates.len();
+                let truth = self.truth.get().map_err(Failure::Pair)?;
+                let best = sweep.chooser().best(truth, &candidates);
+                let best = best.map_err(|reason| Failure::Pair(format!("{pair_id}: {reason}")))?;
+                let best = candidates.swap_remove(best);
+                Made {
+                    scale: Some(ChosenScale {
+                        best: best.scale,
+                        tried,
+                    }),
+                    ..plain(best.prediction)
+                }
+            }
+        };
+        self.made.predicted += 1;
+        Ok(Some(made))
+    }
+
+    /// The rendering of a method that makes Gaussians.
+    fn splat(
+        &mut self,
+        method: &dyn Method,
+        name: &str,
+        keys: &PictureKeys,
+        sources: &mut Sources<'a>,
+    ) -> Result<Option<Made>, Failure> {
+        let Approach::Gaussians(gaussians) = method.approach() else {
+            return Ok(None);
+        };
+        let stages = self.job.options.stages;
+        let view = self.truth.planned.source;
+        let predicted = std::cell::Cell::new(0);
+        let depth = match method.privilege() {
+            Privilege::None => None,
+            _ => sources.depth(view)?.cloned(),
+        };
+        let prediction = if stages == Stages::Render {
+            sources.gaussians.get(&keys.predict, name, None)
+        } else {
+            // The photograph is only read where a prediction is made.
+            let photograph = std::cell::RefCell::new(&mut sources.photograph);
+            let predict = || {
+                predicted.set(1);
+                let mut photograph = photograph.borrow_mut();
+                let image = cached(&mut photograph, view, || Ok(view.content.image()?))?;
+                let seen = depth
+                    .as_ref()
+                    .filter(|_| method.privilege() == Privilege::SourceDepth);
+                gaussians.predict(&SourceView::new(name, &self.source, image, seen))
+            };
+            sources.gaussians.get(&keys.predict, name, Some(&predict))
+        };
+        self.made.predicted += predicted.get();
+        let prediction = match prediction {
+            Ok(Some(prediction)) => prediction,
+            Ok(None) => return Err(Failure::Waiting),
+            Err(StoreError::Method(error)) => return Err(error.into()),
+            Err(StoreError::File(error)) => return Err(Failure::Run(error.into())),
+        };
+        if stages == Stages::Predict {
+            return Ok(None);
+        }
+        let scale = match method.privilege() {
+            Privilege::DepthScale => {
+                if sources.scale.as_ref().is_none_or(|(key, _)| *key != keys.predict) {
+                    let scale = depth_scale(&prediction, depth.as_ref());
+                    sources.scale = Some((keys.predict.clone(), scale));
+                }
+                let scale = sources.scale.as_ref().map(|(_, scale)| scale.clone());
+                scale.transpose().map_err(|reason| {
+                    Failure::Pair(format!("{}: {reason}", self.source.id))
+                })?
+            }
+            _ => None,
+        };
+        let rendered = render(&prediction, scale, &self.source, &self.target, self.job.renderer);
+        let (picture, output) = rendered.map_err(|error| self.render_failure(method, &error))?;
+        self.made.rendered += 1;
+        Ok(Some(Made {
+            prediction: picture,
+            scale: None,
+            rendering: (self.job.options.keep == Keep::Float).then_some(output),
+        }))
+    }
+
+    /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.
+    fn render_failure(&self, method: &dyn Method, error: &RenderError) -> Failure {
+        if error.is_device_fault() {
+            Failure::Run(EvaluateError::Device {
+                pair_id: self.truth.planned.pair.pair_id.clone(),
+                method: method.label().to_owned(),
+                reason: error.to_string(),
+            })
+        } else {
+            Failure::Pair(format!("render: {error}"))
+        }
+    }
+}
+
+/// sha256 of a picture's size and pixels.
+pub(super) fn picture_sha256(picture: &RgbImage) -> String {
+    StableHasher::default()
+        .add("size", &format!("{:?}", picture.dimensions()))
+        .add("pixels", &sha256_hex(picture.as_raw()))
+        .finish()
+}

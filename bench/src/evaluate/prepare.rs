@@ -1,0 +1,445 @@
+//! An evaluation: what is to be evaluated, prepared from datasets, pairs, methods and metrics, and run into a folder.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use sharp::render::Backend;
+use sharp_datasets::Scene;
+use sharp_metrics::Device;
+
+use super::error::EvaluateError;
+use super::folder::{PlanBlock, RunFolder};
+use super::keys::{Keys, dataset_identity};
+use super::manifest::{
+    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, MethodRecord, MetricRecord,
+    NetworksRecord, PairsRecord, RendererRecord, scoring_conventions,
+};
+use super::pipeline::{Counts, Job, Keep, RunOptions, Stages, run as run_pipeline};
+use super::record::Status;
+use super::rescore::score_common_region;
+use super::results::{Results, write_tables};
+use super::score::missing;
+use crate::io::atomic_files::write_atomic;
+use crate::io::fingerprints;
+use crate::io::observer::Observer;
+use crate::methods::Method;
+use crate::pairs::dataset::scenes_of;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::pairs::provenance::ListCompanion;
+use crate::pairs::{
+    OpenDataset, OverlapCache, Pair, PairError, PairList, PairProvenance, PairRecipe,
+};
+use crate::rendering::SharedRenderer;
+use crate::scoring::Scoring;
+
+/// Where the pairs come from.
+#[derive(Debug)]
+pub enum PairOrigin {
+    /// Built from the datasets.
+    Built {
+        /// The choices; a dataset may change them by its own.
+        recipe: Box<PairRecipe>,
+        /// Where measured overlaps are kept.
+        cache: Option<OverlapCache>,
+    },
+    /// A list that was handed in.
+    Given(PathBuf),
+}
+
+/// What is to be evaluated.
+pub struct Request {
+    /// Opened datasets.
+    pub datasets: Vec<OpenDataset>,
+    /// The pattern that chose among their scenes, for the record.
+    pub only_scenes: Option<String>,
+    /// Which pairs.
+    pub pairs: PairOrigin,
+    /// Evaluate at most this many of the selected pairs: the first ones by id of each dataset in turn.
+    pub limit: Option<usize>,
+    /// Methods with what was given for each, for the record. Labels are unique.
+    pub methods: Vec<(String, Box<dyn Method>)>,
+    /// The metrics.
+    pub scoring: Scoring,
+    /// Score all methods of a pair on the part of the target that all of them predict.
+    pub common_region: bool,
+    /// Who renders.
+    pub backend: Backend,
+}
+
+/// Everything that decides what is evaluated.
+pub struct Evaluation {
+    datasets: Vec<OpenDataset>,
+    only_scenes: Option<String>,
+    scenes: Vec<Scene>,
+    list: PairList,
+    origin: ListOrigin,
+    choices: BTreeMap<String, PairProvenance>,
+    limit: Option<usize>,
+    specs: Vec<String>,
+    methods: Vec<Box<dyn Method>>,
+    scoring: Scoring,
+    common_region: bool,
+    pub(super) renderer: SharedRenderer,
+}
+
+/// What a folder holds of an evaluation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct Standing {
+    /// Units of the plan.
+    pub units: usize,
+    /// Units with all their scores.
+    pub done: usize,
+    /// Units with a picture that is not scored.
+    pub unscored: usize,
+    /// Recorded failures; a run tries them again.
+    pub failed: usize,
+    /// Units without a result.
+    pub missing: usize,
+}
+
+/// A finished run.
+pub struct Finished {
+    /// The folder.
+    pub folder: RunFolder,
+    /// What was done.
+    pub counts: Counts,
+    /// All results of the folder, also those of earlier runs.
+    pub results: Results,
+    /// The scenes that were opened.
+    pub scenes: Vec<Scene>,
+}
+
+/// Opens datasets, builds or reads the pair list, builds methods. Writes nothing but measured overlaps.
+///
+/// # Errors
+/// When a part of the request cannot be used, or no pair is left.
+pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, EvaluateError> {
+    let mut labels = BTreeSet::new();
+    for (_, method) in &request.methods {
+        if !labels.insert(method.label()) {
+            return Err(EvaluateError::RepeatedLabel(method.label().to_owned()));
+        }
+    }
+    let scenes = scenes_of(&request.datasets);
+    let (list, origin, choices) = match request.pairs {
+        PairOrigin::Built { recipe, cache } => {
+            let built = recipe.build(&request.datasets, cache.as_ref(), observer)?;
+            if !built.has_selected() {
+                return Err(PairError::NoPair(built.advice.join("; ")).into());
+            }
+            for advice in &built.advice {
+                observer.warn(advice);
+            }
+            (built.list("pairs.csv"), ListOrigin::Built, built.provenance)
+        }
+        PairOrigin::Given(path) => {
+            let list = PairList::read(&path)?;
+            warn_of_other_files(&list, &scenes, observer);
+            let companion = ListCompanion::of(&list);
+            let choices = companion.map(|companion| companion.choices);
+            (list, ListOrigin::Given, choices.unwrap_or_default())
+        }
+    };
+    let (specs, methods): (Vec<String>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
+    check_independence(&choices, &methods)?;
+    let evaluation = Evaluation {
+        datasets: request.datasets,
+        only_scenes: request.only_scenes,
+        scenes,
+        list,
+        origin,
+        choices,
+        limit: request.limit,
+        specs,
+        methods,
+        scoring: request.scoring,
+        common_region: request.common_region,
+        renderer: SharedRenderer::open(&request.backend)?,
+    };
+    if evaluation.pairs()?.is_empty() {
+        let reason = match evaluation.list.pairs.len() {
+            0 => "the pair list is empty".to_owned(),
+            n => format!("none of the {n} in the list is selected"),
+        };
+        return Err(PairError::NoPair(reason).into());
+    }
+    Ok(evaluation)
+}
+
+/// Pairs must not be chosen by what is judged on them.
+fn check_independence(
+    choices: &BTreeMap<String, PairProvenance>,
+    methods: &[Box<dyn Method>],
+) -> Result<(), EvaluateError> {
+    let checkpoints = choices.values().filter_map(|c| c.overlap_checkpoint.as_ref());
+    for checkpoint in checkpoints {
+        let chooser = methods
+            .iter()
+            .find(|method| method.identity().settings.get("checkpoint") == Some(checkpoint));
+        if let Some(method) = chooser {
+            return Err(EvaluateError::ChosenByMethod {
+                method: method.label().to_owned(),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// A list that was made from other photographs or poses is evaluated all the same, and said to be so.
+fn warn_of_other_files(list: &PairList, scenes: &[Scene], observer: &dyn Observer) {
+    let found = list.verify(scenes);
+    for mismatch in found.different {
+        observer.warn(&format!(
+            "{}/{}/{}: the photograph is not the one the list was made from (sha256 {} instead of {})",
+            mismatch.dataset, mismatch.scene, mismatch.view, mismatch.found, mismatch.expected
+        ));
+    }
+    if let Some(first) = found.moved.first() {
+        observer.warn(&format!(
+            "{} of the list's pairs have other cameras than it says, such as {}: baseline {} m instead of {} m",
+            found.moved.len(),
+            first.pair_id,
+            first.found.0,
+            first.expected.0
+        ));
+    }
+}
+
+impl Evaluation {
+    /// The selected pairs by id. A limit takes the first of each dataset in turn, so that every one is tried.
+    fn pairs(&self) -> Result<Vec<ResolvedPair<'_>>, EvaluateError> {
+        let mut pairs = self.list.resolve(&self.scenes)?;
+        pairs.retain(|resolved| resolved.pair.selected);
+        pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
+        let Some(limit) = self.limit else {
+            return Ok(pairs);
+        };
+        let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut turns: Vec<(usize, ResolvedPair<'_>)> = Vec::with_capacity(pairs.len());
+        for resolved in pairs {
+            let turn = taken.entry(resolved.pair.dataset.as_str()).or_default();
+            turns.push((*turn, resolved));
+            *turn += 1;
+        }
+        turns.sort_by_key(|(turn, _)| *turn);
+        turns.truncate(limit);
+        let mut pairs: Vec<ResolvedPair<'_>> = turns.into_iter().map(|(_, pair)| pair).collect();
+        pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
+        Ok(pairs)
+    }
+
+    /// The metrics.
+    pub fn scoring(&self) -> &Scoring {
+        &self.scoring
+    }
+
+    /// What a run into a new folder would write as its manifest.
+    ///
+    /// # Errors
+    /// When a pair of the list is not in the datasets.
+    pub fn manifest(&self) -> Result<Manifest, EvaluateError> {
+        let dataset = |dataset: &OpenDataset| DatasetRecord {
+            name: dataset.name.clone(),
+            spec: dataset.spec.clone(),
+            format: dataset.format.to_owned(),
+            identity: dataset_identity(dataset),
+            only_scenes: self.only_scenes.clone(),
+            scenes: dataset.scenes.len(),
+            views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
+            readings: dataset.readings.clone(),
+            notes: dataset.notes(),
+        };
+        let methods = self.specs.iter().zip(&self.methods);
+        let evaluated = self.pairs()?.len();
+        Ok(Manifest {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            sources: fingerprints::all(),
+            renderer: renderer_record(&self.renderer),
+            kernels: self.scoring.scorer.options().simd.level().to_string(),
+            metric_networks: networks_record(&self.scoring),
+            scoring: scoring_conventions(),
+            common_region: self.common_region,
+            datasets: self.datasets.iter().map(dataset).collect(),
+            pairs: PairsRecord {
+                sha256: self.list.sha256.clone(),
+                listed: self.list.pairs.len(),
+                evaluated,
+                lists: vec![ListRecord {
+                    sha256: self.list.sha256.clone(),
+                    listed: self.list.pairs.len(),
+                    evaluated,
+                    limit: self.limit,
+                    origin: self.origin,
+                    choices: self.choices.clone(),
+                }],
+            },
+            methods: methods
+                .map(|(spec, method)| MethodRecord {
+                    label: method.label().to_owned(),
+                    spec: spec.clone(),
+                    identity: method.identity(),
+                    privilege: method.privilege(),
+                })
+                .collect(),
+            metrics: metric_records(&self.scoring),
+        })
+    }
+
+    /// Counts what a folder holds of the evaluation, and measures nothing.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn status(&self, root: &Path) -> Result<Standing, EvaluateError> {
+        let pairs = self.pairs()?;
+        let mut standing = Standing {
+            units: pairs.len() * self.methods.len(),
+            ..Standing::default()
+        };
+        let Ok(folder) = RunFolder::open(root) else {
+            standing.missing = standing.units;
+            return Ok(standing);
+        };
+        let keys = Keys::new(&self.datasets, self.renderer.name());
+        for planned in &pairs {
+            for method in &self.methods {
+                let unit = folder.load(&keys.slot(method.as_ref(), planned))?;
+                let count = match unit {
+                    Some(unit) if unit.record.status != Status::Ok => &mut standing.failed,
+                    Some(unit)
+                        if unit.picture_key == keys.picture(method.as_ref(), planned).picture =>
+                    {
+                        match missing(&unit, &self.scoring, &keys, planned).is_empty() {
+                            true => &mut standing.done,
+                            false => &mut standing.unscored,
+                        }
+                    }
+                    _ => &mut standing.missing,
+                };
+                *count += 1;
+            }
+        }
+        Ok(standing)
+    }
+
+    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets: nothing of them is
+    /// hidden, and nothing that is done is done again.
+    ///
+    /// # Errors
+    /// When the folder cannot be used, or the renderer's device fails; finished units are kept.
+    pub fn run(
+        self,
+        out: &Path,
+        options: RunOptions,
+        observer: &dyn Observer,
+    ) -> Result<Finished, EvaluateError> {
+        let folder = RunFolder::create(out)?;
+        if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
+            return Err(EvaluateError::NotKept {
+                folder: out.to_owned(),
+                reason: "--common-region scores kept predictions again: use --keep all and all stages".to_owned(),
+            });
+        }
+        let pairs = self.pairs()?;
+        let mut manifest = self.manifest()?;
+        let mut list = self.list.clone();
+        if let Some(before) = folder.manifest()? {
+            let (extended, replaced) = before.extended(manifest, out.to_owned())?;
+            manifest = extended;
+            for what in replaced {
+                observer.warn(&format!(
+                    "{what} before; its earlier results stay in {} and tables no longer show them",
+                    out.display()
+                ));
+            }
+            list = joined_list(&PairList::read(&folder.pairs_path())?, &list);
+        }
+        let mut plan = folder.plan()?;
+        plan.add(PlanBlock {
+            pairs: pairs.iter().map(|p| p.pair.pair_id.clone()).collect(),
+            methods: self.methods.iter().map(|m| m.label().to_owned()).collect(),
+        });
+        manifest.pairs.sha256.clone_from(&list.sha256);
+        manifest.pairs.listed = list.pairs.len();
+        manifest.pairs.evaluated = plan.pairs().len();
+        folder.remove_tables()?;
+        write_atomic(&folder.pairs_path(), list.to_csv().as_bytes())?;
+        folder.write_plan(&plan)?;
+        folder.write_manifest(&manifest)?;
+
+        let keys = Keys::new(&self.datasets, self.renderer.name());
+        let job = Job {
+            pairs,
+            methods: &self.methods,
+            scoring: &self.scoring,
+            renderer: &self.renderer,
+            keys: &keys,
+            options,
+        };
+        let counts = run_pipeline(&job, &folder, observer)?;
+        if self.common_region {
+            score_common_region(&folder, &job.pairs, &self.scoring, &keys, observer)?;
+        }
+        let results = write_tables(&folder)?;
+        Ok(Finished {
+            folder,
+            counts,
+            results,
+            scenes: self.scenes,
+        })
+    }
+}
+
+/// The columns of some metrics, for manifests.
+pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
+    let metrics = scoring.metrics.iter();
+    metrics
+        .map(|metric| MetricRecord {
+            facts: metric.facts.clone(),
+            identity: metric.identity.clone(),
+        })
+        .collect()
+}
+
+fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
+    RendererRecord {
+        backend: renderer.name().to_owned(),
+        near: 0.01,
+        far: 1e10,
+        eps2d: 0.0,
+        background: "black".to_owned(),
+    }
+}
+
+pub(super) fn networks_record(scoring: &Scoring) -> NetworksRecord {
+    let options = scoring.scorer.options();
+    NetworksRecord {
+        device: match options.device {
+            Device::Cpu => "cpu".to_owned(),
+            other => other.to_string(),
+        },
+        arithmetic: options.arithmetic(),
+    }
+}
+
+/// The pairs of two lists. A pair of both is as the second says, and selected where either does.
+pub(super) fn joined_list(before: &PairList, new: &PairList) -> PairList {
+    let by_id = |list: &PairList| -> BTreeMap<String, Pair> {
+        let pairs = list.pairs.iter();
+        pairs.map(|pair| (pair.pair_id.clone(), pair.clone())).collect()
+    };
+    let (mut joined, new_pairs) = (by_id(before), by_id(new));
+    let covered = |pair: &Pair| {
+        let same = new_pairs.get(&pair.pair_id);
+        same.is_some_and(|new| new.selected || !pair.selected)
+    };
+    if joined.values().all(covered) {
+        // Nothing is added to the new list: its bytes stay as they were handed in.
+        return new.clone();
+    }
+    for (id, mut pair) in new_pairs {
+        pair.selected |= joined.get(&id).is_some_and(|before| before.selected);
+        joined.insert(id, pair);
+    }
+    PairList::new("pairs.csv", joined.into_values().collect())
+}

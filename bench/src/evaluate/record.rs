@@ -1,0 +1,244 @@
+//! One result of a run: a pair, predicted by a method, scored or failed.
+//!
+//! Runs write records, reports read them; nothing is averaged in between.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::scoring::Region;
+
+/// What became of a unit.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "status", rename_all = "snake_case")]
+pub enum Status {
+    /// Predicted and scored.
+    Ok,
+    /// Something failed; the reason names the file or stage. The unit counts as missing.
+    Failed {
+        /// One line.
+        reason: String,
+    },
+}
+
+/// The value of a metric for one prediction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Score {
+    /// A number; infinity (identical pictures under PSNR) is stored as the string `"inf"`.
+    Value(
+        #[serde(with = "finite_or_text")]
+        #[schemars(with = "finite_or_text::Form")]
+        f64,
+    ),
+    /// The metric could not be computed for this pair.
+    Unavailable {
+        /// Why, in one line.
+        unavailable: String,
+    },
+}
+
+impl Score {
+    /// The number, if there is one.
+    pub fn value(&self) -> Option<f64> {
+        match self {
+            Self::Value(v) => Some(*v),
+            Self::Unavailable { .. } => None,
+        }
+    }
+}
+
+/// Everything that a table, plot or comparison needs to know about one unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Record {
+    /// `dataset/scene/source__target`, each part percent-encoded.
+    pub pair_id: String,
+    /// Name of the dataset instance: a column group of the tables.
+    pub dataset: String,
+    /// The scene.
+    pub scene: String,
+    /// The physical scene; see `sharp_datasets::Scene::cluster`.
+    pub cluster: String,
+    /// Id of the source view.
+    pub source: String,
+    /// Id of the target view.
+    pub target: String,
+    /// Label of the method instance: a row of the tables.
+    pub method: String,
+    /// Distance of the two camera centres, metres.
+    pub baseline_m: f64,
+    /// Angle between the two cameras, degrees.
+    pub rotation_deg: f64,
+    /// Median ground-truth depth of the target view, metres.
+    pub median_depth_m: Option<f64>,
+    /// Share of the target's valid-depth pixels that the source sees, 0..1.
+    pub overlap: Option<f64>,
+    /// Whether the unit succeeded.
+    #[serde(flatten)]
+    pub status: Status,
+    /// Score by metric key (`psnr`, `ssim[gauss11,valid]`, …).
+    pub scores: BTreeMap<String, Score>,
+    /// The part of the target that was scored, where that is not all of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<Crop>,
+    /// Share of the scored pixels that count, 0..1, where the dataset's masks exclude some.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub valid_share: Option<f64>,
+    /// Width and height of the prediction before it was resized up, pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resized_from: Option<(u32, u32)>,
+    /// The scale that was chosen among several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<ChosenScale>,
+    /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
+    pub extras: BTreeMap<String, f64>,
+}
+
+/// A part of a target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Crop {
+    /// Pixels of the target.
+    pub region: Region,
+    /// Its share of the target's pixels, 0..1.
+    pub share: f64,
+}
+
+/// The best of several scales of the scene, chosen with a look at the target.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ChosenScale {
+    /// The best.
+    pub best: f64,
+    /// How many there were.
+    pub tried: usize,
+}
+
+impl Record {
+    /// Every number besides the scores by the name of its column: what the method reports, and the parts of
+    /// [`Self::crop`], [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
+    pub fn reported(&self) -> BTreeMap<&str, f64> {
+        let mut columns: BTreeMap<&str, f64> =
+            self.extras.iter().map(|(name, v)| (name.as_str(), *v)).collect();
+        if let Some(Crop { region, share }) = self.crop {
+            for (name, value) in [
+                ("crop_x", region.x),
+                ("crop_y", region.y),
+                ("crop_width", region.width),
+                ("crop_height", region.height),
+            ] {
+                columns.insert(name, f64::from(value));
+            }
+            columns.insert("scored_share", share);
+        }
+        if let Some(share) = self.valid_share {
+            columns.insert("valid_share", share);
+        }
+        if let Some((width, height)) = self.resized_from {
+            columns.insert("predicted_width", f64::from(width));
+            columns.insert("predicted_height", f64::from(height));
+        }
+        if let Some(ChosenScale { best, tried }) = self.scale {
+            columns.insert("best_scale", best);
+            columns.insert("scales_tried", tried as f64);
+        }
+        columns
+    }
+}
+
+/// JSON has no infinity: finite numbers as numbers, the others as `"inf"`, `"-inf"`, `"nan"`.
+pub mod finite_or_text {
+    use serde::{Deserialize, Deserializer, Serializer, de};
+
+    /// Both forms of a number.
+    #[derive(Deserialize, schemars::JsonSchema)]
+    #[serde(untagged)]
+    pub enum Form {
+        /// A finite one.
+        Number(f64),
+        /// `inf`, `-inf` or `nan`.
+        Text(String),
+    }
+
+    /// The text that stands for a number that is not finite; `None` for a finite one.
+    pub fn text(value: f64) -> Option<&'static str> {
+        if value.is_finite() {
+            None
+        } else if value.is_nan() {
+            Some("nan")
+        } else if value > 0.0 {
+            Some("inf")
+        } else {
+            Some("-inf")
+        }
+    }
+
+    /// For `#[serde(with = …)]`.
+    ///
+    /// # Errors
+    /// The serializer's own.
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        match text(*value) {
+            None => serializer.serialize_f64(*value),
+            Some(text) => serializer.serialize_str(text),
+        }
+    }
+
+    /// For `#[serde(with = …)]`.
+    ///
+    /// # Errors
+    /// When the value is neither a number nor one of the three texts.
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        match Form::deserialize(deserializer)? {
+            Form::Number(v) => Ok(v),
+            Form::Text(t) => match t.as_str() {
+                "inf" => Ok(f64::INFINITY),
+                "-inf" => Ok(f64::NEG_INFINITY),
+                "nan" => Ok(f64::NAN),
+                other => Err(de::Error::custom(format!("'{other}' is not a number"))),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_survive_json_with_infinity_and_absence() {
+        let record = Record {
+            pair_id: "m/Motorcycle/im0__im1".into(),
+            dataset: "m".into(),
+            scene: "Motorcycle".into(),
+            cluster: "Motorcycle".into(),
+            source: "im0".into(),
+            target: "im1".into(),
+            method: "target".into(),
+            baseline_m: 0.193_001,
+            rotation_deg: 0.0,
+            median_depth_m: Some(2.9),
+            overlap: None,
+            status: Status::Failed {
+                reason: "x: truncated".into(),
+            },
+            scores: BTreeMap::from([
+                ("psnr".into(), Score::Value(f64::INFINITY)),
+                (
+                    "dists".into(),
+                    Score::Unavailable {
+                        unavailable: "no weights".into(),
+                    },
+                ),
+                ("ssim[gauss11,valid]".into(), Score::Value(0.1)),
+            ]),
+            crop: None,
+            valid_share: Some(0.5),
+            resized_from: Some((4, 3)),
+            scale: None,
+            extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
+        };
+        let text = serde_json::to_string(&record).unwrap();
+        assert!(text.contains(r#""psnr":"inf""#), "{text}");
+        assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), record);
+    }
+}

@@ -1,0 +1,227 @@
+//! Scoring kept predictions again: more metrics, or another region. Nothing is predicted or rendered.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use image::RgbImage;
+use sharp_metrics::Picture;
+
+use super::error::EvaluateError;
+use super::folder::RunFolder;
+use super::keys::Keys;
+use super::pipeline::{Counts, picture_sha256};
+use super::prepare::{metric_records, networks_record};
+use super::record::Status;
+use super::results::{Current, Results, write_tables};
+use super::score::{PairTruth, Unscored, crop, missing, score_pair};
+use super::unit::Unit;
+use crate::io::observer::Observer;
+use crate::io::pictures::read_rgb8;
+use crate::pairs::dataset::scenes_of;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::pairs::{OpenDataset, PairList};
+use crate::scoring::{Region, Scoring};
+
+/// Adds columns to a folder: scores its kept predictions by metrics that they lack.
+///
+/// # Errors
+/// When the folder or its datasets cannot be read, or its networks were computed on another device.
+pub fn rescore(
+    root: &Path,
+    scoring: &Scoring,
+    observer: &dyn Observer,
+) -> Result<(Counts, Results), EvaluateError> {
+    // Reading first: a mistyped path is not created.
+    RunFolder::open(root)?;
+    let folder = RunFolder::create(root)?;
+    let current = Current::read(&folder)?;
+    let mut manifest = current.manifest;
+    let mut new = manifest.clone();
+    new.metrics = metric_records(scoring);
+    new.metric_networks = networks_record(scoring);
+    new.kernels = scoring.scorer.options().simd.level().to_string();
+    let datasets = open_datasets(&manifest)?;
+    let (extended, replaced) = manifest.extended(new, root.to_owned())?;
+    manifest = extended;
+    for what in replaced {
+        observer.warn(&format!("{what} before; units that are not scored now lack it"));
+    }
+    let scenes = scenes_of(&datasets);
+    let mut list = PairList::read(&folder.pairs_path())?;
+    let wanted: std::collections::BTreeSet<String> =
+        current.units.iter().map(|unit| unit.slot.pair_id.clone()).collect();
+    list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
+    let list = PairList::new("pairs.csv", list.pairs);
+    let keys = Keys::new(&datasets, &manifest.renderer.backend);
+    folder.remove_tables()?;
+    folder.write_manifest(&manifest)?;
+
+    let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
+    for unit in &current.units {
+        units.entry(&unit.slot.pair_id).or_default().push(unit.clone());
+    }
+    let mut counts = Counts::default();
+    observer.begin("", current.units.len(), "units");
+    let mut not_kept = 0;
+    for planned in list.resolve(&scenes)? {
+        let truth = PairTruth::new(planned);
+        let mut unscored = Vec::new();
+        for unit in units.remove(planned.pair.pair_id.as_str()).unwrap_or_default() {
+            observer.progress(counts.units, &planned.pair.pair_id);
+            counts.units += 1;
+            if unit.record.status != Status::Ok {
+                counts.failed += 1;
+            } else if missing(&unit, scoring, &keys, &planned).is_empty() {
+                counts.reused += 1;
+            } else {
+                match kept_picture(&folder, &unit) {
+                    Some(picture) => unscored.push(Unscored { unit, picture }),
+                    None => not_kept += 1,
+                }
+            }
+        }
+        if !unscored.is_empty() {
+            counts.scored += score_pair(&truth, unscored, scoring, &keys, &folder)?.len();
+        }
+    }
+    observer.end();
+    if not_kept > 0 {
+        counts.waiting = not_kept;
+        observer.warn(&format!(
+            "{not_kept} of {} units have no kept picture; `run` with these metrics predicts them again",
+            counts.units
+        ));
+    }
+    Ok((counts, write_tables(&folder)?))
+}
+
+/// The datasets of a manifest.
+pub(super) fn open_datasets(
+    manifest: &super::manifest::Manifest,
+) -> Result<Vec<OpenDataset>, EvaluateError> {
+    let mut datasets = Vec::new();
+    for dataset in &manifest.datasets {
+        let scenes = dataset.only_scenes.as_deref();
+        datasets.extend(OpenDataset::open_all(std::slice::from_ref(&dataset.spec), scenes)?);
+    }
+    Ok(datasets)
+}
+
+fn kept_picture(folder: &RunFolder, unit: &Unit) -> Option<RgbImage> {
+    if !folder.has_picture(unit) {
+        return None;
+    }
+    let path = folder.prediction_path(&unit.slot.method, &unit.slot.pair_id, "png");
+    read_rgb8(&path).ok()
+}
+
+/// Scores the units of some pairs on the part of each target that all methods of the folder predict, into a folder within
+/// the run folder: it depends on the set of methods, so that it is no part of a unit. A method that failed on a pair does
+/// not count.
+pub(super) fn score_common_region(
+    folder: &RunFolder,
+    pairs: &[ResolvedPair],
+    scoring: &Scoring,
+    keys: &Keys,
+    observer: &dyn Observer,
+) -> Result<(), EvaluateError> {
+    let Some(mut manifest) = folder.manifest()? else {
+        return Ok(());
+    };
+    let common_folder = folder.common_region();
+    manifest.common_region = false;
+    folder.write_manifest(&manifest)?;
+    let current = Current::read(folder)?;
+    manifest.common_region = true;
+    folder.write_manifest(&manifest)?;
+    let mut units: BTreeMap<&str, Vec<&Unit>> = BTreeMap::new();
+    for unit in &current.units {
+        units.entry(&unit.slot.pair_id).or_default().push(unit);
+    }
+    observer.begin("scoring the common region", pairs.len(), "pairs");
+    for (done, planned) in pairs.iter().enumerate() {
+        observer.progress(done, &planned.pair.pair_id);
+        let of_pair = units.remove(planned.pair.pair_id.as_str()).unwrap_or_default();
+        let intrinsics = &planned.target.intrinsics;
+        let size = (intrinsics.width, intrinsics.height);
+        let regions = of_pair
+            .iter()
+            .filter(|unit| unit.record.status == Status::Ok)
+            .filter_map(|unit| unit.record.crop.map(|crop| crop.region));
+        // Regions without a common pixel give an empty one, which no prediction can be cut to.
+        let nothing = Region {
+            width: 0,
+            height: 0,
+            ..Region::whole(size)
+        };
+        let common = regions.fold(Region::whole(size), |common, region| {
+            common.intersection(&region).unwrap_or(nothing)
+        });
+        let truth = PairTruth::new(*planned);
+        let mut unscored = Vec::new();
+        for unit in of_pair {
+            match cut(folder, unit, common, size) {
+                Cut::Failed(unit) => {
+                    common_folder.save(*unit)?;
+                }
+                Cut::Picture(item) => {
+                    let stored = common_folder.load(&item.unit.slot)?;
+                    let stored = stored.filter(|stored| stored.picture == item.unit.picture);
+                    let item = match stored {
+                        Some(unit) => Unscored { unit, ..*item },
+                        None => *item,
+                    };
+                    if !missing(&item.unit, scoring, keys, planned).is_empty() {
+                        unscored.push(item);
+                    }
+                }
+            }
+        }
+        if !unscored.is_empty() {
+            score_pair(&truth, unscored, scoring, keys, &common_folder)?;
+        }
+    }
+    observer.end();
+    Ok(())
+}
+
+enum Cut {
+    Failed(Box<Unit>),
+    Picture(Box<Unscored>),
+}
+
+/// A unit reduced to a part of what it shows. `size` is the target's.
+fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
+    let mut unit = unit.clone();
+    if unit.record.status != Status::Ok {
+        return Cut::Failed(Box::new(unit));
+    }
+    let shown = unit.record.crop.map_or(Region::whole(size), |crop| crop.region);
+    let cropped = common
+        .within(&shown)
+        .ok_or_else(|| format!("the methods' common region is {common}; this prediction shows {shown}"))
+        .and_then(|inside| {
+            let picture = kept_picture(folder, &unit).ok_or("the prediction was not kept")?;
+            match inside.crop(&Picture::Rgb8(picture)).into_owned() {
+                Picture::Rgb8(picture) => Ok(picture),
+                Picture::RgbF32(_) => Err("kept predictions are 8 bit".to_owned()),
+            }
+        });
+    match cropped {
+        Ok(picture) => {
+            if common != shown {
+                unit.scores.clear();
+            }
+            unit.record.crop = crop(Some(common), size);
+            if let Some(scored) = &mut unit.picture {
+                scored.sha256 = picture_sha256(&picture);
+            }
+            Cut::Picture(Box::new(Unscored { unit, picture }))
+        }
+        Err(reason) => {
+            unit.record.status = Status::Failed { reason };
+            unit.scores.clear();
+            Cut::Failed(Box::new(unit))
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! The results of a folder: a pure function of its units, its manifest and its pair list.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use super::error::EvaluateError;
+use super::folder::RunFolder;
+use super::keys::method_identity;
+use super::manifest::Manifest;
+use super::record::{Record, Score, Status, finite_or_text};
+use super::unit::Unit;
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::pairs::{Pair, PairList};
+
+/// What a run folder holds.
+#[derive(Debug, Clone)]
+pub struct Results {
+    /// What was run.
+    pub manifest: Manifest,
+    /// One a unit, by pair id, then in the order of the methods.
+    pub records: Vec<Record>,
+    /// Units that the plan asks for and that have no result yet.
+    pub missing: usize,
+    /// Where the kept pictures are.
+    pub pictures: Vec<PictureFolder>,
+}
+
+/// A folder of kept pictures.
+#[derive(Debug, Clone)]
+pub struct PictureFolder {
+    /// The run folder.
+    pub folder: RunFolder,
+    /// The method's label in the folder, by its label in the results.
+    pub labels: BTreeMap<String, String>,
+}
+
+/// Units with the manifest that says which of them count.
+#[derive(Debug, Clone)]
+pub(super) struct Current {
+    pub(super) manifest: Manifest,
+    pub(super) units: Vec<Unit>,
+    pub(super) missing: usize,
+}
+
+impl Current {
+    /// The units of a folder that its manifest speaks of: those of methods and datasets that have since been given
+    /// another meaning stay in the folder and do not count.
+    pub(super) fn read(folder: &RunFolder) -> Result<Self, EvaluateError> {
+        let Some(manifest) = folder.manifest()? else {
+            let path = folder.root().join("manifest.json");
+            let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
+            return Err(FileError::new(&path, "read")(missing).into());
+        };
+        let methods: BTreeMap<&str, (usize, String)> = manifest
+            .methods
+            .iter()
+            .enumerate()
+            .map(|(at, method)| {
+                let identity = method_identity(&method.identity.to_string(), method.privilege);
+                (method.label.as_str(), (at, identity))
+            })
+            .collect();
+        let datasets: BTreeSet<&str> = manifest.datasets.iter().map(|d| d.identity.as_str()).collect();
+        let units_folder = if manifest.common_region {
+            folder.common_region()
+        } else {
+            folder.clone()
+        };
+        let (mut units, _) = units_folder.units()?;
+        units.retain(|unit| {
+            methods
+                .get(unit.slot.method.as_str())
+                .is_some_and(|(_, identity)| *identity == unit.slot.method_identity)
+                && datasets.contains(unit.slot.dataset_identity.as_str())
+                && (unit.record.status != Status::Ok || !unit.scores.is_empty())
+        });
+        let order = |unit: &Unit| methods.get(unit.slot.method.as_str()).map(|(at, _)| *at);
+        units.sort_by(|a, b| {
+            let by_pair = a.slot.pair_id.cmp(&b.slot.pair_id);
+            by_pair.then_with(|| order(a).cmp(&order(b)))
+        });
+        let done: BTreeSet<(&str, &str)> = units
+            .iter()
+            .map(|unit| (unit.slot.pair_id.as_str(), unit.slot.method.as_str()))
+            .collect();
+        let plan = folder.plan()?;
+        let missing = plan.units().difference(&done).count();
+        Ok(Self {
+            missing,
+            units,
+            manifest,
+        })
+    }
+
+    /// The records of the units, with what the pair list says of their pairs.
+    pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
+        let metrics = self.manifest.metric_identities();
+        let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
+        let units = self.units.iter();
+        units
+            .map(|unit| {
+                let mut record = unit.record_with(&metrics);
+                if let Some(pair) = pairs.get(record.pair_id.as_str()) {
+                    record.baseline_m = pair.baseline_m;
+                    record.rotation_deg = pair.rotation_deg;
+                    record.median_depth_m = pair.median_depth_m;
+                    record.overlap = pair.overlap;
+                }
+                record
+            })
+            .collect()
+    }
+}
+
+impl Results {
+    /// Reads a folder, also one whose run has not ended.
+    ///
+    /// # Errors
+    /// When it is no run folder, or of another format.
+    pub fn read(root: &Path) -> Result<Self, EvaluateError> {
+        let folder = RunFolder::open(root)?;
+        let current = Current::read(&folder)?;
+        let list = PairList::read(&folder.pairs_path())?;
+        let labels = current.manifest.methods.iter();
+        let labels = labels.map(|method| (method.label.clone(), method.label.clone()));
+        Ok(Self {
+            records: current.records(&list.pairs),
+            missing: current.missing,
+            pictures: vec![PictureFolder {
+                labels: labels.collect(),
+                folder,
+            }],
+            manifest: current.manifest,
+        })
+    }
+
+    /// How many units failed.
+    pub fn failures(&self) -> usize {
+        let failed = self.records.iter().filter(|r| r.status != Status::Ok);
+        failed.count()
+    }
+
+    /// The kept picture of a record.
+    pub fn picture_path(&self, record: &Record) -> Option<std::path::PathBuf> {
+        let paths = self.pictures.iter().filter_map(|pictures| {
+            let label = pictures.labels.get(&record.method)?;
+            let path = pictures.folder.prediction_path(label, &record.pair_id, "png");
+            path.is_file().then_some(path)
+        });
+        paths.into_iter().next()
+    }
+}
+
+/// Writes `scores.csv` and `timings.csv` of a folder from its units.
+///
+/// # Errors
+/// When the folder cannot be read or written.
+pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
+    let results = Results::read(folder.root())?;
+    let keys: Vec<String> = results.manifest.metrics.iter().map(|m| m.facts.key.clone()).collect();
+    let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
+    let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
+    write_atomic(&folder.scores_path(), &scores)?;
+    let units = Current::read(folder)?.units;
+    let timings = timings_csv(&units).map_err(csv_error)?;
+    write_atomic(&folder.timings_path(), &timings)?;
+    Ok(results)
+}
+
+/// The columns before the metrics.
+pub const FIXED_COLUMNS: [&str; 11] = [
+    "pair_id",
+    "dataset",
+    "scene",
+    "source",
+    "target",
+    "method",
+    "baseline_m",
+    "rotation_deg",
+    "median_depth_m",
+    "overlap",
+    "status",
+];
+
+/// Shortest text that reads back as the same number; `inf`, `-inf` and `nan` otherwise.
+pub fn number(value: f64) -> String {
+    finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then what records report
+/// (`mean_alpha`, …) by name, and last the reason of a failure. A score that is not available, like any unknown value,
+/// is an empty cell.
+///
+/// # Errors
+/// Those of the CSV writer, which only writes to memory here.
+pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>, csv::Error> {
+    let extras: BTreeSet<&str> = records
+        .iter()
+        .flat_map(|record| record.reported().into_keys())
+        .collect();
+    let mut out = csv::WriterBuilder::new().from_writer(Vec::new());
+    let header = FIXED_COLUMNS
+        .iter()
+        .copied()
+        .chain(metric_keys.iter().map(String::as_str))
+        .chain(extras.iter().copied())
+        .chain(["reason"]);
+    out.write_record(header)?;
+    let optional = |value: Option<f64>| value.map_or_else(String::new, number);
+    for record in records {
+        let (status, reason) = match &record.status {
+            Status::Ok => ("ok", ""),
+            Status::Failed { reason } => ("failed", reason.as_str()),
+        };
+        let mut row = vec![
+            record.pair_id.clone(),
+            record.dataset.clone(),
+            record.scene.clone(),
+            record.source.clone(),
+            record.target.clone(),
+            record.method.clone(),
+            number(record.baseline_m),
+            number(record.rotation_deg),
+            optional(record.median_depth_m),
+            optional(record.overlap),
+            status.to_owned(),
+        ];
+        row.extend(
+            metric_keys
+                .iter()
+                .map(|key| optional(record.scores.get(key).and_then(Score::value))),
+        );
+        let reported = record.reported();
+        row.extend(extras.iter().map(|name| optional(reported.get(name).copied())));
+        row.push(reason.to_owned());
+        out.write_record(&row)?;
+    }
+    out.into_inner().map_err(|error| error.into_error().into())
+}
+
+/// `pair_id,method,predict_secs,score_secs`: wall seconds, for the curious; never compared.
+fn timings_csv(units: &[Unit]) -> Result<Vec<u8>, csv::Error> {
+    let mut out = csv::Writer::from_writer(Vec::new());
+    out.write_record(["pair_id", "method", "predict_secs", "score_secs"])?;
+    for unit in units {
+        let row = [
+            &unit.slot.pair_id,
+            &unit.slot.method,
+            &format!("{:.3}", unit.timing.predict_secs),
+            &format!("{:.3}", unit.timing.score_secs),
+        ];
+        out.write_record(row)?;
+    }
+    out.into_inner().map_err(|error| error.into_error().into())
+}

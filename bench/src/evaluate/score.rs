@@ -1,0 +1,233 @@
+//! The score stage: all pictures of a pair against its truth, together.
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use std::time::Instant;
+
+use image::RgbImage;
+use sharp_metrics::{Mask, MetricKey, Picture};
+
+use super::error::EvaluateError;
+use super::folder::RunFolder;
+use super::keys::Keys;
+use super::record::{Crop, Record, Score, Status};
+use super::unit::{StoredScore, Unit};
+use crate::pairs::depth::PosedDepth;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::scoring::frustum_mask::{FrustumMaskOptions, frustum_mask};
+use crate::scoring::metrics::ScoredMetric;
+use crate::scoring::{GroundTruth, Region, Scoring};
+
+/// The truth of a pair, read when it is first needed.
+pub(super) struct PairTruth<'a> {
+    pub(super) planned: ResolvedPair<'a>,
+    truth: OnceLock<Result<GroundTruth, String>>,
+}
+
+impl<'a> PairTruth<'a> {
+    pub(super) fn new(planned: ResolvedPair<'a>) -> Self {
+        Self {
+            planned,
+            truth: OnceLock::new(),
+        }
+    }
+
+    /// The target's photograph. The error is the bare reason.
+    pub(super) fn get(&self) -> Result<&GroundTruth, String> {
+        let content = &self.planned.target.content;
+        let read = || {
+            let image = content.image().map_err(|error| error.to_string())?;
+            let valid = content.valid_pixels().map_err(|error| error.to_string())?;
+            Ok(GroundTruth::of(image, valid.as_ref()))
+        };
+        self.truth.get_or_init(read).as_ref().map_err(Clone::clone)
+    }
+
+    /// The view-frustum mask of the target; `None` where it has no depth.
+    fn mask(&self) -> Result<Option<Mask>, String> {
+        let ResolvedPair { source, target, .. } = self.planned;
+        let depth = target.content.depth();
+        let Some(depth) = depth.map_err(|error| error.to_string())? else {
+            return Ok(None);
+        };
+        let posed = PosedDepth::of_view(target, depth).map_err(|error| error.to_string())?;
+        let mask = frustum_mask(
+            &posed,
+            &source.intrinsics,
+            &source.camera_from_world,
+            &FrustumMaskOptions::default(),
+        );
+        let inside = mask.as_raw().iter().map(|&v| v != 0).collect();
+        Ok(Mask::new(mask.width(), mask.height(), inside))
+    }
+}
+
+/// A unit with a picture whose scores are not all there.
+pub(super) struct Unscored {
+    pub(super) unit: Unit,
+    pub(super) picture: RgbImage,
+}
+
+impl Unscored {
+    /// The part of the target that the picture shows.
+    fn region(&self) -> Option<Region> {
+        self.unit.record.crop.map(|crop| crop.region)
+    }
+}
+
+/// The metrics whose stored values are missing, or of something else.
+pub(super) fn missing<'s>(
+    unit: &Unit,
+    scoring: &'s Scoring,
+    keys: &Keys,
+    planned: &ResolvedPair,
+) -> Vec<&'s ScoredMetric> {
+    let Some(picture) = &unit.picture else {
+        return scoring.metrics.iter().collect();
+    };
+    let region = unit.record.crop.map(|crop| crop.region);
+    let metrics = scoring.metrics.iter();
+    metrics
+        .filter(|metric| {
+            let key = keys.score(metric, &picture.sha256, region, planned);
+            let stored = unit.scores.get(&metric.key.to_string());
+            stored.is_none_or(|stored| stored.key != key)
+        })
+        .collect()
+}
+
+/// Computes the missing scores of a pair's units and saves them. Units that lack the same metrics share each network's
+/// pass over the truth.
+pub(super) fn score_pair(
+    truth: &PairTruth,
+    unscored: Vec<Unscored>,
+    scoring: &Scoring,
+    keys: &Keys,
+    folder: &RunFolder,
+) -> Result<Vec<Unit>, EvaluateError> {
+    let started = Instant::now();
+    let count = unscored.len().max(1) as f64;
+    let mask = if scoring.needs_mask() {
+        truth.mask()
+    } else {
+        Ok(None)
+    };
+    let mut groups: BTreeMap<Vec<MetricKey>, Vec<Unscored>> = BTreeMap::new();
+    for item in unscored {
+        let missing = missing(&item.unit, scoring, keys, &truth.planned);
+        let missing = missing.iter().map(|metric| metric.key).collect();
+        groups.entry(missing).or_default().push(item);
+    }
+    let mut scored = Vec::new();
+    for (metrics, group) in groups {
+        let read = match (truth.get(), &mask) {
+            (Err(reason), _) => Err(reason),
+            (_, Err(reason)) => Err(reason.clone()),
+            (Ok(truth), Ok(mask)) => Ok((truth, mask)),
+        };
+        let results = match read {
+            Err(reason) => group.iter().map(|_| Err(reason.clone())).collect(),
+            Ok((truth, mask)) => {
+                let scorer = scoring.scorer.restricted(&metrics);
+                let pictures: Vec<(Picture, Option<Region>)> = group
+                    .iter()
+                    .map(|item| (Picture::Rgb8(item.picture.clone()), item.region()))
+                    .collect();
+                let pictures: Vec<_> = pictures.iter().map(|(p, region)| (p, *region)).collect();
+                truth.score(&scorer, &pictures, mask.as_ref())
+            }
+        };
+        for (item, result) in group.into_iter().zip(results) {
+            let region = item.region();
+            let mut unit = item.unit;
+            match result {
+                Ok(scores) => {
+                    let valid_share = truth.get().ok().and_then(|truth| truth.valid_share(region));
+                    unit.record.valid_share = valid_share;
+                    for (key, score) in scores {
+                        if let Some(stored) =
+                            stored(key, score, &unit, scoring, keys, &truth.planned)
+                        {
+                            unit.scores.insert(key.to_string(), stored);
+                        }
+                    }
+                }
+                Err(reason) => {
+                    unit.record.status = Status::Failed {
+                        reason: one_line(&reason),
+                    };
+                }
+            }
+            unit.timing.score_secs = started.elapsed().as_secs_f64() / count;
+            scored.push(folder.save(unit)?);
+        }
+    }
+    Ok(scored)
+}
+
+fn stored(
+    key: MetricKey,
+    score: Result<f64, sharp_metrics::Unavailable>,
+    unit: &Unit,
+    scoring: &Scoring,
+    keys: &Keys,
+    planned: &ResolvedPair,
+) -> Option<StoredScore> {
+    let metric = scoring.metrics.iter().find(|metric| metric.key == key)?;
+    let picture = unit.picture.as_ref()?;
+    let region = unit.record.crop.map(|crop| crop.region);
+    Some(StoredScore {
+        key: keys.score(metric, &picture.sha256, region, planned),
+        metric_identity: metric.identity.clone(),
+        score: match score {
+            Ok(value) => Score::Value(value),
+            Err(unavailable) => Score::Unavailable {
+                unavailable: unavailable.to_string(),
+            },
+        },
+    })
+}
+
+/// A record of a pair without a result yet.
+pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
+    let ResolvedPair {
+        pair,
+        scene,
+        source,
+        target,
+    } = planned;
+    Record {
+        pair_id: pair.pair_id.clone(),
+        dataset: scene.dataset.clone(),
+        scene: scene.id.clone(),
+        cluster: scene.cluster.clone(),
+        source: source.id.clone(),
+        target: target.id.clone(),
+        method: method.to_owned(),
+        baseline_m: pair.baseline_m,
+        rotation_deg: pair.rotation_deg,
+        median_depth_m: pair.median_depth_m,
+        overlap: pair.overlap,
+        status: Status::Ok,
+        scores: BTreeMap::new(),
+        crop: None,
+        valid_share: None,
+        resized_from: None,
+        scale: None,
+        extras: BTreeMap::new(),
+    }
+}
+
+/// How a record says that only a part of the target is scored; `None` for all of it.
+pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
+    let region = region.filter(|region| *region != Region::whole(target))?;
+    Some(Crop {
+        share: region.share_of(target),
+        region,
+    })
+}
+
+/// Reasons become table cells and CSV fields.
+pub(super) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

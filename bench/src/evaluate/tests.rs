@@ -1,0 +1,485 @@
+//! Whole evaluations of the procedural scene: which stages are done again after what, and what a folder shows.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use image::RgbImage;
+use sharp::gaussians::Gaussians;
+use sharp::render::{Backend, CpuRenderer, LoadedScene, RenderError, Renderer};
+use sharp_metrics::{Selection, Weights};
+
+use super::*;
+use crate::io::observer::{Observer, Quiet};
+use crate::methods::{
+    self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
+    PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
+};
+use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
+use crate::rendering::SharedRenderer;
+use crate::scoring::Scoring;
+
+const DATASET: &str = "S:synthetic=size=48x36,views=20";
+
+type Methods = Vec<(String, Box<dyn Method>)>;
+
+fn one(method: impl Method + 'static) -> Methods {
+    vec![(String::new(), Box::new(method))]
+}
+
+fn by_spec(specs: &[&str]) -> Methods {
+    let parsed: Vec<_> = specs.iter().map(|text| text.parse().unwrap()).collect();
+    let built = methods::build(&parsed, None).unwrap();
+    specs.iter().map(|&s| s.to_owned()).zip(built).collect()
+}
+
+fn request(methods: Methods, metrics: &str, limit: usize) -> Request {
+    let selection = Selection::parse(metrics).unwrap();
+    Request {
+        datasets: OpenDataset::open_all(&[DATASET.to_owned()], None).unwrap(),
+        only_scenes: None,
+        pairs: PairOrigin::Built {
+            recipe: Box::new(PairRecipe::new(PairOptions::default())),
+            cache: None,
+        },
+        limit: Some(limit),
+        methods,
+        scoring: Scoring::new(&selection, &Weights::deterministic("")).unwrap(),
+        common_region: false,
+        backend: Backend::Cpu,
+    }
+}
+
+fn run(out: &Path, methods: Methods, metrics: &str, limit: usize) -> Finished {
+    run_with(out, request(methods, metrics, limit), RunOptions::default())
+}
+
+fn run_with(out: &Path, request: Request, options: RunOptions) -> Finished {
+    let evaluation = prepare(request, &Quiet).unwrap();
+    evaluation.run(out, options, &Quiet).unwrap()
+}
+
+fn scores(out: &Path) -> String {
+    std::fs::read_to_string(out.join("scores.csv")).unwrap()
+}
+
+/// Answers every pair with one grey and counts how often it was asked.
+fn grey(
+    label: &str,
+    level: u8,
+    asked: &Arc<AtomicUsize>,
+) -> Closure<impl Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + use<>> {
+    let asked = Arc::clone(asked);
+    Closure::new(label, level.to_string(), move |_, target: &TargetCamera| {
+        asked.fetch_add(1, Ordering::SeqCst);
+        let (width, height) = target.size();
+        Ok(RgbImage::from_pixel(width, height, image::Rgb([level; 3])).into())
+    })
+}
+
+/// The Gaussians of `depth-splat` under another identity, counted: stands for a network.
+struct Network {
+    label: &'static str,
+    privilege: Privilege,
+    splat: Box<dyn Method>,
+    asked: Arc<AtomicUsize>,
+}
+
+impl Network {
+    fn new(label: &'static str, privilege: Privilege, asked: &Arc<AtomicUsize>) -> Self {
+        let (_, splat) = by_spec(&["depth-splat:resolution=64"]).remove(0);
+        Self {
+            label,
+            privilege,
+            splat,
+            asked: Arc::clone(asked),
+        }
+    }
+}
+
+impl Method for Network {
+    fn label(&self) -> &str {
+        self.label
+    }
+
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("network", [("checkpoint", "1".to_owned())])
+    }
+
+    fn privilege(&self) -> Privilege {
+        self.privilege
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        Approach::Gaussians(self)
+    }
+}
+
+impl PredictGaussians for Network {
+    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+        self.asked.fetch_add(1, Ordering::SeqCst);
+        // It never sees the truth, whatever its privilege: it guesses a plane.
+        assert!(source.depth().is_none());
+        let (width, height) = source.image().dimensions();
+        let plane = sharp_datasets::DepthMap::from_pixel(width, height, image::Luma([2.0]));
+        let seen = SourceView::new(source.name(), source.camera(), source.image(), Some(&plane));
+        let Approach::Gaussians(splat) = self.splat.approach() else {
+            panic!("depth-splat makes Gaussians");
+        };
+        Ok(GaussianPrediction {
+            first_layer: Some(plane.clone()),
+            ..splat.predict(&seen)?
+        })
+    }
+}
+
+#[test]
+fn another_metric_predicts_and_renders_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    let asked = Arc::new(AtomicUsize::new(0));
+    let network = |privilege| one(Network::new("n", privilege, &asked));
+    let first = run(&out, network(Privilege::None), "psnr", 3);
+    assert_eq!((first.counts.rendered, first.counts.scored), (3, 3));
+    let before = asked.load(Ordering::SeqCst);
+    let psnr = scores(&out);
+
+    let more = run(&out, network(Privilege::None), "psnr,ssim-gauss11-valid", 3);
+    assert_eq!(asked.load(Ordering::SeqCst), before);
+    assert_eq!((more.counts.predicted, more.counts.rendered), (0, 0));
+    assert_eq!(more.counts.scored, 3);
+    // The same by name, over kept pictures, in the bits of a run that had all metrics at once.
+    let selection = Selection::parse("lpips-alex").unwrap();
+    let scoring = Scoring::new(&selection, &Weights::deterministic("")).unwrap();
+    let (counts, results) = rescore(&out, &scoring, &Quiet).unwrap();
+    assert_eq!((counts.scored, counts.waiting), (3, 0));
+    assert_eq!(results.manifest.metrics.len(), 3);
+    let whole = dir.path().join("whole");
+    run(&whole, network(Privilege::None), "psnr,ssim-gauss11-valid,lpips-alex", 3);
+    assert_eq!(scores(&out), scores(&whole));
+    assert!(scores(&out).len() > psnr.len());
+    // And fewer metrics hide nothing.
+    let again = run(&out, network(Privilege::None), "psnr", 3);
+    assert_eq!(again.counts.reused, 3);
+    assert_eq!(scores(&out), scores(&whole));
+}
+
+#[test]
+fn a_network_runs_once_a_source_for_all_targets_and_privileges() {
+    let dir = tempfile::tempdir().unwrap();
+    let asked = Arc::new(AtomicUsize::new(0));
+    for (name, memory_limit_bytes) in [("memory", 1 << 30), ("disk", 0)] {
+        asked.store(0, Ordering::SeqCst);
+        let methods: Methods = vec![
+            (String::new(), Box::new(Network::new("plain", Privilege::None, &asked))),
+            (String::new(), Box::new(Network::new("aligned", Privilege::DepthScale, &asked))),
+        ];
+        let options = RunOptions {
+            memory_limit_bytes,
+            ..RunOptions::default()
+        };
+        let out = dir.path().join(name);
+        let finished = run_with(&out, request(methods, "psnr", 12), options);
+        let records = &finished.results.records;
+        let sources: BTreeSet<&str> = records.iter().map(|r| r.source.as_str()).collect();
+        assert!(records.len() == 24 && sources.len() < 12, "{sources:?}");
+        assert_eq!(asked.load(Ordering::SeqCst), sources.len(), "{name}");
+        assert_eq!(finished.counts.failed, 0);
+        let aligned = records.iter().filter(|r| r.method == "aligned");
+        assert!(aligned.clone().all(|r| r.extras.contains_key("median_scale")));
+        assert!(std::fs::read_dir(&out).unwrap().all(|entry| {
+            let name = entry.unwrap().file_name();
+            !name.to_string_lossy().starts_with(".spill") && name != "gaussians"
+        }));
+    }
+    assert_eq!(
+        scores(&dir.path().join("memory")),
+        scores(&dir.path().join("disk"))
+    );
+}
+
+#[test]
+fn stages_run_apart_and_give_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let (whole, apart) = (dir.path().join("whole"), dir.path().join("apart"));
+    let asked = Arc::new(AtomicUsize::new(0));
+    let methods = || -> Methods {
+        vec![
+            (String::new(), Box::new(Network::new("n", Privilege::DepthScale, &asked))),
+            by_spec(&["copy"]).remove(0),
+        ]
+    };
+    run(&whole, methods(), "psnr", 4);
+    asked.store(0, Ordering::SeqCst);
+    let stage = |stages| {
+        let options = RunOptions {
+            stages,
+            ..RunOptions::default()
+        };
+        run_with(&apart, request(methods(), "psnr", 4), options).counts
+    };
+    let early = stage(Stages::Score);
+    assert_eq!((early.waiting, early.scored), (8, 0));
+    let predicted = stage(Stages::Predict);
+    let networks = asked.load(Ordering::SeqCst);
+    assert!(predicted.waiting == 8 && predicted.rendered == 0 && networks > 0);
+    let rendered = stage(Stages::Render);
+    assert_eq!((rendered.rendered, rendered.scored), (4, 0));
+    let scored = stage(Stages::Score);
+    assert_eq!((scored.scored, scored.predicted, scored.rendered), (8, 0, 0));
+    assert_eq!(asked.load(Ordering::SeqCst), networks);
+    assert_eq!(scores(&whole), scores(&apart));
+}
+
+#[test]
+fn another_renderer_runs_no_network() {
+    let dir = tempfile::tempdir().unwrap();
+    let asked = Arc::new(AtomicUsize::new(0));
+    let options = RunOptions {
+        keep_gaussians: true,
+        ..RunOptions::default()
+    };
+    let network = || one(Network::new("n", Privilege::None, &asked));
+    let out = dir.path().join("r");
+    let first = run_with(&out, request(network(), "psnr", 3), options);
+    let before = asked.load(Ordering::SeqCst);
+    // The keys of pictures name another renderer; the folder has one, so that only its manifest tells them apart.
+    let mut evaluation = prepare(request(network(), "psnr", 3), &Quiet).unwrap();
+    evaluation.renderer = mortal(usize::MAX);
+    let mut manifest = first.results.manifest;
+    manifest.renderer.backend = "wgpu:mortal".to_owned();
+    drop(first.folder);
+    RunFolder::create(&out).unwrap().write_manifest(&manifest).unwrap();
+    let other = evaluation.run(&out, options, &Quiet).unwrap();
+    assert_eq!((other.counts.rendered, other.counts.predicted), (3, 0));
+    assert_eq!(asked.load(Ordering::SeqCst), before);
+}
+
+#[test]
+fn a_folder_keeps_what_it_has_when_methods_pairs_and_metrics_are_added() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    run(&out, by_spec(&["copy", "mean"]), "psnr", 3);
+    run(&out, by_spec(&["depth-splat:resolution=64"]), "psnr", 2);
+    let finished = run(&out, by_spec(&["mean"]), "psnr,ssim-gauss11-valid", 5);
+    let count = |label: &str| {
+        let records = finished.results.records.iter();
+        records.filter(|r| r.method == label).count()
+    };
+    assert_eq!((count("copy"), count("mean"), count("depth-splat")), (3, 5, 2));
+    assert_eq!((finished.counts.reused, finished.counts.scored), (0, 5));
+    let labels: Vec<&str> = finished
+        .results
+        .manifest
+        .methods
+        .iter()
+        .map(|m| m.label.as_str())
+        .collect();
+    assert_eq!(labels, ["copy", "mean", "depth-splat"]);
+    assert_eq!(finished.results.missing, 0);
+    assert_eq!(finished.results.manifest.pairs.evaluated, 5);
+    let standing = prepare(request(by_spec(&["copy"]), "psnr", 5), &Quiet).unwrap();
+    let standing = standing.status(&out).unwrap();
+    assert_eq!((standing.done, standing.missing, standing.units), (3, 2, 5));
+}
+
+#[test]
+fn folders_join_unless_they_contradict_each_other() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let whole = run(&path("whole"), by_spec(&["copy", "mean"]), "psnr", 3);
+    run(&path("a"), by_spec(&["copy", "mean"]), "psnr", 2);
+    run(&path("b"), by_spec(&["copy", "mean"]), "psnr", 3);
+    let named = |text: &str| text.parse::<Named>().unwrap();
+    let plain = |name: &str| named(&path(name).display().to_string());
+    let joined = join(&[plain("a"), plain("b")]).unwrap();
+    assert_eq!(joined.records, whole.results.records);
+
+    let merged = merge(&[path("a"), path("b")], Some(&path("m"))).unwrap();
+    assert_eq!(merged.records, whole.results.records);
+    assert_eq!(scores(&path("m")), scores(&path("whole")));
+    assert!(merged.picture_path(&merged.records[0]).is_some());
+
+    let asked = Arc::new(AtomicUsize::new(0));
+    for (name, level) in [("v1", 10), ("v2", 20)] {
+        run(&path(name), one(grey("grey", level, &asked)), "psnr", 2);
+    }
+    let error = join(&[plain("v1"), plain("v2")]).unwrap_err();
+    let EvaluateError::Conflict { difference, .. } = &error else {
+        panic!("{error}");
+    };
+    assert!(difference.contains("method 'grey'"), "{difference}");
+    let apart = join(&[
+        named(&format!("old={}", path("v1").display())),
+        named(&format!("new={}", path("v2").display())),
+        named(&format!("base={}", path("whole").display())),
+    ])
+    .unwrap();
+    let labels: Vec<&str> = apart.manifest.methods.iter().map(|m| m.label.as_str()).collect();
+    assert_eq!(labels, ["old", "new", "base/copy", "base/mean"]);
+    assert!(apart.records.iter().all(|r| apart.picture_path(r).is_some()));
+}
+
+#[test]
+fn a_changed_identity_replaces_its_label_and_nothing_is_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    let asked = Arc::new(AtomicUsize::new(0));
+    for (level, reused) in [(10, 0), (200, 0), (10, 0), (10, 1)] {
+        let finished = run(&out, one(grey("grey", level, &asked)), "psnr", 1);
+        assert_eq!(finished.counts.reused, reused, "{level}");
+        assert_eq!(finished.results.records.len(), 1);
+        let path = finished.results.picture_path(&finished.results.records[0]);
+        let kept = image::open(path.unwrap()).unwrap().into_rgb8();
+        assert_eq!(kept.get_pixel(0, 0).0, [level; 3]);
+    }
+    // Without pictures, going back finds the earlier result.
+    let options = RunOptions {
+        keep: Keep::None,
+        ..RunOptions::default()
+    };
+    let out = dir.path().join("none");
+    for (level, reused) in [(10, 0), (200, 0), (10, 1)] {
+        let request = request(one(grey("grey", level, &asked)), "psnr", 1);
+        assert_eq!(run_with(&out, request, options).counts.reused, reused);
+    }
+}
+
+#[test]
+fn a_damaged_unit_is_made_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    let expected = run(&out, by_spec(&["copy"]), "psnr", 1).results.records;
+    let units = std::fs::read_dir(out.join("units")).unwrap().next();
+    let unit = std::fs::read_dir(units.unwrap().unwrap().path()).unwrap().next();
+    let unit = unit.unwrap().unwrap().path();
+    let text = std::fs::read_to_string(&unit).unwrap();
+    let psnr = expected[0].scores["psnr"].value().unwrap().to_string();
+    assert!(text.contains(&psnr));
+    let last = if psnr.ends_with('1') { '2' } else { '1' };
+    let changed = format!("{}{last}", &psnr[..psnr.len() - 1]);
+    for damaged in [text[..text.len() / 2].to_owned(), text.replace(&psnr, &changed)] {
+        std::fs::write(&unit, damaged).unwrap();
+        let again = run(&out, by_spec(&["copy"]), "psnr", 1);
+        assert_eq!((again.counts.reused, &again.results.records), (0, &expected));
+    }
+    assert_eq!(run(&out, by_spec(&["copy"]), "psnr", 1).counts.reused, 1);
+}
+
+/// Renders like the CPU until its device is lost.
+struct Mortal {
+    cpu: CpuRenderer,
+    pictures_left: usize,
+}
+
+impl Renderer for Mortal {
+    fn name(&self) -> String {
+        "wgpu:mortal".to_owned()
+    }
+
+    fn load<'a>(
+        &'a mut self,
+        scene: &'a Gaussians,
+    ) -> Result<Box<dyn LoadedScene + 'a>, RenderError> {
+        if self.pictures_left == 0 {
+            return Err(RenderError::DeviceLost {
+                adapter: "mortal".to_owned(),
+                what: "a test".to_owned(),
+            });
+        }
+        self.pictures_left -= 1;
+        self.cpu.load(scene)
+    }
+}
+
+fn mortal(pictures_left: usize) -> SharedRenderer {
+    SharedRenderer::new(Box::new(Mortal {
+        cpu: CpuRenderer::new(),
+        pictures_left,
+    }))
+}
+
+#[test]
+fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let on = |renderer: SharedRenderer, name: &str| {
+        let methods = by_spec(&["depth-splat:resolution=64"]);
+        let mut evaluation = prepare(request(methods, "psnr", 5), &Quiet).unwrap();
+        evaluation.renderer = renderer;
+        evaluation.run(&dir.path().join(name), RunOptions::default(), &Quiet)
+    };
+    on(mortal(usize::MAX), "whole").unwrap();
+    let error = on(mortal(2), "cut").err().unwrap();
+    let EvaluateError::Device { pair_id, .. } = &error else {
+        panic!("{error}");
+    };
+    let whole = Results::read(&dir.path().join("whole")).unwrap();
+    assert_eq!(*pair_id, whole.records[2].pair_id);
+    assert!(error.to_string().contains("lost"));
+    // A run that has not ended can be read, and says what is missing.
+    let cut = Results::read(&dir.path().join("cut")).unwrap();
+    assert_eq!((cut.records.len(), cut.missing), (2, 3));
+
+    let resumed = on(mortal(usize::MAX), "cut").unwrap();
+    assert_eq!(resumed.counts.reused, 2);
+    assert_eq!(scores(&dir.path().join("cut")), scores(&dir.path().join("whole")));
+    // Another renderer is another folder.
+    let error = on(SharedRenderer::cpu(), "cut").err().unwrap();
+    assert!(matches!(error, EvaluateError::OtherMachine { .. }), "{error}");
+}
+
+/// Watches how far prediction is when each pair comes to be scored.
+struct Watch<'a> {
+    predicted: &'a AtomicUsize,
+    seen: Mutex<Vec<usize>>,
+}
+
+impl Observer for Watch<'_> {
+    fn progress(&self, _done: usize, _current: &str) {
+        // The other thread gets as far as it may, and time to go further, which it must not.
+        let mut seen = self.seen.lock().unwrap();
+        let expected = (seen.len() + 2).min(6);
+        let patience = Instant::now() + Duration::from_secs(20);
+        while self.predicted.load(Ordering::SeqCst) < expected && Instant::now() < patience {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        seen.push(self.predicted.load(Ordering::SeqCst));
+    }
+}
+
+#[test]
+fn prediction_runs_one_pair_ahead_of_scoring_and_no_further() {
+    let dir = tempfile::tempdir().unwrap();
+    let asked = Arc::new(AtomicUsize::new(0));
+    let evaluation = prepare(request(one(grey("grey", 9, &asked)), "psnr", 6), &Quiet).unwrap();
+    let watch = Watch {
+        predicted: &asked,
+        seen: Mutex::default(),
+    };
+    evaluation
+        .run(&dir.path().join("r"), RunOptions::default(), &watch)
+        .unwrap();
+    assert_eq!(*watch.seen.lock().unwrap(), [2, 3, 4, 5, 6, 6]);
+}
+
+#[test]
+fn pair_options_of_a_dataset_are_its_own() {
+    let mut request = request(by_spec(&["copy"]), "psnr", 4);
+    let specs = [
+        "A:synthetic=size=48x36,views=20,seed=1,pairs.threshold=0.9".to_owned(),
+        "B:synthetic=size=48x36,views=20,seed=1".to_owned(),
+    ];
+    request.datasets = OpenDataset::open_all(&specs, None).unwrap();
+    let manifest = prepare(request, &Quiet).unwrap().manifest().unwrap();
+    let choices = &manifest.pairs.lists[0].choices;
+    assert_eq!(choices["A"].options.threshold, 0.9);
+    assert_eq!(choices["B"].options.threshold, 0.6);
+    assert!(choices["A"].proxies("synthetic", 4).contains(&"threshold=0.9".to_owned()));
+    // Read back by the same types.
+    let text = serde_json::to_string(&manifest).unwrap();
+    assert_eq!(serde_json::from_str::<Manifest>(&text).unwrap(), manifest);
+}

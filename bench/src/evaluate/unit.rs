@@ -1,0 +1,201 @@
+//! The unit of a run: one pair predicted by one method, with the keys of its stages.
+//!
+//! A unit's *slot* says which unit it is: pair, method with its identity, dataset with its settings. Its *keys* say what
+//! its stages were computed from, so that a stage whose inputs changed, and only that, is done again.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::record::{Record, Score};
+use crate::io::hash::{StableHasher, sha256_hex};
+
+/// What a unit's file holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Unit {
+    /// [`super::manifest::FORMAT`] of the writer.
+    pub format: u32,
+    /// sha256 over all other fields.
+    pub checksum: String,
+    /// Which unit it is.
+    pub slot: Slot,
+    /// Hash of everything that the picture depends on: prediction and rendering.
+    pub picture_key: String,
+    /// The pair, how it ended, and what was reported; its scores are in [`Self::scores`].
+    pub record: Record,
+    /// The picture that is scored; `None` for a failure.
+    pub picture: Option<ScoredPicture>,
+    /// By metric key.
+    pub scores: BTreeMap<String, StoredScore>,
+    /// How long it took. Kept beside the scores, never part of them.
+    pub timing: Timing,
+}
+
+/// Which unit a file is: equal slots are the same unit, whatever became of it.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+pub struct Slot {
+    /// `dataset/scene/source__target`.
+    pub pair_id: String,
+    /// Label of the method.
+    pub method: String,
+    /// Hash of the method's identity and privilege.
+    pub method_identity: String,
+    /// Hash of the dataset's reader and settings.
+    pub dataset_identity: String,
+}
+
+impl Slot {
+    /// The name of the unit's file.
+    pub fn file_stem(&self) -> String {
+        StableHasher::default()
+            .add("pair", &self.pair_id)
+            .add("method", &self.method)
+            .add("method identity", &self.method_identity)
+            .add("dataset identity", &self.dataset_identity)
+            .finish()
+    }
+}
+
+/// The 8-bit picture that the scores are of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ScoredPicture {
+    /// sha256 of its size and pixels.
+    pub sha256: String,
+    /// sha256 of the PNG in the run folder; `None` where none was kept.
+    pub file_sha256: Option<String>,
+    /// sha256 of the EXR beside it (linear RGB and alpha), where one was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub float_sha256: Option<String>,
+}
+
+/// The value of a metric with what it was computed from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StoredScore {
+    /// Hash of metric, picture, truth and region.
+    pub key: String,
+    /// Hash of the metric alone: convention, weights, sources.
+    pub metric_identity: String,
+    /// The value.
+    pub score: Score,
+}
+
+/// Seconds that a unit took.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct Timing {
+    /// Wall time of prediction and rendering, while the pair before was being scored.
+    pub predict_secs: f64,
+    /// Its share of the wall time of the pair's metrics, while the next pair was being predicted.
+    pub score_secs: f64,
+}
+
+impl Unit {
+    /// Sets the checksum.
+    #[must_use]
+    pub fn sealed(mut self) -> Self {
+        self.checksum = self.computed_checksum();
+        self
+    }
+
+    /// True if nothing has changed since it was sealed.
+    pub fn is_whole(&self) -> bool {
+        self.checksum == self.computed_checksum()
+    }
+
+    fn computed_checksum(&self) -> String {
+        let open = Self {
+            checksum: String::new(),
+            ..self.clone()
+        };
+        // Plain values in ordered maps: it cannot fail, and equal units give equal bytes.
+        sha256_hex(&serde_json::to_vec(&open).unwrap_or_default())
+    }
+
+    /// The record with the scores of some metrics, given as key and identity. A value of another identity counts as
+    /// missing.
+    pub fn record_with(&self, metrics: &[(String, String)]) -> Record {
+        let scores = metrics.iter().filter_map(|(key, identity)| {
+            let stored = self.scores.get(key)?;
+            (stored.metric_identity == *identity).then(|| (key.clone(), stored.score.clone()))
+        });
+        Record {
+            scores: scores.collect(),
+            ..self.record.clone()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::record::Status;
+
+    pub(in crate::evaluate) fn unit(pair_id: &str, method: &str, psnr: f64) -> Unit {
+        let slot = Slot {
+            pair_id: pair_id.to_owned(),
+            method: method.to_owned(),
+            method_identity: "m".to_owned(),
+            dataset_identity: "d".to_owned(),
+        };
+        let record = Record {
+            pair_id: pair_id.to_owned(),
+            dataset: "D".to_owned(),
+            scene: "s".to_owned(),
+            cluster: "s".to_owned(),
+            source: "a".to_owned(),
+            target: "b".to_owned(),
+            method: method.to_owned(),
+            baseline_m: 0.1,
+            rotation_deg: 1.0 / 3.0,
+            median_depth_m: None,
+            overlap: Some(0.7),
+            status: Status::Ok,
+            scores: BTreeMap::new(),
+            crop: None,
+            valid_share: None,
+            resized_from: None,
+            scale: None,
+            extras: BTreeMap::from([("mean_alpha".to_owned(), 0.1 + 0.2)]),
+        };
+        let score = StoredScore {
+            key: "k".to_owned(),
+            metric_identity: "i".to_owned(),
+            score: Score::Value(psnr),
+        };
+        Unit {
+            format: 2,
+            checksum: String::new(),
+            slot,
+            picture_key: "p".to_owned(),
+            record,
+            picture: None,
+            scores: BTreeMap::from([("psnr".to_owned(), score)]),
+            timing: Timing::default(),
+        }
+        .sealed()
+    }
+
+    #[test]
+    fn one_changed_digit_is_noticed_after_reading_back() {
+        for psnr in [17.33, f64::INFINITY, 1e-300, 0.1 + 0.2] {
+            let whole = unit("D/s/a__b", "copy", psnr);
+            let text = serde_json::to_string_pretty(&whole).unwrap();
+            let read: Unit = serde_json::from_str(&text).unwrap();
+            assert!(read.is_whole(), "{psnr}");
+            assert_eq!(read, whole);
+        }
+        let text = serde_json::to_string(&unit("D/s/a__b", "copy", 17.33)).unwrap();
+        let changed: Unit = serde_json::from_str(&text.replace("17.33", "17.34")).unwrap();
+        assert!(!changed.is_whole());
+    }
+
+    #[test]
+    fn scores_of_another_identity_are_missing() {
+        let unit = unit("D/s/a__b", "copy", 3.0);
+        let with = |identity: &str| {
+            let metrics = [("psnr".to_owned(), identity.to_owned())];
+            unit.record_with(&metrics).scores.len()
+        };
+        assert_eq!((with("i"), with("other")), (1, 0));
+    }
+}

@@ -1,0 +1,142 @@
+//! Camera files: JSON with `width`, `height`, `K` and `camera_from_world`.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DMat4};
+use serde::{Deserialize, Serialize};
+use sharp::camera::{Intrinsics, affine_from_row_major};
+
+use super::file::write_json_line;
+use crate::io::atomic_files::FileError;
+
+/// A camera as people script it; other keys beside these, such as those of `cameras export`, are left alone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraFile {
+    /// Image width, pixels.
+    pub width: u32,
+    /// Image height, pixels.
+    pub height: u32,
+    /// 3×3 intrinsics, row by row, pixels. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+    #[serde(rename = "K")]
+    pub k: [f64; 9],
+    /// 4×4 extrinsics, row by row; any affine map.
+    pub camera_from_world: [f64; 16],
+}
+
+/// Why a file is not a camera.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {reason}", path.display())]
+pub struct CameraFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+impl CameraFile {
+    /// Reads and checks a camera.
+    ///
+    /// # Errors
+    /// [`CameraFileError`]: the file cannot be read, or see [`Self::parse`].
+    pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
+        let text = std::fs::read_to_string(path).map_err(|error| error.to_string());
+        let camera = text.and_then(|text| Self::parse(&text));
+        camera.map_err(|reason| CameraFileError {
+            path: path.to_owned(),
+            reason,
+        })
+    }
+
+    /// A camera from JSON, checked.
+    ///
+    /// # Errors
+    /// What is wrong with it: no such JSON, intrinsics with a skew or without a pixel, a number that is not finite, a
+    /// last row of the extrinsics other than 0 0 0 1.
+    pub fn parse(text: &str) -> Result<(Intrinsics, DAffine3), String> {
+        let camera: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        camera.check()
+    }
+
+    /// The file of a camera; [`Self::read`] gives the same camera back, bit for bit.
+    pub fn of(intrinsics: &Intrinsics, camera_from_world: &DAffine3) -> Self {
+        let row_major = DMat4::from(*camera_from_world).transpose();
+        Self {
+            width: intrinsics.width,
+            height: intrinsics.height,
+            k: intrinsics.matrix().transpose().to_cols_array(),
+            camera_from_world: row_major.to_cols_array(),
+        }
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        write_json_line(path, self)
+    }
+
+    fn check(&self) -> Result<(Intrinsics, DAffine3), String> {
+        let [fx, skew, cx, k10, fy, cy, k20, k21, k22] = self.k;
+        if [skew, k10, k20, k21] != [0.0; 4] || k22 != 1.0 {
+            let reason =
+                "K has a skew or a last row other than 0 0 1, which no renderer here supports";
+            return Err(reason.to_owned());
+        }
+        let intrinsics = Intrinsics::new((fx, fy), (cx, cy), (self.width, self.height));
+        let extrinsics = affine_from_row_major(&self.camera_from_world);
+        Ok((
+            intrinsics.map_err(|error| error.to_string())?,
+            extrinsics.map_err(|error| error.to_string())?,
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> CameraFile {
+        let mut camera_from_world = [0.0; 16];
+        for i in 0..4 {
+            camera_from_world[5 * i] = 1.0;
+        }
+        CameraFile {
+            width: 4,
+            height: 3,
+            k: [5.0, 0.0, 2.0, 0.0, 6.0, 1.5, 0.0, 0.0, 1.0],
+            camera_from_world,
+        }
+    }
+
+    #[test]
+    fn a_written_camera_reads_back_bit_for_bit() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cam.json");
+        let mut moved = camera();
+        moved.k[0] = 0.1 + 0.2;
+        moved.camera_from_world[..4].copy_from_slice(&[1.0 / 3.0, -0.1, 1e-300, 2.0_f64.sqrt()]);
+        let (intrinsics, camera_from_world) = moved.check().unwrap();
+        CameraFile::of(&intrinsics, &camera_from_world)
+            .write(&path)
+            .unwrap();
+        assert_eq!(
+            CameraFile::read(&path).unwrap(),
+            (intrinsics, camera_from_world)
+        );
+    }
+
+    #[test]
+    fn good_cameras_pass_and_bad_ones_say_why() {
+        let (intrinsics, _) = camera().check().unwrap();
+        assert_eq!((intrinsics.fx, intrinsics.fy), (5.0, 6.0));
+
+        let mut skewed = camera();
+        skewed.k[1] = 0.1;
+        assert!(skewed.check().unwrap_err().contains("skew"));
+
+        let mut nan = camera();
+        nan.camera_from_world[3] = f64::NAN;
+        assert!(nan.check().unwrap_err().contains("not finite"));
+    }
+}

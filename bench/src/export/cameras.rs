@@ -1,0 +1,98 @@
+//! Every view of some scenes: `OUT/<dataset>/<scene>/<view>.{png,json}`, names percent-encoded as in pair ids.
+//!
+//! For what works on views and not on pairs: monocular depth for `--overlap-depth`, reconstructions, Gaussians.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use sharp_datasets::{Scene, View};
+
+use super::ExportError;
+use crate::pairs::description::{conventions, row_major};
+use super::file::{Hashes, Stamp, write, write_json};
+use super::pairs::{Exported, png};
+use crate::io::hash::sha256_hex;
+use crate::pairs::pair_id::{scene_path, view_name};
+use crate::io::view_hashes::ViewHashes;
+
+/// A view's camera; the names of its numbers are those of `render --camera`.
+#[derive(Serialize)]
+struct CameraDescription<'a> {
+    dataset: &'a str,
+    scene: &'a str,
+    view: &'a str,
+    width: u32,
+    height: u32,
+    #[serde(rename = "K")]
+    k: [f64; 9],
+    camera_from_world: [f64; 16],
+    conventions: std::collections::BTreeMap<&'static str, &'static str>,
+    #[serde(flatten)]
+    stamp: Stamp,
+}
+
+/// Writes pictures and cameras of all views. `advance` is told after each view, from several threads.
+///
+/// # Errors
+/// The first file that cannot be read or written; what was written before stays and is kept next time.
+pub fn export(
+    scenes: &[Scene],
+    out: &Path,
+    advance: &(dyn Fn() + Sync),
+) -> Result<Exported, ExportError> {
+    let views: Vec<(&Scene, &View)> = scenes
+        .iter()
+        .flat_map(|scene| scene.views.iter().map(move |view| (scene, view)))
+        .collect();
+    let hashes = ViewHashes::default();
+    let written: Result<Vec<bool>, ExportError> = views
+        .into_par_iter()
+        .map(|(scene, view)| {
+            let written = export_view(scene, view, out, &hashes)?;
+            advance();
+            Ok(written)
+        })
+        .collect();
+    let written = written?;
+    let fresh = written.iter().filter(|w| **w).count();
+    Ok(Exported {
+        written: fresh,
+        kept: written.len() - fresh,
+        without_depth: 0,
+    })
+}
+
+/// True if it was written, false if it was there.
+fn export_view(
+    scene: &Scene,
+    view: &View,
+    out: &Path,
+    hashes: &ViewHashes,
+) -> Result<bool, ExportError> {
+    let folder = out.join(scene_path(&scene.dataset, &scene.id));
+    let name = view_name(&view.id);
+    let description = format!("{name}.json");
+    let key = sha256_hex(format!("view {} {}", view.id, hashes.view(view)?).as_bytes());
+    if Stamp::is_done(&folder, &description, &key) {
+        return Ok(false);
+    }
+    let mut files = Hashes::new();
+    let picture = png(view, &folder)?;
+    write(&folder, &format!("{name}.png"), &picture, &mut files)?;
+    write_json(
+        &folder.join(&description),
+        &CameraDescription {
+            dataset: &scene.dataset,
+            scene: &scene.id,
+            view: &view.id,
+            width: view.intrinsics.width,
+            height: view.intrinsics.height,
+            k: row_major(view.intrinsics.matrix()),
+            camera_from_world: view.camera_from_world.to_row_major(),
+            conventions: conventions(),
+            stamp: Stamp { key, files },
+        },
+    )?;
+    Ok(true)
+}

@@ -1,0 +1,66 @@
+//! Files that are written once: each with its hash in a description that is written last.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::hash::{file_sha256, sha256_hex};
+
+/// sha256 by file name.
+pub(super) type Hashes = BTreeMap<String, String>;
+
+/// What a description says of itself, read back to see whether its files are done.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Stamp {
+    /// Hash of everything that the files depend on.
+    pub(super) key: String,
+    /// The files beside it.
+    pub(super) files: Hashes,
+}
+
+impl Stamp {
+    /// True if a description of this key lies there and its files are whole.
+    pub(super) fn is_done(folder: &Path, description: &str, key: &str) -> bool {
+        let Ok(bytes) = std::fs::read(folder.join(description)) else {
+            return false;
+        };
+        let Ok(stamp) = serde_json::from_slice::<Self>(&bytes) else {
+            return false;
+        };
+        stamp.key == key
+            && stamp
+                .files
+                .iter()
+                .all(|(name, hash)| file_sha256(&folder.join(name)).is_ok_and(|h| h == *hash))
+    }
+}
+
+/// Writes a file and notes its hash.
+pub(super) fn write(
+    folder: &Path,
+    name: &str,
+    bytes: &[u8],
+    hashes: &mut Hashes,
+) -> Result<(), FileError> {
+    write_atomic(&folder.join(name), bytes)?;
+    hashes.insert(name.to_owned(), sha256_hex(bytes));
+    Ok(())
+}
+
+/// Writes a value as indented JSON with a line end.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
+    write_text(path, serde_json::to_vec_pretty(value))
+}
+
+/// Writes a value as one line of JSON.
+pub(super) fn write_json_line(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
+    write_text(path, serde_json::to_vec(value))
+}
+
+fn write_text(path: &Path, encoded: serde_json::Result<Vec<u8>>) -> Result<(), FileError> {
+    let mut bytes = encoded.map_err(|error| FileError::new(path, "encode")(error.into()))?;
+    bytes.push(b'\n');
+    write_atomic(path, &bytes)
+}

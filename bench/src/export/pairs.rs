@@ -1,0 +1,229 @@
+//! The pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, on request `target.png` and depth.
+//!
+//! `pair.json` is written last and holds the names of its files with their sha256 and that of what they were made from: an export that was
+//! stopped goes on where it was, one whose dataset changed is made anew.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
+use std::path::Path;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use sharp_datasets::View;
+use sharp_datasets::format::npy;
+
+use super::ExportError;
+use crate::pairs::description::{FORMAT, PairDescription};
+use super::file::{Hashes, Stamp, write, write_json};
+use crate::io::atomic_files::FileError;
+use crate::io::hash::sha256_hex;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::io::rendering_files::encode_png;
+use crate::io::view_hashes::ViewHashes;
+
+/// What is written besides the source's picture and the cameras, and how the datasets were read.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ExportOptions {
+    /// `target.png`: the ground truth.
+    pub target: bool,
+    /// `source_depth.npy` and `target_depth.npy`, float32 metres; of a view without depth there is none.
+    pub depth: bool,
+    /// By dataset: the settings in force, which decide what depth means. An export under other settings is made anew.
+    pub readings: BTreeMap<String, String>,
+}
+
+/// What became of an export.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Exported {
+    /// Pairs written.
+    pub written: usize,
+    /// Pairs that were there already, unchanged.
+    pub kept: usize,
+    /// Views of which depth was asked for and the dataset has none.
+    pub without_depth: usize,
+}
+
+#[derive(Serialize)]
+struct PairFile<'a> {
+    #[serde(flatten)]
+    description: PairDescription,
+    #[serde(flatten)]
+    stamp: &'a Stamp,
+}
+
+/// Writes the pairs. Those of one source follow each other, so that its picture is read once. `advance` is told after
+/// each pair, from several threads.
+///
+/// # Errors
+/// The first file that cannot be read or written; what was written before stays and is kept next time.
+pub fn export(
+    pairs: &[ResolvedPair],
+    out: &Path,
+    options: &ExportOptions,
+    advance: &(dyn Fn() + Sync),
+) -> Result<Exported, ExportError> {
+    let hashes = ViewHashes::default();
+    let same_source = |a: &ResolvedPair, b: &ResolvedPair| {
+        std::ptr::eq(a.scene, b.scene) && a.source.id == b.source.id
+    };
+    let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
+    let done: Result<Vec<Group>, ExportError> = groups
+        .into_par_iter()
+        .map(|group| export_group(group, out, options, &hashes, advance))
+        .collect();
+    let done = done?;
+    let without_depth: BTreeSet<&String> = done.iter().flat_map(|g| &g.without_depth).collect();
+    Ok(Exported {
+        written: done.iter().map(|group| group.written).sum(),
+        kept: done.iter().map(|group| group.kept).sum(),
+        without_depth: without_depth.len(),
+    })
+}
+
+/// What became of the pairs of one source.
+#[derive(Default)]
+struct Group {
+    written: usize,
+    kept: usize,
+    /// `dataset/scene/view` of those whose depth was asked for in vain.
+    without_depth: BTreeSet<String>,
+}
+
+/// The pairs of one source.
+fn export_group(
+    group: &[ResolvedPair],
+    out: &Path,
+    options: &ExportOptions,
+    hashes: &ViewHashes,
+    advance: &(dyn Fn() + Sync),
+) -> Result<Group, ExportError> {
+    let mut exported = Group::default();
+    let (mut picture, mut depth) = (None, None);
+    for pair in group {
+        let folder = out.join(&pair.pair.pair_id);
+        let key = key(pair, options, hashes)?;
+        let mut lacks_depth = |view: &View| {
+            let scene = pair.scene;
+            let name = format!("{}/{}/{}", scene.dataset, scene.id, view.id);
+            exported.without_depth.insert(name);
+        };
+        if Stamp::is_done(&folder, "pair.json", &key) {
+            for (view, file) in depth_files(pair, options) {
+                if !folder.join(file).exists() {
+                    lacks_depth(view);
+                }
+            }
+            exported.kept += 1;
+            advance();
+            continue;
+        }
+        let mut files = Hashes::new();
+        if picture.is_none() {
+            picture = Some(png(pair.source, &folder)?);
+        }
+        write(
+            &folder,
+            "source.png",
+            picture.as_deref().unwrap_or_default(),
+            &mut files,
+        )?;
+        if options.target {
+            write(
+                &folder,
+                "target.png",
+                &png(pair.target, &folder)?,
+                &mut files,
+            )?;
+        }
+        for (view, file) in depth_files(pair, options) {
+            let of_target;
+            let bytes = if std::ptr::eq(view, pair.source) {
+                if depth.is_none() {
+                    depth = Some(depth_of(view)?);
+                }
+                depth.as_ref().and_then(Option::as_ref)
+            } else {
+                of_target = depth_of(view)?;
+                of_target.as_ref()
+            };
+            match bytes {
+                Some(bytes) => write(&folder, file, bytes, &mut files)?,
+                None => lacks_depth(view),
+            }
+        }
+        for name in ["target.png", "source_depth.npy", "target_depth.npy"] {
+            if !files.contains_key(name) {
+                remove(&folder.join(name))?;
+            }
+        }
+        let description = PairDescription::new(
+            &pair.pair.pair_id,
+            &pair.source.into(),
+            &pair.target.into(),
+        );
+        let stamp = Stamp { key, files };
+        write_json(
+            &folder.join("pair.json"),
+            &PairFile {
+                description,
+                stamp: &stamp,
+            },
+        )?;
+        exported.written += 1;
+        advance();
+    }
+    Ok(exported)
+}
+
+/// The picture that is scored, as PNG.
+pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
+    Ok(encode_png(&view.content.image()?, path)?)
+}
+
+/// The views whose depth is asked for, with the names of their files.
+fn depth_files<'a>(
+    pair: &ResolvedPair<'a>,
+    options: &ExportOptions,
+) -> Vec<(&'a View, &'static str)> {
+    if !options.depth {
+        return Vec::new();
+    }
+    vec![
+        (pair.source, "source_depth.npy"),
+        (pair.target, "target_depth.npy"),
+    ]
+}
+
+fn depth_of(view: &View) -> Result<Option<Vec<u8>>, ExportError> {
+    Ok(view.content.depth()?.map(|depth| npy::to_bytes(&depth)))
+}
+
+/// Removes what an earlier export may have left of a file that is none any more.
+fn remove(path: &Path) -> Result<(), ExportError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(FileError::new(path, "remove")(error).into())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Hash of everything that a pair's files depend on.
+fn key(
+    pair: &ResolvedPair,
+    options: &ExportOptions,
+    hashes: &ViewHashes,
+) -> Result<String, ExportError> {
+    let names = pair.pair;
+    let readings = options.readings.get(&names.dataset);
+    let text = format!(
+        "pair {FORMAT} {} {} {}\n{}\n{}\n{}\n",
+        options.target,
+        options.depth,
+        names.pair_id,
+        readings.map_or("", String::as_str),
+        hashes.view(pair.source)?,
+        hashes.view(pair.target)?,
+    );
+    Ok(sha256_hex(text.as_bytes()))
+}

@@ -1,0 +1,177 @@
+//! Files that are written whole or not at all.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// An operation on a file of ours that the system refused.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: cannot {action}: {source}", path.display())]
+pub struct FileError {
+    /// The file or folder.
+    pub path: PathBuf,
+    /// `read`, `write`, ….
+    pub action: &'static str,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+impl FileError {
+    /// For `map_err`.
+    pub fn new(path: &Path, action: &'static str) -> impl FnOnce(io::Error) -> Self {
+        let path = path.to_owned();
+        move |source| Self {
+            path,
+            action,
+            source,
+        }
+    }
+}
+
+/// Writes a file in one step, creating its folder: a reader, or a restart after a kill, sees the old
+/// content or the new, never a part.
+///
+/// # Errors
+/// Names the file and what the system said.
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    let mut file = PartialFile::create(path)?;
+    file.write_all(bytes)
+        .map_err(FileError::new(path, "write"))?;
+    file.commit()
+}
+
+/// Writes a value as indented JSON with a final line end, in one step.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), FileError> {
+    let mut bytes = serde_json::to_vec_pretty(value)
+        .map_err(|error| FileError::new(path, "encode")(error.into()))?;
+    bytes.push(b'\n');
+    write_atomic(path, &bytes)
+}
+
+/// A file in the making, for content that comes piece by piece: it takes its name, whole, at [`Self::commit`]; dropped
+/// before, it leaves nothing behind.
+#[derive(Debug)]
+pub struct PartialFile {
+    path: PathBuf,
+    file: tempfile::NamedTempFile,
+}
+
+impl PartialFile {
+    /// Starts a file, creating its folder.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn create(path: &Path) -> Result<Self, FileError> {
+        let create = || -> io::Result<tempfile::NamedTempFile> {
+            let folder = folder_of(path);
+            fs::create_dir_all(folder)?;
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(".partial-");
+            // Temporary files are private by default; results are for everyone whom the umask admits.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            builder.tempfile_in(folder)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            file: create().map_err(FileError::new(path, "write"))?,
+        })
+    }
+
+    /// Where the content grows, for another program to write it.
+    pub fn temporary_path(&self) -> &Path {
+        self.file.path()
+    }
+
+    /// The name that the file will take.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn commit(self) -> Result<(), FileError> {
+        let Self { path, file } = self;
+        let commit = || -> io::Result<()> {
+            file.as_file().sync_all()?;
+            file.persist(&path).map_err(|error| error.error)?;
+            sync_folder(folder_of(&path))
+        };
+        commit().map_err(FileError::new(&path, "write"))
+    }
+}
+
+impl Write for PartialFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Creates a folder where there is none and checks that files can be made in it.
+///
+/// # Errors
+/// Names the folder and what the system said.
+pub fn check_writable(folder: &Path) -> Result<(), FileError> {
+    let check = || -> io::Result<()> {
+        fs::create_dir_all(folder)?;
+        tempfile::Builder::new()
+            .prefix(".partial-")
+            .tempfile_in(folder)?;
+        Ok(())
+    };
+    check().map_err(FileError::new(folder, "write into"))
+}
+
+/// Makes a rename survive a power cut, where folders can be synced.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) {
+        File::open(folder)?.sync_all()
+    } else {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_replaced_whole_and_leave_nothing_behind() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a/b/c.txt");
+        write_atomic(&path, b"one").unwrap();
+        write_atomic(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        let names: Vec<_> = fs::read_dir(path.parent().unwrap())
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
+        assert_eq!(names, ["c.txt"]);
+
+        let mut dropped = PartialFile::create(&path).unwrap();
+        dropped.write_all(b"thr").unwrap();
+        drop(dropped);
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+        let new = dir.path().join("new/folder");
+        check_writable(&new).unwrap();
+        assert_eq!(fs::read_dir(&new).unwrap().count(), 0);
+        assert!(check_writable(&path.join("below a file")).is_err());
+    }
+}

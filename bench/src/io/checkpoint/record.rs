@@ -1,0 +1,213 @@
+//! Size and sha256 of the official checkpoint as they were when it was first used.
+//!
+//! Apple publishes no hash. So the first file that is used is taken at its word and recorded, and every later one has
+//! to be the same. The record lies in our cache folder, wherever the checkpoint itself lies.
+
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+use sharp_metrics::weights::cache_folder;
+
+use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
+use crate::io::atomic_files::{FileError, write_atomic};
+
+/// What was recorded.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Record {
+    /// Official address.
+    pub address: String,
+    /// Size.
+    pub bytes: u64,
+    /// Lower-case hexadecimal.
+    pub sha256: String,
+    /// Day of the first use, UTC, `2026-01-31`.
+    pub recorded: String,
+}
+
+/// How a file stands to the record.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Standing {
+    /// There was no record: nothing to compare with. Now there is one, in this file.
+    Unverified(PathBuf),
+    /// The same as on that day.
+    Matches(String),
+}
+
+impl std::fmt::Display for Standing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unverified(file) => write!(
+                f,
+                "unverified: no hash is published; size and sha256 are recorded in {} from now on",
+                file.display()
+            ),
+            Self::Matches(day) => write!(f, "matches the one recorded on {day}"),
+        }
+    }
+}
+
+/// Why a file cannot be compared with the record, or is another one.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The record, or the checkpoint's size, cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The record is damaged.
+    #[error("{}: not a record of a checkpoint: {reason}", path.display())]
+    Damaged {
+        /// The record.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Not the file that was recorded.
+    #[error(
+        "{}: {bytes} bytes, sha256 {sha256}, but the checkpoint recorded on {} has {} bytes, sha256 {}; if it was \
+         replaced on purpose, delete {}",
+        checkpoint.display(), expected.recorded, expected.bytes, expected.sha256, record.display()
+    )]
+    Other {
+        /// The checkpoint.
+        checkpoint: PathBuf,
+        /// Its size.
+        bytes: u64,
+        /// Its sha256.
+        sha256: String,
+        /// What was recorded.
+        expected: Box<Record>,
+        /// Where.
+        record: PathBuf,
+    },
+}
+
+/// Where the record lies; `None` where there is no cache folder.
+pub fn record_file() -> Option<PathBuf> {
+    Some(cache_folder()?.join(format!("{RELEASE_FILE}.json")))
+}
+
+/// The record, if there is one.
+///
+/// # Errors
+/// [`RecordError`] when it cannot be read.
+pub fn read(file: &Path) -> Result<Option<Record>, RecordError> {
+    match std::fs::read(file) {
+        Ok(bytes) => {
+            serde_json::from_slice(&bytes)
+                .map(Some)
+                .map_err(|error| RecordError::Damaged {
+                    path: file.to_owned(),
+                    reason: error.to_string(),
+                })
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(FileError::new(file, "read")(error).into()),
+    }
+}
+
+/// Compares a checkpoint whose sha256 is known with the record in `file`, or makes one.
+///
+/// # Errors
+/// [`RecordError`]: it is another file, or the record cannot be read or written.
+pub fn compare_or_record(
+    checkpoint: &Path,
+    sha256: &str,
+    file: &Path,
+) -> Result<Standing, RecordError> {
+    let metadata = std::fs::metadata(checkpoint).map_err(FileError::new(checkpoint, "read"))?;
+    let found = Record {
+        address: RELEASE_ADDRESS.to_owned(),
+        bytes: metadata.len(),
+        sha256: sha256.to_owned(),
+        recorded: day(SystemTime::now()),
+    };
+    match read(file)? {
+        Some(record) if (record.bytes, &record.sha256) == (found.bytes, &found.sha256) => {
+            Ok(Standing::Matches(record.recorded))
+        }
+        Some(expected) => Err(RecordError::Other {
+            checkpoint: checkpoint.to_owned(),
+            bytes: found.bytes,
+            sha256: found.sha256,
+            expected: Box::new(expected),
+            record: file.to_owned(),
+        }),
+        None => {
+            let mut text = serde_json::to_vec_pretty(&found)
+                .map_err(|error| FileError::new(file, "write")(std::io::Error::other(error)))?;
+            text.push(b'\n');
+            write_atomic(file, &text)?;
+            Ok(Standing::Unverified(file.to_owned()))
+        }
+    }
+}
+
+/// The day of a moment, UTC, as ISO 8601 writes it.
+fn day(moment: SystemTime) -> String {
+    let seconds = moment
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
+    let mut left = seconds / 86_400;
+    let mut year = 1970;
+    let leap = |year: u64| {
+        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
+    };
+    while left >= 365 + u64::from(leap(year)) {
+        left -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for days in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
+        if left < days {
+            break;
+        }
+        left -= days;
+        month += 1;
+    }
+    format!("{year}-{month:02}-{:02}", left + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn the_first_file_is_taken_at_its_word_and_every_later_one_compared() {
+        let dir = tempfile::tempdir().unwrap();
+        let (checkpoint, file) = (dir.path().join("w.pt"), dir.path().join("cache/w.json"));
+        std::fs::write(&checkpoint, b"12345").unwrap();
+        assert_eq!(read(&file).unwrap(), None);
+        let first = compare_or_record(&checkpoint, "aa", &file).unwrap();
+        assert_eq!(first, Standing::Unverified(file.clone()));
+        assert!(first.to_string().starts_with("unverified"));
+        let record = read(&file).unwrap().unwrap();
+        assert_eq!((record.bytes, record.sha256.as_str()), (5, "aa"));
+        let again = compare_or_record(&checkpoint, "aa", &file).unwrap();
+        assert_eq!(
+            again.to_string(),
+            format!("matches the one recorded on {}", record.recorded)
+        );
+        for (content, hash) in [(&b"12345"[..], "bb"), (b"1234", "aa")] {
+            std::fs::write(&checkpoint, content).unwrap();
+            let error = compare_or_record(&checkpoint, hash, &file).unwrap_err();
+            let text = error.to_string();
+            assert!(text.contains("w.pt") && text.contains("w.json"), "{text}");
+        }
+        std::fs::write(&file, b"{}").unwrap();
+        let error = compare_or_record(&checkpoint, "aa", &file).unwrap_err();
+        assert!(error.to_string().contains("not a record"), "{error}");
+    }
+
+    #[test]
+    fn days_are_those_of_the_calendar() {
+        let at = |seconds| day(UNIX_EPOCH + Duration::from_secs(seconds));
+        assert_eq!(at(0), "1970-01-01");
+        assert_eq!(at(951_782_399), "2000-02-28");
+        assert_eq!(at(951_782_400), "2000-02-29");
+        assert_eq!(at(1_735_689_599), "2024-12-31");
+        assert_eq!(at(1_735_689_600), "2025-01-01");
+        assert_eq!(at(4_107_542_400), "2100-03-01");
+    }
+}

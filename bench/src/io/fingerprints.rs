@@ -1,0 +1,186 @@
+//! Hashes of the sources, locked dependencies and compiler that decide the results of each stage, taken when the harness
+//! was built. Equal fingerprints mean equal code; a changed report or help text changes none of them.
+
+use std::collections::BTreeMap;
+
+use sharp_metrics::identity::Family;
+
+/// Photographs, cameras and depth as the readers give them.
+pub const READING: &str = env!("SHARP_BENCH_READING");
+/// How much of one view another one sees.
+pub const OVERLAP: &str = env!("SHARP_BENCH_OVERLAP");
+/// The methods `target`, `copy` and `mean`.
+pub const TRIVIAL: &str = env!("SHARP_BENCH_TRIVIAL");
+/// The method `depth-splat`.
+pub const DEPTH_SPLAT: &str = env!("SHARP_BENCH_DEPTH_SPLAT");
+/// The method `sharp`.
+pub const NETWORK: &str = env!("SHARP_BENCH_NETWORK");
+/// The methods `imported` and `gaussians`.
+pub const FILES: &str = env!("SHARP_BENCH_FILES");
+/// The method `command`.
+pub const COMMAND: &str = env!("SHARP_BENCH_COMMAND");
+const RENDER_CPU: &str = env!("SHARP_BENCH_RENDER_CPU");
+const RENDER_WGPU: &str = env!("SHARP_BENCH_RENDER_WGPU");
+const PSNR: &str = env!("SHARP_BENCH_PSNR");
+const SSIM: &str = env!("SHARP_BENCH_SSIM");
+const LPIPS: &str = env!("SHARP_BENCH_LPIPS");
+const DISTS: &str = env!("SHARP_BENCH_DISTS");
+
+/// All of them together: which build this is.
+pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
+
+/// Crates that decode pictures, with versions: two JPEG decoders may differ by a level.
+pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
+
+/// The code of a metric.
+pub fn of_metric(family: Family) -> &'static str {
+    match family {
+        Family::Psnr => PSNR,
+        Family::Ssim => SSIM,
+        Family::Lpips => LPIPS,
+        Family::Dists => DISTS,
+    }
+}
+
+/// The code of a renderer, by its exact name (`cpu-avx512`, `wgpu:<adapter, driver>`).
+pub fn of_renderer(name: &str) -> &'static str {
+    if name.starts_with("wgpu") {
+        RENDER_WGPU
+    } else {
+        RENDER_CPU
+    }
+}
+
+/// All of them by name, for manifests.
+pub fn all() -> BTreeMap<String, String> {
+    [
+        ("reading", READING),
+        ("overlap", OVERLAP),
+        ("trivial", TRIVIAL),
+        ("depth-splat", DEPTH_SPLAT),
+        ("network", NETWORK),
+        ("files", FILES),
+        ("command", COMMAND),
+        ("render-cpu", RENDER_CPU),
+        ("render-wgpu", RENDER_WGPU),
+        ("psnr", PSNR),
+        ("ssim", SSIM),
+        ("lpips", LPIPS),
+        ("dists", DISTS),
+    ]
+    .map(|(name, fingerprint)| (name.to_owned(), fingerprint.to_owned()))
+    .into()
+}
+
+#[cfg(test)]
+#[path = "../../build/fingerprint.rs"]
+mod fingerprint;
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::fingerprint::{Code, GROUPS};
+    use super::*;
+
+    const LOCK: &str = "\
+version = 4
+
+[[package]]
+name = \"candle-core\"
+version = \"0.11.1\"
+dependencies = [
+ \"gemm\",
+ \"half 2.6.0\",
+]
+
+[[package]]
+name = \"gemm\"
+version = \"0.19.0\"
+
+[[package]]
+name = \"half\"
+version = \"2.6.0\"
+
+[[package]]
+name = \"plotters\"
+version = \"0.3.7\"
+";
+
+    const FILES: [&str; 9] = [
+        "metrics/src/ssim/map.rs",
+        "metrics/src/dists.rs",
+        "metrics/src/picture.rs",
+        "sharp/src/model/vit.rs",
+        "sharp/src/color.rs",
+        "shaders/raster.wgsl",
+        "bench/src/scoring/region.rs",
+        "bench/src/report/html/style.css",
+        "bench/src/cli/run.rs",
+    ];
+
+    /// The groups whose fingerprint changes with a file or with the lock.
+    fn changed(file: &str, lock: &str) -> BTreeSet<&'static str> {
+        let code = |changed: &str, lock: &str| {
+            let files = FILES.map(|name| {
+                let content: &[u8] = if name == changed { b"new" } else { b"old" };
+                (name.to_owned(), content.to_vec())
+            });
+            Code::new(files.into(), lock, "rustc 1".to_owned())
+        };
+        let (before, after) = (code("", LOCK), code(file, lock));
+        let groups = GROUPS.iter();
+        groups
+            .filter(|group| before.fingerprint(group) != after.fingerprint(group))
+            .map(|group| group.name)
+            .collect()
+    }
+
+    #[test]
+    fn a_file_changes_what_stands_on_it_and_nothing_else() {
+        let of = |file| changed(file, LOCK).into_iter().collect::<Vec<_>>();
+        assert_eq!(of("metrics/src/ssim/map.rs"), ["SSIM"]);
+        assert_eq!(of("metrics/src/dists.rs"), ["DISTS"]);
+        assert_eq!(
+            of("metrics/src/picture.rs"),
+            ["DISTS", "LPIPS", "PSNR", "SSIM"]
+        );
+        assert_eq!(
+            of("bench/src/scoring/region.rs"),
+            ["DISTS", "LPIPS", "PSNR", "SSIM"]
+        );
+        assert_eq!(of("sharp/src/model/vit.rs"), ["NETWORK", "OVERLAP"]);
+        assert_eq!(of("shaders/raster.wgsl"), ["RENDER_WGPU"]);
+        assert_eq!(
+            of("sharp/src/color.rs"),
+            ["DEPTH_SPLAT", "NETWORK", "RENDER_CPU", "RENDER_WGPU"]
+        );
+        // The report, its style and the command line change no result.
+        assert!(of("bench/src/report/html/style.css").is_empty());
+        assert!(of("bench/src/cli/run.rs").is_empty());
+    }
+
+    #[test]
+    fn a_dependency_changes_what_stands_on_it_through_others_too() {
+        let with = |from: &str, to: &str| changed("", &LOCK.replace(from, to));
+        // Below candle-core, and a root of its own.
+        let of_half: Vec<_> = with("\"2.6.0\"", "\"2.7.0\"").into_iter().collect();
+        assert_eq!(
+            of_half,
+            [
+                "COMMAND", "DISTS", "FILES", "LPIPS", "NETWORK", "OVERLAP", "READING"
+            ]
+        );
+        let of_gemm: Vec<_> = with("\"0.19.0\"", "\"0.19.1\"").into_iter().collect();
+        assert_eq!(of_gemm, ["DISTS", "LPIPS", "NETWORK"]);
+        assert!(with("\"0.3.7\"", "\"0.3.8\"").is_empty());
+    }
+
+    #[test]
+    fn this_build_has_them_all() {
+        let all = all();
+        assert_eq!(all.len(), GROUPS.len());
+        assert!(all.values().all(|fingerprint| fingerprint.len() == 64));
+        assert!(DECODERS.contains("image "));
+    }
+}

@@ -1,0 +1,98 @@
+//! sha256 of bytes and of files, in hexadecimal.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::atomic_files::FileError;
+
+/// sha256 of bytes, 64 lower-case hexadecimal digits.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+/// sha256 of a file's content, read in pieces.
+///
+/// # Errors
+/// Names the file and what the system said.
+pub fn file_sha256(path: &Path) -> Result<String, FileError> {
+    let hash = || -> io::Result<String> {
+        let mut file = File::open(path)?;
+        let mut hasher = Sha256::new();
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            let n = file.read(&mut buffer)?;
+            if n == 0 {
+                return Ok(hex(&hasher.finalize()));
+            }
+            hasher.update(&buffer[..n]);
+        }
+    };
+    hash().map_err(FileError::new(path, "read"))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::with_capacity(64), |mut text, b| {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{b:02x}");
+        text
+    })
+}
+
+/// Hashes named facts. Their order counts; names and values are length-prefixed, so that no two different lists give
+/// the same bytes.
+#[derive(Debug, Clone, Default)]
+pub struct StableHasher(Sha256);
+
+impl StableHasher {
+    /// Adds a fact.
+    pub fn add(&mut self, name: &str, value: &str) -> &mut Self {
+        for part in [name, value] {
+            self.0.update((part.len() as u64).to_le_bytes());
+            self.0.update(part.as_bytes());
+        }
+        self
+    }
+
+    /// sha256 of all facts, 64 hexadecimal digits.
+    pub fn finish(&self) -> String {
+        hex(&self.0.clone().finalize())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sha256_of_the_empty_string() {
+        assert_eq!(
+            sha256_hex(b""),
+            "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+        );
+    }
+
+    #[test]
+    fn errors_name_the_file() {
+        let error = file_sha256(Path::new("no/such/file")).unwrap_err();
+        assert!(error.to_string().starts_with("no/such/file: cannot read"));
+    }
+
+    #[test]
+    fn facts_cannot_be_split_otherwise() {
+        let hash = |facts: &[(&str, &str)]| {
+            let mut hasher = StableHasher::default();
+            for (name, value) in facts {
+                hasher.add(name, value);
+            }
+            hasher.finish()
+        };
+        assert_ne!(hash(&[("a", "bc")]), hash(&[("ab", "c")]));
+        assert_ne!(hash(&[("a", "b"), ("c", "d")]), hash(&[("a", "bcd")]));
+        assert_ne!(hash(&[("a", "1"), ("b", "2")]), hash(&[("b", "2"), ("a", "1")]));
+        assert_eq!(hash(&[("a", "1")]), hash(&[("a", "1")]));
+    }
+}

@@ -1,0 +1,107 @@
+//! Masks that people hand in: pictures, white where a pixel counts.
+
+use std::path::{Path, PathBuf};
+
+use sharp_metrics::{Mask, Picture};
+
+use crate::io::pictures::{self, ReadError};
+
+/// Why a file is no mask; names the file.
+#[derive(Debug, thiserror::Error)]
+pub enum MaskError {
+    /// Not a picture.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A picture, but not of a mask.
+    #[error("{}: {reason}", path.display())]
+    NoMask {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// A mask and how many of its pixels were neither black nor white.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadMask {
+    /// Which pixels count.
+    pub mask: Mask,
+    /// Pixels with a level between black and white; those of 128 and more count.
+    pub between: usize,
+}
+
+/// Reads a mask: a gray picture in any of the formats of [`pictures`]; levels of 128 and more (floats of 0.5 and more)
+/// count.
+///
+/// # Errors
+/// When the file cannot be read, has colours, or holds 0 and 1 where 0 and 255 were meant.
+pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
+    let picture = pictures::read(path)?;
+    let refused = |reason: String| MaskError::NoMask {
+        path: path.to_owned(),
+        reason,
+    };
+    let (width, height) = picture.dimensions();
+    let (mut inside, mut between, mut highest) = (Vec::new(), 0, 0.0_f64);
+    for y in 0..height {
+        for x in 0..width {
+            let [r, g, b] = [0, 1, 2].map(|channel| picture.value(x, y, channel));
+            if r != g || g != b {
+                return Err(refused(format!(
+                    "coloured at x {x}, y {y}; a mask is white where pixels count and black elsewhere"
+                )));
+            }
+            // Levels of 128 and more, floats of one half and more.
+            inside.push(r >= 0.5);
+            between += usize::from(r > 0.0 && r < 1.0);
+            highest = highest.max(r);
+        }
+    }
+    if matches!(picture, Picture::Rgb8(_)) && highest == 1.0 / 255.0 {
+        return Err(refused(
+            "its levels are 0 and 1; a mask is 255 where pixels count".to_owned(),
+        ));
+    }
+    let count = inside.len();
+    let mask = Mask::new(width, height, inside)
+        .ok_or_else(|| refused(format!("{count} values for {width}x{height} pixels")))?;
+    Ok(ReadMask { mask, between })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{GrayImage, Luma, Rgb, RgbImage};
+
+    use super::*;
+
+    #[test]
+    fn white_counts_and_what_is_no_mask_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.png");
+        let write = |levels: [u8; 4]| {
+            GrayImage::from_raw(2, 2, levels.to_vec())
+                .unwrap()
+                .save(&path)
+                .unwrap();
+            read(&path)
+        };
+        let found = write([0, 127, 128, 255]).unwrap();
+        assert_eq!(found.mask.values(), [false, false, true, true]);
+        assert_eq!(found.between, 2);
+        assert_eq!(write([0; 4]).unwrap().mask.count(), 0);
+        let error = write([0, 1, 1, 0]).unwrap_err().to_string();
+        assert!(
+            error.contains("m.png") && error.contains("0 and 1"),
+            "{error}"
+        );
+        let mut coloured = RgbImage::from_pixel(2, 2, Rgb([255; 3]));
+        coloured.put_pixel(1, 0, Rgb([255, 0, 0]));
+        coloured.save(&path).unwrap();
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains("x 1, y 0"), "{error}");
+        let one = GrayImage::from_pixel(3, 1, Luma([255]));
+        one.save(&path).unwrap();
+        assert_eq!(read(&path).unwrap().mask.dimensions(), (3, 1));
+    }
+}

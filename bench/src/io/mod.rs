@@ -1,0 +1,24 @@
+//! What goes to disk and comes back: whole files, hashes, pictures, renderings, Gaussians, checkpoints.
+//!
+//! * [`atomic_files`]: files that are written whole or not at all; [`hash`]: sha256 of bytes and files.
+//! * [`fingerprints`]: hashes of the sources and dependencies that decide a result, by stage.
+//! * [`observer`]: how the library reports warnings and progress without printing.
+//! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as PNG, EXR, safetensors.
+//! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
+//! * [`movie`]: pictures in a row as GIF and MP4.
+//! * [`checkpoint`]: SHARP's official checkpoint: where it is, whether it is still the same file, how to get it.
+//! * [`process_memory`]: how much memory this process has used.
+
+pub mod atomic_files;
+pub mod checkpoint;
+pub(crate) mod counts;
+pub mod fingerprints;
+pub mod gaussian_files;
+pub mod hash;
+pub mod masks;
+pub mod movie;
+pub mod observer;
+pub mod pictures;
+pub mod process_memory;
+pub mod rendering_files;
+pub(crate) mod view_hashes;

@@ -1,0 +1,22 @@
+//! How long work reports what it does. The library never prints; the command line draws bars and writes lines.
+
+/// Receives warnings and progress. Every method does nothing unless overridden, and may be called from any thread.
+pub trait Observer: Sync {
+    /// Something the user should know that is no error.
+    fn warn(&self, _text: &str) {}
+
+    /// A new phase of work begins: what it is, how many steps it has (0 if unknown) and what a step is.
+    fn begin(&self, _phase: &str, _steps: usize, _unit: &'static str) {}
+
+    /// So many steps of the phase are done; `current` names the one that is worked on.
+    fn progress(&self, _done: usize, _current: &str) {}
+
+    /// The phase has ended.
+    fn end(&self) {}
+}
+
+/// Reports nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Quiet;
+
+impl Observer for Quiet {}

@@ -1,0 +1,199 @@
+//! Pictures that people hand in: PNG and JPEG, EXR, and float arrays in `.npy` or `.safetensors`.
+
+use std::path::{Path, PathBuf};
+
+use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
+use image::{ImageDecoder, ImageReader, Rgb, Rgb32FImage, RgbImage};
+use sharp::color::{Quantization, quantize, srgb_from_linear};
+use sharp_checkpoint::{Checkpoint, CheckpointError};
+use sharp_datasets::DatasetError;
+use sharp_datasets::files;
+use sharp_datasets::format::{npy, picture};
+use sharp_metrics::{Picture, PictureError};
+
+use crate::io::rendering_files::{LINEAR, TRANSFER};
+
+/// Why a picture could not be read; names the file.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// A file that the datasets' decoders refused.
+    #[error(transparent)]
+    Decode(#[from] DatasetError),
+    /// A file of floats whose content is wrong.
+    #[error("{}: {reason}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A `.safetensors` file that cannot be read.
+    #[error(transparent)]
+    Tensors(#[from] CheckpointError),
+    /// Floats that are no picture: not finite or outside 0..1.
+    #[error("{}: {source}", path.display())]
+    Values {
+        /// The file.
+        path: PathBuf,
+        /// Which value.
+        source: PictureError,
+    },
+}
+
+/// What a picture's name may end in, lower case.
+pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "exr", "npy", "safetensors"];
+
+/// Beyond this a header is taken for a mistake: 2^28 pixels, eleven times a 6048×4032 photograph.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// No lossless compression of pictures shrinks them by more than this.
+const MAX_COMPRESSION: u64 = 1 << 11;
+
+/// True when the name ends in one of [`EXTENSIONS`], in any case.
+pub fn is_picture(path: &Path) -> bool {
+    extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
+}
+
+/// Reads a picture: 8-bit files as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of sRGB-encoded
+/// values in 0..1. An EXR that our renderer wrote says that it is linear and is clamped and encoded.
+///
+/// # Errors
+/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1.
+pub fn read(path: &Path) -> Result<Picture, ReadError> {
+    let picture = match extension(path).as_deref() {
+        Some("exr") => Picture::RgbF32(read_exr(path)?),
+        Some("npy") => {
+            let array =
+                npy::parse(&files::read(path)?).map_err(|reason| malformed(path, reason))?;
+            from_floats(path, &array.shape, array.values)?
+        }
+        Some("safetensors") => read_safetensors(path)?,
+        _ => Picture::Rgb8(picture::read(path)?),
+    };
+    picture.check().map_err(|source| ReadError::Values {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(picture)
+}
+
+/// True for a PNG with an alpha channel or transparent palette entries, which [`read`] drops.
+pub fn has_alpha(path: &Path) -> bool {
+    let decoder = || {
+        let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
+        reader.into_decoder().ok()
+    };
+    decoder().is_some_and(|decoder| decoder.color_type().has_alpha())
+}
+
+/// Reads a picture and rounds floats to the nearest of 256 levels.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_rgb8(path: &Path) -> Result<RgbImage, ReadError> {
+    Ok(match read(path)? {
+        Picture::Rgb8(image) => image,
+        Picture::RgbF32(image) => to_rgb8(&image),
+    })
+}
+
+/// Rounds floats in 0..1 to the nearest of 256 levels.
+pub fn to_rgb8(image: &Rgb32FImage) -> RgbImage {
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        Rgb(image
+            .get_pixel(x, y)
+            .0
+            .map(|value| quantize(value, Quantization::Round)))
+    })
+}
+
+/// `[3, height, width]` in 0..1 from interleaved bytes.
+pub fn planes(image: &RgbImage) -> Vec<f32> {
+    let bytes = image.as_raw();
+    (0..3)
+        .flat_map(|channel| {
+            let values = bytes.iter().skip(channel).step_by(3);
+            values.map(|&v| f32::from(v) / 255.0)
+        })
+        .collect()
+}
+
+fn extension(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}
+
+fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
+    ReadError::Malformed {
+        path: path.to_owned(),
+        reason: reason.into(),
+    }
+}
+
+fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
+    let reason = |error: exr::error::Error| malformed(path, error.to_string());
+    // The header decides how much is allocated, so it is checked against the file first.
+    let bytes = std::fs::metadata(path)
+        .map_err(|error| malformed(path, error.to_string()))?
+        .len();
+    let meta = MetaData::read_from_file(path, false).map_err(reason)?;
+    for header in &meta.headers {
+        let size = header.layer_size;
+        let pixels = size.width() as u64 * size.height() as u64;
+        if pixels > MAX_PIXELS || pixels > bytes.saturating_mul(MAX_COMPRESSION) {
+            return Err(malformed(
+                path,
+                format!(
+                    "the header claims {}x{} pixels in a file of {bytes} bytes",
+                    size.width(),
+                    size.height()
+                ),
+            ));
+        }
+    }
+    let image = read_first_rgba_layer_from_file(
+        path,
+        |size, _| Rgb32FImage::new(size.width() as u32, size.height() as u32),
+        |image, at, (r, g, b, _): (f32, f32, f32, f32)| {
+            image.put_pixel(at.x() as u32, at.y() as u32, Rgb([r, g, b]));
+        },
+    )
+    .map_err(reason)?;
+    let mut pixels = image.layer_data.channel_data.pixels;
+    let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
+    if transfer == Some(&AttributeValue::Text(LINEAR.into())) {
+        for value in pixels.iter_mut() {
+            *value = srgb_from_linear(value.clamp(0.0, 1.0));
+        }
+    }
+    Ok(pixels)
+}
+
+fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {
+    let file = Checkpoint::open(path)?;
+    let names: Vec<&str> = file.names().collect();
+    let [name] = names.as_slice() else {
+        return Err(malformed(
+            path,
+            format!(
+                "{} tensors; a picture is exactly one, [H, W, 3]",
+                names.len()
+            ),
+        ));
+    };
+    let shape = file.shape(name)?.to_vec();
+    let values = file.tensor_f32(name)?;
+    from_floats(path, &shape, values)
+}
+
+fn from_floats(path: &Path, shape: &[usize], values: Vec<f32>) -> Result<Picture, ReadError> {
+    let wrong = || malformed(path, format!("shape {shape:?}; [H, W, 3] is needed"));
+    let &[height, width, 3] = shape else {
+        return Err(wrong());
+    };
+    let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(wrong());
+    };
+    Rgb32FImage::from_raw(width, height, values)
+        .map(Picture::RgbF32)
+        .ok_or_else(wrong)
+}

@@ -1,0 +1,111 @@
+//! What a view is made of, as a hash. A file that many views share (a laser scan, a list of cameras) is read once.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use sharp_datasets::needed::Role;
+use sharp_datasets::{DatasetError, View};
+
+use crate::io::atomic_files::FileError;
+use crate::io::hash::{file_sha256, sha256_hex};
+
+/// The hash of one file, once it is known; locked while it is being computed.
+type Slot = Arc<Mutex<Option<String>>>;
+
+/// Hashes of files, remembered for as long as this lives: files are taken not to change meanwhile.
+#[derive(Debug, Default)]
+pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, Slot>>);
+
+impl ViewHashes {
+    /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.
+    ///
+    /// # Errors
+    /// Names the file and what the system said; the next call tries again.
+    pub(crate) fn file(&self, path: &Path) -> Result<String, FileError> {
+        let slot = Arc::clone(lock(&self.0).entry(path.to_owned()).or_default());
+        let mut known = lock(&slot);
+        if let Some(hash) = &*known {
+            return Ok(hash.clone());
+        }
+        let hash = file_sha256(path)?;
+        *known = Some(hash.clone());
+        Ok(hash)
+    }
+
+    /// Camera, photograph, depth and mask of a view: everything that it is made of.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub(crate) fn view(&self, view: &View) -> Result<String, DatasetError> {
+        self.of_roles(view, |_| true)
+    }
+
+    /// Camera and photograph of a view, with what changes its pixels (lens, mask), but not its depth.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
+        self.of_roles(view, |role| role != Role::Depth)
+    }
+
+    fn of_roles(&self, view: &View, counts: impl Fn(Role) -> bool) -> Result<String, DatasetError> {
+        let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
+        let mut files = view.content.files_by_role();
+        if files.is_empty() {
+            text += &view.content.image_sha256()?;
+        }
+        files.retain(|(role, _)| counts(*role));
+        let mut paths: Vec<PathBuf> = files.into_iter().map(|(_, path)| path).collect();
+        paths.sort();
+        paths.dedup();
+        for path in paths {
+            let hash = self
+                .file(&path)
+                .map_err(|error| DatasetError::io(error.path, error.source))?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            text += &format!("{name} {hash}\n");
+        }
+        Ok(sha256_hex(text.as_bytes()))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sharp_datasets::{DatasetSpec, open};
+
+    #[test]
+    fn a_file_is_read_once_and_one_that_fails_is_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scan.ply");
+        let hashes = ViewHashes::default();
+        assert!(hashes.file(&path).is_err());
+        std::fs::write(&path, "one").unwrap();
+        assert_eq!(hashes.file(&path).unwrap(), sha256_hex(b"one"));
+        std::fs::write(&path, "two").unwrap();
+        assert_eq!(hashes.file(&path).unwrap(), sha256_hex(b"one"));
+        let fresh = ViewHashes::default();
+        assert_eq!(fresh.file(&path).unwrap(), sha256_hex(b"two"));
+    }
+
+    #[test]
+    fn views_differ_by_camera_and_content() {
+        let spec = DatasetSpec::parse("synthetic=size=32x24,views=2").unwrap();
+        let views = open(&spec).unwrap().remove(0).views;
+        let hashes = ViewHashes::default();
+        let first = hashes.view(&views[0]).unwrap();
+        assert_eq!(first, hashes.view(&views[0]).unwrap());
+        assert_ne!(first, hashes.view(&views[1]).unwrap());
+        let mut moved = views[0].clone();
+        moved.camera_from_world.translation.x += 1e-9;
+        assert_ne!(first, hashes.view(&moved).unwrap());
+        let mut other = views[0].clone();
+        other.content = views[1].content.clone();
+        assert_ne!(first, hashes.view(&other).unwrap());
+    }
+}

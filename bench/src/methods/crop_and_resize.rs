@@ -1,0 +1,275 @@
+//! From a foreign picture to one that can be scored: the paper's rules for what is smaller or cropped.
+//!
+//! Scores are taken at the target's full resolution. A smaller prediction of the same aspect is resized up, by a kernel
+//! that is named; a cropped one is compared with the equally cropped target, and its record says so. Nothing is padded
+//! and nothing is reduced.
+
+use std::collections::BTreeMap;
+
+use sharp_metrics::Picture;
+use sharp_metrics::resize::{ResizeKernel, resize};
+
+use super::method::PicturePrediction;
+use crate::io::pictures::to_rgb8;
+use crate::scoring::Region;
+
+/// Which part of the target a method's pictures show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum CropRule {
+    /// All of it.
+    #[default]
+    Whole,
+    /// `x:y:w:h`: always this part, pixels of the target.
+    Fixed(Region),
+    /// `center:W:H`: the largest part of this aspect in the middle.
+    Center(u32, u32),
+    /// `center`: the largest part in the middle of the picture's own aspect.
+    CenterOfOwnAspect,
+    /// `sidecar`: as a file beside each picture says.
+    Sidecar,
+}
+
+/// How a method's pictures become scored ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct FitRules {
+    kernel: Option<ResizeKernel>,
+    crop: CropRule,
+}
+
+impl FitRules {
+    /// Reads the values of `resize=` and `crop=`; errors are the bare reason.
+    pub(super) fn parse(kernel: Option<&str>, crop: Option<&str>) -> Result<Self, String> {
+        let kernel = kernel
+            .map(|name| name.parse::<ResizeKernel>())
+            .transpose()
+            .map_err(|error| format!("resize: {error}"))?;
+        let crop = crop.map(parse_crop).transpose()?.unwrap_or_default();
+        Ok(Self { kernel, crop })
+    }
+
+    /// The crop rule.
+    pub(super) fn crop(&self) -> CropRule {
+        self.crop
+    }
+
+    /// True if the region is only known with a file at hand.
+    pub(super) fn needs_file(&self) -> bool {
+        matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
+    }
+
+    /// What identities say: `resize` and `crop` where they are given.
+    pub(super) fn settings(&self) -> BTreeMap<String, String> {
+        let mut settings = BTreeMap::new();
+        if let Some(kernel) = self.kernel {
+            let value = format!("{} [{}]", kernel.name(), kernel.describe());
+            settings.insert("resize".to_owned(), value);
+        }
+        let crop = match self.crop {
+            CropRule::Whole => return settings,
+            CropRule::Fixed(Region {
+                x,
+                y,
+                width,
+                height,
+            }) => format!("{x}:{y}:{width}:{height}"),
+            CropRule::Center(w, h) => format!("center:{w}:{h}"),
+            CropRule::CenterOfOwnAspect => "center".to_owned(),
+            CropRule::Sidecar => "sidecar".to_owned(),
+        };
+        settings.insert("crop".to_owned(), crop);
+        settings
+    }
+
+    /// The part of a target that a picture of the size `own` shows, `None` for all of it. `sidecar` is what the file
+    /// beside it says. Errors are the bare reason.
+    pub(super) fn region(
+        &self,
+        target: (u32, u32),
+        own: Option<(u32, u32)>,
+        sidecar: Option<Region>,
+    ) -> Result<Option<Region>, String> {
+        let region = match self.crop {
+            CropRule::Whole => return Ok(None),
+            CropRule::Fixed(region) => Some(region),
+            CropRule::Center(w, h) => Region::centered((w, h), target),
+            CropRule::CenterOfOwnAspect => own.and_then(|own| Region::centered(own, target)),
+            CropRule::Sidecar => sidecar,
+        };
+        let region = region.ok_or("the crop is not known")?;
+        if !region.fits(target) {
+            return Err(format!(
+                "the crop {region} is not inside the target, {}x{}",
+                target.0, target.1
+            ));
+        }
+        Ok((region != Region::whole(target)).then_some(region))
+    }
+
+    /// Brings a picture to the size of what it shows, 8 bit. Errors are the bare reason.
+    pub(super) fn fit(
+        &self,
+        picture: Picture,
+        region: Option<Region>,
+        target: (u32, u32),
+    ) -> Result<PicturePrediction, String> {
+        let own = picture.dimensions();
+        let shown = region.unwrap_or(Region::whole(target)).size();
+        let picture = if own == shown {
+            picture
+        } else {
+            let kernel = self.kernel_for(own, shown, region.is_some())?;
+            resize(&picture, shown.0, shown.1, kernel).map_err(|error| error.to_string())?
+        };
+        Ok(PicturePrediction {
+            picture: Picture::Rgb8(match picture {
+                Picture::Rgb8(image) => image,
+                Picture::RgbF32(image) => to_rgb8(&image),
+            }),
+            region,
+            resized_from: (own != shown).then_some(own),
+            extras: BTreeMap::new(),
+        })
+    }
+
+    /// The kernel for a picture that is not of the size that it has to be, if it may be resized.
+    fn kernel_for(
+        &self,
+        (w, h): (u32, u32),
+        (to_w, to_h): (u32, u32),
+        cropped: bool,
+    ) -> Result<ResizeKernel, String> {
+        let what = if cropped {
+            "its crop of the target"
+        } else {
+            "the target"
+        };
+        let sizes = format!("the picture is {w}x{h}, {what} {to_w}x{to_h}");
+        if w > to_w || h > to_h {
+            return Err(format!("{sizes}: larger pictures are never reduced"));
+        }
+        // The same aspect if rounding to whole pixels of the smaller picture explains the difference.
+        let height = f64::from(w) * f64::from(to_h) / f64::from(to_w);
+        let width = f64::from(h) * f64::from(to_w) / f64::from(to_h);
+        if (height - f64::from(h)).abs() >= 1.0 && (width - f64::from(w)).abs() >= 1.0 {
+            return Err(format!(
+                "{sizes}, of another aspect: say which part of the target it shows (crop=center, crop=x:y:w:h or \
+                 crop=sidecar)"
+            ));
+        }
+        self.kernel.ok_or_else(|| {
+            let names: Vec<&str> = ResizeKernel::ALL.iter().map(|k| k.name()).collect();
+            format!(
+                "{sizes}: name the kernel to resize it up with (resize={})",
+                names.join("|")
+            )
+        })
+    }
+}
+
+fn parse_crop(text: &str) -> Result<CropRule, String> {
+    let wrong = || format!("crop={text}: x:y:w:h, center:W:H, center or sidecar is needed");
+    let parts: Vec<&str> = text.split([':', ',']).map(str::trim).collect();
+    let number = |part: &str| part.parse::<u32>().map_err(|_| wrong());
+    Ok(match parts.as_slice() {
+        ["sidecar"] => CropRule::Sidecar,
+        ["center"] => CropRule::CenterOfOwnAspect,
+        ["center", w, h] => match (number(w)?, number(h)?) {
+            (0, _) | (_, 0) => return Err(wrong()),
+            (w, h) => CropRule::Center(w, h),
+        },
+        [x, y, w, h] => CropRule::Fixed(Region {
+            x: number(x)?,
+            y: number(y)?,
+            width: number(w)?,
+            height: number(h)?,
+        }),
+        _ => return Err(wrong()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::RgbImage;
+
+    fn rules(kernel: Option<&str>, crop: Option<&str>) -> FitRules {
+        FitRules::parse(kernel, crop).unwrap()
+    }
+
+    fn picture(w: u32, h: u32) -> Picture {
+        Picture::Rgb8(RgbImage::new(w, h))
+    }
+
+    #[test]
+    fn crops_in_all_their_forms() {
+        let region = |crop: &str, own| rules(None, Some(crop)).region((640, 480), own, None);
+        let square = Region {
+            x: 80,
+            y: 0,
+            width: 480,
+            height: 480,
+        };
+        assert_eq!(region("center:1:1", None), Ok(Some(square)));
+        assert_eq!(region("center", Some((576, 576))), Ok(Some(square)));
+        assert_eq!(region("80:0:480:480", None), Ok(Some(square)));
+        assert_eq!(region("80,0,480,480", None), Ok(Some(square)));
+        assert_eq!(region("center:4:3", None), Ok(None));
+        assert!(
+            region("200:0:480:480", None)
+                .unwrap_err()
+                .contains("640x480")
+        );
+        assert!(region("0:0:0:480", None).is_err());
+        assert!(region("center", None).is_err());
+        assert!(region("sidecar", None).is_err());
+        for text in ["middle", "1:2:3", "center:0:1", "center:1", "-1:0:2:2", ""] {
+            let error = FitRules::parse(None, Some(text)).unwrap_err();
+            assert!(error.contains("x:y:w:h"), "{error}");
+        }
+        assert!(FitRules::parse(Some("cubic"), None).is_err());
+        let both = rules(Some("bicubic"), Some("center:16:9"));
+        assert!(both.settings()["resize"].starts_with("bicubic"));
+        assert_eq!(both.settings()["crop"], "center:16:9");
+        assert!(FitRules::default().settings().is_empty());
+    }
+
+    #[test]
+    fn only_smaller_pictures_of_the_aspect_are_resized_and_only_by_name() {
+        let fit = |kernel, w, h| rules(kernel, None).fit(picture(w, h), None, (96, 72));
+        assert_eq!(fit(None, 96, 72).unwrap().resized_from, None);
+        let resized = fit(Some("bicubic"), 32, 24).unwrap();
+        assert_eq!(resized.picture.dimensions(), (96, 72));
+        assert_eq!(resized.resized_from, Some((32, 24)));
+        // 72 / 96 · 50 is 37.5: both neighbours are that aspect, rounded.
+        for height in [37, 38] {
+            fit(Some("lanczos"), 50, height).unwrap();
+        }
+        for (kernel, size, part) in [
+            (None, (32, 24), "resize=bilinear|"),
+            (Some("bicubic"), (5, 5), "another aspect"),
+            (Some("bicubic"), (36, 24), "another aspect"),
+            (Some("bicubic"), (192, 144), "never reduced"),
+            (Some("bicubic"), (97, 72), "never reduced"),
+        ] {
+            let error = fit(kernel, size.0, size.1).unwrap_err();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_cropped_picture_has_to_have_its_crops_size() {
+        let square = Region::centered((1, 1), (96, 72));
+        let fit =
+            |kernel, w, h| rules(kernel, Some("center:1:1")).fit(picture(w, h), square, (96, 72));
+        assert_eq!(fit(None, 72, 72).unwrap().region, square);
+        assert_eq!(
+            fit(Some("area"), 36, 36).unwrap().picture.dimensions(),
+            (72, 72)
+        );
+        assert!(
+            fit(None, 36, 36)
+                .unwrap_err()
+                .contains("its crop of the target")
+        );
+    }
+}

@@ -1,0 +1,190 @@
+//! Why a dataset has no pair to evaluate, or pairs chosen by depth that hardly allows it, and what to do.
+
+use sharp_datasets::DatasetSpec;
+
+use crate::io::counts::counted;
+use crate::pairs::PairOptions;
+use crate::pairs::build::{PairCounts, SPARSE_COVERAGE};
+
+/// What gives dense depth, or does without, where the dataset's own is sparse.
+const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyone, scaled to the dataset's: the paper's \
+                     way), overlap=sharp-release (the same by SHARP's checkpoint) or overlap=sparse:8 (the dataset's \
+                     depth, agreement within 8 pixels)";
+
+/// What became of a dataset's pairs, in a line.
+pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
+    format!(
+        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
+        counted(counts.scenes, "scene"),
+        counted(counts.views, "view"),
+        counted(counts.sets, "set"),
+        counted(counts.considered, "ordered pair"),
+        counts.without_depth,
+        counts.too_little_overlap,
+        counts.too_near,
+        counts.qualified,
+        counts.selected
+    )
+}
+
+/// A sentence for a dataset of which no pair is selected, or whose depth is too sparse for the choices made; `None` where
+/// nothing is amiss. `spec` is the dataset as asked for.
+pub(super) fn advice(
+    name: &str,
+    spec: &str,
+    counts: &PairCounts,
+    options: &PairOptions,
+) -> Option<String> {
+    let sparse = counts.is_sparse() && options.depth.is_ground_truth();
+    if counts.selected > 0 {
+        return sparse.then(|| {
+            format!(
+                "{name}: {}; the overlaps of its pairs are those of single pixels; rather take --pair-options {DENSE}",
+                sparseness(counts)
+            )
+        });
+    }
+    let why = if counts.qualified > 0 {
+        format!("limit={} selects none", options.sampling.limit.unwrap_or(0))
+    } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near == 0 {
+        without_depth(spec, options)
+    } else if counts.considered == 0 {
+        "no set has two views; sets= and remainder= decide what a set is".to_owned()
+    } else if counts.too_near == counts.considered {
+        format!(
+            "all of its pairs are nearer than min-baseline={}",
+            options.min_baseline_m
+        )
+    } else if sparse {
+        format!("{}; take --pair-options {DENSE}", sparseness(counts))
+    } else {
+        format!(
+            "no pair has an overlap above threshold={}; `pairs --ambiguity` counts what other choices give",
+            options.threshold
+        )
+    };
+    Some(format!("{}: {why}", counted_pairs(name, counts)))
+}
+
+fn sparseness(counts: &PairCounts) -> String {
+    format!(
+        "its depth is sparse, at less than {} % of the pixels in {} of the {} with depth, and overlap=ground-truth asks \
+         for depth at the very pixel where a point lands",
+        100.0 * SPARSE_COVERAGE,
+        counts.with_sparse_depth,
+        counted(counts.with_depth, "view")
+    )
+}
+
+/// Not one view has depth: by whose fault, and what has some.
+fn without_depth(spec: &str, options: &PairOptions) -> String {
+    let spec = DatasetSpec::parse(spec).ok();
+    let (format, split) = spec
+        .as_ref()
+        .map_or(("", ""), |spec| (spec.format, spec.setting("split")));
+    if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
+        return format!(
+            "no view has depth; split={split} comes without meshes and hides its targets; take split=nvs_sem_val, which \
+             has both, or depth=points (sparse) with --pair-options {DENSE}"
+        );
+    }
+    let scaled = if options.depth.is_ground_truth() {
+        ""
+    } else {
+        ", and other depth is scaled by it (not with overlap=given-metric)"
+    };
+    format!(
+        "no view has depth{scaled}; `datasets check` says which files are missing; without them, --pair-options \
+         overlap=given-metric with --overlap-depth DIR takes depth by anyone in metres, and missing-depth=accept takes \
+         pairs without an overlap"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Advice on a dataset of 90 pairs in 10 views of which so many have depth, so many of them sparse.
+    fn said(spec: &str, options: &str, counts: PairCounts) -> Option<String> {
+        let counts = PairCounts {
+            scenes: 1,
+            views: 10,
+            sets: 1,
+            considered: 90,
+            ..counts
+        };
+        advice("D", spec, &counts, &options.parse().unwrap())
+    }
+
+    fn depth(with_depth: usize, with_sparse_depth: usize) -> PairCounts {
+        PairCounts {
+            with_depth,
+            with_sparse_depth,
+            ..PairCounts::default()
+        }
+    }
+
+    #[test]
+    fn sparse_depth_is_told_from_little_overlap() {
+        let eth3d = said("eth3d=/x", "", depth(10, 9)).unwrap();
+        for part in [
+            "less than 30 % of the pixels in 9 of the 10 views with depth",
+            "overlap=given with --overlap-depth",
+            "sharp-release",
+            "sparse:8",
+        ] {
+            assert!(eth3d.contains(part), "{eth3d}");
+        }
+        let dense = said("eth3d=/x", "threshold=0.9", depth(10, 5)).unwrap();
+        assert!(dense.contains("above threshold=0.9"), "{dense}");
+        let chosen = said("eth3d=/x", "overlap=sparse", depth(10, 10)).unwrap();
+        assert!(chosen.contains("above threshold"), "{chosen}");
+    }
+
+    #[test]
+    fn pairs_that_were_found_are_warned_of_only_where_depth_is_sparse() {
+        let found = |counts: PairCounts| PairCounts {
+            qualified: 5,
+            selected: 5,
+            ..counts
+        };
+        let sparse = said("eth3d=/x", "", found(depth(10, 10))).unwrap();
+        assert!(sparse.contains("rather take"), "{sparse}");
+        assert_eq!(
+            said("eth3d=/x", "overlap=sparse", found(depth(10, 10))),
+            None
+        );
+        assert_eq!(said("eth3d=/x", "", found(depth(10, 0))), None);
+        // A stereo pair needs no depth.
+        assert_eq!(said("middlebury=/x", "", found(depth(0, 0))), None);
+    }
+
+    #[test]
+    fn every_other_reason_has_its_sentence() {
+        let test = said("scannetpp=/x", "", depth(0, 0)).unwrap();
+        assert!(test.contains("split=nvs_sem_val"), "{test}");
+        assert!(test.contains("depth=points"), "{test}");
+        let other = said("scannetpp=/x,split=nvs_sem_val", "", depth(0, 0)).unwrap();
+        assert!(other.contains("given-metric"), "{other}");
+        let scaled = said("eth3d=/x", "overlap=sharp-release", depth(0, 0)).unwrap();
+        assert!(scaled.contains("scaled by it"), "{scaled}");
+        let near = PairCounts {
+            too_near: 90,
+            ..depth(0, 0)
+        };
+        let near = said("eth3d=/x", "min-baseline=3", near).unwrap();
+        assert!(near.contains("nearer than min-baseline=3"), "{near}");
+        let limited = PairCounts {
+            qualified: 5,
+            ..depth(10, 0)
+        };
+        let limited = said("eth3d=/x", "limit=0", limited).unwrap();
+        assert!(limited.contains("limit=0 selects none"), "{limited}");
+        let no_set = PairCounts {
+            views: 1,
+            ..depth(1, 0)
+        };
+        let no_set = advice("D", "eth3d=/x", &no_set, &PairOptions::default()).unwrap();
+        assert!(no_set.contains("no set has two views"), "{no_set}");
+    }
+}

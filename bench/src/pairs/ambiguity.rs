@@ -1,0 +1,391 @@
+//! How far the open choices move the pairs: each choice changed by itself, everything else left as it is. The choices are
+//! those of [`PairOptions`], and the readings of the datasets.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sharp_datasets::{Pairing, Scene};
+
+use sharp_datasets::DatasetSpec;
+use sharp_datasets::catalog::formats;
+
+use super::dataset::OpenDataset;
+use super::PairError;
+use super::options::PairOptions;
+use super::overlap_cache::OverlapCache;
+use super::build::{BuildContext, PairBuild, build_pairs};
+
+/// What the only choices are about that concern stereo datasets too.
+const OF_ALL: &str = "sampling";
+
+/// What other readings of a dataset are about.
+const READING: &str = "dataset reading";
+
+/// What is changed, in the form of [`PairOptions`], by what it is about.
+const ALTERNATIVES: [(&str, &[&str]); 10] = [
+    (
+        "threshold",
+        &["threshold=0.5", "threshold=0.7", "at-threshold=in"],
+    ),
+    (
+        "direction",
+        &[
+            "direction=source-in-target",
+            "direction=min",
+            "direction=mean",
+            "direction=max",
+        ],
+    ),
+    (
+        "overlap test",
+        &[
+            "test=frustum",
+            "test=consistent:0.01",
+            "test=consistent:0.03",
+            "test=consistent:0.1",
+            "test=map-anything",
+        ],
+    ),
+    ("depth lookup", &["lookup=bilinear", "overlap=sparse"]),
+    (
+        "denominator",
+        &["denominator=all", "denominator=valid-other"],
+    ),
+    (
+        "depth resolution",
+        &["max-side=512", "max-side=256", "stride=4"],
+    ),
+    (
+        "sets",
+        &[
+            "sets=strided",
+            "sets=random:0",
+            "size=5",
+            "size=20",
+            "remainder=drop",
+        ],
+    ),
+    ("pair order", &["order=once"]),
+    (
+        "missing depth",
+        &["missing-depth=accept", "missing-depth=leave-out"],
+    ),
+    (
+        OF_ALL,
+        &[
+            "limit=all",
+            "sampling=per-scene",
+            "sampling=first",
+            "seed=1",
+        ],
+    ),
+];
+
+/// Pairs of a dataset under some options.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Count {
+    /// That qualify.
+    pub qualified: usize,
+    /// That are evaluated.
+    pub selected: usize,
+    /// Of these, evaluated under the base options too.
+    pub shared: usize,
+}
+
+/// One choice, changed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Alternative {
+    /// What the choice is about.
+    pub about: &'static str,
+    /// The change, `key=value`; empty for the base itself.
+    pub change: String,
+    /// By dataset, of those that it concerns.
+    pub counts: BTreeMap<String, Count>,
+    /// By dataset, why its pairs cannot be counted under this choice.
+    pub unavailable: BTreeMap<String, String>,
+}
+
+/// A dataset under another of its settings.
+#[derive(Debug, Clone)]
+pub struct Reading {
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// The setting, `key=value`.
+    pub change: String,
+    /// All settings of the reader, as in [`BuildContext::settings`].
+    pub settings: String,
+    /// What is found then, or why it cannot be opened.
+    pub scenes: Result<Vec<Scene>, String>,
+}
+
+/// Counts pairs under the base options (the first answer), under each alternative that differs from them and makes
+/// sense with them, and under other readings of the datasets. A choice that does not concern stereo pairs is not counted
+/// for datasets that have no others. Overlaps are measured once for each way of measuring: with the context's cache, or
+/// in memory. `advance(done, all)` is told after each.
+///
+/// # Errors
+/// As [`build_pairs`].
+pub fn alternatives(
+    scenes: &[Scene],
+    base: &PairOptions,
+    readings: &[Reading],
+    context: &BuildContext,
+    advance: &dyn Fn(usize, usize),
+) -> Result<Vec<Alternative>, PairError> {
+    let memory = OverlapCache::in_memory();
+    let context = BuildContext {
+        depth: context.depth,
+        roots: BTreeMap::new(),
+        depth_memory_bytes: context.depth_memory_bytes,
+        cache: context.cache.or(Some(&memory)),
+        settings: context.settings.clone(),
+        hash_photographs: false,
+        progress: &|_, _| {},
+    };
+    let multi_view: BTreeSet<&str> = scenes
+        .iter()
+        .filter(|scene| scene.pairing == Pairing::MultiView)
+        .map(|scene| scene.dataset.as_str())
+        .collect();
+    let of_multi_view: Vec<Scene> = scenes
+        .iter()
+        .filter(|scene| multi_view.contains(scene.dataset.as_str()))
+        .cloned()
+        .collect();
+    let changed = ALTERNATIVES
+        .iter()
+        .flat_map(|(about, changes)| changes.iter().map(move |change| (*about, *change)));
+    let options: Vec<(&str, &str, PairOptions)> = changed
+        .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
+        .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
+        // Another source of depth needs other files.
+        .filter(|(_, change, options)| {
+            options != base && (!change.starts_with("overlap=") || base.depth.is_ground_truth())
+        })
+        .collect();
+    let all = options.len() + readings.len() + 1;
+    let of_base = build_pairs(scenes, base, &context)?;
+    let selected: BTreeSet<&str> = selected_ids(&of_base).collect();
+    advance(1, all);
+    let mut rows = vec![Alternative {
+        about: "base",
+        change: String::new(),
+        counts: counts(&of_base, &selected),
+        unavailable: BTreeMap::new(),
+    }];
+    for (about, change, options) in options {
+        let concerned = if about == OF_ALL {
+            scenes
+        } else {
+            &of_multi_view
+        };
+        let build = build_pairs(concerned, &options, &context)?;
+        rows.push(Alternative {
+            about,
+            change: change.to_owned(),
+            counts: counts(&build, &selected),
+            unavailable: BTreeMap::new(),
+        });
+        advance(rows.len(), all);
+    }
+    for reading in readings {
+        let mut row = Alternative {
+            about: READING,
+            change: reading.change.clone(),
+            counts: BTreeMap::new(),
+            unavailable: BTreeMap::new(),
+        };
+        match counts_of_reading(reading, base, &context, &selected) {
+            Ok(found) => row.counts = found,
+            Err(reason) => {
+                row.unavailable.insert(reading.dataset.clone(), reason);
+            }
+        }
+        rows.push(row);
+        advance(rows.len(), all);
+    }
+    Ok(rows)
+}
+
+fn counts_of_reading(
+    reading: &Reading,
+    base: &PairOptions,
+    context: &BuildContext,
+    selected: &BTreeSet<&str>,
+) -> Result<BTreeMap<String, Count>, String> {
+    let scenes = reading.scenes.as_ref().map_err(Clone::clone)?;
+    let settings = BTreeMap::from([(reading.dataset.clone(), reading.settings.clone())]);
+    let context = BuildContext {
+        depth: context.depth,
+        cache: context.cache,
+        settings,
+        depth_memory_bytes: context.depth_memory_bytes,
+        hash_photographs: false,
+        ..BuildContext::default()
+    };
+    let build = build_pairs(scenes, base, &context).map_err(|error| error.to_string())?;
+    let mut counts = counts(&build, selected);
+    // No scene is no pair.
+    counts.entry(reading.dataset.clone()).or_default();
+    Ok(counts)
+}
+
+fn selected_ids(build: &PairBuild) -> impl Iterator<Item = &str> {
+    let selected = build.pairs.iter().filter(|pair| pair.selected);
+    selected.map(|pair| pair.pair_id.as_str())
+}
+
+fn counts(build: &PairBuild, base: &BTreeSet<&str>) -> BTreeMap<String, Count> {
+    let mut counts: BTreeMap<String, Count> = build
+        .summaries
+        .iter()
+        .map(|(dataset, summary)| {
+            let count = Count {
+                qualified: summary.qualified,
+                selected: summary.selected,
+                shared: 0,
+            };
+            (dataset.clone(), count)
+        })
+        .collect();
+    for pair in build.pairs.iter().filter(|pair| pair.selected) {
+        if base.contains(pair.pair_id.as_str())
+            && let Some(count) = counts.get_mut(&pair.dataset)
+        {
+            count.shared += 1;
+        }
+    }
+    counts
+}
+
+/// Settings that are no readings of the paper: which files may be opened, and what becomes of pictures that are not their
+/// camera's size.
+const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
+
+/// Each dataset under every other choice of its settings, opened as far as its files allow.
+pub fn other_readings(
+    datasets: &[OpenDataset],
+    only_scenes: Option<&str>,
+) -> Result<Vec<Reading>, PairError> {
+    let mut readings = Vec::new();
+    for dataset in datasets {
+        let spec = DatasetSpec::parse(&dataset.spec)?;
+        let format = formats().iter().find(|format| format.name == spec.format);
+        let settings = format.map_or(&[][..], |format| format.settings);
+        let of_paper = settings.iter().filter(|s| !NO_READINGS.contains(&s.key));
+        for setting in of_paper {
+            let others = setting.choices.iter().map(|choice| choice.value);
+            for value in others.filter(|value| *value != spec.setting(setting.key)) {
+                let mut other = spec.clone();
+                other.settings.insert(setting.key, value.to_owned());
+                let opened = OpenDataset::open_all(&[other.to_string()], only_scenes);
+                let opened = opened.map(|mut opened| opened.pop());
+                readings.push(Reading {
+                    dataset: dataset.name.clone(),
+                    change: format!("{}={value}", setting.key),
+                    settings: format!("{} {:?}", other.format, other.settings),
+                    scenes: match opened {
+                        Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
+                        Err(error) => Err(error.to_string()),
+                    },
+                });
+            }
+        }
+    }
+    Ok(readings)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+    use crate::pairs::test_scene::{Depth, row, with_files};
+
+    #[test]
+    fn each_choice_moves_the_count_as_it_does_by_itself() {
+        let views = row("d", "s", 0.3, &[Depth::Wall(2.0); 12]);
+        let scenes = std::slice::from_ref(&views.scene);
+        let base: PairOptions = "limit=20".parse().unwrap();
+        let context = BuildContext::default();
+        let rows = alternatives(scenes, &base, &[], &context, &|_, _| {}).unwrap();
+        assert_eq!(rows[0].change, "");
+        for row in &rows {
+            let text = format!("limit=20,{}", row.change);
+            let options: PairOptions = match row.change.as_str() {
+                change if change.starts_with("limit=") => change.parse().unwrap(),
+                _ => text.parse().unwrap(),
+            };
+            let direct = build_pairs(scenes, &options, &context).unwrap();
+            let count = row.counts["d"];
+            assert_eq!(count.qualified, direct.pairs.len(), "{}", row.change);
+            let selected = direct.pairs.iter().filter(|p| p.selected).count();
+            assert_eq!(count.selected, selected, "{}", row.change);
+            assert!(count.shared <= count.selected);
+        }
+        let by = |change: &str| rows.iter().find(|r| r.change == change).unwrap().counts["d"];
+        assert_eq!(by("").shared, 20);
+        assert!(by("threshold=0.5").qualified > by("threshold=0.7").qualified);
+        assert_eq!(by("order=once").qualified * 2, by("").qualified);
+        assert_ne!(by("seed=1").shared, 20);
+        assert_eq!(by("limit=all").shared, 20);
+    }
+
+    #[test]
+    fn other_readings_are_counted_or_said_to_be_out_of_reach() {
+        let views = row("d", "s", 0.3, &[Depth::Wall(2.0); 6]);
+        let fewer = row("d", "s", 0.3, &[Depth::Wall(2.0); 4]);
+        let reading = |change: &str, scenes| Reading {
+            dataset: "d".to_owned(),
+            change: change.to_owned(),
+            settings: change.to_owned(),
+            scenes,
+        };
+        let readings = [
+            reading("frames=few", Ok(vec![fewer.scene])),
+            reading("frames=none", Ok(Vec::new())),
+            reading("split=other", Err("x/splits: not there".to_owned())),
+        ];
+        let scenes = std::slice::from_ref(&views.scene);
+        let (base, context) = (PairOptions::default(), BuildContext::default());
+        let rows = alternatives(scenes, &base, &readings, &context, &|_, _| {}).unwrap();
+        let by = |change: &str| rows.iter().find(|r| r.change == change).unwrap();
+        let few = by("frames=few").counts["d"];
+        assert!(few.selected > 0 && few.selected < by("").counts["d"].selected);
+        assert_eq!(few.shared, few.selected);
+        assert_eq!(by("frames=none").counts["d"], Count::default());
+        assert!(by("split=other").counts.is_empty());
+        assert_eq!(by("split=other").unavailable["d"], "x/splits: not there");
+    }
+
+    #[test]
+    fn stereo_datasets_have_no_sets_and_no_threshold() {
+        let mut views = row("d", "s", 0.3, &[Depth::Wall(2.0); 2]);
+        views.scene.pairing = Pairing::Stereo {
+            source: 0,
+            target: 1,
+        };
+        let scenes = std::slice::from_ref(&views.scene);
+        let (base, context) = (PairOptions::default(), BuildContext::default());
+        let rows = alternatives(scenes, &base, &[], &context, &|_, _| {}).unwrap();
+        let about: BTreeSet<&str> = rows.iter().map(|row| row.about).collect();
+        assert_eq!(about, BTreeSet::from(["base", OF_ALL]));
+        assert!(rows.iter().all(|row| row.counts["d"].selected == 1));
+    }
+
+    #[test]
+    fn depth_is_read_once_for_each_way_of_measuring() {
+        // Files that are there: a scene that cannot be hashed is never kept.
+        let dir = tempfile::tempdir().unwrap();
+        let views = row("d", "s", 0.3, &[Depth::Wall(2.0); 10]);
+        for view in &views.scene.views {
+            std::fs::write(dir.path().join(&view.id), "x").unwrap();
+        }
+        let views = with_files(views, dir.path());
+        let scenes = std::slice::from_ref(&views.scene);
+        let base = PairOptions::default();
+        let rows = alternatives(scenes, &base, &[], &BuildContext::default(), &|_, _| {}).unwrap();
+        assert!(rows.len() > 25);
+        // The base, five tests, two lookups, two denominators, a stride and two resolutions.
+        assert_eq!(views.reads.load(Ordering::Relaxed), 13 * 10);
+    }
+}

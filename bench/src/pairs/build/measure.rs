@@ -1,0 +1,214 @@
+//! Overlaps within a set of views, holding no more depth maps than memory allows.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rayon::prelude::*;
+use sharp::camera::baseline_m;
+use sharp_datasets::{Scene, View};
+
+use super::BuildContext;
+use crate::pairs::PairError;
+use crate::pairs::depth::{PosedDepth, median_depth_m};
+use crate::pairs::options::PairOptions;
+use crate::pairs::overlap::{OverlapOptions, overlap};
+use crate::pairs::overlap_cache::{DepthFacts, Overlaps, SceneOverlaps};
+use crate::pairs::valid_depth::coverage;
+
+/// While a view's depth is read, so many maps of its size are in memory at most: the file's bytes unpacked, as 64-bit
+/// numbers two maps' worth, and the map made of them. Later there are two: the stored map and the undistorted one, or
+/// that and the values its median is chosen from. Not counted: a scan, which all views share; a prediction and its
+/// ratios to sparse depth, where overlap is measured by one.
+const COPIES_WHILE_READING: u64 = 3;
+
+/// A view whose depth could not be read, and why.
+pub(super) type Failure = (usize, PairError);
+
+/// Depth maps by view.
+type Held = BTreeMap<usize, PosedDepth>;
+
+/// Measures what is not known yet of a scene.
+pub(super) struct Measuring<'a> {
+    scene: &'a Scene,
+    options: &'a PairOptions,
+    context: &'a BuildContext<'a>,
+    how: OverlapOptions,
+}
+
+impl<'a> Measuring<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        options: &'a PairOptions,
+        context: &'a BuildContext<'a>,
+    ) -> Self {
+        Self {
+            scene,
+            options,
+            context,
+            how: options.measuring(),
+        }
+    }
+
+    /// Measures every two views of a set that are at least the minimal baseline apart, as far as they are not known.
+    /// Depth is loaded in blocks of which two fit into memory; usually that is one block, and each view is read once.
+    pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+        let mut failures = Vec::new();
+        let block = self.views_in_memory(set) / 2;
+        let blocks: Vec<&[usize]> = if set.len() <= 2 * block {
+            vec![set]
+        } else {
+            set.chunks(block).collect()
+        };
+        for (k, first) in blocks.iter().enumerate() {
+            let mut held = Held::new();
+            for (n, second) in blocks.iter().enumerate().skip(k) {
+                let couples = self.unknown_couples(first, second, known);
+                let mut needed: BTreeSet<usize> =
+                    couples.iter().flat_map(|&(a, b)| [a, b]).collect();
+                if n == k {
+                    needed.extend(first.iter().filter(|i| !known.depths.contains_key(*i)));
+                }
+                let (of_first, of_second) = needed.into_iter().partition(|i| first.contains(i));
+                self.load(of_first, &mut held, known, &mut failures);
+                let mut others = Held::new();
+                self.load(of_second, &mut others, known, &mut failures);
+                self.between(&couples, &held, &others, known);
+            }
+        }
+        failures
+    }
+
+    /// Finds out which views have depth, as far as that is not known.
+    pub(super) fn find_depth(&self, views: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+        let mut failures = Vec::new();
+        for part in views.chunks(self.views_at_once(views)) {
+            let unknown = part.iter().filter(|i| !known.depths.contains_key(*i));
+            let unknown = unknown.copied().collect();
+            self.load(unknown, &mut Held::new(), known, &mut failures);
+        }
+        failures
+    }
+
+    /// Couples a < b, one view of each block, whose overlaps are not known.
+    fn unknown_couples(
+        &self,
+        first: &[usize],
+        second: &[usize],
+        known: &SceneOverlaps,
+    ) -> Vec<(usize, usize)> {
+        let pose = |i: usize| &self.scene.views[i].camera_from_world;
+        let couples = first
+            .iter()
+            .flat_map(|&a| second.iter().map(move |&b| (a, b)));
+        couples
+            .filter(|&(a, b)| a < b && !known.knows(a, b))
+            .filter(|&(a, b)| baseline_m(pose(a), pose(b)) >= self.options.min_baseline_m)
+            .collect()
+    }
+
+    /// How many depth maps of a set may be held at once; at least two.
+    fn views_in_memory(&self, set: &[usize]) -> usize {
+        let bytes = |view: &View| {
+            let longer = u64::from(view.intrinsics.width.max(view.intrinsics.height));
+            let side = self.how.max_side.map_or(longer, u64::from);
+            let reduction = (side as f64 / longer as f64).min(1.0);
+            (full_bytes(view) as f64 * reduction * reduction) as u64
+        };
+        self.fitting(set, bytes).max(2)
+    }
+
+    /// How many depth maps may be read at the same time; at least one.
+    fn views_at_once(&self, views: &[usize]) -> usize {
+        self.fitting(views, |view| COPIES_WHILE_READING * full_bytes(view))
+            .max(1)
+    }
+
+    fn fitting(&self, views: &[usize], bytes: impl Fn(&View) -> u64) -> usize {
+        let views = views.iter().map(|&i| &self.scene.views[i]);
+        let largest = views.map(bytes).max().unwrap_or(0).max(1);
+        usize::try_from(self.context.depth_memory_bytes / largest).unwrap_or(usize::MAX)
+    }
+
+    /// Adds the depth of views that have any, reduced as the options say, to those held; notes what is known
+    /// of it, and errors.
+    fn load(
+        &self,
+        mut views: Vec<usize>,
+        held: &mut Held,
+        known: &mut SceneOverlaps,
+        failures: &mut Vec<Failure>,
+    ) {
+        views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
+        // The progress that the context holds does not go to other threads.
+        let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
+        let load_one = |&i: &usize| -> Result<Option<(DepthFacts, PosedDepth)>, PairError> {
+            let view = &scene.views[i];
+            let Some(depth) = source.depth(scene, view)? else {
+                return Ok(None);
+            };
+            let Some(median_m) = median_depth_m(&depth) else {
+                return Ok(None);
+            };
+            let coverage = coverage(&depth);
+            let facts = DepthFacts { median_m, coverage };
+            let mut posed = PosedDepth::of_view(view, depth)?;
+            if let Some(side) = max_side {
+                posed = posed.reduced(side);
+            }
+            Ok(Some((facts, posed)))
+        };
+        for part in views.chunks(self.views_at_once(&views)) {
+            let loaded: Vec<_> = if source.in_parallel() {
+                part.par_iter().map(load_one).collect()
+            } else {
+                part.iter().map(load_one).collect()
+            };
+            for (&i, result) in part.iter().zip(loaded) {
+                match result {
+                    Ok(Some((facts, posed))) => {
+                        known.depths.insert(i, Some(facts));
+                        held.insert(i, posed);
+                    }
+                    Ok(None) => {
+                        known.depths.insert(i, None);
+                    }
+                    Err(error) => {
+                        known.failed.insert(i);
+                        failures.push((i, error));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Measures the couples of which both views are held.
+    fn between(
+        &self,
+        couples: &[(usize, usize)],
+        held: &Held,
+        others: &Held,
+        known: &mut SceneOverlaps,
+    ) {
+        let view = |i: usize| held.get(&i).or_else(|| others.get(&i));
+        let couples: Vec<_> = couples
+            .iter()
+            .filter_map(|&(a, b)| Some(((a, b), view(a)?, view(b)?)))
+            .collect();
+        let how = &self.how;
+        let measured: Vec<_> = couples
+            .par_iter()
+            .map(|&(key, a, b)| {
+                let share = |of, by| overlap(of, by, how).share(how.denominator);
+                let overlaps = share(a, b).zip(share(b, a));
+                (
+                    key,
+                    overlaps.map(|(a_in_b, b_in_a)| Overlaps { a_in_b, b_in_a }),
+                )
+            })
+            .collect();
+        known.couples.extend(measured);
+    }
+}
+
+fn full_bytes(view: &View) -> u64 {
+    u64::from(view.intrinsics.width) * u64::from(view.intrinsics.height) * size_of::<f32>() as u64
+}

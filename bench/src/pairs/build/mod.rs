@@ -1,0 +1,220 @@
+//! Scenes into pairs.
+
+mod measure;
+mod scene;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use sharp_datasets::{Pairing, Scene};
+
+use self::scene::SceneWork;
+use super::PairError;
+use super::depth::{DepthSource, GroundTruthDepth};
+use super::options::PairOptions;
+use super::overlap_cache::OverlapCache;
+use super::sampling::sample;
+
+/// An ordered pair of views: the target is to be predicted from the source. One row of a pair list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pair {
+    /// `dataset/scene/source__target`; see [`super::pair_id`].
+    pub pair_id: String,
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Number of the set within the scene, from 0; `None` for a stereo scene.
+    pub set: Option<u32>,
+    /// Id of the source view.
+    pub source: String,
+    /// Id of the target view.
+    pub target: String,
+    /// The source's photograph, relative to the dataset's folder, `/` between levels; empty for a
+    /// procedural view.
+    pub source_file: String,
+    /// The target's photograph, likewise.
+    pub target_file: String,
+    /// sha256 of the source's photograph; empty if it could not be read.
+    pub source_sha256: String,
+    /// sha256 of the target's photograph; empty if it could not be read.
+    pub target_sha256: String,
+    /// Distance of the two camera centres, metres.
+    pub baseline_m: f64,
+    /// Angle between the two cameras, degrees.
+    pub rotation_deg: f64,
+    /// Median depth of the target, metres; `None` without depth.
+    pub median_depth_m: Option<f64>,
+    /// Share of the target's pixels that the source sees; `None` without depth.
+    pub overlap: Option<f64>,
+    /// Share of the source's pixels that the target sees; `None` without depth.
+    pub overlap_source_to_target: Option<f64>,
+    /// Whether the sampling chose it for evaluation.
+    pub selected: bool,
+}
+
+/// What pair building needs besides scenes and options; nothing in it changes a pair, except for the
+/// depth that overlap is measured on.
+pub struct BuildContext<'a> {
+    /// Depth for overlap and for the median depth.
+    pub depth: &'a dyn DepthSource,
+    /// Folder of each dataset instance by name, to which file names become relative.
+    pub roots: BTreeMap<String, PathBuf>,
+    /// Depth maps held at once take no more memory than this, as long as two of them fit.
+    pub depth_memory_bytes: u64,
+    /// Overlaps that were measured before, where they are kept.
+    pub cache: Option<&'a OverlapCache>,
+    /// Settings of each dataset's reader by name, as stable text: depth depends on them.
+    pub settings: BTreeMap<String, String>,
+    /// Whether rows get the sha256 of their photographs; for counting they need none.
+    pub hash_photographs: bool,
+    /// Told after each scene: scenes done, scenes in all.
+    pub progress: &'a dyn Fn(usize, usize),
+}
+
+impl Default for BuildContext<'_> {
+    /// Ground-truth depth in at most 2 GiB, file names as they are, photographs hashed, no cache, no progress.
+    fn default() -> Self {
+        Self {
+            depth: &GroundTruthDepth,
+            roots: BTreeMap::new(),
+            depth_memory_bytes: 2 << 30,
+            cache: None,
+            settings: BTreeMap::new(),
+            hash_photographs: true,
+            progress: &|_, _| {},
+        }
+    }
+}
+
+/// The pairs of some scenes, and what became of those that are not among them.
+#[derive(Debug, Clone, Default)]
+pub struct PairBuild {
+    /// Qualified pairs, sorted bytewise by id.
+    pub pairs: Vec<Pair>,
+    /// Counts for each dataset, in order of their names.
+    pub summaries: BTreeMap<String, PairCounts>,
+    /// Files that could not be read. Stereo pairs stay; a multi-view view is treated as one without
+    /// depth.
+    pub problems: Vec<Problem>,
+}
+
+/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
+impl PairBuild {
+    /// Adds the pairs of other datasets; [`Self::finish`] brings all into order.
+    pub(super) fn append(&mut self, other: Self) {
+        self.pairs.extend(other.pairs);
+        self.summaries.extend(other.summaries);
+        self.problems.extend(other.problems);
+    }
+
+    /// Sorts by pair id.
+    ///
+    /// # Errors
+    /// [`PairError::DuplicatePair`] when two pairs share an id.
+    pub(super) fn finish(&mut self) -> Result<(), PairError> {
+        self.pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
+        match self.pairs.windows(2).find(|p| p[0].pair_id == p[1].pair_id) {
+            Some(twice) => Err(PairError::DuplicatePair(twice[0].pair_id.clone())),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Depth at less than this share of the pixels is sparse.
+pub const SPARSE_COVERAGE: f64 = 0.3;
+
+/// How the pairs of a dataset came to be so many.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PairCounts {
+    /// Scenes given.
+    pub scenes: usize,
+    /// Views given.
+    pub views: usize,
+    /// Of the multi-view scenes' views, those known to have depth.
+    pub with_depth: usize,
+    /// Of these, with depth at less than [`SPARSE_COVERAGE`] of their pixels.
+    pub with_sparse_depth: usize,
+    /// Sets formed, a stereo scene counting as one.
+    pub sets: usize,
+    /// Ordered pairs within the sets.
+    pub considered: usize,
+    /// Of these, nearer to each other than the minimal baseline.
+    pub too_near: usize,
+    /// Of these, without depth in one of the views.
+    pub without_depth: usize,
+    /// Of these, with too little overlap.
+    pub too_little_overlap: usize,
+    /// Of these, qualified.
+    pub qualified: usize,
+    /// Of the qualified, selected for evaluation.
+    pub selected: usize,
+}
+
+impl PairCounts {
+    /// True if most views that have depth have it at few of their pixels.
+    pub fn is_sparse(&self) -> bool {
+        2 * self.with_sparse_depth > self.with_depth
+    }
+}
+
+/// A view whose files could not be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Id of the view.
+    pub view: String,
+    /// Names the file and the reason.
+    pub reason: String,
+}
+
+/// Makes the pairs of all scenes.
+///
+/// A file that cannot be read is a [`Problem`], not an error: the rest of the scenes go on.
+///
+/// # Errors
+/// [`PairError::Options`]; [`PairError::DuplicatePair`] if two scenes share dataset and id, or
+/// two views of a scene their id.
+pub fn build_pairs(
+    scenes: &[Scene],
+    options: &PairOptions,
+    context: &BuildContext,
+) -> Result<PairBuild, PairError> {
+    options.validate()?;
+    let mut build = PairBuild::default();
+    for (done, scene) in scenes.iter().enumerate() {
+        let mut work = SceneWork::new(scene, options, context, &mut build);
+        match scene.pairing {
+            Pairing::Stereo { source, target } => work.stereo(source, target),
+            Pairing::MultiView => work.multi_view(),
+        }
+        (context.progress)(done + 1, scenes.len());
+    }
+    build.finish()?;
+    select(&mut build, options);
+    Ok(build)
+}
+
+fn select(build: &mut PairBuild, options: &PairOptions) {
+    for (dataset, counts) in &mut build.summaries {
+        let members: Vec<usize> = (0..build.pairs.len())
+            .filter(|&i| build.pairs[i].dataset == *dataset)
+            .collect();
+        let scenes: Vec<&str> = members
+            .iter()
+            .map(|&i| build.pairs[i].scene.as_str())
+            .collect();
+        let selected = sample(&scenes, &options.sampling);
+        for (&i, &selected) in members.iter().zip(&selected) {
+            build.pairs[i].selected = selected;
+        }
+        counts.qualified = members.len();
+        counts.selected = selected.iter().filter(|s| **s).count();
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,246 @@
+//! The pairs of one scene.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use sharp::camera::baseline_m;
+use sharp_datasets::{Scene, View};
+
+use super::measure::{Failure, Measuring};
+use super::{BuildContext, Pair, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
+use crate::pairs::PairError;
+use crate::pairs::options::{MissingDepth, PairOptions, PairOrder};
+use crate::pairs::overlap_cache::SceneOverlaps;
+use crate::pairs::pair_id::PairName;
+use crate::pairs::sets::view_sets;
+
+/// One scene on its way into a [`PairBuild`].
+pub(super) struct SceneWork<'a> {
+    scene: &'a Scene,
+    options: &'a PairOptions,
+    context: &'a BuildContext<'a>,
+    build: &'a mut PairBuild,
+    /// What was measured, now or earlier.
+    known: SceneOverlaps,
+    /// The name that it is kept under.
+    key: Option<String>,
+}
+
+impl<'a> SceneWork<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        options: &'a PairOptions,
+        context: &'a BuildContext<'a>,
+        build: &'a mut PairBuild,
+    ) -> Self {
+        let settings = context.settings.get(&scene.dataset);
+        let settings = settings.map_or("", String::as_str);
+        let key = context
+            .cache
+            .and_then(|cache| cache.key(scene, settings, context.depth, &options.measuring()));
+        let known = match (context.cache, &key) {
+            (Some(cache), Some(key)) => cache.load(key, scene.views.len()),
+            _ => SceneOverlaps::default(),
+        };
+        Self {
+            scene,
+            options,
+            context,
+            build,
+            known,
+            key,
+        }
+    }
+
+    /// Measures what is not known, keeps it, and notes what could not be read.
+    fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<Failure>) {
+        let before = self.known.clone();
+        let measuring = Measuring::new(self.scene, self.options, self.context);
+        for (view, error) in work(&measuring, &mut self.known) {
+            self.problem(view, &error);
+        }
+        if let (Some(cache), Some(key)) = (self.context.cache, &self.key)
+            && before != self.known
+        {
+            cache.store(key, &self.known);
+        }
+    }
+
+    fn counts(&mut self) -> &mut PairCounts {
+        self.build
+            .summaries
+            .entry(self.scene.dataset.clone())
+            .or_default()
+    }
+
+    /// The one pair of a stereo scene.
+    pub(super) fn stereo(&mut self, source: usize, target: usize) {
+        let views = self.scene.views.len();
+        let counts = self.counts();
+        counts.scenes += 1;
+        counts.views += views;
+        counts.sets += 1;
+        counts.considered += 1;
+        if self.baseline(source, target) < self.options.min_baseline_m {
+            self.counts().too_near += 1;
+            return;
+        }
+        let (a, b) = (source.min(target), source.max(target));
+        self.measuring(|work, known| work.measure(&[a, b], known));
+        self.add(&[(source, target, None)]);
+    }
+
+    /// The pairs within the sets of a multi-view scene.
+    pub(super) fn multi_view(&mut self) {
+        let scene = self.scene;
+        let views = self.views_in_sets();
+        let sets = view_sets(views.len(), &self.options.sets);
+        let counts = self.counts();
+        counts.scenes += 1;
+        counts.views += scene.views.len();
+        counts.sets += sets.len();
+        for (number, set) in sets.iter().enumerate() {
+            let set: Vec<usize> = set.iter().map(|&i| views[i]).collect();
+            self.measuring(|work, known| work.measure(&set, known));
+            let mut qualified = Vec::new();
+            for &source in &set {
+                for &target in &set {
+                    let ordered = match self.options.order {
+                        PairOrder::Both => source != target,
+                        PairOrder::Once => source < target,
+                    };
+                    if ordered && self.qualifies(source, target) {
+                        qualified.push((source, target, u32::try_from(number).ok()));
+                    }
+                }
+            }
+            self.add(&qualified);
+        }
+        self.count_depth();
+    }
+
+    /// Notes how many views have depth, and of how many it is sparse.
+    fn count_depth(&mut self) {
+        let known: Vec<f64> = (0..self.scene.views.len())
+            .filter_map(|i| Some(self.known.depths.get(&i)?.as_ref()?.coverage))
+            .collect();
+        let counts = self.counts();
+        counts.with_depth += known.len();
+        counts.with_sparse_depth += known.iter().filter(|c| **c < SPARSE_COVERAGE).count();
+    }
+
+    /// Views that take part in forming sets.
+    fn views_in_sets(&mut self) -> Vec<usize> {
+        let all: Vec<usize> = (0..self.scene.views.len()).collect();
+        if self.options.missing_depth != MissingDepth::LeaveOut {
+            return all;
+        }
+        self.measuring(|work, known| work.find_depth(&all, known));
+        let kept = all.into_iter();
+        kept.filter(|i| matches!(self.known.depths.get(i), Some(Some(_))))
+            .collect()
+    }
+
+    fn qualifies(&mut self, source: usize, target: usize) -> bool {
+        self.counts().considered += 1;
+        if self.baseline(source, target) < self.options.min_baseline_m {
+            self.counts().too_near += 1;
+            return false;
+        }
+        let Some((overlap, source_to_target)) = self.known.overlaps(source, target) else {
+            self.counts().without_depth += 1;
+            return self.options.missing_depth == MissingDepth::Accept;
+        };
+        let enough = self.options.overlap_qualifies(overlap, source_to_target);
+        if !enough {
+            self.counts().too_little_overlap += 1;
+        }
+        enough
+    }
+
+    fn baseline(&self, a: usize, b: usize) -> f64 {
+        let pose = |i: usize| &self.scene.views[i].camera_from_world;
+        baseline_m(pose(a), pose(b))
+    }
+
+    /// Turns qualified `(source, target, set)` into rows.
+    fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
+        let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
+        used.retain(|_| self.context.hash_photographs);
+        let hashes: Vec<_> = used
+            .par_iter()
+            .map(|&i| (i, self.scene.views[i].content.image_sha256()))
+            .collect();
+        let mut sha256 = BTreeMap::new();
+        for (i, hash) in hashes {
+            match hash {
+                Ok(hash) => {
+                    sha256.insert(i, hash);
+                }
+                Err(error) => self.problem(i, &error.into()),
+            }
+        }
+        let root = self.context.roots.get(&self.scene.dataset);
+        for &(source, target, set) in qualified {
+            let (s, t) = (&self.scene.views[source], &self.scene.views[target]);
+            let name = PairName {
+                dataset: self.scene.dataset.clone(),
+                scene: self.scene.id.clone(),
+                source: s.id.clone(),
+                target: t.id.clone(),
+            };
+            let overlaps = self.known.overlaps(source, target);
+            let depth = self.known.depths.get(&target).copied().flatten();
+            let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
+            let pair = Pair {
+                pair_id: name.encode(),
+                dataset: name.dataset,
+                scene: name.scene,
+                set,
+                source: name.source,
+                target: name.target,
+                source_file: relative_file(s, root),
+                target_file: relative_file(t, root),
+                source_sha256: hash(source),
+                target_sha256: hash(target),
+                baseline_m: self.baseline(source, target),
+                rotation_deg: t
+                    .camera_from_world
+                    .after(&s.camera_from_world.inverse())
+                    .rotation_deg(),
+                median_depth_m: depth.map(|depth| depth.median_m),
+                overlap: overlaps.map(|(overlap, _)| overlap),
+                overlap_source_to_target: overlaps.map(|(_, reverse)| reverse),
+                selected: false,
+            };
+            self.build.pairs.push(pair);
+        }
+    }
+
+    fn problem(&mut self, view: usize, error: &PairError) {
+        let problem = Problem {
+            dataset: self.scene.dataset.clone(),
+            scene: self.scene.id.clone(),
+            view: self.scene.views[view].id.clone(),
+            reason: error.to_string(),
+        };
+        if !self.build.problems.contains(&problem) {
+            self.build.problems.push(problem);
+        }
+    }
+}
+
+/// The photograph's file relative to the dataset's folder, with `/` between levels.
+fn relative_file(view: &View, root: Option<&PathBuf>) -> String {
+    let Some(file) = view.content.image_file() else {
+        return String::new();
+    };
+    let inside = root.and_then(|root| file.strip_prefix(root).ok());
+    let parts: Vec<_> = inside
+        .unwrap_or(file)
+        .components()
+        .map(|part| part.as_os_str().to_string_lossy())
+        .collect();
+    parts.join("/").replacen("//", "/", 1)
+}

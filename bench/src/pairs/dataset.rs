@@ -1,0 +1,187 @@
+//! Datasets as they were opened, with the pair options given for each.
+
+use std::path::PathBuf;
+
+use globset::{Glob, GlobMatcher};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use sharp_datasets::{DatasetSpec, Scene};
+
+use super::error::PairError;
+
+/// Starts a key of a dataset that is a pair option, so that it cannot collide with a reading.
+const PAIR_OPTION: &str = "pairs.";
+
+/// A dataset with the scenes found in it.
+#[derive(Debug, Clone)]
+pub struct OpenDataset {
+    /// Its column group in tables.
+    pub name: String,
+    /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
+    pub spec: String,
+    /// The reader, as in `FORMAT=`.
+    pub format: &'static str,
+    /// The dataset's folder; `None` for a procedural one.
+    pub root: Option<PathBuf>,
+    /// The reader and its settings, whatever the folder: what decides which views the same files mean.
+    pub settings: String,
+    /// Readings of the paper that the settings stand for.
+    pub readings: Vec<DatasetReading>,
+    /// Pair options of this dataset alone, `key=value` by commas; empty where the common ones hold.
+    pub pair_options: String,
+    /// The scenes that are evaluated.
+    pub scenes: Vec<Scene>,
+}
+
+/// One setting in force.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct DatasetReading {
+    /// The setting.
+    pub key: String,
+    /// Its value.
+    pub value: String,
+    /// True where the value is known to differ from what the paper did.
+    pub proxy: bool,
+}
+
+impl OpenDataset {
+    /// Opens datasets; names must be unique, because they are columns. `scenes` is a pattern with `*` and `?` that
+    /// scene ids have to match.
+    ///
+    /// # Errors
+    /// When a dataset cannot be read, a name occurs twice, or no scene matches.
+    pub fn open_all(specs: &[String], scenes: Option<&str>) -> Result<Vec<Self>, PairError> {
+        let matcher = scenes.map(scene_matcher).transpose()?;
+        let mut open: Vec<Self> = Vec::new();
+        for text in specs {
+            let dataset = Self::open(text, matcher.as_ref())?;
+            if open.iter().any(|other| other.name == dataset.name) {
+                let reason = format!(
+                    "the name '{}' is taken; give this one NAME:",
+                    dataset.name
+                );
+                return Err(PairError::DatasetSpec {
+                    spec: text.clone(),
+                    reason,
+                });
+            }
+            open.push(dataset);
+        }
+        if open.iter().all(|dataset| dataset.scenes.is_empty()) {
+            return Err(PairError::NoScene(scenes.unwrap_or("*").to_owned()));
+        }
+        Ok(open)
+    }
+
+    fn open(text: &str, scenes: Option<&GlobMatcher>) -> Result<Self, PairError> {
+        let (plain, pair_options) = split_pair_options(text);
+        let spec = DatasetSpec::parse(&plain)?;
+        let mut found = sharp_datasets::open(&spec)?;
+        if let Some(scenes) = scenes {
+            found.retain(|scene| scenes.is_match(&scene.id));
+        }
+        let readings = spec.readings().into_iter();
+        Ok(Self {
+            format: spec.format,
+            settings: format!("{} {:?}", spec.format, spec.settings),
+            readings: readings
+                .map(|(key, value, proxy)| DatasetReading {
+                    key: key.to_string(),
+                    value: value.to_string(),
+                    proxy,
+                })
+                .collect(),
+            root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
+            name: spec.name,
+            spec: plain,
+            pair_options,
+            scenes: found,
+        })
+    }
+
+    /// What the reader said about its scenes, for the manifest.
+    pub fn notes(&self) -> Vec<String> {
+        let of_scene = |scene: &Scene| {
+            let notes = scene.notes.iter();
+            notes
+                .map(|note| format!("{}: {note}", scene.id))
+                .collect::<Vec<_>>()
+        };
+        self.scenes.iter().flat_map(of_scene).collect()
+    }
+
+    /// The settings in force, `key=value` by commas.
+    pub fn readings_text(&self) -> String {
+        let readings = self.readings.iter();
+        let texts: Vec<String> = readings.map(|r| format!("{}={}", r.key, r.value)).collect();
+        texts.join(",")
+    }
+}
+
+/// All scenes of some datasets, in their order.
+pub fn scenes_of(datasets: &[OpenDataset]) -> Vec<Scene> {
+    let scenes = datasets.iter().flat_map(|dataset| &dataset.scenes);
+    scenes.cloned().collect()
+}
+
+/// Ids may hold any character, also those that are special in shell patterns: only `*` and `?` are here.
+fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
+    let plain: String = pattern
+        .chars()
+        .flat_map(|c| match c {
+            '*' | '?' => vec![c],
+            '[' | ']' | '{' | '}' | '!' | '\\' | ',' => vec!['[', c, ']'],
+            c => vec![c],
+        })
+        .collect();
+    match Glob::new(&plain.replace("[\\]", "\\\\")) {
+        Ok(glob) => Ok(glob.compile_matcher()),
+        Err(error) => Err(PairError::Recipe(format!("--scenes {pattern}: {error}"))),
+    }
+}
+
+/// `eth3d=PATH,pairs.overlap=given` into `eth3d=PATH` and `overlap=given`.
+fn split_pair_options(text: &str) -> (String, String) {
+    let (options, plain): (Vec<&str>, Vec<&str>) = text
+        .split(',')
+        .partition(|part| part.trim_start().starts_with(PAIR_OPTION));
+    let bare = |option: &&str| option.trim_start()[PAIR_OPTION.len()..].to_owned();
+    let options: Vec<String> = options.iter().map(bare).collect();
+    (plain.join(","), options.join(","))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_match_by_wildcards_and_nothing_else_is_special() {
+        let matches = |pattern: &str, id: &str| scene_matcher(pattern).unwrap().is_match(id);
+        for (pattern, id) in [
+            ("*", ""),
+            ("*", "a/b"),
+            ("Moto*", "Motorcycle"),
+            ("*cycle", "Motorcycle"),
+            ("M?t*", "Motorcycle"),
+            ("a[1]{b}", "a[1]{b}"),
+            ("a\\b!,", "a\\b!,"),
+        ] {
+            assert!(matches(pattern, id), "{pattern} {id}");
+        }
+        for (pattern, id) in [("Moto", "Motorcycle"), ("a[1]", "a1"), ("{a,b}", "a"), ("?", "")] {
+            assert!(!matches(pattern, id), "{pattern} {id}");
+        }
+    }
+
+    #[test]
+    fn pair_options_of_a_dataset_are_told_from_its_readings() {
+        let (plain, options) =
+            split_pair_options("E:eth3d=a/b,pairs.overlap=given,depth=points,pairs.overlap-depth=d");
+        assert_eq!(plain, "E:eth3d=a/b,depth=points");
+        assert_eq!(options, "overlap=given,overlap-depth=d");
+        let text = "S:synthetic=size=48x36,views=4,pairs.threshold=0.5".to_owned();
+        let open = OpenDataset::open_all(&[text], None).unwrap();
+        assert_eq!(open[0].spec, "S:synthetic=size=48x36,views=4");
+        assert_eq!(open[0].pair_options, "threshold=0.5");
+    }
+}

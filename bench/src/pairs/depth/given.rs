@@ -1,0 +1,244 @@
+//! Depth maps that someone else predicted: `--overlap-depth DIR`.
+
+use std::path::{Path, PathBuf};
+
+use sharp::resize::nearest;
+use sharp_datasets::format::read_map;
+use sharp_datasets::{DepthMap, Scene, View};
+
+use super::DepthSource;
+use crate::io::hash::{file_sha256, sha256_hex};
+use crate::pairs::PairError;
+use crate::pairs::pair_id::{scene_path, view_name};
+use crate::pairs::valid_depth::is_valid_depth;
+
+/// What a map's name may end in.
+const EXTENSIONS: [&str; 5] = ["npy", "npz", "exr", "pfm", "png"];
+
+/// Metres of one level of a 16-bit PNG.
+const PNG_UNIT_M: f64 = 0.001;
+
+/// Reads `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`, each part percent-encoded as in pair ids.
+///
+/// z-depth (neither disparity nor ray length) of the pictures as they are scored, which is what `cameras export`
+/// writes: floats in metres, 16-bit PNG in millimetres; values that are not finite or not positive mean no depth. A map
+/// of another size but the same shape is brought to the picture's size by taking the nearest value.
+#[derive(Debug, Clone)]
+pub struct GivenDepth {
+    dir: PathBuf,
+}
+
+impl GivenDepth {
+    /// Maps in a folder.
+    ///
+    /// # Errors
+    /// [`PairError::Depth`] if there is no such folder.
+    pub fn open(dir: &Path) -> Result<Self, PairError> {
+        if !dir.is_dir() {
+            return Err(wrong(dir, "is not a folder"));
+        }
+        Ok(Self {
+            dir: dir.to_owned(),
+        })
+    }
+
+    /// How many of the scenes' views have a map, and one sha256 over all those maps and their names.
+    ///
+    /// # Errors
+    /// [`PairError::Depth`] for a view with two maps, [`PairError::File`] for one that cannot be read.
+    pub fn digest(&self, scenes: &[Scene]) -> Result<(usize, String), PairError> {
+        let mut lines = Vec::new();
+        for scene in scenes {
+            for view in &scene.views {
+                if let Some(file) = self.find(scene, view)? {
+                    let hash = file_sha256(&file)?;
+                    let name = stem(scene, view);
+                    lines.push(format!("{name} {hash}\n"));
+                }
+            }
+        }
+        lines.sort();
+        Ok((lines.len(), sha256_hex(lines.concat().as_bytes())))
+    }
+
+    fn find(&self, scene: &Scene, view: &View) -> Result<Option<PathBuf>, PairError> {
+        let stem = self.dir.join(stem(scene, view));
+        let found: Vec<PathBuf> = EXTENSIONS
+            .iter()
+            // Not with the extension replaced: a view's name may hold a dot.
+            .map(|extension| PathBuf::from(format!("{}.{extension}", stem.display())))
+            .filter(|path| path.is_file())
+            .collect();
+        match found.as_slice() {
+            [] => Ok(None),
+            [file] => Ok(Some(file.clone())),
+            [first, second, ..] => Err(wrong(
+                first,
+                &format!("ambiguous, {} exists too", second.display()),
+            )),
+        }
+    }
+}
+
+fn stem(scene: &Scene, view: &View) -> String {
+    let folder = scene_path(&scene.dataset, &scene.id);
+    format!("{folder}/{}", view_name(&view.id))
+}
+
+fn wrong(path: &Path, reason: &str) -> PairError {
+    PairError::Depth {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+impl DepthSource for GivenDepth {
+    fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError> {
+        let Some(file) = self.find(scene, view)? else {
+            let expected = self.dir.join(stem(scene, view));
+            let reason = format!("no depth map (looked for .{})", EXTENSIONS.join(", ."));
+            return Err(wrong(&expected, &reason));
+        };
+        let map = read_map(&file)?;
+        let unit = if file.extension().is_some_and(|e| e == "png") {
+            PNG_UNIT_M
+        } else {
+            1.0
+        };
+        let (w, h) = map.dimensions();
+        let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
+        // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
+        let other = f64::from(w) * f64::from(to_h) / f64::from(to_w);
+        if (w, h) != (to_w, to_h) && (other - f64::from(h)).abs() > 1.0 {
+            return Err(PairError::DepthSize {
+                what: file.display().to_string(),
+                depth: (w, h),
+                camera: (to_w, to_h),
+            });
+        }
+        let metres: Vec<f32> = map
+            .iter()
+            .map(|z| (f64::from(*z) * unit) as f32)
+            .map(|z| if is_valid_depth(z) { z } else { 0.0 })
+            .collect();
+        let resized = nearest(
+            &metres,
+            (w as usize, h as usize),
+            (to_w as usize, to_h as usize),
+        );
+        let map = DepthMap::from_vec(to_w, to_h, resized);
+        map.map(Some).ok_or_else(|| wrong(&file, "is too large"))
+    }
+
+    fn name(&self) -> String {
+        "given".to_owned()
+    }
+
+    fn files(&self, scene: &Scene, view: &View) -> Vec<PathBuf> {
+        self.find(scene, view).ok().flatten().into_iter().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pairs::depth::{GroundTruthDepth, ScaledToGroundTruth};
+    use crate::pairs::test_scene::{Depth, row};
+    use image::Luma;
+    use sharp_datasets::format::{FloatMap, depth_png, npy};
+
+    fn write(dir: &Path, name: &str, map: &FloatMap) -> PathBuf {
+        let path = dir.join("d/s").join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        if name.ends_with("png") {
+            depth_png::write(&path, map).unwrap();
+        } else {
+            npy::write(&path, map).unwrap();
+        }
+        path
+    }
+
+    #[test]
+    fn maps_are_found_by_name_and_brought_to_size_and_scale() {
+        let dir = tempfile::tempdir().unwrap();
+        let scene = row(
+            "d",
+            "s",
+            0.1,
+            &[Depth::Wall(2.0), Depth::Wall(2.0), Depth::Absent],
+        )
+        .scene;
+        // A quarter of the size, in someone's own unit, with a hole.
+        let mut map = FloatMap::from_pixel(50, 5, Luma([0.5]));
+        map.put_pixel(0, 0, Luma([f32::NAN]));
+        write(dir.path(), "v0.npy", &map);
+        write(
+            dir.path(),
+            "v1.png",
+            &FloatMap::from_pixel(100, 10, Luma([1500.0])),
+        );
+        write(dir.path(), "v2.npy", &map);
+        let given = GivenDepth::open(dir.path()).unwrap();
+        let plain = given.depth(&scene, &scene.views[0]).unwrap().unwrap();
+        assert_eq!(plain.dimensions(), (100, 10));
+        assert_eq!(plain.get_pixel(0, 0).0, [0.0]);
+        assert_eq!(plain.get_pixel(2, 0).0, [0.5]);
+        let millimetres = given.depth(&scene, &scene.views[1]).unwrap().unwrap();
+        assert_eq!(millimetres.get_pixel(0, 0).0, [1.5]);
+
+        let scaled = ScaledToGroundTruth(given.clone());
+        let metric = scaled.depth(&scene, &scene.views[0]).unwrap().unwrap();
+        assert_eq!(metric.get_pixel(99, 9).0, [2.0]);
+        assert_eq!(scaled.name(), "given,median-scaled-to-ground-truth");
+        // Without depth of its own, a view has no scale.
+        assert!(scaled.depth(&scene, &scene.views[2]).unwrap().is_none());
+        assert!(GroundTruthDepth.files(&scene, &scene.views[0]).is_empty());
+        assert_eq!(
+            scaled.files(&scene, &scene.views[1]),
+            [dir.path().join("d/s/v1.png")]
+        );
+        let (maps, digest) = given.digest(std::slice::from_ref(&scene)).unwrap();
+        assert_eq!((maps, digest.len()), (3, 64));
+        std::fs::remove_file(dir.path().join("d/s/v2.npy")).unwrap();
+        assert_ne!(
+            given.digest(std::slice::from_ref(&scene)).unwrap().1,
+            digest
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_map_is_said_with_its_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let scene = row("d", "s", 0.1, &[Depth::Wall(2.0); 3]).scene;
+        let given = GivenDepth::open(dir.path()).unwrap();
+        let depth = |view: usize| {
+            given
+                .depth(&scene, &scene.views[view])
+                .unwrap_err()
+                .to_string()
+        };
+        let absent = depth(0);
+        assert!(
+            absent.contains("v0") && absent.contains("no depth map"),
+            "{absent}"
+        );
+        let map = FloatMap::from_pixel(100, 10, Luma([1.0]));
+        write(dir.path(), "v0.npy", &map);
+        write(dir.path(), "v0.png", &map);
+        assert!(depth(0).contains("ambiguous"));
+        write(
+            dir.path(),
+            "v1.npy",
+            &FloatMap::from_pixel(50, 50, Luma([1.0])),
+        );
+        let shape = depth(1);
+        assert!(
+            shape.contains("v1.npy") && shape.contains("50x50"),
+            "{shape}"
+        );
+        std::fs::write(dir.path().join("d/s/v2.npy"), b"\x93NUMPY").unwrap();
+        assert!(depth(2).contains("v2.npy"));
+        let nowhere = GivenDepth::open(&dir.path().join("nowhere")).unwrap_err();
+        assert!(nowhere.to_string().contains("nowhere"));
+    }
+}

@@ -1,0 +1,217 @@
+//! One pair as a foreign method needs it: `pair.json`.
+
+use std::collections::BTreeMap;
+
+use glam::DMat3;
+use serde::Serialize;
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp_datasets::View;
+
+use super::pair_id::PairName;
+
+/// Changes whenever a reader of an earlier `pair.json` would misunderstand it.
+pub const FORMAT: u32 = 1;
+
+/// A pair in words and numbers: both cameras, the motion between them, what is expected back. Nothing in it tells of
+/// the target's content.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PairDescription {
+    /// [`FORMAT`].
+    pub format: u32,
+    /// `dataset/scene/source__target`, each part percent-encoded.
+    pub pair_id: String,
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// The view to predict from.
+    pub source: ViewDescription,
+    /// The view to predict.
+    pub target: ViewDescription,
+    /// Intrinsics of the source picture, 3×3 row by row, pixels.
+    #[serde(rename = "K_s")]
+    pub k_s: [f64; 9],
+    /// Intrinsics of the target picture.
+    #[serde(rename = "K_t")]
+    pub k_t: [f64; 9],
+    /// 4×4 row by row: X_target = target_from_source · X_source, metres.
+    pub target_from_source: [f64; 16],
+    /// Where the prediction is looked for, and of which size.
+    pub prediction: ExpectedPrediction,
+    /// What the numbers above mean.
+    pub conventions: BTreeMap<&'static str, &'static str>,
+}
+
+/// A view's name and the size of its picture.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ViewDescription {
+    /// The dataset's name of the view.
+    pub id: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+}
+
+/// What a method should hand back.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ExpectedPrediction {
+    /// Relative to the folder that is named by `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are accepted too.
+    pub file: String,
+    /// Pixels.
+    pub width: u32,
+    /// Pixels.
+    pub height: u32,
+}
+
+impl PairDescription {
+    /// What a foreign method needs to know of a pair.
+    pub fn new(pair_id: &str, source: &PosedCamera, target: &PosedCamera) -> Self {
+        let (dataset, scene) = match PairName::decode(pair_id) {
+            Ok(name) => (name.dataset, name.scene),
+            Err(_) => (String::new(), String::new()),
+        };
+        Self {
+            format: FORMAT,
+            pair_id: pair_id.to_owned(),
+            dataset,
+            scene,
+            source: source.into(),
+            target: target.into(),
+            k_s: row_major(source.intrinsics.matrix()),
+            k_t: row_major(target.intrinsics.matrix()),
+            target_from_source: source.to(target).to_row_major(),
+            prediction: ExpectedPrediction {
+                file: format!("{pair_id}.png"),
+                width: target.intrinsics.width,
+                height: target.intrinsics.height,
+            },
+            conventions: conventions(),
+        }
+    }
+}
+
+/// The camera of a view: all that a method may know of its target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PosedCamera {
+    /// Id of the view.
+    pub id: String,
+    /// Pixels; the picture has its width and height.
+    pub intrinsics: Intrinsics,
+    /// World-to-camera extrinsics, metres.
+    pub camera_from_world: RigidTransform,
+}
+
+impl PosedCamera {
+    /// Width and height, pixels.
+    pub fn size(&self) -> (u32, u32) {
+        (self.intrinsics.width, self.intrinsics.height)
+    }
+
+    /// Maps points from this camera's coordinates to another's.
+    pub fn to(&self, other: &Self) -> RigidTransform {
+        other
+            .camera_from_world
+            .after(&self.camera_from_world.inverse())
+    }
+}
+
+impl From<&View> for PosedCamera {
+    fn from(view: &View) -> Self {
+        Self {
+            id: view.id.clone(),
+            intrinsics: view.intrinsics,
+            camera_from_world: view.camera_from_world,
+        }
+    }
+}
+
+impl From<&PosedCamera> for ViewDescription {
+    fn from(camera: &PosedCamera) -> Self {
+        Self {
+            id: camera.id.clone(),
+            width: camera.intrinsics.width,
+            height: camera.intrinsics.height,
+        }
+    }
+}
+
+pub(crate) fn row_major(matrix: DMat3) -> [f64; 9] {
+    matrix.transpose().to_cols_array()
+}
+
+/// The conventions of every camera and picture that is exported.
+pub(crate) fn conventions() -> BTreeMap<&'static str, &'static str> {
+    BTreeMap::from([
+        (
+            "axes",
+            "OpenCV camera: x right, y down, z forward (viewing direction)",
+        ),
+        ("units", "metres for translations and depth, pixels for K"),
+        (
+            "pixels",
+            "pixel (column i, row j) has its centre at (i + 0.5, j + 0.5); K maps to these coordinates (COLMAP's \
+             convention; subtract 0.5 from cx and cy for integer centres, OpenCV's)",
+        ),
+        (
+            "matrices",
+            "row by row, for column vectors; target_from_source maps points from source-camera to target-camera \
+             coordinates",
+        ),
+        (
+            "projection",
+            "(u z, v z, z) = K X for X in that camera's coordinates; no skew, no distortion",
+        ),
+        (
+            "pictures",
+            "8-bit sRGB, undistorted and resized: exactly the pixels that are scored; those that the dataset's masks exclude \
+             are black and not scored",
+        ),
+        (
+            "depth",
+            "z-depth (not ray length), float32 [height, width], 0 where there is none",
+        ),
+        (
+            "prediction",
+            "the target view as sRGB at the target's full size, top row first",
+        ),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_of_the_source_lands_where_the_description_says() {
+        let spec = sharp_datasets::DatasetSpec::parse("synthetic=size=64x48,views=4").unwrap();
+        let scenes = sharp_datasets::open(&spec).unwrap();
+        let (s, t) = (&scenes[0].views[0], &scenes[0].views[2]);
+        let described = PairDescription::new("synthetic/a/x__y", &s.into(), &t.into());
+        assert_eq!(
+            (described.dataset.as_str(), described.scene.as_str()),
+            ("synthetic", "a")
+        );
+        assert_eq!(described.prediction.file, "synthetic/a/x__y.png");
+        // A point in front of the source, through the numbers of the description alone.
+        let point = [0.1, -0.2, 3.0, 1.0];
+        let m = described.target_from_source;
+        let moved: Vec<f64> = (0..3)
+            .map(|r| (0..4).map(|c| m[4 * r + c] * point[c]).sum())
+            .collect();
+        let k = described.k_t;
+        let homogeneous: Vec<f64> = (0..3)
+            .map(|r| (0..3).map(|c| k[3 * r + c] * moved[c]).sum())
+            .collect();
+        let world = s
+            .camera_from_world
+            .inverse()
+            .apply(glam::DVec3::new(0.1, -0.2, 3.0));
+        let expected = t
+            .intrinsics
+            .project(t.camera_from_world.apply(world))
+            .unwrap();
+        assert!((homogeneous[0] / homogeneous[2] - expected.x).abs() < 1e-9);
+        assert!((homogeneous[1] / homogeneous[2] - expected.y).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,52 @@
+//! Which pairs are evaluated, and the geometry that decides it.
+//!
+//! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs
+//! a dataset; everything it leaves open is an option of [`PairOptions`], printed with the result.
+//!
+//! * [`random`]: the generator behind every seeded choice.
+//! * [`sets`]: views into sets of ten.
+//! * [`depth`]: depth maps joined with their cameras, and where they come from.
+//! * [`overlap`]: how much of one view another one sees; [`overlap_cache`]: what was measured before.
+//! * [`options`]: every open choice, with its default and its text form.
+//! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
+//! * [`dataset`]: datasets as they were opened, with the pair options given for each.
+//! * [`build`]: scenes into pairs; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
+//! * [`description`]: one pair in JSON, and the cameras of its views.
+//! * [`provenance`]: how a list came about, for manifests.
+//! * [`ambiguity`]: how far the open choices move the pairs.
+//! * [`sampling`]: which qualified pairs are evaluated.
+//! * [`pair_list`]: pairs as a file that can be published, verified and compared.
+//! * [`alignment`]: the global scale between predicted and ground-truth depth.
+//! * [`valid_depth`]: which depths count, their median and share.
+
+pub mod advice;
+pub mod alignment;
+pub mod ambiguity;
+pub mod build;
+pub mod dataset;
+pub mod depth;
+pub mod description;
+pub mod error;
+pub mod options;
+pub mod overlap;
+pub mod overlap_cache;
+pub mod pair_id;
+pub mod pair_list;
+pub mod provenance;
+pub mod random;
+pub mod recipe;
+pub mod sampling;
+pub mod sets;
+#[cfg(test)]
+mod test_scene;
+pub mod valid_depth;
+
+pub use build::{BuildContext, Pair, PairBuild, build_pairs};
+pub use dataset::OpenDataset;
+pub use description::PosedCamera;
+pub use error::PairError;
+pub use options::PairOptions;
+pub use overlap_cache::OverlapCache;
+pub use pair_list::PairList;
+pub use provenance::PairProvenance;
+pub use recipe::PairRecipe;

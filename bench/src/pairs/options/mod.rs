@@ -1,0 +1,233 @@
+//! Every choice that the paper leaves open, with its default and a text form.
+//!
+//! The text is one line of `key=value` joined by commas, in a fixed order; it is what the command line
+//! accepts (any subset, in any order), what is printed beside a result and what manifests store.
+//!
+//! * `choices`: choices with names of their own.
+//! * `keys`: the table behind reading, writing and `pairs --help`.
+//! * `text`: words and numbers of the text form.
+//! * [`paper`]: which values are known to differ from what the paper did.
+
+mod choices;
+mod keys;
+pub mod paper;
+#[cfg(test)]
+mod tests;
+mod text;
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use self::keys::KEYS;
+
+pub use self::choices::{MissingDepth, OverlapDepth, OverlapDirection, PairOrder};
+use super::PairError;
+use super::overlap::{DepthLookup, OverlapOptions, OverlapTest};
+use super::sampling::SamplingOptions;
+use super::sets::SetOptions;
+
+/// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with values and defaults.
+///
+/// Sets, depth and overlap concern multi-view scenes; a stereo scene's one pair has its overlap measured
+/// and always qualifies. `min-baseline`, `limit` and what follows concern both.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[schemars(with = "BTreeMap<String, String>")]
+#[serde(into = "BTreeMap<String, String>", try_from = "BTreeMap<String, String>")]
+pub struct PairOptions {
+    /// How views form sets.
+    pub sets: SetOptions,
+    /// Whether both directions are pairs.
+    pub order: PairOrder,
+    /// What happens to views without depth.
+    pub missing_depth: MissingDepth,
+    /// Whose depth decides overlap.
+    pub depth: OverlapDepth,
+    /// How overlap is measured.
+    pub overlap: OverlapOptions,
+    /// Which of the two overlaps counts.
+    pub direction: OverlapDirection,
+    /// Least overlap.
+    pub threshold: f64,
+    /// Whether an overlap equal to the threshold qualifies.
+    pub threshold_qualifies: bool,
+    /// Least distance of the two cameras, metres.
+    pub min_baseline_m: f64,
+    /// Which of the qualified pairs are evaluated.
+    pub sampling: SamplingOptions,
+}
+
+impl Default for PairOptions {
+    fn default() -> Self {
+        Self {
+            sets: SetOptions::default(),
+            order: PairOrder::Both,
+            missing_depth: MissingDepth::Reject,
+            depth: OverlapDepth::GroundTruth,
+            overlap: OverlapOptions::default(),
+            direction: OverlapDirection::TargetInSource,
+            threshold: 0.60,
+            threshold_qualifies: false,
+            min_baseline_m: 0.0,
+            sampling: SamplingOptions::default(),
+        }
+    }
+}
+
+impl PairOptions {
+    /// True if a pair of these two overlaps qualifies.
+    pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
+        let overlap = self.direction.of(target_in_source, source_in_target);
+        overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
+    }
+
+    /// These options with some changed; `text` is as for parsing.
+    ///
+    /// # Errors
+    /// [`PairError::Options`] if a change is none or makes no sense with the rest.
+    pub fn with(&self, text: &str) -> Result<Self, PairError> {
+        let mut options = self.clone();
+        let mut seen = Vec::new();
+        for entry in text.split(',').map(str::trim).filter(|e| !e.is_empty()) {
+            let (key, value) = entry.split_once('=').ok_or_else(|| {
+                PairError::Options(format!("'{entry}' is not of the form key=value"))
+            })?;
+            if seen.contains(&key) {
+                return Err(PairError::Options(format!("'{key}' is given twice")));
+            }
+            seen.push(key);
+            options.set(key, value)?;
+        }
+        options.validate()?;
+        Ok(options)
+    }
+
+    /// How overlap is measured, with what the source of depth asks for.
+    pub fn measuring(&self) -> OverlapOptions {
+        let mut options = self.overlap;
+        if let OverlapDepth::Sparse { radius } = self.depth {
+            options.lookup = DepthLookup::Window { radius };
+        }
+        options
+    }
+
+    /// Checks what the types leave open.
+    ///
+    /// # Errors
+    /// [`PairError::Options`] names the key and what it may be.
+    pub fn validate(&self) -> Result<(), PairError> {
+        let wrong =
+            |key: &str, what: &str| Err(PairError::Options(format!("{key} has to be {what}")));
+        let not_negative = |v: f64| v.is_finite() && v >= 0.0;
+        if self.sets.size < 2 {
+            return wrong("size", "2 or more");
+        }
+        if self.overlap.stride == 0 {
+            return wrong("stride", "1 or more");
+        }
+        let looks_itself = matches!(self.depth, OverlapDepth::Sparse { .. });
+        if looks_itself && self.overlap.lookup != DepthLookup::Nearest {
+            return wrong(
+                "lookup",
+                "left alone with overlap=sparse, which looks around",
+            );
+        }
+        if self.overlap.max_side == Some(0) {
+            return wrong("max-side", "1 or more");
+        }
+        let tolerances = match self.overlap.test {
+            OverlapTest::Frustum => [0.0; 3],
+            OverlapTest::Consistent { relative } => [relative, 0.0, 0.0],
+            OverlapTest::AbsoluteRelative {
+                absolute_m,
+                relative,
+                min_depth_m,
+            } => [absolute_m, relative, min_depth_m],
+        };
+        if !tolerances.into_iter().all(not_negative) {
+            return wrong("test", "given finite tolerances of 0 or more");
+        }
+        if !not_negative(self.threshold) {
+            return wrong("threshold", "a number of 0 or more");
+        }
+        if !not_negative(self.min_baseline_m) {
+            return wrong("min-baseline", "a number of 0 or more");
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, key: &str, value: &str) -> Result<(), PairError> {
+        let Some(known) = KEYS.iter().find(|known| known.name == key) else {
+            let names: Vec<&str> = KEYS.iter().map(|known| known.name).collect();
+            return Err(PairError::Options(format!(
+                "unknown key '{key}'; known: {}",
+                names.join(", ")
+            )));
+        };
+        (known.set)(self, known.name, value)
+    }
+
+    /// Every key with its value as text, in the order of [`PairOptions::help`].
+    pub fn entries(&self) -> Vec<(&'static str, String)> {
+        let entries = KEYS.iter().map(|key| (key.name, (key.get)(self)));
+        entries.collect()
+    }
+
+    /// Every key with the values that it takes, its default and its meaning; two lines each, indented by two blanks.
+    pub fn help() -> String {
+        let default = Self::default();
+        let lines = KEYS.iter().map(|key| {
+            format!(
+                "  {:<14} {}\n{:17}default {}; {}\n",
+                key.name,
+                (key.values)(),
+                "",
+                (key.get)(&default),
+                key.meaning
+            )
+        });
+        lines.collect()
+    }
+}
+
+impl fmt::Display for PairOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, (key, value)) in self.entries().into_iter().enumerate() {
+            let comma = if i == 0 { "" } else { "," };
+            write!(f, "{comma}{key}={value}")?;
+        }
+        Ok(())
+    }
+}
+
+impl FromStr for PairOptions {
+    type Err = PairError;
+
+    /// Defaults, changed by the given keys; the empty text is all defaults. A repeated key is an error.
+    fn from_str(text: &str) -> Result<Self, PairError> {
+        Self::default().with(text)
+    }
+}
+
+/// Every key with its value: the form in manifests.
+impl From<PairOptions> for BTreeMap<String, String> {
+    fn from(options: PairOptions) -> Self {
+        let entries = options.entries().into_iter();
+        entries.map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+}
+
+impl TryFrom<BTreeMap<String, String>> for PairOptions {
+    type Error = PairError;
+
+    fn try_from(entries: BTreeMap<String, String>) -> Result<Self, PairError> {
+        let mut options = Self::default();
+        for (key, value) in &entries {
+            options.set(key, value)?;
+        }
+        options.validate()?;
+        Ok(options)
+    }
+}

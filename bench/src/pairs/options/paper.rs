@@ -1,0 +1,160 @@
+//! Values that are known to differ from what the paper did. What the paper leaves open is not among them.
+//!
+//! It states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is sparse,
+//! min(512, all) pairs, and for stereo datasets every left frame to its right one.
+
+use super::{MissingDepth, OverlapDepth, PairOptions};
+use crate::pairs::sets::Grouping;
+
+/// How readings that are known to differ from the paper are marked wherever they are shown.
+pub const PROXY: &str = "proxy: differs from the paper";
+
+/// What overlap rests on in the paper, for a kind of dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PaperOverlap {
+    /// Nothing: stereo pairs are not chosen by overlap.
+    None,
+    /// The dataset's own depth.
+    Dense,
+    /// Predicted depth, scaled to the dataset's sparse one.
+    Sparse,
+}
+
+impl PaperOverlap {
+    /// Of a dataset format by its name; a multi-view format that the paper does not use counts as dense.
+    pub fn of_format(format: &str) -> Self {
+        match format {
+            "middlebury" | "booster" | "stereo" => Self::None,
+            "eth3d" | "tanks-and-temples" => Self::Sparse,
+            _ => Self::Dense,
+        }
+    }
+
+    fn is_papers(self, depth: OverlapDepth) -> bool {
+        match self {
+            Self::None => true,
+            Self::Dense => depth == OverlapDepth::GroundTruth,
+            Self::Sparse => depth == OverlapDepth::Given,
+        }
+    }
+}
+
+/// Pairs of a dataset that the paper evaluates at most.
+const LIMIT: usize = 512;
+
+/// Keys whose values are known to differ from the paper on some kinds of datasets, of which so many pairs were selected; in
+/// the order of the text form.
+fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
+    let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::None);
+    // A limit that nothing was cut by is as good as any other.
+    let cut_otherwise = match options.sampling.limit {
+        Some(limit) if limit < LIMIT => pairs >= limit,
+        Some(LIMIT) => false,
+        _ => !stereo && pairs > LIMIT,
+    };
+    let of_multi_view = [
+        ("sets", options.sets.grouping == Grouping::Whole),
+        ("size", options.sets.size != 10),
+        (
+            "missing-depth",
+            options.missing_depth == MissingDepth::Accept,
+        ),
+        (
+            "overlap",
+            !kinds.iter().any(|kind| kind.is_papers(options.depth)),
+        ),
+        ("threshold", options.threshold != 0.6),
+        ("at-threshold", options.threshold_qualifies),
+    ];
+    let of_all = [
+        ("min-baseline", options.min_baseline_m > 0.0),
+        ("limit", cut_otherwise),
+    ];
+    let of_multi_view = of_multi_view.into_iter().filter(|_| !stereo);
+    let all = of_multi_view.chain(of_all);
+    all.filter(|(_, differs)| *differs)
+        .map(|(key, _)| key)
+        .collect()
+}
+
+impl PairOptions {
+    /// `key=value` of every value that is known to differ from what the paper did with such a dataset, of which so many
+    /// pairs were selected.
+    pub fn proxies_on(&self, kind: PaperOverlap, pairs: usize) -> Vec<String> {
+        self.named(&differing(self, &[kind], pairs))
+    }
+
+    /// `key=value` of every value that is known to differ from what the paper did with any of its multi-view datasets.
+    pub fn proxies(&self) -> Vec<String> {
+        self.named(&differing(
+            self,
+            &[PaperOverlap::Dense, PaperOverlap::Sparse],
+            usize::MAX,
+        ))
+    }
+
+    fn named(&self, keys: &[&str]) -> Vec<String> {
+        let entries = self.entries().into_iter();
+        let kept = entries.filter(|(key, _)| keys.contains(key));
+        kept.map(|(key, value)| format!("{key}={value}")).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn proxies(text: &str) -> String {
+        text.parse::<PairOptions>().unwrap().proxies().join(",")
+    }
+
+    #[test]
+    fn what_the_paper_states_is_a_proxy_when_changed_and_what_it_leaves_open_is_not() {
+        for stated in [
+            "size=5",
+            "sets=whole",
+            "missing-depth=accept",
+            "overlap=sparse:8",
+            "overlap=sharp-release",
+            "overlap=given-metric",
+            "threshold=0.5",
+            "at-threshold=in",
+            "min-baseline=0.1",
+            "limit=all",
+            "limit=100",
+        ] {
+            assert_eq!(proxies(stated), stated);
+        }
+        for open in [
+            "",
+            "sets=strided,remainder=drop,max-sets=3,order=once,missing-depth=leave-out",
+            "overlap=given,test=frustum,denominator=all,stride=4,max-side=512,direction=min",
+            "overlap=ground-truth,lookup=bilinear,sampling=per-scene,seed=3",
+        ] {
+            assert_eq!(proxies(open), "");
+        }
+    }
+
+    #[test]
+    fn kinds_of_datasets_differ() {
+        let on = |text: &str, format: &str| {
+            let options: PairOptions = text.parse().unwrap();
+            options
+                .proxies_on(PaperOverlap::of_format(format), 24)
+                .join(",")
+        };
+        assert_eq!(on("", "eth3d"), "overlap=ground-truth");
+        assert_eq!(on("overlap=given", "tanks-and-temples"), "");
+        assert_eq!(on("", "scannetpp"), "");
+        assert_eq!(on("overlap=given", "wildrgbd"), "overlap=given");
+        assert_eq!(on("size=5,overlap=sparse,limit=all", "middlebury"), "");
+        assert_eq!(
+            on("limit=20,min-baseline=1", "booster"),
+            "min-baseline=1,limit=20"
+        );
+        // Nothing was cut.
+        assert_eq!(on("limit=25", "booster"), "");
+        assert_eq!(on("limit=all", "scannetpp"), "");
+        assert_eq!(on("limit=24", "scannetpp"), "limit=24");
+    }
+}

@@ -1,0 +1,270 @@
+//! Overlaps that were measured before, by content.
+//!
+//! A scene's table is named by a hash of everything that its numbers depend on: the sources of this program, the
+//! reader's settings, every view's camera and the bytes of its files, where depth comes from, and how overlap is
+//! measured. What it does not depend on (sets, thresholds, sampling) is not part of the name, so that one table serves
+//! them all; it grows with the views that were asked about.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use sharp_datasets::Scene;
+
+use super::depth::DepthSource;
+use crate::io::fingerprints;
+use super::overlap::OverlapOptions;
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::hash::sha256_hex;
+use crate::io::view_hashes::ViewHashes;
+
+/// Changes with the form of the files.
+const FORMAT: u32 = 2;
+
+/// The two overlaps of views a < b, by index into the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct Overlaps {
+    /// Share of a's pixels that b sees.
+    pub(super) a_in_b: f64,
+    /// Share of b's pixels that a sees.
+    pub(super) b_in_a: f64,
+}
+
+/// What is known of a view's depth at its full size.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct DepthFacts {
+    /// Median of the valid depths, metres.
+    pub(super) median_m: f64,
+    /// Share of pixels with valid depth, above 0.
+    pub(super) coverage: f64,
+}
+
+/// What is known of a scene under one way of measuring.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct SceneOverlaps {
+    /// `None` for a view without valid depth.
+    pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
+    /// Of views a < b with valid depth.
+    pub(super) couples: BTreeMap<(usize, usize), Option<Overlaps>>,
+    /// Views whose depth could not be read. Never stored: the file may be mended.
+    pub(super) failed: BTreeSet<usize>,
+}
+
+impl SceneOverlaps {
+    /// True if nothing has to be measured to know these two views' overlaps.
+    pub(super) fn knows(&self, a: usize, b: usize) -> bool {
+        let key = (a.min(b), a.max(b));
+        self.couples.contains_key(&key) || self.has_none(a) || self.has_none(b)
+    }
+
+    /// The share of the target that the source sees, and of the source that the target sees; `None` without depth.
+    pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
+        let key = (source.min(target), source.max(target));
+        let found = self.couples.get(&key).copied().flatten()?;
+        Some(if target < source {
+            (found.a_in_b, found.b_in_a)
+        } else {
+            (found.b_in_a, found.a_in_b)
+        })
+    }
+
+    /// True if the view is known to have no depth that could be used.
+    pub(super) fn has_none(&self, view: usize) -> bool {
+        self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
+    }
+}
+
+/// A table as a file.
+#[derive(Serialize, Deserialize)]
+struct TableFile {
+    format: u32,
+    key: String,
+    /// sha256 of the content's JSON, so that a damaged file is noticed.
+    sha256: String,
+    content: Content,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Content {
+    depths: Vec<(usize, Option<DepthFacts>)>,
+    couples: Vec<(usize, usize, Option<Overlaps>)>,
+}
+
+impl Content {
+    fn sha256(&self) -> Option<String> {
+        Some(sha256_hex(&serde_json::to_vec(self).ok()?))
+    }
+}
+
+/// Tables of scenes, in memory and, where it has a folder, in files. A file that cannot be used is as good as none,
+/// and so is one that cannot be written; both are said.
+#[derive(Debug, Default)]
+pub struct OverlapCache {
+    folder: Option<PathBuf>,
+    tables: Mutex<BTreeMap<String, SceneOverlaps>>,
+    hashes: ViewHashes,
+    warnings: Mutex<Vec<String>>,
+}
+
+impl OverlapCache {
+    /// Forgets everything at its end.
+    pub fn in_memory() -> Self {
+        Self::default()
+    }
+
+    /// Keeps files in a folder, which need not exist.
+    pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            folder: Some(folder.into()),
+            ..Self::default()
+        }
+    }
+
+    /// The folder in the user's cache; see [`sharp_metrics::weights::user_cache`].
+    pub fn users_folder() -> Option<PathBuf> {
+        Some(sharp_metrics::weights::user_cache()?.join("overlap"))
+    }
+
+    /// What could not be read or written, once each, and forgets it.
+    pub fn take_warnings(&self) -> Vec<String> {
+        std::mem::take(&mut *lock(&self.warnings))
+    }
+
+    /// The name of a scene's table. `None` if a file cannot be hashed: then nothing is stored.
+    pub(super) fn key(
+        &self,
+        scene: &Scene,
+        settings: &str,
+        depth: &dyn DepthSource,
+        options: &OverlapOptions,
+    ) -> Option<String> {
+        let views: Option<Vec<String>> = scene
+            .views
+            .par_iter()
+            .map(|view| {
+                let mut text = format!("{} {}", view.id, self.hashes.view(view).ok()?);
+                for file in depth.files(scene, view) {
+                    text += &format!(" {}", self.hashes.file(&file).ok()?);
+                }
+                Some(text)
+            })
+            .collect();
+        let text = format!(
+            "{FORMAT} {}\n{settings}\n{}\n{options:?}\n{}",
+            fingerprints::OVERLAP,
+            depth.name(),
+            views?.join("\n")
+        );
+        Some(sha256_hex(text.as_bytes()))
+    }
+
+    /// What is known under a name; nothing if there is no file or it cannot be used.
+    pub(super) fn load(&self, key: &str, views: usize) -> SceneOverlaps {
+        if let Some(table) = lock(&self.tables).get(key) {
+            return table.clone();
+        }
+        let Some(path) = self.path(key) else {
+            return SceneOverlaps::default();
+        };
+        match read(&path, key, views) {
+            Ok(table) => table.unwrap_or_default(),
+            Err(reason) => {
+                self.warn(format!(
+                    "{}: {reason}; overlaps are measured anew",
+                    path.display()
+                ));
+                SceneOverlaps::default()
+            }
+        }
+    }
+
+    /// Keeps what is known under a name.
+    pub(super) fn store(&self, key: &str, table: &SceneOverlaps) {
+        let table = SceneOverlaps {
+            failed: BTreeSet::new(),
+            ..table.clone()
+        };
+        if let Some(path) = self.path(key)
+            && let Err(reason) = write(&path, key, &table)
+        {
+            self.warn(format!("{reason}; overlaps are not kept"));
+        }
+        lock(&self.tables).insert(key.to_owned(), table);
+    }
+
+    fn path(&self, key: &str) -> Option<PathBuf> {
+        let (folder, _) = key.split_at_checked(2)?;
+        Some(
+            self.folder
+                .as_ref()?
+                .join(folder)
+                .join(format!("{key}.json")),
+        )
+    }
+
+    fn warn(&self, warning: String) {
+        let mut warnings = lock(&self.warnings);
+        if !warnings.contains(&warning) {
+            warnings.push(warning);
+        }
+    }
+}
+
+/// Nothing here panics while it holds a lock half-way through a change.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, String> {
+    let bytes = match fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error.to_string()),
+    };
+    let file: TableFile =
+        serde_json::from_slice(&bytes).map_err(|error| format!("damaged ({error})"))?;
+    if file.format != FORMAT || file.key != key {
+        return Err("it is another scene's table".to_owned());
+    }
+    if file.content.sha256().as_ref() != Some(&file.sha256) {
+        return Err("damaged (its checksum differs)".to_owned());
+    }
+    let table = SceneOverlaps {
+        depths: file.content.depths.into_iter().collect(),
+        couples: file
+            .content
+            .couples
+            .into_iter()
+            .map(|(a, b, overlaps)| ((a, b), overlaps))
+            .collect(),
+        failed: BTreeSet::new(),
+    };
+    let known = table.depths.keys().all(|view| *view < views)
+        && table.couples.keys().all(|(a, b)| a < b && *b < views);
+    known
+        .then_some(Some(table))
+        .ok_or_else(|| "it names views that the scene does not have".to_owned())
+}
+
+fn write(path: &Path, key: &str, table: &SceneOverlaps) -> Result<(), FileError> {
+    let content = Content {
+        depths: table.depths.iter().map(|(view, d)| (*view, *d)).collect(),
+        couples: table
+            .couples
+            .iter()
+            .map(|((a, b), overlaps)| (*a, *b, *overlaps))
+            .collect(),
+    };
+    let encode = |error: serde_json::Error| FileError::new(path, "encode")(error.into());
+    let file = TableFile {
+        format: FORMAT,
+        key: key.to_owned(),
+        sha256: content.sha256().unwrap_or_default(),
+        content,
+    };
+    write_atomic(path, &serde_json::to_vec(&file).map_err(encode)?)
+}

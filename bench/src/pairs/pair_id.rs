@@ -1,0 +1,180 @@
+//! The name of a pair: `dataset/scene/source__target`.
+//!
+//! Each of the four parts is percent-encoded from its UTF-8 bytes. Kept as they are: ASCII letters and
+//! digits, `-`, `.`, `_` and `~` (RFC 3986's unreserved characters); everything else, a `/` within a
+//! scene's id included, becomes `%XX` with upper-case digits. Two further rules make the id decodable
+//! and a safe relative path:
+//! * a `_` that begins or ends its part, or stands next to another `_`, is encoded, so that the only
+//!   `__` is the one between source and target;
+//! * a `.` that begins or ends its part is encoded, so that no part is `.`, `..` or hidden.
+//!
+//! Any percent-decoder (Python's `urllib.parse.unquote`) undoes it after splitting at `/` and `__`.
+
+use super::PairError;
+
+/// The four names that a pair id consists of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PairName {
+    /// Name of the dataset instance.
+    pub dataset: String,
+    /// Id of the scene.
+    pub scene: String,
+    /// Id of the source view.
+    pub source: String,
+    /// Id of the target view.
+    pub target: String,
+}
+
+impl PairName {
+    /// The id.
+    pub fn encode(&self) -> String {
+        format!(
+            "{}/{}/{}__{}",
+            encode_part(&self.dataset),
+            encode_part(&self.scene),
+            encode_part(&self.source),
+            encode_part(&self.target)
+        )
+    }
+
+    /// Reads an id back.
+    ///
+    /// # Errors
+    /// [`PairError::PairId`] unless the text is exactly what [`Self::encode`] writes, so that one
+    /// pair has one id.
+    pub fn decode(id: &str) -> Result<Self, PairError> {
+        let wrong = |reason: &str| PairError::PairId {
+            text: id.to_owned(),
+            reason: reason.to_owned(),
+        };
+        let [dataset, scene, views] = <[&str; 3]>::try_from(id.split('/').collect::<Vec<_>>())
+            .map_err(|_| wrong("not of the form dataset/scene/source__target"))?;
+        let (source, target) = views
+            .split_once("__")
+            .ok_or_else(|| wrong("no '__' between source and target"))?;
+        let part = |text| decode_part(text).ok_or_else(|| wrong("bad percent-encoding"));
+        let name = Self {
+            dataset: part(dataset)?,
+            scene: part(scene)?,
+            source: part(source)?,
+            target: part(target)?,
+        };
+        if name.encode() == id {
+            Ok(name)
+        } else {
+            Err(wrong("not in the canonical encoding"))
+        }
+    }
+}
+
+/// `dataset/scene`, encoded as in pair ids: a folder of things that belong to views.
+pub fn scene_path(dataset: &str, scene: &str) -> String {
+    format!("{}/{}", encode_part(dataset), encode_part(scene))
+}
+
+/// A view's name, encoded as in pair ids: the stem of a file that belongs to it.
+pub fn view_name(view: &str) -> String {
+    encode_part(view)
+}
+
+fn encode_part(text: &str) -> String {
+    let bytes = text.as_bytes();
+    let mut out = String::with_capacity(bytes.len());
+    for (i, &b) in bytes.iter().enumerate() {
+        let edge = i == 0 || i + 1 == bytes.len();
+        let keep = match b {
+            b'_' => !edge && bytes[i - 1] != b'_' && bytes[i + 1] != b'_',
+            b'.' => !edge,
+            _ => b.is_ascii_alphanumeric() || b == b'-' || b == b'~',
+        };
+        if keep {
+            out.push(char::from(b));
+        } else {
+            out.push('%');
+            for digit in [b >> 4, b & 15] {
+                out.push(char::from(b"0123456789ABCDEF"[usize::from(digit)]));
+            }
+        }
+    }
+    out
+}
+
+fn decode_part(text: &str) -> Option<String> {
+    let mut out = Vec::with_capacity(text.len());
+    let mut bytes = text.bytes();
+    while let Some(b) = bytes.next() {
+        if b == b'%' {
+            let mut digit = || char::from(bytes.next()?).to_digit(16);
+            let (high, low) = (digit()?, digit()?);
+            out.push((high * 16 + low) as u8);
+        } else {
+            out.push(b);
+        }
+    }
+    String::from_utf8(out).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn name(dataset: &str, scene: &str, source: &str, target: &str) -> PairName {
+        PairName {
+            dataset: dataset.into(),
+            scene: scene.into(),
+            source: source.into(),
+            target: target.into(),
+        }
+    }
+
+    #[test]
+    fn plain_names_stay_readable() {
+        let id = name("middlebury", "Motorcycle-perfect", "im0", "im1").encode();
+        assert_eq!(id, "middlebury/Motorcycle-perfect/im0__im1");
+        let id = name("w", "cup/scene_000", "00000", "00012").encode();
+        assert_eq!(id, "w/cup%2Fscene_000/00000__00012");
+    }
+
+    #[test]
+    fn what_could_mislead_is_encoded() {
+        let id = name("a b", "..", "x_", "_y__z").encode();
+        assert_eq!(id, "a%20b/%2E%2E/x%5F__%5Fy%5F%5Fz");
+        assert_eq!(
+            name("é", "50%", "a\n", ".").encode(),
+            "%C3%A9/50%25/a%0A__%2E"
+        );
+    }
+
+    #[test]
+    fn ids_that_are_not_canonical_are_refused() {
+        for id in [
+            "a/b",
+            "a/b/c",
+            "a/b/c_d",
+            "a/b/c__d/e",
+            "a/b/c__d__e",
+            "a/b/c___d",
+            "a/b/c%5f__d",
+            "a/b/%63__d",
+            "a/b/c%__d",
+            "a/b/c%4__d",
+            "a/b/c%+1__d",
+            "a/b/c%FF__d",
+            "a/../c__d",
+            "a/b/c d__e",
+        ] {
+            let error = PairName::decode(id).unwrap_err().to_string();
+            assert!(error.contains(id), "{error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_name_comes_back(parts in proptest::array::uniform4("[a-b_./% \u{e9}\n]{0,6}|\\PC{0,4}")) {
+            let [dataset, scene, source, target] = parts;
+            let name = PairName { dataset, scene, source, target };
+            prop_assert_eq!(PairName::decode(&name.encode()).unwrap(), name);
+        }
+    }
+}

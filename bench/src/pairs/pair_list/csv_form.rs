@@ -1,0 +1,135 @@
+//! Rows of a pair list as CSV.
+
+use std::str::FromStr;
+
+use crate::pairs::pair_id::PairName;
+use crate::pairs::build::Pair;
+
+/// The columns, in order.
+pub const COLUMNS: [&str; 16] = [
+    "pair_id",
+    "dataset",
+    "scene",
+    "set",
+    "source",
+    "target",
+    "source_file",
+    "target_file",
+    "source_sha256",
+    "target_sha256",
+    "baseline_m",
+    "rotation_deg",
+    "median_depth_m",
+    "overlap",
+    "overlap_source_to_target",
+    "selected",
+];
+
+pub(super) fn to_csv(pairs: &[Pair]) -> String {
+    let mut text = COLUMNS.join(",");
+    text.push('\n');
+    for pair in pairs {
+        let fields = fields(pair).map(|field| quoted(&field));
+        text.push_str(&fields.join(","));
+        text.push('\n');
+    }
+    text
+}
+
+/// RFC 4180: quotes around a field only where it needs them.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}
+
+/// A row as text, in the order of [`COLUMNS`].
+pub(super) fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
+    fn or_empty<T: ToString>(value: Option<T>) -> String {
+        value.map(|v| v.to_string()).unwrap_or_default()
+    }
+    [
+        pair.pair_id.clone(),
+        pair.dataset.clone(),
+        pair.scene.clone(),
+        or_empty(pair.set),
+        pair.source.clone(),
+        pair.target.clone(),
+        pair.source_file.clone(),
+        pair.target_file.clone(),
+        pair.source_sha256.clone(),
+        pair.target_sha256.clone(),
+        pair.baseline_m.to_string(),
+        pair.rotation_deg.to_string(),
+        or_empty(pair.median_depth_m),
+        or_empty(pair.overlap),
+        or_empty(pair.overlap_source_to_target),
+        pair.selected.to_string(),
+    ]
+}
+
+pub(super) fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
+    let field = |i: usize| row.get(i).unwrap_or_default();
+    let text = |i: usize| field(i).to_owned();
+    let number = |i: usize| -> Result<f64, String> {
+        let value = field(i).parse::<f64>().ok();
+        value
+            .filter(|v| v.is_finite() && *v >= 0.0)
+            .ok_or_else(|| wrong_field(i, field(i), "a number of 0 or more"))
+    };
+    let number_or_none = |i: usize| {
+        if field(i).is_empty() {
+            Ok(None)
+        } else {
+            number(i).map(Some)
+        }
+    };
+    let hash = |i: usize| {
+        let is_digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
+        let value = field(i);
+        if value.is_empty() || (value.len() == 64 && value.bytes().all(is_digit)) {
+            Ok(value.to_owned())
+        } else {
+            Err(wrong_field(i, value, "64 lower-case hexadecimal digits"))
+        }
+    };
+    let pair = Pair {
+        pair_id: text(0),
+        dataset: text(1),
+        scene: text(2),
+        set: match field(3) {
+            "" => None,
+            number => {
+                Some(u32::from_str(number).map_err(|_| wrong_field(3, number, "a set's number"))?)
+            }
+        },
+        source: text(4),
+        target: text(5),
+        source_file: text(6),
+        target_file: text(7),
+        source_sha256: hash(8)?,
+        target_sha256: hash(9)?,
+        baseline_m: number(10)?,
+        rotation_deg: number(11)?,
+        median_depth_m: number_or_none(12)?,
+        overlap: number_or_none(13)?,
+        overlap_source_to_target: number_or_none(14)?,
+        selected: bool::from_str(field(15))
+            .map_err(|_| wrong_field(15, field(15), "true or false"))?,
+    };
+    let name = PairName::decode(&pair.pair_id).map_err(|error| error.to_string())?;
+    let columns = [&pair.dataset, &pair.scene, &pair.source, &pair.target];
+    if [&name.dataset, &name.scene, &name.source, &name.target] != columns {
+        return Err(format!(
+            "pair id '{}' disagrees with the row's dataset, scene, source and target",
+            pair.pair_id
+        ));
+    }
+    Ok(pair)
+}
+
+fn wrong_field(column: usize, value: &str, expected: &str) -> String {
+    format!("{} is '{value}', not {expected}", COLUMNS[column])
+}

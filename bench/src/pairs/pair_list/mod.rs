@@ -1,0 +1,202 @@
+//! Pairs as a file that can be published, verified against someone's files and compared.
+//!
+//! CSV with one header line, `\n` at line ends, rows sorted bytewise by `pair_id`, numbers in the
+//! shortest form that reads back to the same value, an empty field where a value is unknown,
+//! `selected` as `true` or `false`. The sha256 of a list is that of the file.
+
+mod csv_form;
+mod diff;
+mod verify;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use sharp_datasets::{Scene, View};
+
+pub use self::csv_form::COLUMNS;
+use self::csv_form::{parse_row, to_csv};
+pub use self::diff::{FieldChange, ListDiff};
+pub use self::verify::{HashMismatch, MovedCamera, Verification};
+use super::PairError;
+use super::build::Pair;
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::hash::sha256_hex;
+
+/// A list of pairs and where each came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PairList {
+    /// What errors call the list: its file.
+    pub path: PathBuf,
+    /// The rows in file order.
+    pub pairs: Vec<Pair>,
+    /// sha256 of the file, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+    lines: Vec<u64>,
+}
+
+impl PairList {
+    /// A list of pairs that were just made, for [`Self::write`].
+    pub fn new(path: impl Into<PathBuf>, mut pairs: Vec<Pair>) -> Self {
+        pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
+        let sha256 = sha256_hex(to_csv(&pairs).as_bytes());
+        Self {
+            path: path.into(),
+            lines: (2..).take(pairs.len()).collect(),
+            pairs,
+            sha256,
+        }
+    }
+
+    /// Reads and checks a list.
+    ///
+    /// # Errors
+    /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong: a
+    /// missing column, a number that is none, an id that disagrees with its row, a pair given twice.
+    pub fn read(path: &Path) -> Result<Self, PairError> {
+        let bytes = fs::read(path).map_err(FileError::new(path, "read"))?;
+        Self::parse(path, &bytes)
+    }
+
+    /// As [`Self::read`], from bytes; `path` is for errors only.
+    ///
+    /// # Errors
+    /// As [`Self::read`], without the first.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, PairError> {
+        let wrong = |line: u64, reason: String| PairError::List {
+            path: path.to_owned(),
+            line,
+            reason,
+        };
+        let mut reader = csv::Reader::from_reader(bytes);
+        let header = reader
+            .headers()
+            .map_err(|error| wrong(1, error.to_string()))?;
+        if !header.iter().eq(COLUMNS) {
+            return Err(wrong(
+                1,
+                format!("the columns have to be {}", COLUMNS.join(",")),
+            ));
+        }
+        let mut list = Self {
+            path: path.to_owned(),
+            pairs: Vec::new(),
+            lines: Vec::new(),
+            sha256: sha256_hex(bytes),
+        };
+        let mut seen = BTreeSet::new();
+        let mut row = csv::StringRecord::new();
+        loop {
+            let line = reader.position().line();
+            match reader.read_record(&mut row) {
+                Ok(false) => return Ok(list),
+                Ok(true) => {}
+                Err(error) => return Err(wrong(line, error.to_string())),
+            }
+            let line = row.position().map_or(line, csv::Position::line);
+            let pair = parse_row(&row).map_err(|reason| wrong(line, reason))?;
+            if !seen.insert(pair.pair_id.clone()) {
+                return Err(wrong(
+                    line,
+                    format!("pair '{}' is given twice", pair.pair_id),
+                ));
+            }
+            list.pairs.push(pair);
+            list.lines.push(line);
+        }
+    }
+
+    /// The file's content.
+    pub fn to_csv(&self) -> String {
+        to_csv(&self.pairs)
+    }
+
+    /// Writes the list to its path: whole or not at all.
+    ///
+    /// # Errors
+    /// [`PairError::File`].
+    pub fn write(&self) -> Result<(), PairError> {
+        Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
+    }
+
+    /// Finds the views of the pairs. Pairs that are not selected are resolved too.
+    ///
+    /// # Errors
+    /// [`PairError::List`] naming the line and what is absent from the scenes.
+    pub fn resolve<'a>(
+        &'a self,
+        scenes: &'a [Scene],
+    ) -> Result<Vec<ResolvedPair<'a>>, PairError> {
+        let mut by_name = BTreeMap::new();
+        for scene in scenes {
+            let views: BTreeMap<&str, &View> =
+                scene.views.iter().map(|v| (v.id.as_str(), v)).collect();
+            by_name.insert((scene.dataset.as_str(), scene.id.as_str()), (scene, views));
+        }
+        let resolve_one = |(pair, &line): (&'a Pair, &u64)| {
+            let absent = |what: String| PairError::List {
+                path: self.path.clone(),
+                line,
+                reason: what,
+            };
+            let (scene, views) = by_name
+                .get(&(pair.dataset.as_str(), pair.scene.as_str()))
+                .ok_or_else(|| absent(absent_scene(pair, scenes)))?;
+            let view = |id: &str| {
+                views.get(id).copied().ok_or_else(|| {
+                    absent(format!(
+                        "view '{id}' is not in scene '{}' of dataset '{}'",
+                        pair.scene, pair.dataset
+                    ))
+                })
+            };
+            Ok(ResolvedPair {
+                pair,
+                scene,
+                source: view(&pair.source)?,
+                target: view(&pair.target)?,
+            })
+        };
+        self.pairs
+            .iter()
+            .zip(&self.lines)
+            .map(resolve_one)
+            .collect()
+    }
+}
+
+/// A pair with the views that it names.
+#[derive(Debug, Clone, Copy)]
+pub struct ResolvedPair<'a> {
+    /// The row.
+    pub pair: &'a Pair,
+    /// Its scene.
+    pub scene: &'a Scene,
+    /// The view to predict from.
+    pub source: &'a View,
+    /// The view to predict.
+    pub target: &'a View,
+}
+
+fn absent_scene(pair: &Pair, scenes: &[Scene]) -> String {
+    if scenes.iter().any(|scene| scene.dataset == pair.dataset) {
+        return format!(
+            "scene '{}' is not in dataset '{}'",
+            pair.scene, pair.dataset
+        );
+    }
+    let given: BTreeSet<&str> = scenes.iter().map(|s| s.dataset.as_str()).collect();
+    let given: Vec<&str> = given.into_iter().collect();
+    format!(
+        "dataset '{}' is not given; given: {}",
+        pair.dataset,
+        if given.is_empty() {
+            "none".to_owned()
+        } else {
+            given.join(", ")
+        }
+    )
+}
+
+#[cfg(test)]
+mod tests;

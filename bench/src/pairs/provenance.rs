@@ -1,0 +1,102 @@
+//! How a pair list came about: from building it, or from the file beside it.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::options::PairOptions;
+use super::options::paper::PaperOverlap;
+use super::pair_list::PairList;
+use crate::io::atomic_files::{FileError, write_json};
+
+/// How the pairs of one dataset were chosen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PairProvenance {
+    /// Every open choice of the protocol.
+    pub options: PairOptions,
+    /// Whose depth decided overlap.
+    pub overlap_depth: String,
+    /// The depth maps that were handed in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlap_depth_maps: Option<DepthMaps>,
+    /// sha256 of the checkpoint whose depth decided overlap.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlap_checkpoint: Option<String>,
+}
+
+/// Depth maps that someone handed in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct DepthMaps {
+    /// Views that have one.
+    pub count: usize,
+    /// Over all of them, by name.
+    pub sha256: String,
+}
+
+impl PairProvenance {
+    /// The choices that are known to differ from the paper's on a dataset of a format, of which `selected` pairs were
+    /// selected, as `key=value`.
+    pub fn proxies(&self, format: &str, selected: usize) -> Vec<String> {
+        self.options
+            .proxies_on(PaperOverlap::of_format(format), selected)
+    }
+}
+
+/// `FILE.json` beside a list `FILE`: the list's columns hold the pairs, this holds the choices behind them.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct ListCompanion {
+    /// Version of this file's layout.
+    schema: u32,
+    /// sha256 of the list that it belongs to.
+    pub sha256: String,
+    /// How each dataset's pairs were chosen.
+    pub choices: BTreeMap<String, PairProvenance>,
+    /// The datasets as given.
+    pub datasets: Vec<String>,
+    /// Version of the harness.
+    version: String,
+}
+
+/// See [`ListCompanion::schema`].
+const SCHEMA: u32 = 2;
+
+impl ListCompanion {
+    /// What belongs beside a list.
+    pub fn new(
+        list: &PairList,
+        choices: &BTreeMap<String, PairProvenance>,
+        datasets: &[String],
+    ) -> Self {
+        Self {
+            schema: SCHEMA,
+            sha256: list.sha256.clone(),
+            choices: choices.clone(),
+            datasets: datasets.to_vec(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        }
+    }
+
+    /// Where the companion of a list lies.
+    pub fn path(list: &Path) -> PathBuf {
+        let mut name = list.as_os_str().to_owned();
+        name.push(".json");
+        name.into()
+    }
+
+    /// Writes it beside its list.
+    ///
+    /// # Errors
+    /// Names the file and what the system said.
+    pub fn write(&self, list: &Path) -> Result<(), FileError> {
+        write_json(&Self::path(list), self)
+    }
+
+    /// The companion of exactly this list; a list may well have none.
+    pub fn of(list: &PairList) -> Option<Self> {
+        let bytes = std::fs::read(Self::path(&list.path)).ok()?;
+        let companion: Self = serde_json::from_slice(&bytes).ok()?;
+        (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
+    }
+}

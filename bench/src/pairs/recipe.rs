@@ -1,0 +1,294 @@
+//! How a pair list is built: the open choices, whose depth decides overlap, what was measured before.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use sharp::model::ModelConfig;
+
+use super::advice::advice;
+use super::ambiguity::{Alternative, Reading, alternatives};
+use super::build::{BuildContext, PairBuild, build_pairs};
+use super::dataset::{OpenDataset, scenes_of};
+use super::depth::{
+    DepthSource, FirstLayerDepth, GivenDepth, GroundTruthDepth, ScaledToGroundTruth,
+};
+use super::error::PairError;
+use super::options::{OverlapDepth, PairOptions};
+use super::overlap_cache::OverlapCache;
+use super::pair_list::PairList;
+use super::provenance::{DepthMaps, PairProvenance};
+use crate::io::checkpoint::find_checkpoint;
+use crate::io::observer::Observer;
+
+/// The open choices of a dataset's pairs and the files that they need.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PairRecipe {
+    /// The open choices.
+    pub options: PairOptions,
+    /// Depth maps by anyone, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
+    pub overlap_depth: Option<PathBuf>,
+    /// The checkpoint of `overlap=sharp-release`; found where the release keeps it without this.
+    pub overlap_checkpoint: Option<PathBuf>,
+    /// Its architecture, `FILE.json#NAME`, where it is not the release's.
+    pub overlap_config: Option<String>,
+}
+
+/// A built list with how it came about.
+#[derive(Debug, Clone)]
+pub struct BuiltList {
+    /// The pairs and what was counted on the way.
+    pub build: PairBuild,
+    /// How each dataset's pairs were chosen.
+    pub provenance: BTreeMap<String, PairProvenance>,
+    /// A sentence for each dataset without a selected pair, or whose depth is too sparse for the choices made.
+    pub advice: Vec<String>,
+}
+
+/// The depth that decides overlap, opened.
+struct Depth {
+    source: Box<dyn DepthSource>,
+    given: Option<GivenDepth>,
+    checkpoint_sha256: Option<String>,
+}
+
+impl From<Box<dyn DepthSource>> for Depth {
+    fn from(source: Box<dyn DepthSource>) -> Self {
+        Self {
+            source,
+            given: None,
+            checkpoint_sha256: None,
+        }
+    }
+}
+
+impl PairRecipe {
+    /// The choices with the dataset's own depth.
+    pub fn new(options: PairOptions) -> Self {
+        Self {
+            options,
+            ..Self::default()
+        }
+    }
+
+    /// Checks that choices and files go together. Depth maps alone mean `overlap=given`.
+    ///
+    /// # Errors
+    /// [`PairError::Recipe`] names the option that is missing or not taken.
+    pub fn checked(mut self) -> Result<Self, PairError> {
+        if self.overlap_depth.is_some() && self.options.depth == OverlapDepth::GroundTruth {
+            self.options.depth = OverlapDepth::Given;
+        }
+        let depth = self.options.depth;
+        let given = matches!(depth, OverlapDepth::Given | OverlapDepth::GivenMetric);
+        if given != self.overlap_depth.is_some() {
+            let needs = if given { "needs" } else { "does not take" };
+            let reason = format!("overlap={depth} {needs} --overlap-depth DIR");
+            return Err(PairError::Recipe(reason));
+        }
+        if depth != OverlapDepth::SharpRelease && self.overlap_checkpoint.is_some() {
+            let reason = "--overlap-checkpoint is for --pair-options overlap=sharp-release";
+            return Err(PairError::Recipe(reason.to_owned()));
+        }
+        Ok(self)
+    }
+
+    /// The recipe of a dataset: this one, changed by the dataset's own pair options.
+    ///
+    /// # Errors
+    /// As [`PairOptions::with`] and [`Self::checked`].
+    pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
+        let mut recipe = self.clone();
+        let mut options = Vec::new();
+        for entry in dataset.pair_options.split(',').filter(|e| !e.is_empty()) {
+            match entry.split_once('=') {
+                Some(("overlap-depth", dir)) => recipe.overlap_depth = Some(dir.into()),
+                Some(("overlap-checkpoint", file)) => recipe.overlap_checkpoint = Some(file.into()),
+                Some(("overlap-config", file)) => recipe.overlap_config = Some(file.to_owned()),
+                _ => options.push(entry),
+            }
+        }
+        // A dataset that says whose depth decides does not take the files of another choice.
+        let own = |key: &str| dataset.pair_options.contains(key);
+        if own("overlap=") && !own("overlap-depth=") {
+            recipe.overlap_depth = None;
+        }
+        if own("overlap=") && !own("overlap-checkpoint=") {
+            recipe.overlap_checkpoint = None;
+        }
+        recipe.options = recipe.options.with(&options.join(","))?;
+        recipe.checked().map_err(|error| PairError::DatasetSpec {
+            spec: format!("{},{}", dataset.spec, dataset.pair_options),
+            reason: error.to_string(),
+        })
+    }
+
+    /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read are warnings.
+    ///
+    /// # Errors
+    /// When choices do not go together, or depth that was asked for is not there.
+    pub fn build(
+        &self,
+        datasets: &[OpenDataset],
+        cache: Option<&OverlapCache>,
+        observer: &dyn Observer,
+    ) -> Result<BuiltList, PairError> {
+        let mut built = BuiltList {
+            build: PairBuild::default(),
+            provenance: BTreeMap::new(),
+            advice: Vec::new(),
+        };
+        let scenes: usize = datasets.iter().map(|dataset| dataset.scenes.len()).sum();
+        observer.begin("building the pair list", scenes, "scenes");
+        let mut before = 0;
+        for dataset in datasets {
+            let recipe = self.of(dataset)?;
+            let depth = recipe.depth()?;
+            let advance = |done: usize, _: usize| observer.progress(before + done, &dataset.name);
+            let of_dataset = std::slice::from_ref(dataset);
+            let context = context(of_dataset, depth.source.as_ref(), cache, &advance);
+            let found = build_pairs(&dataset.scenes, &recipe.options, &context)?;
+            before += dataset.scenes.len();
+            if let Some(counts) = found.summaries.get(&dataset.name) {
+                let sentence = advice(&dataset.name, &dataset.spec, counts, &recipe.options);
+                built.advice.extend(sentence);
+            }
+            built
+                .provenance
+                .insert(dataset.name.clone(), recipe.provenance(dataset, &depth)?);
+            built.build.append(found);
+        }
+        observer.end();
+        for problem in &built.build.problems {
+            observer.warn(&problem.reason);
+        }
+        warn(cache, observer);
+        built.build.finish()?;
+        Ok(built)
+    }
+
+    fn provenance(&self, dataset: &OpenDataset, depth: &Depth) -> Result<PairProvenance, PairError> {
+        let maps = match &depth.given {
+            None => None,
+            Some(given) => match given.digest(&dataset.scenes)? {
+                (0, _) => {
+                    let reason = format!(
+                        "--overlap-depth: not one view of '{}' has a map there",
+                        dataset.name
+                    );
+                    return Err(PairError::Recipe(reason));
+                }
+                (count, sha256) => Some(DepthMaps { count, sha256 }),
+            },
+        };
+        Ok(PairProvenance {
+            options: self.options.clone(),
+            overlap_depth: depth.source.name(),
+            overlap_depth_maps: maps,
+            overlap_checkpoint: depth.checkpoint_sha256.clone(),
+        })
+    }
+
+    /// How the count changes over the open choices and the datasets' other readings; overlap from one source of depth.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn ambiguity(
+        &self,
+        datasets: &[OpenDataset],
+        readings: &[Reading],
+        cache: Option<&OverlapCache>,
+        observer: &dyn Observer,
+    ) -> Result<Vec<Alternative>, PairError> {
+        if let Some(own) = datasets.iter().find(|d| !d.pair_options.is_empty()) {
+            return Err(PairError::DatasetSpec {
+                spec: format!("{},{}", own.spec, own.pair_options),
+                reason: "--ambiguity changes one list of choices: give them as --pair-options".to_owned(),
+            });
+        }
+        let depth = self.depth()?;
+        observer.begin("counting pairs", 0, "choices");
+        let advance = |done: usize, _: usize| observer.progress(done, "");
+        let context = context(datasets, depth.source.as_ref(), cache, &|_, _| {});
+        let scenes = scenes_of(datasets);
+        let rows = alternatives(&scenes, &self.options, readings, &context, &advance)?;
+        observer.end();
+        warn(cache, observer);
+        Ok(rows)
+    }
+
+    fn depth(&self) -> Result<Depth, PairError> {
+        let given = || match &self.overlap_depth {
+            Some(dir) => GivenDepth::open(dir),
+            None => Err(PairError::Recipe("--overlap-depth DIR is needed".to_owned())),
+        };
+        let boxed = |source: Box<dyn DepthSource>| Depth::from(source);
+        Ok(match self.options.depth {
+            OverlapDepth::GroundTruth | OverlapDepth::Sparse { .. } => {
+                boxed(Box::new(GroundTruthDepth))
+            }
+            OverlapDepth::Given => Depth {
+                given: Some(given()?),
+                ..boxed(Box::new(ScaledToGroundTruth(given()?)))
+            },
+            OverlapDepth::GivenMetric => Depth {
+                given: Some(given()?),
+                ..boxed(Box::new(given()?))
+            },
+            OverlapDepth::SharpRelease => {
+                let checkpoint = match &self.overlap_checkpoint {
+                    Some(file) => file.clone(),
+                    None => find_checkpoint()?,
+                };
+                let (config, name) = match &self.overlap_config {
+                    Some(file) => (ModelConfig::load(file)?, "first layer of another network"),
+                    None => (ModelConfig::release(), "first layer of sharp-release"),
+                };
+                let network = FirstLayerDepth::new(&checkpoint, config, name)?;
+                Depth {
+                    checkpoint_sha256: Some(network.checkpoint_sha256().to_owned()),
+                    ..boxed(Box::new(ScaledToGroundTruth(network)))
+                }
+            }
+        })
+    }
+}
+
+impl BuiltList {
+    /// The pairs as a list that will be written to `path`.
+    pub fn list(&self, path: impl Into<PathBuf>) -> PairList {
+        PairList::new(path, self.build.pairs.clone())
+    }
+
+    /// True if at least one pair is selected.
+    pub fn has_selected(&self) -> bool {
+        self.build.pairs.iter().any(|pair| pair.selected)
+    }
+}
+
+fn context<'a>(
+    datasets: &[OpenDataset],
+    depth: &'a dyn DepthSource,
+    cache: Option<&'a OverlapCache>,
+    progress: &'a dyn Fn(usize, usize),
+) -> BuildContext<'a> {
+    let roots = datasets
+        .iter()
+        .filter_map(|dataset| Some((dataset.name.clone(), dataset.root.clone()?)));
+    let settings = datasets
+        .iter()
+        .map(|dataset| (dataset.name.clone(), dataset.settings.clone()));
+    BuildContext {
+        depth,
+        roots: roots.collect(),
+        cache,
+        settings: settings.collect(),
+        progress,
+        ..BuildContext::default()
+    }
+}
+
+fn warn(cache: Option<&OverlapCache>, observer: &dyn Observer) {
+    for warning in cache.map(OverlapCache::take_warnings).unwrap_or_default() {
+        observer.warn(&warning);
+    }
+}

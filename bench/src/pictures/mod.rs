@@ -1,0 +1,9 @@
+//! Two pictures or two folders of them: the work of the command `metrics`.
+//!
+//! * [`matching`]: which picture is compared with which.
+//! * [`maps`]: where in a picture a metric finds a difference.
+//! * [`methods_text`]: which metrics these are, as a paper should say it.
+
+pub mod maps;
+pub mod matching;
+pub mod methods_text;

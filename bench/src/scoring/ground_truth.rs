@@ -1,0 +1,311 @@
+//! What predictions of a target are scored against.
+
+use image::{GrayImage, Rgb, Rgb32FImage, RgbImage};
+use sharp_metrics::identity::Family;
+use sharp_metrics::{Mask, Picture, Scorer, Scores};
+
+use super::Region;
+
+/// A target's photograph and which of its pixels count.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroundTruth {
+    image: RgbImage,
+    valid: Option<Mask>,
+}
+
+impl GroundTruth {
+    /// A photograph, 8-bit sRGB, of which all pixels count.
+    pub fn whole(image: RgbImage) -> Self {
+        Self { image, valid: None }
+    }
+
+    /// A photograph of which only the pixels count where `valid`, of the same size, is 255: the dataset excludes the
+    /// others (anonymised faces, for instance).
+    pub fn of(image: RgbImage, valid: Option<&GrayImage>) -> Self {
+        let excludes = valid.filter(|valid| valid.iter().any(|level| *level < 255));
+        let valid = excludes.and_then(|valid| {
+            let inside = valid.iter().map(|level| *level == 255).collect();
+            Mask::new(valid.width(), valid.height(), inside)
+        });
+        Self { image, valid }
+    }
+
+    /// The photograph.
+    pub fn image(&self) -> &RgbImage {
+        &self.image
+    }
+
+    /// Width and height, pixels.
+    pub fn dimensions(&self) -> (u32, u32) {
+        self.image.dimensions()
+    }
+
+    /// The share of pixels in a region, which has to fit, that count, 0..1; `None` where the dataset excludes none of
+    /// the photograph.
+    pub fn valid_share(&self, region: Option<Region>) -> Option<f64> {
+        let region = region.unwrap_or(Region::whole(self.dimensions()));
+        share(&*region.crop_mask(self.valid.as_ref()?)?)
+    }
+
+    /// Scores pictures, each of a region or of the whole target, against that part of the truth, in one pass of each
+    /// network over the truth for all that show the same part. Pixels that the dataset excludes do not count, by the
+    /// rule of ScanNet++'s evaluation: both pictures take the mean colour of the region's valid target pixels there,
+    /// and PSNR is that of the valid pixels. An error concerns its picture alone; it is the bare reason.
+    pub(crate) fn score(
+        &self,
+        scorer: &Scorer,
+        pictures: &[(&Picture, Option<Region>)],
+        frustum: Option<&Mask>,
+    ) -> Vec<Result<Scores, String>> {
+        let size = self.dimensions();
+        let mut scored: Vec<Option<Result<Scores, String>>> = vec![None; pictures.len()];
+        for first in 0..pictures.len() {
+            let region = pictures[first].1.unwrap_or(Region::whole(size));
+            let same: Vec<usize> = (first..pictures.len())
+                .filter(|&i| scored[i].is_none())
+                .filter(|&i| pictures[i].1.unwrap_or(Region::whole(size)) == region)
+                .collect();
+            if same.is_empty() {
+                continue;
+            }
+            let of_region: Vec<&Picture> = same.iter().map(|&i| pictures[i].0).collect();
+            let results = self.score_region(scorer, region, &of_region, frustum);
+            for (i, result) in same.into_iter().zip(results) {
+                scored[i] = Some(result);
+            }
+        }
+        scored.into_iter().flatten().collect()
+    }
+
+    fn score_region(
+        &self,
+        scorer: &Scorer,
+        region: Region,
+        pictures: &[&Picture],
+        frustum: Option<&Mask>,
+    ) -> Vec<Result<Scores, String>> {
+        let size = self.dimensions();
+        if !region.fits(size) {
+            let reason = format!(
+                "the crop {region} is not inside the target, {}x{}",
+                size.0, size.1
+            );
+            return vec![Err(reason); pictures.len()];
+        }
+        let whole = Picture::Rgb8(self.image.clone());
+        let truth = region.crop(&whole);
+        let frustum = frustum.and_then(|mask| region.crop_mask(mask));
+        let valid = self.valid.as_ref().and_then(|mask| region.crop_mask(mask));
+        let excluding = valid
+            .as_deref()
+            .filter(|mask| mask.values().contains(&false));
+        let Some(valid) = excluding else {
+            return scored(scorer, &truth, pictures, frustum.as_deref());
+        };
+        let Some(colour) = mean_colour(&truth, valid) else {
+            let reason = "the dataset's mask leaves no pixel to score";
+            return vec![Err(reason.to_owned()); pictures.len()];
+        };
+        let fill = |picture: &Picture| filled(picture, valid, colour);
+        // A picture of another size stays as it is; the scorer says so, with both sizes.
+        let pictures: Vec<Picture> = pictures
+            .iter()
+            .map(|picture| match picture.dimensions() == truth.dimensions() {
+                true => fill(picture),
+                false => (*picture).clone(),
+            })
+            .collect();
+        let pictures: Vec<&Picture> = pictures.iter().collect();
+        let share = share(valid).unwrap_or(1.0);
+        scored(scorer, &fill(&truth), &pictures, frustum.as_deref())
+            .into_iter()
+            .map(|scores| scores.map(|scores| over_valid(scores, share)))
+            .collect()
+    }
+}
+
+fn scored(
+    scorer: &Scorer,
+    truth: &Picture,
+    pictures: &[&Picture],
+    frustum: Option<&Mask>,
+) -> Vec<Result<Scores, String>> {
+    let results = scorer.score_all(truth, pictures, frustum).into_iter();
+    results
+        .map(|result| result.map_err(|error| error.to_string()))
+        .collect()
+}
+
+/// The share of pixels inside.
+fn share(mask: &Mask) -> Option<f64> {
+    let inside = mask.values().iter().filter(|inside| **inside).count();
+    let all = mask.values().len();
+    (all > 0).then(|| inside as f64 / all as f64)
+}
+
+/// The mean over valid pixels, 0..1 a channel; `None` of none.
+fn mean_colour(picture: &Picture, valid: &Mask) -> Option<[f32; 3]> {
+    let width = picture.dimensions().0 as usize;
+    let (mut sum, mut count) = ([0.0; 3], 0_u64);
+    let places = valid.values().iter().enumerate();
+    for (i, _) in places.filter(|(_, inside)| **inside) {
+        let (x, y) = ((i % width) as u32, (i / width) as u32);
+        count += 1;
+        for (channel, sum) in sum.iter_mut().enumerate() {
+            *sum += picture.value(x, y, channel);
+        }
+    }
+    (count > 0).then(|| sum.map(|sum: f64| (sum / count as f64) as f32))
+}
+
+/// The picture with one colour where pixels do not count.
+fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
+    let (width, height) = picture.dimensions();
+    Picture::RgbF32(Rgb32FImage::from_fn(width, height, |x, y| {
+        let inside = valid.values()[y as usize * width as usize + x as usize];
+        Rgb(if inside {
+            std::array::from_fn(|channel| picture.value(x, y, channel) as f32)
+        } else {
+            colour
+        })
+    }))
+}
+
+/// PSNR over the valid pixels: the excluded ones are equal in both pictures, so that they only add to the number of
+/// pixels.
+fn over_valid(scores: Scores, share: f64) -> Scores {
+    let gain = 10.0 * share.log10();
+    let over_valid = |(key, score): (sharp_metrics::MetricKey, Result<f64, _>)| {
+        let counts_all = key.family() == Family::Psnr && !key.is_masked();
+        let score = if counts_all {
+            score.map(|value| value + gain)
+        } else {
+            score
+        };
+        (key, score)
+    };
+    scores.into_iter().map(over_valid).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Luma;
+    use sharp_metrics::Selection;
+    use sharp_metrics::weights::Weights;
+
+    fn noise(seed: u32, x: u32, y: u32) -> u8 {
+        let mixed = (x * 7 + y * 13 + seed * 31).wrapping_mul(2_654_435_761);
+        (mixed >> 24) as u8
+    }
+
+    fn picture(seed: u32) -> RgbImage {
+        RgbImage::from_fn(40, 30, |x, y| Rgb([0, 1, 2].map(|c| noise(seed + c, x, y))))
+    }
+
+    /// A block of 12 × 10 pixels does not count.
+    fn valid() -> GrayImage {
+        GrayImage::from_fn(40, 30, |x, y| {
+            let excluded = (8..20).contains(&x) && (5..15).contains(&y);
+            Luma([if excluded { 0 } else { 255 }])
+        })
+    }
+
+    fn scores(truth: &GroundTruth, prediction: &RgbImage) -> Vec<f64> {
+        let selection = Selection::parse("psnr,ssim").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+        let picture = Picture::Rgb8(prediction.clone());
+        let mut scores = truth.score(&scorer, &[(&picture, None)], None);
+        scores
+            .remove(0)
+            .unwrap()
+            .into_iter()
+            .map(|(_, score)| score.unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn psnr_is_that_of_the_valid_pixels() {
+        let (truth, prediction, valid) = (picture(1), picture(2), valid());
+        let mut squares = 0.0;
+        let pixels = truth.pixels().zip(prediction.pixels()).zip(valid.pixels());
+        for ((a, b), _) in pixels.filter(|(_, valid)| valid.0[0] == 255) {
+            for channel in 0..3 {
+                squares += (f64::from(a.0[channel]) - f64::from(b.0[channel])).powi(2);
+            }
+        }
+        let mean = squares / (3.0 * f64::from(40 * 30 - 12 * 10));
+        let expected = 10.0 * (255.0_f64.powi(2) / mean).log10();
+        let found = scores(&GroundTruth::of(truth, Some(&valid)), &prediction)[0];
+        assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+    }
+
+    #[test]
+    fn nothing_that_is_excluded_has_a_say() {
+        let valid = valid();
+        let truth = GroundTruth::of(picture(1), Some(&valid));
+        let (mut other, mut black) = (picture(2), picture(1));
+        let before = scores(&truth, &other);
+        for (x, y, level) in valid.enumerate_pixels() {
+            if level.0[0] == 0 {
+                other.put_pixel(x, y, Rgb([255, 0, 255]));
+                black.put_pixel(x, y, Rgb([0; 3]));
+            }
+        }
+        assert_eq!(scores(&truth, &other), before);
+        // Nor what the target itself shows there.
+        assert_eq!(scores(&GroundTruth::of(black, Some(&valid)), &other), before);
+        assert_ne!(scores(&GroundTruth::whole(picture(1)), &other), before);
+        // The target is equal to itself whatever it is filled with.
+        let perfect = scores(&truth, truth.image());
+        assert_eq!(perfect[0], f64::INFINITY);
+        assert!(perfect[1..].iter().all(|ssim| *ssim == 1.0), "{perfect:?}");
+    }
+
+    #[test]
+    fn a_mask_that_excludes_nothing_changes_no_bit() {
+        let all = GrayImage::from_pixel(40, 30, Luma([255]));
+        let masked = GroundTruth::of(picture(1), Some(&all));
+        assert_eq!(masked, GroundTruth::whole(picture(1)));
+        assert_eq!(masked.valid_share(None), None);
+        let share = GroundTruth::of(picture(1), Some(&valid())).valid_share(None);
+        assert_eq!(share, Some(0.9));
+        let nothing = GrayImage::new(40, 30);
+        let truth = GroundTruth::of(picture(1), Some(&nothing));
+        let selection = Selection::parse("psnr").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+        let picture = Picture::Rgb8(picture(2));
+        let mut error = truth.score(&scorer, &[(&picture, None)], None);
+        assert!(error.remove(0).unwrap_err().contains("no pixel to score"));
+    }
+
+    #[test]
+    fn predictions_scored_together_have_the_bits_of_each_alone() {
+        let selection = Selection::parse("psnr,ssim,lpips-alex,dists,psnr@frustum").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let truth = GroundTruth::of(picture(1), Some(&valid()));
+        let frustum = Mask::new(40, 30, (0..1200).map(|i| i % 40 > 10).collect()).unwrap();
+        let region = Region {
+            x: 4,
+            y: 2,
+            width: 32,
+            height: 24,
+        };
+        let crop = |seed| region.crop(&Picture::Rgb8(picture(seed))).into_owned();
+        let pictures = [
+            (Picture::Rgb8(picture(2)), None),
+            (crop(3), Some(region)),
+            (Picture::Rgb8(RgbImage::new(5, 5)), None),
+            (Picture::Rgb8(picture(4)), None),
+            (crop(5), Some(region)),
+        ];
+        let refs: Vec<_> = pictures.iter().map(|(p, region)| (p, *region)).collect();
+        let together = truth.score(&scorer, &refs, Some(&frustum));
+        for (result, one) in together.iter().zip(&refs) {
+            let alone = truth.score(&scorer, &[*one], Some(&frustum)).remove(0);
+            assert_eq!(*result, alone);
+        }
+        assert!(together[2].as_ref().unwrap_err().contains("5x5"));
+        assert!(together.iter().filter(|result| result.is_ok()).count() == 4);
+    }
+}

@@ -1,0 +1,93 @@
+//! The metrics of a run, with the weights that decide their values.
+
+use sharp_metrics::{
+    Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError,
+};
+
+use super::metric_facts::MetricFacts;
+use crate::io::fingerprints;
+use crate::io::hash::StableHasher;
+
+/// Metrics with everything that decides their values.
+#[derive(Debug)]
+pub struct Scoring {
+    /// Computes all of [`Self::metrics`].
+    pub scorer: Scorer,
+    /// The columns, in the order given.
+    pub metrics: Vec<ScoredMetric>,
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoredMetric {
+    /// Its convention.
+    pub key: MetricKey,
+    /// The same with its weights, for records.
+    pub facts: MetricFacts,
+    /// Hash of convention, weights and arithmetic: values of two identities never share a column.
+    pub identity: String,
+    /// Hash of the code that computes it.
+    pub sources: &'static str,
+}
+
+impl Scoring {
+    /// Prepares the metrics of a selection.
+    ///
+    /// # Errors
+    /// When a weights file cannot be read or is not what it should be.
+    pub fn new(selection: &Selection, weights: &Weights) -> Result<Self, WeightsError> {
+        Self::with_options(selection, weights, ScorerOptions::default())
+    }
+
+    /// As [`new`](Self::new), with a choice of kernels.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_options(
+        selection: &Selection,
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Self, WeightsError> {
+        let scorer = Scorer::with_options(selection, weights, options)?;
+        let metric = |&key: &MetricKey| {
+            let facts = MetricFacts::of(key, scorer.weights());
+            let mut identity = StableHasher::default();
+            identity
+                .add("metric", &facts.key)
+                .add("weights", &facts.weights)
+                .add("kernels", &options.simd.level().to_string());
+            if Backbone::of(key.metric()).is_some() {
+                identity.add("networks", &options.arithmetic());
+            }
+            ScoredMetric {
+                key,
+                identity: identity.finish(),
+                sources: fingerprints::of_metric(key.family()),
+                facts,
+            }
+        };
+        Ok(Self {
+            metrics: scorer.keys().iter().map(metric).collect(),
+            scorer,
+        })
+    }
+
+    /// The keys as text, in order.
+    pub fn keys(&self) -> Vec<String> {
+        self.metrics.iter().map(|m| m.key.to_string()).collect()
+    }
+
+    /// The metrics whose network's weights are missing; they have no value for any picture.
+    pub fn missing_weights(&self) -> Vec<(MetricKey, Backbone)> {
+        let backbones = self.metrics.iter().filter_map(|metric| {
+            let backbone = Backbone::of(metric.key.metric())?;
+            metric.facts.backbone.is_none().then_some((metric.key, backbone))
+        });
+        backbones.collect()
+    }
+
+    /// True if a metric needs the view-frustum mask of a pair.
+    pub fn needs_mask(&self) -> bool {
+        self.metrics.iter().any(|metric| metric.key.is_masked())
+    }
+}

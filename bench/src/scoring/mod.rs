@@ -1,0 +1,20 @@
+//! Predictions against the truth. Besides the method `target`, this is the only module that sees a target's photograph.
+//!
+//! * [`ground_truth`]: a target's photograph and which of its pixels count.
+//! * [`metrics`]: the metrics of a run with their weights; several predictions of one target scored together.
+//! * [`region`]: parts of a picture, for methods that crop.
+//! * [`frustum_mask`]: which target pixels lie inside the source's field of view.
+//! * [`scale_sweep`]: the best of several scales.
+
+pub mod frustum_mask;
+pub mod ground_truth;
+pub mod metric_facts;
+pub mod metrics;
+pub mod region;
+pub mod scale_sweep;
+
+pub use ground_truth::GroundTruth;
+pub use metric_facts::MetricFacts;
+pub use metrics::Scoring;
+pub use region::Region;
+pub use scale_sweep::ScaleChooser;

@@ -1,0 +1,75 @@
+//! The best of several scales: what the paper does for methods that know no metric scale (LVSM, SVC).
+//!
+//! "For each pair, we apply a linear scale sweep to find the best scale that minimizes the DISTS score": the method
+//! rendered each pair at several scales of the scene, and the picture nearest to the target under DISTS is scored. The
+//! choice looks at the target; reports say so beside the numbers.
+
+use sharp_metrics::{MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
+
+use super::ground_truth::GroundTruth;
+use super::metrics::Scoring;
+use crate::methods::Candidate;
+
+/// Chooses among the pictures of several scales.
+#[derive(Debug)]
+pub struct ScaleChooser {
+    scorer: Scorer,
+    identity: String,
+}
+
+impl ScaleChooser {
+    /// The paper's chooser: DISTS. `None` where the weights of its network are missing.
+    ///
+    /// # Errors
+    /// When a weights file cannot be read or is not what it should be.
+    pub fn dists(
+        weights: &Weights,
+        options: ScorerOptions,
+    ) -> Result<Option<Self>, WeightsError> {
+        let selection = Selection::of(&[MetricKey::DISTS]);
+        let scoring = Scoring::with_options(&selection, weights, options)?;
+        if !scoring.missing_weights().is_empty() {
+            return Ok(None);
+        }
+        let metrics = scoring.metrics.iter();
+        let identity: Vec<&str> = metrics.map(|m| m.identity.as_str()).collect();
+        let identity = identity.join(" ");
+        Ok(Some(Self {
+            scorer: scoring.scorer,
+            identity,
+        }))
+    }
+
+    /// What chooses, with its weights: part of a method's identity.
+    pub fn identity(&self) -> &str {
+        &self.identity
+    }
+
+    /// The position of the best candidate; equally good ones go to the first. The error is the bare reason.
+    pub(crate) fn best(
+        &self,
+        truth: &GroundTruth,
+        candidates: &[Candidate],
+    ) -> Result<usize, String> {
+        let pictures: Vec<_> = candidates
+            .iter()
+            .map(|candidate| (&candidate.prediction.picture, candidate.prediction.region))
+            .collect();
+        let mut best: Option<(f64, usize)> = None;
+        let scores = truth.score(&self.scorer, &pictures, None);
+        for (at, (scores, candidate)) in scores.into_iter().zip(candidates).enumerate() {
+            let wrong = |reason: String| format!("scale {}: {reason}", candidate.scale);
+            let distance = match scores.map_err(wrong)?.into_iter().next() {
+                Some((_, Ok(value))) if !value.is_nan() => value,
+                Some((key, Ok(_))) => return Err(wrong(format!("{key} is not a number"))),
+                Some((key, Err(reason))) => return Err(wrong(format!("{key}: {reason}"))),
+                None => return Err(wrong("no metric chooses".to_owned())),
+            };
+            if best.is_none_or(|(least, _)| distance < least) {
+                best = Some((distance, at));
+            }
+        }
+        let (_, at) = best.ok_or("no scale was given")?;
+        Ok(at)
+    }
+}
