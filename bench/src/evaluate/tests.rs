@@ -142,15 +142,15 @@ fn another_metric_predicts_and_renders_nothing() {
     let out = dir.path().join("r");
     let asked = Arc::new(AtomicUsize::new(0));
     let network = |privilege| one(Network::new("n", privilege, &asked));
-    let first = run(&out, network(Privilege::None), "psnr", 3);
-    assert_eq!((first.counts.rendered, first.counts.scored), (3, 3));
+    let first = run(&out, network(Privilege::None), "psnr", 3).counts;
+    assert_eq!((first.rendered, first.scored), (3, 3));
     let before = asked.load(Ordering::SeqCst);
     let psnr = scores(&out);
 
-    let more = run(&out, network(Privilege::None), "psnr,ssim-gauss11-valid", 3);
+    let more = run(&out, network(Privilege::None), "psnr,ssim-gauss11-valid", 3).counts;
     assert_eq!(asked.load(Ordering::SeqCst), before);
-    assert_eq!((more.counts.predicted, more.counts.rendered), (0, 0));
-    assert_eq!(more.counts.scored, 3);
+    assert_eq!((more.predicted, more.rendered), (0, 0));
+    assert_eq!(more.scored, 3);
     // The same by name, over kept pictures, in the bits of a run that had all metrics at once.
     let selection = Selection::parse("lpips-alex").unwrap();
     let scoring = Scoring::new(&selection, &Weights::deterministic("")).unwrap();
@@ -423,8 +423,8 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
     let cut = Results::read(&dir.path().join("cut")).unwrap();
     assert_eq!((cut.records.len(), cut.missing), (2, 3));
 
-    let resumed = on(mortal(usize::MAX), "cut").unwrap();
-    assert_eq!(resumed.counts.reused, 2);
+    let resumed = on(mortal(usize::MAX), "cut").unwrap().counts;
+    assert_eq!(resumed.reused, 2);
     assert_eq!(scores(&dir.path().join("cut")), scores(&dir.path().join("whole")));
     // Another renderer is another folder.
     let error = on(SharedRenderer::cpu(), "cut").err().unwrap();

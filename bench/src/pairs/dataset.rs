@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use globset::{Glob, GlobMatcher};
+use globset::{GlobBuilder, GlobMatcher};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_datasets::{DatasetSpec, Scene};
@@ -130,11 +130,11 @@ fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
         .chars()
         .flat_map(|c| match c {
             '*' | '?' => vec![c],
-            '[' | ']' | '{' | '}' | '!' | '\\' | ',' => vec!['[', c, ']'],
+            '[' | ']' | '{' | '}' | '!' | '\\' | ',' => vec!['\\', c],
             c => vec![c],
         })
         .collect();
-    match Glob::new(&plain.replace("[\\]", "\\\\")) {
+    match GlobBuilder::new(&plain).backslash_escape(true).build() {
         Ok(glob) => Ok(glob.compile_matcher()),
         Err(error) => Err(PairError::Recipe(format!("--scenes {pattern}: {error}"))),
     }
