@@ -3,7 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use sharp_checkpoint::download::{Download, DownloadError, Progress, file_sha256, remove};
+use sharp_checkpoint::download::{Download, DownloadError, Progress, remove};
+use sharp_checkpoint::hash::file_sha256;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::{Backbone, Published, Weights, WeightsError};

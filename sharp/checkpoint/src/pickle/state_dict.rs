@@ -18,14 +18,13 @@ pub(crate) struct Named {
     pub(crate) key: Option<String>,
 }
 
-/// Picks the state dict out of `root`: the object itself if it holds tensors; else the dict
-/// under `key`, or, without a key, the only dict in it that holds tensors.
+/// Picks the state dict out of `root`: the object itself if it holds tensors, else the only dict
+/// in it that does.
 ///
 /// `place` says where a storage's bytes lie in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
     heap: &Heap<'a>,
     root: Value<'a>,
-    key: Option<&str>,
     file_len: usize,
     mut place: impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
 ) -> Result<Named, Fault> {
@@ -35,18 +34,10 @@ pub(crate) fn resolve<'a>(
             root.kind()
         )));
     };
-    let (chosen, key) = match key {
-        Some(key) => match top.get(key).and_then(|&value| entries(heap, value)) {
-            Some(nested) => (nested, Some(key.to_owned())),
-            None => {
-                return Err(Fault::StateDict(format!(
-                    "no state dict under '{key}'; keys: {}",
-                    list(top.keys().copied())
-                )));
-            }
-        },
-        None if has_tensors(&top) => (top, None),
-        None => only_nested(heap, top)?,
+    let (chosen, key) = if has_tensors(&top) {
+        (top, None)
+    } else {
+        only_nested(heap, top)?
     };
     let mut named = Named {
         key,
@@ -129,7 +120,7 @@ fn only_nested<'a>(
             list(top.keys().copied())
         ))),
         _ => Err(Fault::StateDict(format!(
-            "several state dicts, under {}; name one of them",
+            "several state dicts, under {}; save the one to be used alone",
             list(nested.iter().copied())
         ))),
     }
