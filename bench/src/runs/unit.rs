@@ -1,6 +1,6 @@
 //! The key of a unit: a hash of everything that its value depends on.
 
-use sharp_metrics::{Level, Simd};
+use sharp_metrics::{InstructionSet, Simd};
 
 use crate::durable::sha256_hex;
 
@@ -35,10 +35,10 @@ impl UnitKey {
 /// The instruction set of the metrics' and the network's kernels, part of a unit's key: results are
 /// bit-identical within one, not across.
 pub fn cpu_backend() -> &'static str {
-    match Simd::detect().level() {
-        Level::Avx512 => "cpu-avx512",
-        Level::Avx2 => "cpu-avx2",
-        Level::Portable => "cpu-portable",
+    match Simd::detect().instruction_set() {
+        InstructionSet::Avx512 => "cpu-avx512",
+        InstructionSet::Avx2 => "cpu-avx2",
+        InstructionSet::Portable => "cpu-portable",
     }
 }
 

@@ -7,7 +7,7 @@ use crate::gemm::block::Block;
 use crate::gemm::micro::{KC, Tile, stride_for};
 use crate::gemm::packed::{PackedView, pack_rows, pack_transposed};
 use crate::math::exp;
-use crate::simd::{Simd, per_level};
+use crate::simd::{Simd, per_instruction_set};
 use crate::workspace::{SharedOut, Workspace};
 
 /// Shape of an attention.
@@ -252,7 +252,7 @@ impl Split<'_> {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// Softmax of `scale` times each row of scores: `rows` rows of `tokens`, `stride` apart.
     /// The weights are written in runs of [`KC`] columns, as a product's left side lies:
     /// rows `out_stride`, runs `run` apart.

@@ -10,7 +10,10 @@ mod transform;
 mod transposed;
 mod winograd;
 
+use std::fmt;
 use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
 
 pub use transposed::TransposedConv2x2;
 
@@ -49,8 +52,9 @@ impl ConvSpec {
     }
 }
 
-/// How a convolution is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How a convolution is computed; `direct` or `winograd` as text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Algorithm {
     /// The sum of products itself.
     Direct,
@@ -59,6 +63,15 @@ pub enum Algorithm {
     /// [`Self::Direct`] elsewhere. Rounding errors are about five times those of the direct sum
     /// (relative L2 below 5e-6, typically 6e-7).
     Winograd,
+}
+
+impl fmt::Display for Algorithm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Direct => "direct",
+            Self::Winograd => "winograd",
+        })
+    }
 }
 
 /// What is fused into a convolution.
