@@ -9,9 +9,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::backbone::{Extractor, Taps};
+use crate::maps::TapMap;
 use crate::picture::{Normalization, Picture};
 use crate::simd::with_widest_vectors;
-use crate::spatial::TapMap;
 use crate::unavailable::Unavailable;
 
 /// Where the constant that guards the division by a feature vector's length stands.
@@ -83,70 +83,62 @@ impl Lpips {
         }
     }
 
-    /// The distances of a pair, one for each of `epsilons`, from one pass of the network.
+    /// The distances of predictions from their target, from one pass of the network over each
+    /// picture: for each prediction one distance for each of `epsilons`. The target is the first
+    /// of `pictures`, which are of one size.
     pub(crate) fn distances(
         &self,
-        pair: [&Picture; 2],
+        pictures: &[&Picture],
         range: InputRange,
         epsilons: &[Epsilon],
         with_maps: bool,
         strip: Option<usize>,
-    ) -> Result<Vec<Distance>, Unavailable> {
-        let (width, height) = pair[0].dimensions();
+    ) -> Result<Vec<Vec<Distance>>, Unavailable> {
+        let (width, height) = pictures[0].dimensions();
         let normalization = range.normalization();
         let taps = self.linear.len();
-        // [epsilon][tap] → a sum for each row; [epsilon][tap] → the map so far.
-        let mut sums = vec![vec![Vec::<f64>::new(); taps]; epsilons.len()];
-        let mut maps = vec![vec![Vec::<f32>::new(); taps]; epsilons.len()];
+        let nothing = Distance {
+            layers: vec![0.0; taps],
+            maps: vec![TapMap::default(); if with_maps { taps } else { 0 }],
+        };
+        let mut distances = vec![vec![nothing; epsilons.len()]; pictures.len() - 1];
         let sizes = self.network.stream(
             (width as usize, height as usize),
+            pictures.len(),
             strip,
-            |picture, y, out| normalization.row(pair[picture], y, out),
-            |Taps {
-                 tap,
-                 size,
-                 rows: [a, b],
-             }| {
-                let row = size.row_len();
-                let rows = a.par_chunks(row).zip(b.par_chunks(row));
-                for (i, &epsilon) in epsilons.iter().enumerate() {
-                    let distances: Vec<Vec<f64>> = rows
-                        .clone()
-                        .map(|(a, b)| {
-                            let mut out = vec![0.0; size.width];
-                            distance_row(a, b, &self.linear[tap], epsilon, &mut out);
-                            out
-                        })
-                        .collect();
-                    for row in &distances {
-                        sums[i][tap].push(row.iter().sum());
-                        if with_maps {
-                            maps[i][tap].extend(row.iter().map(|&d| d as f32));
+            |picture, y, out| normalization.row(pictures[picture], y, out),
+            |Taps { tap, size, rows }| {
+                let target = rows[0].par_chunks(size.row_len());
+                for (prediction, distances) in rows[1..].iter().zip(&mut distances) {
+                    let pairs = prediction.par_chunks(size.row_len()).zip(target.clone());
+                    for (&epsilon, distance) in epsilons.iter().zip(distances) {
+                        let rows: Vec<Vec<f64>> = pairs
+                            .clone()
+                            .map(|(a, b)| {
+                                let mut out = vec![0.0; size.width];
+                                distance_row(a, b, &self.linear[tap], epsilon, &mut out);
+                                out
+                            })
+                            .collect();
+                        for row in &rows {
+                            distance.layers[tap] += row.iter().sum::<f64>();
+                            if let Some(map) = distance.maps.get_mut(tap) {
+                                map.values.extend(row.iter().map(|&d| d as f32));
+                            }
                         }
                     }
                 }
             },
         )?;
-        let distances = sums.into_iter().zip(maps).map(|(sums, maps)| Distance {
-            layers: sums
-                .iter()
-                .zip(&sizes)
-                .map(|(rows, size)| {
-                    rows.iter().sum::<f64>() / (size.width as f64 * size.height as f64)
-                })
-                .collect(),
-            maps: maps
-                .into_iter()
-                .zip(&sizes)
-                .filter(|_| with_maps)
-                .map(|(values, size)| TapMap {
-                    width: size.width,
-                    height: size.height,
-                    values,
-                })
-                .collect(),
-        });
-        Ok(distances.collect())
+        for distance in distances.iter_mut().flatten() {
+            for (sum, size) in distance.layers.iter_mut().zip(&sizes) {
+                *sum /= size.width as f64 * size.height as f64;
+            }
+            for (map, size) in distance.maps.iter_mut().zip(&sizes) {
+                (map.width, map.height) = (size.width, size.height);
+            }
+        }
+        Ok(distances)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Why there is no value.
 
-use crate::device::Device;
+use crate::options::Device;
 use crate::picture::PictureError;
 use crate::weights::Backbone;
 

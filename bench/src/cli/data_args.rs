@@ -7,7 +7,9 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_datasets::{DatasetSpec, Scene};
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Backbone, Device, Region, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{
+    Backbone, Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights,
+};
 
 use super::usage::UsageError;
 use crate::methods::scale_sweep::ScaleChooser;
@@ -37,7 +39,10 @@ impl MetricArgs {
     /// The metrics of a run. Its mask is the view-frustum mask of a pair.
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
         let selection = self.selection()?;
-        if let Some(key) = selection.keys().find(|key| key.region() == Region::Given) {
+        if let Some(key) = selection
+            .keys()
+            .find(|key| key.region() == MetricRegion::Given)
+        {
             bail!("--metrics {key}: masks are handed in with `sharp-bench metrics --mask` only");
         }
         let (weights, options) = (self.weights()?, self.options()?);

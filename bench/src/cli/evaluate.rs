@@ -201,7 +201,7 @@ impl Evaluation {
     }
 
     fn scoring_facts(&self) -> BTreeMap<String, String> {
-        let networks = self.scoring.scorer.options().arithmetic();
+        let networks = self.scoring.scorer.options().arithmetic().to_string();
         let mut facts = scoring_facts(self.renderer.name(), &networks);
         let fits = |spec: &MethodSpec| ["resize", "crop"].map(|k| spec.options.contains_key(k));
         if self.specs.iter().any(|spec| fits(spec).contains(&true)) {

@@ -1,7 +1,7 @@
 //! What a metric column was computed with: everything that its key does not say.
 
 use serde::{Deserialize, Serialize};
-use sharp_metrics::{Facts, MetricKey, OwnWeights, WeightsUsed};
+use sharp_metrics::{MetricInfo, MetricKey, OwnWeights, WeightsUsed};
 
 /// One metric column.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,17 +54,17 @@ pub struct OwnWeightsFacts {
 impl MetricFacts {
     /// The facts of a key, with the weights that a scorer uses.
     pub fn of(key: MetricKey, used: &[WeightsUsed]) -> Self {
-        let facts = Facts::of(key);
+        let facts = MetricInfo::new(key, used);
         let backbone = facts
             .backbone
-            .and_then(|backbone| used.iter().find(|used| used.backbone == backbone));
+            .and_then(|backbone| used.iter().find(|used| used.backbone == backbone.name));
         Self {
             key: key.to_string(),
-            convention: key.explain(),
+            convention: facts.convention,
             weights: weights_text(key, used),
-            input_range: facts.input_range.to_owned(),
-            resize: facts.resize.to_owned(),
-            precision: facts.precision.to_owned(),
+            input_range: facts.input_range,
+            resize: facts.resize,
+            precision: facts.precision,
             backbone: backbone.map(BackboneFacts::from),
             own_weights: facts.own_weights.map(OwnWeightsFacts::from),
         }
@@ -92,12 +92,8 @@ impl MetricFacts {
 
 /// The network's weights by hash: `vgg16=<features_sha256>`, `vgg16=absent`, or nothing for a metric without a network.
 pub fn weights_text(key: MetricKey, used: &[WeightsUsed]) -> String {
-    let Some(backbone) = Facts::of(key).backbone else {
-        return String::new();
-    };
-    let found = used.iter().find(|used| used.backbone == backbone);
-    let hash = found.map_or("absent", |used| &used.features_sha256);
-    format!("{}={hash}", backbone.name())
+    let backbone = MetricInfo::new(key, used).backbone;
+    backbone.map_or_else(String::new, |backbone| backbone.to_string())
 }
 
 impl From<&WeightsUsed> for BackboneFacts {
@@ -113,9 +109,9 @@ impl From<&WeightsUsed> for BackboneFacts {
 impl From<OwnWeights> for OwnWeightsFacts {
     fn from(own: OwnWeights) -> Self {
         Self {
-            package: own.package.to_owned(),
-            file: own.file.to_owned(),
-            sha256: own.sha256.to_owned(),
+            package: own.package,
+            file: own.file,
+            sha256: own.sha256,
         }
     }
 }

@@ -162,7 +162,7 @@ impl<'a> PairRun<'a> {
             ("metrics", &metrics.join("\n")),
             (
                 "metric networks",
-                &self.plan.scoring.scorer.options().arithmetic(),
+                &self.plan.scoring.scorer.options().arithmetic().to_string(),
             ),
             (
                 "region",

@@ -15,6 +15,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use sharp_checkpoint::CheckpointError;
 
 pub(crate) use embedded::{dists_weights, linear_weights};
@@ -23,17 +24,16 @@ pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
 pub use registry::{Published, cache_folder, user_cache};
 
-use crate::device::Device;
 use crate::identity::{LpipsNet, Metric};
+use crate::options::Device;
 
 /// A network whose features LPIPS or DISTS compare; only its convolutions are needed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Backbone {
-    /// torchvision's AlexNet.
     AlexNet,
-    /// torchvision's VGG16 without batch normalisation.
+    /// Without batch normalisation.
     Vgg16,
-    /// torchvision's SqueezeNet 1.1.
     SqueezeNet1_1,
 }
 
@@ -138,17 +138,27 @@ impl FromStr for Backbone {
     }
 }
 
-/// Where a network's weights come from.
+/// Where a network's weights come from; shown as the file, or as `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Source {
+pub enum WeightsSource {
     File(PathBuf),
+    /// A pure function of the tensors' names and this salt.
     Deterministic(String),
+}
+
+impl fmt::Display for WeightsSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Deterministic(salt) => write!(f, "deterministic:{salt}"),
+        }
+    }
 }
 
 /// Where the weights of each network come from.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Weights {
-    sources: BTreeMap<Backbone, Source>,
+    sources: BTreeMap<Backbone, WeightsSource>,
 }
 
 impl Weights {
@@ -161,7 +171,7 @@ impl Weights {
     /// the golden data and the cross-check use. Scores with them compare implementations, not
     /// pictures.
     pub fn deterministic(salt: &str) -> Self {
-        let source = Source::Deterministic(salt.to_owned());
+        let source = WeightsSource::Deterministic(salt.to_owned());
         Self {
             sources: Backbone::ALL.map(|b| (b, source.clone())).into(),
         }
@@ -170,15 +180,16 @@ impl Weights {
     /// Takes a network's weights from a file: torchvision's `.pth` or a `.safetensors`.
     #[must_use]
     pub fn with_file(mut self, backbone: Backbone, file: impl Into<PathBuf>) -> Self {
-        self.sources.insert(backbone, Source::File(file.into()));
+        self.sources
+            .insert(backbone, WeightsSource::File(file.into()));
         self
     }
 
     /// The file given for a network.
     pub fn file(&self, backbone: Backbone) -> Option<&Path> {
         match self.sources.get(&backbone)? {
-            Source::File(path) => Some(path),
-            Source::Deterministic(_) => None,
+            WeightsSource::File(path) => Some(path),
+            WeightsSource::Deterministic(_) => None,
         }
     }
 
@@ -193,8 +204,7 @@ impl Weights {
 pub struct WeightsUsed {
     /// The network.
     pub backbone: Backbone,
-    /// The file, or `deterministic:SALT`.
-    pub source: String,
+    pub source: WeightsSource,
     /// sha256 over the convolutions' names and f32 values: equal for torchvision's file and for a
     /// copy that holds the features only.
     pub features_sha256: String,

@@ -1,7 +1,7 @@
 //! Results as text, JSON and CSV.
 
 use serde_json::{Map, Value, json};
-use sharp_metrics::{MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
+use sharp_metrics::{MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
 
 use super::find::Sought;
 use super::output;
@@ -60,7 +60,7 @@ impl Results<'_> {
                 "version": env!("CARGO_PKG_VERSION"),
                 "source_fingerprint": SOURCE_FINGERPRINT,
                 "decoder": DECODERS,
-                "networks": self.scorer.options().arithmetic(),
+                "networks": self.scorer.options().arithmetic().to_string(),
                 "resize_prediction": self.resize.map_or("none", ResizeKernel::name),
             },
         });
@@ -210,7 +210,7 @@ impl Results<'_> {
         let found = self.found(sought);
         for (key, value) in &found {
             output::line(format!("{} is {key} ({})", sought.text, number(*value)))?;
-            output::line(format!("    {}", key.explain()))?;
+            output::line(format!("    {}", MetricInfo::new(*key, &[]).convention))?;
         }
         if !found.is_empty() {
             return Ok(());
