@@ -191,7 +191,6 @@ pub(crate) enum Resolution {
 }
 
 impl Learned {
-    /// The result of an LPIPS variant.
     pub(crate) fn lpips(
         &self,
         net: LpipsNet,
@@ -200,7 +199,6 @@ impl Learned {
         found(self.lpips.get(&(net, variant)), Backbone::of_lpips(net))
     }
 
-    /// The result of DISTS.
     pub(crate) fn dists(&self, resolution: Resolution) -> Result<&Similarity, Unavailable> {
         found(self.dists.get(&resolution), Backbone::Vgg16)
     }

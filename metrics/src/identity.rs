@@ -12,18 +12,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Family {
-    /// Peak signal-to-noise ratio.
     Psnr,
-    /// Structural similarity.
     Ssim,
-    /// Learned perceptual image patch similarity.
     Lpips,
-    /// Deep image structure and texture similarity.
     Dists,
 }
 
 impl Family {
-    /// All families, in the order of their keys.
     pub const ALL: [Self; 4] = [Self::Psnr, Self::Ssim, Self::Lpips, Self::Dists];
 
     /// The lower-case name: `psnr`, `ssim`, `lpips`, `dists`.
@@ -127,7 +122,6 @@ pub enum LpipsVariant {
 pub enum Metric {
     /// Peak signal-to-noise ratio of one picture, dB.
     Psnr,
-    /// Structural similarity.
     Ssim(SsimVariant),
     /// LPIPS with the linear weights of version 0.1.
     Lpips(LpipsNet, LpipsVariant),
@@ -141,7 +135,6 @@ pub enum Metric {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MetricRegion {
-    /// All of them.
     Whole,
     /// Those inside the view-frustum mask of a pair of views: suffix `@frustum`.
     Frustum,
@@ -151,7 +144,6 @@ pub enum MetricRegion {
 }
 
 impl MetricRegion {
-    /// All regions.
     pub const ALL: [Self; 3] = [Self::Whole, Self::Frustum, Self::Given];
 
     /// What keys end in: nothing, `@frustum` or `@mask`.
@@ -189,33 +181,21 @@ pub struct MetricKey {
 /// Why a text is not a key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentityError {
-    /// No key of that name.
     #[error(
         "unknown metric '{name}'; keys, each also without brackets (lpips-vgg): {}",
         MetricKey::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     )]
-    Unknown {
-        /// What was asked for.
-        name: String,
-    },
-    /// LPIPS v0.0.
+    Unknown { name: String },
     #[error(
         "'{name}': LPIPS v0.0 is refused; it leaves out the channel scaling of the input and was \
          withdrawn by its authors in favour of v0.1, so no published value can be compared with it"
     )]
-    LpipsVersion0 {
-        /// What was asked for.
-        name: String,
-    },
-    /// DISTS inside a mask.
+    LpipsVersion0 { name: String },
     #[error(
         "'{name}': DISTS has no masked form; it compares moments over the whole picture, not a \
          map of local values"
     )]
-    MaskedDists {
-        /// What was asked for.
-        name: String,
-    },
+    MaskedDists { name: String },
 }
 
 impl MetricKey {
@@ -258,7 +238,6 @@ impl MetricKey {
         keys
     }
 
-    /// The metric without the choice of pixels.
     pub fn metric(self) -> Metric {
         self.metric
     }
@@ -273,7 +252,6 @@ impl MetricKey {
         self.region != MetricRegion::Whole
     }
 
-    /// The family.
     pub fn family(self) -> Family {
         match self.metric {
             Metric::Psnr => Family::Psnr,

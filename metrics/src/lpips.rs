@@ -108,15 +108,23 @@ impl Lpips {
             strip,
             |picture, y, out| normalization.row(pictures[picture], y, out),
             |Taps { tap, size, rows }| {
-                let target = rows[0].par_chunks(size.row_len());
+                let mut squares = vec![0.0; rows[0].len() / size.channels];
+                rows[0]
+                    .par_chunks(size.row_len())
+                    .zip(squares.par_chunks_mut(size.width))
+                    .for_each(|(row, out)| squared_lengths(row, size.channels, out));
+                let target = rows[0]
+                    .par_chunks(size.row_len())
+                    .zip(squares.par_chunks(size.width));
                 for (prediction, distances) in rows[1..].iter().zip(&mut distances) {
                     let pairs = prediction.par_chunks(size.row_len()).zip(target.clone());
                     for (&epsilon, distance) in epsilons.iter().zip(distances) {
                         let rows: Vec<Vec<f64>> = pairs
                             .clone()
-                            .map(|(a, b)| {
+                            .map(|(a, (b, squares))| {
                                 let mut out = vec![0.0; size.width];
-                                distance_row(a, b, &self.linear[tap], epsilon, &mut out);
+                                let weights = &self.linear[tap];
+                                distance_row(a, b, squares, weights, epsilon, &mut out);
                                 out
                             })
                             .collect();
@@ -142,32 +150,65 @@ impl Lpips {
     }
 }
 
-/// The weighed squared distance at each position of a row.
-fn distance_row(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
-    with_widest_vectors!(distance_row_body(a, b, weights, epsilon, out):
-        fn(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]));
+/// The squared length of the feature vector at each position of a row.
+fn squared_lengths(row: &[f32], channels: usize, out: &mut [f64]) {
+    with_widest_vectors!(squared_lengths_body(row, channels, out):
+        fn(row: &[f32], channels: usize, out: &mut [f64]));
 }
 
 #[inline(always)]
-fn distance_row_body(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
+fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
+    for (vector, out) in row.chunks_exact(channels).zip(out) {
+        *out = squared_length(vector.as_chunks().0);
+    }
+}
+
+/// Every network's taps have a multiple of 64 channels.
+#[inline(always)]
+fn squared_length(vector: &[[f32; 8]]) -> f64 {
+    let mut sum = [0.0_f64; 8];
+    for values in vector {
+        for i in 0..8 {
+            sum[i] += f64::from(values[i]) * f64::from(values[i]);
+        }
+    }
+    sum.iter().sum()
+}
+
+/// The weighed squared distance at each position of a row from the target's, whose squared lengths
+/// are known.
+fn distance_row(
+    a: &[f32],
+    target: &[f32],
+    squares: &[f64],
+    weights: &[f64],
+    epsilon: Epsilon,
+    out: &mut [f64],
+) {
+    with_widest_vectors!(distance_row_body(a, target, squares, weights, epsilon, out):
+        fn(a: &[f32], target: &[f32], squares: &[f64], weights: &[f64], epsilon: Epsilon, out: &mut [f64]));
+}
+
+#[inline(always)]
+fn distance_row_body(
+    a: &[f32],
+    target: &[f32],
+    squares: &[f64],
+    weights: &[f64],
+    epsilon: Epsilon,
+    out: &mut [f64],
+) {
     let channels = weights.len();
-    // Every network's taps have a multiple of 64 channels.
     let (weights, _) = weights.as_chunks::<8>();
-    for ((a, b), out) in a
+    for (((a, b), b_squares), out) in a
         .chunks_exact(channels)
-        .zip(b.chunks_exact(channels))
+        .zip(target.chunks_exact(channels))
+        .zip(squares)
         .zip(out)
     {
         let ((a, _), (b, _)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-        let (mut aa, mut bb) = ([0.0_f64; 8], [0.0_f64; 8]);
-        for (a, b) in a.iter().zip(b) {
-            for i in 0..8 {
-                aa[i] += f64::from(a[i]) * f64::from(a[i]);
-                bb[i] += f64::from(b[i]) * f64::from(b[i]);
-            }
-        }
-        let a_scale = epsilon.reciprocal_length(aa.iter().sum());
-        let b_scale = epsilon.reciprocal_length(bb.iter().sum());
+        let a_scale = epsilon.reciprocal_length(squared_length(a));
+        let b_scale = epsilon.reciprocal_length(*b_squares);
         let mut sum = [0.0_f64; 8];
         for ((a, b), weights) in a.iter().zip(b).zip(weights) {
             for i in 0..8 {

@@ -87,13 +87,11 @@ pub enum Device {
     Metal,
 }
 
-/// No device of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown device '{0}'; known: cpu, candle-cpu, cuda, metal")]
 pub struct UnknownDevice(String);
 
 impl Device {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Cpu, Self::CandleCpu, Self::Cuda, Self::Metal];
 
     /// On the command line: `cpu`, `candle-cpu`, `cuda`, `metal`.

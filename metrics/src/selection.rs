@@ -5,7 +5,6 @@ use crate::identity::{Family, IdentityError, MetricKey, MetricRegion};
 /// A selected metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selected {
-    /// The metric.
     pub key: MetricKey,
     /// Whether it was asked for by key, alias or family name. Such a metric must be computed or
     /// the request has failed; one that came with `paper` or `all` may be listed as unavailable.
@@ -21,7 +20,6 @@ pub struct Selection {
 /// Why a list of metrics was not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SelectionError {
-    /// The list names nothing.
     #[error("the list of metrics is empty; try 'paper', 'all', 'psnr' or 'lpips-vgg,dists'")]
     Empty,
     /// One of the names is no key, family or group.

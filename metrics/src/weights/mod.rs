@@ -37,7 +37,6 @@ pub enum Backbone {
     SqueezeNet1_1,
 }
 
-/// No network of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown network '{0}'; known: alexnet vgg16 squeezenet1_1")]
 pub struct UnknownBackbone(String);
@@ -48,7 +47,6 @@ pub enum WeightsError {
     /// The file cannot be read as a checkpoint.
     #[error("weights of {backbone}: {source}")]
     Checkpoint {
-        /// The network.
         backbone: Backbone,
         /// Why; names the file.
         source: CheckpointError,
@@ -56,41 +54,27 @@ pub enum WeightsError {
     /// The file holds other tensors than the network has.
     #[error("{}: not the weights of {backbone}: {reason}", path.display())]
     Mismatch {
-        /// The network.
         backbone: Backbone,
-        /// The file.
         path: PathBuf,
         /// What is missing, surplus or of another shape.
         reason: String,
     },
     /// A weight is NaN or infinite.
     #[error("{}: {tensor} holds a value that is not finite", path.display())]
-    NotFinite {
-        /// The file.
-        path: PathBuf,
-        /// Name of the tensor.
-        tensor: String,
-    },
+    NotFinite { path: PathBuf, tensor: String },
     /// The network cannot be put where it was to be computed.
     #[error("the networks cannot be computed on {device}: {reason}")]
-    Device {
-        /// Where.
-        device: Device,
-        /// Why not.
-        reason: String,
-    },
+    Device { device: Device, reason: String },
     /// The weights that ship with the crate are damaged.
     #[error("the built-in weights {file} are damaged: {reason}")]
     Embedded {
         /// The file in the crate's source.
         file: &'static str,
-        /// What is wrong.
         reason: String,
     },
 }
 
 impl Backbone {
-    /// All networks.
     pub const ALL: [Self; 3] = [Self::AlexNet, Self::Vgg16, Self::SqueezeNet1_1];
 
     /// torchvision's name: `alexnet`, `vgg16`, `squeezenet1_1`.
@@ -202,7 +186,6 @@ impl Weights {
 /// Weights that a scorer uses, for the record of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WeightsUsed {
-    /// The network.
     pub backbone: Backbone,
     pub source: WeightsSource,
     /// sha256 over the convolutions' names and f32 values: equal for torchvision's file and for a

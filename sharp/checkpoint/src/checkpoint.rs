@@ -20,7 +20,6 @@ pub enum Format {
     Zip,
     /// PyTorch before 1.6: bare pickles, then raw storages.
     Legacy,
-    /// Safetensors.
     Safetensors,
 }
 
@@ -34,7 +33,6 @@ pub struct Checkpoint {
     format: Format,
     tensors: BTreeMap<String, Layout>,
     others: Vec<String>,
-    key: Option<String>,
     metadata: BTreeMap<String, String>,
 }
 
@@ -42,7 +40,7 @@ impl Checkpoint {
     /// Opens a file of any [`Format`].
     ///
     /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
-    /// `model`, …), that one is taken and [`Self::key`] tells its name.
+    /// `model`, …), that one is taken.
     ///
     /// # Errors
     /// [`CheckpointError`]: unreadable, malformed, asking for code to be run, or without a
@@ -57,24 +55,16 @@ impl Checkpoint {
             format,
             tensors: named.tensors,
             others: named.others,
-            key: named.key,
             metadata,
         })
     }
 
-    /// The file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// How it is stored.
     pub fn format(&self) -> Format {
         self.format
-    }
-
-    /// The key the state dict was found under, `None` if the file is the state dict.
-    pub fn key(&self) -> Option<&str> {
-        self.key.as_deref()
     }
 
     /// Free text of a safetensors header; empty for pickles.
@@ -92,7 +82,6 @@ impl Checkpoint {
         &self.others
     }
 
-    /// Whether there is a tensor of that name.
     pub fn contains(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
     }
@@ -111,14 +100,6 @@ impl Checkpoint {
     /// [`CheckpointError::NoTensor`].
     pub fn dtype(&self, name: &str) -> Result<DType, CheckpointError> {
         Ok(self.layout(name)?.dtype)
-    }
-
-    /// How many elements the tensor has.
-    ///
-    /// # Errors
-    /// [`CheckpointError::NoTensor`].
-    pub fn numel(&self, name: &str) -> Result<usize, CheckpointError> {
-        Ok(self.layout(name)?.numel())
     }
 
     /// The tensor's elements as f32 in C order. Half types are widened exactly, doubles and

@@ -11,16 +11,10 @@ use std::time::Duration;
 pub enum DownloadError {
     /// A file or folder here cannot be written or read.
     #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// The server could not be reached, or the transfer broke again and again.
     #[error("{address}: {reason}")]
     Transfer {
-        /// Where the file is.
         address: String,
         /// The last failure.
         reason: String,
@@ -28,7 +22,6 @@ pub enum DownloadError {
     /// The server sent something else.
     #[error("{address}: {reason}")]
     Unexpected {
-        /// Where the file is.
         address: String,
         /// What was sent and what was expected.
         reason: String,
@@ -47,7 +40,6 @@ pub struct Progress {
 /// A published file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Download {
-    /// Where it is.
     pub address: String,
     /// Sizes that it may have, bytes. A server that announces another one is not listened to.
     pub sizes: RangeInclusive<u64>,

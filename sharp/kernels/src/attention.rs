@@ -17,7 +17,6 @@ pub struct AttentionShape {
     pub batch: usize,
     /// Tokens of a sequence.
     pub tokens: usize,
-    /// Heads.
     pub heads: usize,
     /// Channels of a head.
     pub head_dim: usize,

@@ -19,7 +19,6 @@ pub enum InstructionSet {
     Avx512,
 }
 
-/// No instruction set of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown instruction set '{0}'; known: avx512, avx2, portable")]
 pub struct UnknownInstructionSet(String);

@@ -26,13 +26,9 @@ use winograd::Winograd;
 /// Shape of a convolution: square kernel, equal strides and paddings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ConvSpec {
-    /// Channels of the input.
     pub in_channels: usize,
-    /// Channels of the output.
     pub out_channels: usize,
-    /// Side of the kernel.
     pub kernel: usize,
-    /// Step of the kernel.
     pub stride: usize,
     /// Rows and columns of zeros around the image.
     pub padding: usize,

@@ -86,14 +86,8 @@ impl PackedMatrix {
         self.n
     }
 
-    /// The instruction set it was packed for.
     pub fn simd(&self) -> Simd {
         self.simd
-    }
-
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        (self.data.len() + self.bias.len()) * size_of::<f32>()
     }
 
     pub(crate) fn view(&self) -> PackedView<'_> {
