@@ -1,9 +1,10 @@
-//! Measures one metric on one pair: CPU seconds, wall seconds, peak memory, as a line of JSON.
+//! Measures one metric: CPU seconds, wall seconds, peak memory, as a line of JSON.
 //!
 //! ```text
-//! measure KEY WIDTH HEIGHT [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
+//! measure KEY WIDTH HEIGHT [predictions=N] [apart] [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
 //! ```
-//! The pair is synthetic, the weights deterministic: what is measured does not depend on values.
+//! The pictures are synthetic, the weights deterministic: what is measured does not depend on values.
+//! Several predictions of one target are scored together, or with `apart` one after the other.
 //! Preparing the weights and the pictures is not counted as time. With `turns` a first call is not
 //! counted either, and then every line of standard input is answered by a measurement:
 //! `benches/compare.py` takes turns with PyTorch and scikit-image. The peak of memory comes from
@@ -17,7 +18,7 @@ use std::time::Instant;
 use cpu_time::ProcessTime;
 use image::{Rgb, RgbImage};
 use sharp_metrics::{
-    Algorithm, Level, MetricKey, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
+    Algorithm, MetricKey, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -28,60 +29,93 @@ fn main() -> Result<(), Box<dyn Error>> {
     let key: MetricKey = key.parse()?;
     let (width, height) = (width.parse()?, height.parse()?);
     let mut options = ScorerOptions::default();
+    let (mut predictions, mut apart) = (1, false);
     let (mut repeat, mut turns) = (1_u32, false);
     for option in rest {
         match option.split_once('=') {
+            Some(("predictions", n)) => predictions = n.parse()?,
             Some(("repeat", n)) => repeat = n.parse()?,
             Some(("strip", n)) => options.strip_rows = Some(n.parse()?),
             Some(("threads", n)) => rayon::ThreadPoolBuilder::new()
                 .num_threads(n.parse()?)
                 .build_global()?,
             Some(("simd", name)) => {
-                let level = Level::from_name(name).ok_or("no such instruction set")?;
-                options.simd = Simd::new(level).ok_or("this machine lacks it")?;
+                options.simd = Simd::pin(name.parse()?)?;
             }
             None if option == "direct" => options.algorithm = Algorithm::Direct,
+            None if option == "apart" => apart = true,
             None if option == "turns" => turns = true,
             _ => return Err(format!("unknown option '{option}'").into()),
         }
     }
     let scorer =
         Scorer::with_options(&Selection::of(&[key]), &Weights::deterministic(""), options)?;
-    let pair = [0, 40].map(|seed| texture(width, height, seed));
+    let pictures = (0..=predictions).map(|i| texture(width, height, 40 * i));
+    let work = Work {
+        scorer,
+        pictures: pictures.collect(),
+        apart,
+        repeat,
+    };
     if turns {
-        score(&scorer, &pair)?;
+        work.score()?;
         for line in std::io::stdin().lines() {
             line?;
-            println!("{}", measure(&scorer, &pair, repeat)?);
+            println!("{}", work.measure()?);
         }
     } else {
-        println!("{}", measure(&scorer, &pair, repeat)?);
+        println!("{}", work.measure()?);
     }
     Ok(())
 }
 
-fn score(scorer: &Scorer, [prediction, target]: &[Picture; 2]) -> Result<f64, Box<dyn Error>> {
-    let (_, value) = scorer.score(prediction, target, None)?.swap_remove(0);
-    Ok(value?)
+struct Work {
+    scorer: Scorer,
+    /// The target, then the predictions.
+    pictures: Vec<Picture>,
+    apart: bool,
+    repeat: u32,
 }
 
-fn measure(scorer: &Scorer, pair: &[Picture; 2], repeat: u32) -> Result<String, Box<dyn Error>> {
-    let (cpu, wall) = (ProcessTime::now(), Instant::now());
-    let mut value = f64::NAN;
-    for _ in 0..repeat {
-        value = score(scorer, pair)?;
+impl Work {
+    /// The mean score of the predictions.
+    fn score(&self) -> Result<f64, Box<dyn Error>> {
+        let [target, predictions @ ..] = &self.pictures[..] else {
+            return Err("no pictures".into());
+        };
+        let group = if self.apart { 1 } else { predictions.len() };
+        let mut sum = 0.0;
+        for group in predictions.chunks(group) {
+            let group: Vec<&Picture> = group.iter().collect();
+            for scores in self.scorer.score_all(target, &group, None) {
+                let (_, value) = scores?.swap_remove(0);
+                sum += value?;
+            }
+        }
+        Ok(sum / predictions.len() as f64)
     }
-    let share = |seconds: f64| seconds / f64::from(repeat);
-    let (width, height) = pair[0].dimensions();
-    Ok(format!(
-        "{{\"key\": \"{}\", \"width\": {width}, \"height\": {height}, \"cpu_s\": {:.6}, \
-         \"wall_s\": {:.6}, \"peak_mib\": {:.0}, \"score\": {value:.9}, \"networks\": \"{}\"}}",
-        scorer.keys()[0],
-        share(cpu.elapsed().as_secs_f64()),
-        share(wall.elapsed().as_secs_f64()),
-        peak_mib(),
-        scorer.options().arithmetic(),
-    ))
+
+    fn measure(&self) -> Result<String, Box<dyn Error>> {
+        let (cpu, wall) = (ProcessTime::now(), Instant::now());
+        let mut value = f64::NAN;
+        for _ in 0..self.repeat {
+            value = self.score()?;
+        }
+        let share = |seconds: f64| seconds / f64::from(self.repeat);
+        let (width, height) = self.pictures[0].dimensions();
+        Ok(format!(
+            "{{\"key\": \"{}\", \"width\": {width}, \"height\": {height}, \"predictions\": {}, \
+             \"apart\": {}, \"cpu_s\": {:.6}, \"wall_s\": {:.6}, \"peak_mib\": {:.0}, \
+             \"score\": {value:.9}, \"networks\": \"{}\"}}",
+            self.scorer.keys()[0],
+            self.pictures.len() - 1,
+            self.apart,
+            share(cpu.elapsed().as_secs_f64()),
+            share(wall.elapsed().as_secs_f64()),
+            peak_mib(),
+            self.scorer.options().arithmetic(),
+        ))
+    }
 }
 
 /// Waves and noise in 8 bits.

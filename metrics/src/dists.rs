@@ -57,45 +57,53 @@ impl Dists {
         }
     }
 
-    /// Compares a pair at its own resolution.
+    /// Compares predictions with their target at their own resolution, from one pass of the
+    /// network over each picture. The target is the first of `pictures`, which are of one size.
     pub(crate) fn compare(
         &self,
-        pair: [&Picture; 2],
+        pictures: &[&Picture],
         strip: Option<usize>,
-    ) -> Result<Similarity, Unavailable> {
-        let (width, height) = pair[0].dimensions();
+    ) -> Result<Vec<Similarity>, Unavailable> {
+        let (width, height) = pictures[0].dimensions();
         let normalization =
             Normalization::new(1.0, 0.0, [0.485, 0.456, 0.406], [0.229, 0.224, 0.225]);
-        let mut moments = vec![picture_moments(pair)];
-        moments.resize(TAPS, Vec::new());
-        let mut pixels = vec![f64::from(width) * f64::from(height); TAPS];
+        let mut moments: Vec<[Vec<f64>; TAPS]> = pictures[1..]
+            .iter()
+            .map(|prediction| {
+                let mut taps: [Vec<f64>; TAPS] = Default::default();
+                taps[0] = picture_moments([prediction, pictures[0]]);
+                taps
+            })
+            .collect();
+        let mut pixels = [f64::from(width) * f64::from(height); TAPS];
         self.network.stream(
             (width as usize, height as usize),
+            pictures.len(),
             strip,
-            |picture, y, out| normalization.row(pair[picture], y, out),
-            |Taps {
-                 tap,
-                 size,
-                 rows: [a, b],
-             }| {
+            |picture, y, out| normalization.row(pictures[picture], y, out),
+            |Taps { tap, size, rows }| {
                 pixels[tap + 1] = size.width as f64 * size.height as f64;
-                let sums = &mut moments[tap + 1];
-                sums.resize(MOMENTS * size.channels, 0.0);
-                let rows: Vec<Vec<f64>> = a
-                    .par_chunks(size.row_len())
-                    .zip(b.par_chunks(size.row_len()))
-                    .map(|(a, b)| {
-                        let mut sums = vec![0.0; MOMENTS * size.channels];
-                        add_moments(a, b, &mut sums);
-                        sums
-                    })
-                    .collect();
-                for row in rows {
-                    add(sums, &row);
+                let target = rows[0].par_chunks(size.row_len());
+                for (prediction, moments) in rows[1..].iter().zip(&mut moments) {
+                    let sums = &mut moments[tap + 1];
+                    sums.resize(MOMENTS * size.channels, 0.0);
+                    let rows: Vec<Vec<f64>> = prediction
+                        .par_chunks(size.row_len())
+                        .zip(target.clone())
+                        .map(|(a, b)| {
+                            let mut sums = vec![0.0; MOMENTS * size.channels];
+                            add_moments(a, b, &mut sums);
+                            sums
+                        })
+                        .collect();
+                    for row in rows {
+                        add(sums, &row);
+                    }
                 }
             },
         )?;
-        Ok(self.similarity(&moments, &pixels))
+        let similarities = moments.iter().map(|taps| self.similarity(taps, &pixels));
+        Ok(similarities.collect())
     }
 
     fn similarity(&self, moments: &[Vec<f64>], pixels: &[f64]) -> Similarity {

@@ -1,4 +1,4 @@
-//! The learned metrics that a selection needs; each pass of a network is made once a pair.
+//! The learned metrics that a selection needs; each pass of a network is made once a picture.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,11 +11,11 @@ use crate::backbone::{Extractor, Kernels};
 use crate::dists::{Dists, Similarity};
 use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey};
 use crate::lpips::{Distance, Epsilon, InputRange, Lpips};
+use crate::maps::ScoreMap;
+use crate::maps::summed_rows;
 use crate::options::ScorerOptions;
 use crate::picture::{Mask, Picture};
 use crate::resize::to_shorter_side_256;
-use crate::score_map::ScoreMap;
-use crate::spatial::summed_rows;
 use crate::unavailable::Unavailable;
 use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights};
 
@@ -30,7 +30,7 @@ pub(crate) struct Engines {
 }
 
 /// The input range of a variant, which each take a pass of the network, and where its ε stands.
-fn form(variant: LpipsVariant) -> (InputRange, Epsilon) {
+fn convention(variant: LpipsVariant) -> (InputRange, Epsilon) {
     match variant {
         LpipsVariant::Official => (InputRange::Signed, Epsilon::OutsideRoot),
         LpipsVariant::Unscaled => (InputRange::Unit, Epsilon::OutsideRoot),
@@ -84,20 +84,33 @@ impl Engines {
         Ok(engines)
     }
 
-    /// Runs the learned metrics among `keys`. Maps are kept if asked for and for masked keys.
-    pub(crate) fn run(&self, pair: [&Picture; 2], keys: &[MetricKey], with_maps: bool) -> Learned {
-        let mut learned = Learned {
-            size: pair[0].dimensions(),
+    /// Runs the learned metrics among `keys`: the results of each prediction. The target is the
+    /// first of `pictures`, which are of one size. Maps are kept if asked for and for masked keys.
+    pub(crate) fn run(
+        &self,
+        pictures: &[&Picture],
+        keys: &[MetricKey],
+        with_maps: bool,
+    ) -> Vec<Learned> {
+        let [target, predictions @ ..] = pictures else {
+            return Vec::new();
+        };
+        let nothing = Learned {
+            size: target.dimensions(),
             lpips: BTreeMap::new(),
             dists: BTreeMap::new(),
         };
+        let mut learned = vec![nothing; predictions.len()];
+        if predictions.is_empty() {
+            return learned;
+        }
         for (&net, engine) in &self.lpips {
             for range in [InputRange::Signed, InputRange::Unit] {
                 let mut variants = BTreeMap::new();
                 for key in keys {
                     if let Metric::Lpips(n, variant) = key.metric()
                         && n == net
-                        && form(variant).0 == range
+                        && convention(variant).0 == range
                     {
                         *variants.entry(variant).or_insert(with_maps) |= key.is_masked();
                     }
@@ -105,37 +118,63 @@ impl Engines {
                 if variants.is_empty() {
                     continue;
                 }
-                let epsilons: Vec<Epsilon> = variants.keys().map(|&v| form(v).1).collect();
+                let epsilons: Vec<Epsilon> = variants.keys().map(|&v| convention(v).1).collect();
                 let keep = variants.values().any(|&keep| keep);
-                let results = engine.distances(pair, range, &epsilons, keep, self.strip);
-                for (i, &variant) in variants.keys().enumerate() {
-                    let result = results.as_ref().map(|all| all[i].clone());
-                    let result = result.map_err(Clone::clone);
-                    learned.lpips.insert((net, variant), result);
+                let found = engine.distances(pictures, range, &epsilons, keep, self.strip);
+                for (learned, found) in learned.iter_mut().zip(spread(found, predictions.len())) {
+                    let distances = spread(found, variants.len());
+                    for (&variant, distance) in variants.keys().zip(distances) {
+                        learned.lpips.insert((net, variant), distance);
+                    }
                 }
             }
         }
-        if let Some(engine) = &self.dists {
-            let wanted = |metric| keys.iter().any(|key| key.metric() == metric);
-            if wanted(Metric::Dists) {
-                let result = engine.compare(pair, self.strip);
-                learned.dists.insert(Resolution::Full, result);
+        let Some(engine) = &self.dists else {
+            return learned;
+        };
+        let wanted = |metric| keys.iter().any(|key| key.metric() == metric);
+        if wanted(Metric::Dists) {
+            let found = engine.compare(pictures, self.strip);
+            for (learned, found) in learned.iter_mut().zip(spread(found, predictions.len())) {
+                learned.dists.insert(Resolution::Full, found);
             }
-            if wanted(Metric::DistsResize256) {
-                let resized = pair.map(to_shorter_side_256);
-                let result = match learned.dists.get(&Resolution::Full) {
-                    // Nothing to reduce: the same value.
-                    Some(full) if matches!(resized, [Cow::Borrowed(_), _]) => full.clone(),
-                    _ => engine.compare([&resized[0], &resized[1]], self.strip),
-                };
-                learned.dists.insert(Resolution::Side256, result);
+        }
+        if wanted(Metric::DistsResize256) {
+            let resized: Vec<Cow<Picture>> =
+                pictures.iter().map(|p| to_shorter_side_256(p)).collect();
+            let unchanged = matches!(resized[0], Cow::Borrowed(_));
+            if unchanged && wanted(Metric::Dists) {
+                // Nothing to reduce: the same value.
+                for learned in &mut learned {
+                    if let Some(full) = learned.dists.get(&Resolution::Full).cloned() {
+                        learned.dists.insert(Resolution::Side256, full);
+                    }
+                }
+            } else {
+                let resized: Vec<&Picture> = resized.iter().map(|picture| &**picture).collect();
+                let found = engine.compare(&resized, self.strip);
+                for (learned, found) in learned.iter_mut().zip(spread(found, predictions.len())) {
+                    learned.dists.insert(Resolution::Side256, found);
+                }
             }
         }
         learned
     }
 }
 
-/// Results of the learned metrics for a pair; metrics without weights are absent.
+/// The result of each one of `count`; a failure is that of all of them.
+fn spread<T: Clone>(
+    found: Result<Vec<T>, Unavailable>,
+    count: usize,
+) -> Vec<Result<T, Unavailable>> {
+    match found {
+        Ok(found) => found.into_iter().map(Ok).collect(),
+        Err(reason) => vec![Err(reason); count],
+    }
+}
+
+/// Results of the learned metrics for a prediction; metrics without weights are absent.
+#[derive(Clone)]
 pub(crate) struct Learned {
     size: (u32, u32),
     lpips: BTreeMap<(LpipsNet, LpipsVariant), Result<Distance, Unavailable>>,
@@ -152,7 +191,6 @@ pub(crate) enum Resolution {
 }
 
 impl Learned {
-    /// The result of an LPIPS variant.
     pub(crate) fn lpips(
         &self,
         net: LpipsNet,
@@ -161,7 +199,6 @@ impl Learned {
         found(self.lpips.get(&(net, variant)), Backbone::of_lpips(net))
     }
 
-    /// The result of DISTS.
     pub(crate) fn dists(&self, resolution: Resolution) -> Result<&Similarity, Unavailable> {
         found(self.dists.get(&resolution), Backbone::Vgg16)
     }

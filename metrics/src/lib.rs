@@ -6,51 +6,46 @@
 //! and no camera.
 //!
 //! # Contents
-//! * [`identity`]: the keys, what they mean, which public code computes the same.
-//! * [`facts`]: what decides a number besides its key: ranges, resizing, precision, weights.
+//! * [`identity`]: the keys.
+//! * [`info`]: what a key means, and everything else that decides a number, as one value.
 //! * [`selection`]: lists of keys as typed on a command line.
 //! * [`picture`]: pictures and masks as the metrics take them.
 //! * [`mod@resize`]: the resizing functions of torch, PIL and OpenCV, by name.
-//! * [`scorer`]: all selected metrics of a pair; `options`: how they are computed; `score_map`: their local values;
-//!   `unavailable`: why there is none.
-//! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves.
-//! * [`device`]: where the networks of the last two are computed.
+//! * [`scorer`]: all selected metrics of predictions and their target; `unavailable`: why there is no value.
+//! * [`options`]: where and how the networks are computed.
+//! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves; `maps`: their local values.
 //! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
-//! * `backbone`: the networks behind the last two, streamed in row strips.
+//! * `backbone`: the networks behind them, streamed in row strips.
 //! * [`weights`]: which network weights a metric needs and where they come from.
 
 mod backbone;
-pub mod device;
 mod dists;
 mod engines;
-mod explain;
-pub mod facts;
 pub mod identity;
+pub mod info;
 mod lpips;
-mod options;
+mod maps;
+pub mod options;
 pub mod picture;
 mod psnr;
 pub mod resize;
-mod score_map;
 pub mod scorer;
 pub mod selection;
 mod simd;
-mod spatial;
 mod ssim;
 mod unavailable;
 pub mod weights;
 
-pub use device::Device;
-pub use facts::{Facts, OwnWeights, term_names};
 pub use identity::{
-    Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant,
+    Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion, SsimVariant,
 };
-pub use options::ScorerOptions;
+pub use info::{BackboneInfo, Direction, MetricInfo, OwnWeights, term_names};
+pub use maps::ScoreMap;
+pub use options::{Arithmetic, Device, ScorerOptions};
 pub use picture::{Mask, Picture, PictureError};
 pub use resize::{ResizeKernel, resize};
-pub use score_map::ScoreMap;
 pub use scorer::{AllTerms, Examined, Maps, Scorer, Scores, Terms};
 pub use selection::{Selected, Selection, SelectionError};
-pub use sharp_kernels::{Algorithm, Level, Simd};
+pub use sharp_kernels::{Algorithm, InstructionSet, Simd};
 pub use unavailable::{ScoreError, Unavailable};
-pub use weights::{Backbone, Weights, WeightsError, WeightsUsed};
+pub use weights::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::backbone::{Extractor, Taps};
+use crate::maps::TapMap;
 use crate::picture::{Normalization, Picture};
 use crate::simd::with_widest_vectors;
-use crate::spatial::TapMap;
 use crate::unavailable::Unavailable;
 
 /// Where the constant that guards the division by a feature vector's length stands.
@@ -83,99 +83,132 @@ impl Lpips {
         }
     }
 
-    /// The distances of a pair, one for each of `epsilons`, from one pass of the network.
+    /// The distances of predictions from their target, from one pass of the network over each
+    /// picture: for each prediction one distance for each of `epsilons`. The target is the first
+    /// of `pictures`, which are of one size.
     pub(crate) fn distances(
         &self,
-        pair: [&Picture; 2],
+        pictures: &[&Picture],
         range: InputRange,
         epsilons: &[Epsilon],
         with_maps: bool,
         strip: Option<usize>,
-    ) -> Result<Vec<Distance>, Unavailable> {
-        let (width, height) = pair[0].dimensions();
+    ) -> Result<Vec<Vec<Distance>>, Unavailable> {
+        let (width, height) = pictures[0].dimensions();
         let normalization = range.normalization();
         let taps = self.linear.len();
-        // [epsilon][tap] → a sum for each row; [epsilon][tap] → the map so far.
-        let mut sums = vec![vec![Vec::<f64>::new(); taps]; epsilons.len()];
-        let mut maps = vec![vec![Vec::<f32>::new(); taps]; epsilons.len()];
+        let nothing = Distance {
+            layers: vec![0.0; taps],
+            maps: vec![TapMap::default(); if with_maps { taps } else { 0 }],
+        };
+        let mut distances = vec![vec![nothing; epsilons.len()]; pictures.len() - 1];
         let sizes = self.network.stream(
             (width as usize, height as usize),
+            pictures.len(),
             strip,
-            |picture, y, out| normalization.row(pair[picture], y, out),
-            |Taps {
-                 tap,
-                 size,
-                 rows: [a, b],
-             }| {
-                let row = size.row_len();
-                let rows = a.par_chunks(row).zip(b.par_chunks(row));
-                for (i, &epsilon) in epsilons.iter().enumerate() {
-                    let distances: Vec<Vec<f64>> = rows
-                        .clone()
-                        .map(|(a, b)| {
-                            let mut out = vec![0.0; size.width];
-                            distance_row(a, b, &self.linear[tap], epsilon, &mut out);
-                            out
-                        })
-                        .collect();
-                    for row in &distances {
-                        sums[i][tap].push(row.iter().sum());
-                        if with_maps {
-                            maps[i][tap].extend(row.iter().map(|&d| d as f32));
+            |picture, y, out| normalization.row(pictures[picture], y, out),
+            |Taps { tap, size, rows }| {
+                let mut squares = vec![0.0; rows[0].len() / size.channels];
+                rows[0]
+                    .par_chunks(size.row_len())
+                    .zip(squares.par_chunks_mut(size.width))
+                    .for_each(|(row, out)| squared_lengths(row, size.channels, out));
+                let target = rows[0]
+                    .par_chunks(size.row_len())
+                    .zip(squares.par_chunks(size.width));
+                for (prediction, distances) in rows[1..].iter().zip(&mut distances) {
+                    let pairs = prediction.par_chunks(size.row_len()).zip(target.clone());
+                    for (&epsilon, distance) in epsilons.iter().zip(distances) {
+                        let rows: Vec<Vec<f64>> = pairs
+                            .clone()
+                            .map(|(a, (b, squares))| {
+                                let mut out = vec![0.0; size.width];
+                                let weights = &self.linear[tap];
+                                distance_row(a, b, squares, weights, epsilon, &mut out);
+                                out
+                            })
+                            .collect();
+                        for row in &rows {
+                            distance.layers[tap] += row.iter().sum::<f64>();
+                            if let Some(map) = distance.maps.get_mut(tap) {
+                                map.values.extend(row.iter().map(|&d| d as f32));
+                            }
                         }
                     }
                 }
             },
         )?;
-        let distances = sums.into_iter().zip(maps).map(|(sums, maps)| Distance {
-            layers: sums
-                .iter()
-                .zip(&sizes)
-                .map(|(rows, size)| {
-                    rows.iter().sum::<f64>() / (size.width as f64 * size.height as f64)
-                })
-                .collect(),
-            maps: maps
-                .into_iter()
-                .zip(&sizes)
-                .filter(|_| with_maps)
-                .map(|(values, size)| TapMap {
-                    width: size.width,
-                    height: size.height,
-                    values,
-                })
-                .collect(),
-        });
-        Ok(distances.collect())
+        for distance in distances.iter_mut().flatten() {
+            for (sum, size) in distance.layers.iter_mut().zip(&sizes) {
+                *sum /= size.width as f64 * size.height as f64;
+            }
+            for (map, size) in distance.maps.iter_mut().zip(&sizes) {
+                (map.width, map.height) = (size.width, size.height);
+            }
+        }
+        Ok(distances)
     }
 }
 
-/// The weighed squared distance at each position of a row.
-fn distance_row(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
-    with_widest_vectors!(distance_row_body(a, b, weights, epsilon, out):
-        fn(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]));
+/// The squared length of the feature vector at each position of a row.
+fn squared_lengths(row: &[f32], channels: usize, out: &mut [f64]) {
+    with_widest_vectors!(squared_lengths_body(row, channels, out):
+        fn(row: &[f32], channels: usize, out: &mut [f64]));
 }
 
 #[inline(always)]
-fn distance_row_body(a: &[f32], b: &[f32], weights: &[f64], epsilon: Epsilon, out: &mut [f64]) {
+fn squared_lengths_body(row: &[f32], channels: usize, out: &mut [f64]) {
+    for (vector, out) in row.chunks_exact(channels).zip(out) {
+        *out = squared_length(vector.as_chunks().0);
+    }
+}
+
+/// Every network's taps have a multiple of 64 channels.
+#[inline(always)]
+fn squared_length(vector: &[[f32; 8]]) -> f64 {
+    let mut sum = [0.0_f64; 8];
+    for values in vector {
+        for i in 0..8 {
+            sum[i] += f64::from(values[i]) * f64::from(values[i]);
+        }
+    }
+    sum.iter().sum()
+}
+
+/// The weighed squared distance at each position of a row from the target's, whose squared lengths
+/// are known.
+fn distance_row(
+    a: &[f32],
+    target: &[f32],
+    squares: &[f64],
+    weights: &[f64],
+    epsilon: Epsilon,
+    out: &mut [f64],
+) {
+    with_widest_vectors!(distance_row_body(a, target, squares, weights, epsilon, out):
+        fn(a: &[f32], target: &[f32], squares: &[f64], weights: &[f64], epsilon: Epsilon, out: &mut [f64]));
+}
+
+#[inline(always)]
+fn distance_row_body(
+    a: &[f32],
+    target: &[f32],
+    squares: &[f64],
+    weights: &[f64],
+    epsilon: Epsilon,
+    out: &mut [f64],
+) {
     let channels = weights.len();
-    // Every network's taps have a multiple of 64 channels.
     let (weights, _) = weights.as_chunks::<8>();
-    for ((a, b), out) in a
+    for (((a, b), b_squares), out) in a
         .chunks_exact(channels)
-        .zip(b.chunks_exact(channels))
+        .zip(target.chunks_exact(channels))
+        .zip(squares)
         .zip(out)
     {
         let ((a, _), (b, _)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-        let (mut aa, mut bb) = ([0.0_f64; 8], [0.0_f64; 8]);
-        for (a, b) in a.iter().zip(b) {
-            for i in 0..8 {
-                aa[i] += f64::from(a[i]) * f64::from(a[i]);
-                bb[i] += f64::from(b[i]) * f64::from(b[i]);
-            }
-        }
-        let a_scale = epsilon.reciprocal_length(aa.iter().sum());
-        let b_scale = epsilon.reciprocal_length(bb.iter().sum());
+        let a_scale = epsilon.reciprocal_length(squared_length(a));
+        let b_scale = epsilon.reciprocal_length(*b_squares);
         let mut sum = [0.0_f64; 8];
         for ((a, b), weights) in a.iter().zip(b).zip(weights) {
             for i in 0..8 {

@@ -1,15 +1,18 @@
-//! How a scorer computes.
+//! How a scorer computes: where, and with which kernels.
 
+use std::fmt;
 use std::num::NonZeroUsize;
+use std::str::FromStr;
 
-use sharp_kernels::{Algorithm, Simd};
-
-use crate::device::Device;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use sharp_kernels::{Algorithm, InstructionSet, Simd};
 
 /// How the networks are computed. All but `strip_rows` change values, in the last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
     /// Where; the next two count on the CPU's kernels only.
+    #[schemars(with = "String")]
     pub device: Device,
     /// Instruction set; by default the fastest of the machine.
     pub simd: Simd,
@@ -19,21 +22,45 @@ pub struct ScorerOptions {
     pub strip_rows: Option<NonZeroUsize>,
 }
 
+/// What the networks' features depend on besides weights and pictures, for records. The number of
+/// threads changes no bit, nor does the height of strips on the CPU's kernels.
+///
+/// Features of different devices differ in the last digits of f32, and so do those of different
+/// instruction sets and algorithms. As JSON `{"device": "cpu", "instruction_set": "avx512",
+/// "algorithm": "winograd"}` or `{"device": "cuda"}`; shown as `avx512, winograd` or `candle on
+/// cuda`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Arithmetic {
+    #[schemars(with = "String")]
+    pub device: Device,
+    /// Of the CPU's kernels; `None` on other devices.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub instruction_set: Option<InstructionSet>,
+    /// Of the CPU's kernels; `None` on other devices.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<String>")]
+    pub algorithm: Option<Algorithm>,
+}
+
 impl ScorerOptions {
-    /// What the networks' features depend on besides weights and pictures, for records: `avx512,
-    /// winograd` on the CPU, `candle on cuda` elsewhere. The number of threads changes no bit, nor does the height of
-    /// strips on the CPU's kernels.
-    pub fn arithmetic(&self) -> String {
-        match self.device {
-            Device::Cpu => {}
-            Device::CandleCpu => return "candle on cpu".to_owned(),
-            Device::Cuda | Device::Metal => return format!("candle on {}", self.device),
+    pub fn arithmetic(&self) -> Arithmetic {
+        let on_kernels = self.device == Device::Cpu;
+        Arithmetic {
+            device: self.device,
+            instruction_set: on_kernels.then_some(self.simd.instruction_set()),
+            algorithm: on_kernels.then_some(self.algorithm),
         }
-        let algorithm = match self.algorithm {
-            Algorithm::Winograd => "winograd",
-            Algorithm::Direct => "direct",
-        };
-        format!("{}, {algorithm}", self.simd.level())
+    }
+}
+
+impl fmt::Display for Arithmetic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.instruction_set, self.algorithm) {
+            (Some(set), Some(algorithm)) => write!(f, "{set}, {algorithm}"),
+            _ if self.device == Device::CandleCpu => f.write_str("candle on cpu"),
+            _ => write!(f, "candle on {}", self.device),
+        }
     }
 }
 
@@ -45,5 +72,131 @@ impl Default for ScorerOptions {
             algorithm: Algorithm::Winograd,
             strip_rows: None,
         }
+    }
+}
+
+/// What computes the networks. Everything after their features is the same code in f64 on the CPU.
+///
+/// The classes round differently in the last digits of f32, so a record says which one a number comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Device {
+    /// Our kernels on the CPU: the fastest there, and what all published tolerances were tested with.
+    #[default]
+    Cpu,
+    /// candle's tensors on the CPU: slow; it tests the code that GPUs run.
+    CandleCpu,
+    /// candle's tensors on the first NVIDIA GPU (feature `cuda`). Untested on a real one.
+    Cuda,
+    /// candle's tensors on an Apple GPU (feature `metal`). Untested on a real one.
+    Metal,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown device '{0}'; known: cpu, candle-cpu, cuda, metal")]
+pub struct UnknownDevice(String);
+
+impl Device {
+    pub const ALL: [Self; 4] = [Self::Cpu, Self::CandleCpu, Self::Cuda, Self::Metal];
+
+    /// On the command line: `cpu`, `candle-cpu`, `cuda`, `metal`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::CandleCpu => "candle-cpu",
+            Self::Cuda => "cuda",
+            Self::Metal => "metal",
+        }
+    }
+
+    /// Whether this build can use it at all, be it there or not.
+    pub fn is_built(self) -> bool {
+        match self {
+            Self::Cpu => true,
+            Self::CandleCpu => cfg!(feature = "tensors"),
+            Self::Cuda => cfg!(feature = "cuda"),
+            Self::Metal => cfg!(feature = "metal"),
+        }
+    }
+
+    /// Opens the tensors' device.
+    #[cfg(feature = "tensors")]
+    pub(crate) fn open(self) -> Result<candle_core::Device, String> {
+        if !self.is_built() {
+            return Err(self.how_to_build());
+        }
+        match self {
+            Self::Cpu | Self::CandleCpu => Ok(candle_core::Device::Cpu),
+            Self::Cuda => candle_core::Device::new_cuda(0).map_err(|error| error.to_string()),
+            Self::Metal => candle_core::Device::new_metal(0).map_err(|error| error.to_string()),
+        }
+    }
+
+    pub(crate) fn how_to_build(self) -> String {
+        let feature = match self {
+            Self::Cpu | Self::CandleCpu => "tensors",
+            Self::Cuda | Self::Metal => self.name(),
+        };
+        format!("this build cannot: build with `--features {feature}`")
+    }
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for Device {
+    type Err = UnknownDevice;
+
+    fn from_str(name: &str) -> Result<Self, UnknownDevice> {
+        Self::ALL
+            .into_iter()
+            .find(|device| device.name() == name)
+            .ok_or_else(|| UnknownDevice(name.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_read_back_and_absent_devices_say_how_to_get_them() {
+        for device in Device::ALL {
+            assert_eq!(device.to_string().parse(), Ok(device));
+        }
+        assert!("tpu".parse::<Device>().is_err());
+        assert!(Device::Cuda.how_to_build().contains("--features cuda"));
+    }
+
+    #[test]
+    fn arithmetic_reads_back_and_is_shown_in_short() {
+        let shown = |device| {
+            let options = ScorerOptions {
+                device,
+                simd: Simd::new(InstructionSet::Portable).unwrap(),
+                ..ScorerOptions::default()
+            };
+            let arithmetic = options.arithmetic();
+            let json = serde_json::to_string(&arithmetic).unwrap();
+            assert_eq!(
+                serde_json::from_str::<Arithmetic>(&json).unwrap(),
+                arithmetic
+            );
+            (arithmetic.to_string(), json)
+        };
+        let kernels = r#"{"device":"cpu","instruction_set":"portable","algorithm":"winograd"}"#;
+        assert_eq!(
+            shown(Device::Cpu),
+            ("portable, winograd".into(), kernels.into())
+        );
+        let tensors = r#"{"device":"candle-cpu"}"#;
+        assert_eq!(
+            shown(Device::CandleCpu),
+            ("candle on cpu".into(), tensors.into())
+        );
+        assert_eq!(shown(Device::Cuda).0, "candle on cuda");
     }
 }

@@ -14,7 +14,6 @@ pub enum Picture {
 /// What is wrong with the pixels of a picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
-    /// No pixels at all.
     #[error("the picture is {width}x{height}: it has no pixel")]
     Empty {
         /// Width, pixels.
@@ -22,10 +21,8 @@ pub enum PictureError {
         /// Height, pixels.
         height: u32,
     },
-    /// A value is NaN or infinite.
     #[error("{value} at x {x}, y {y}, channel {channel}: pixels must be finite")]
     NotFinite {
-        /// The value.
         value: f32,
         /// Column of the first such pixel.
         x: u32,
@@ -34,13 +31,11 @@ pub enum PictureError {
         /// 0 red, 1 green, 2 blue.
         channel: usize,
     },
-    /// A value is outside 0..1.
     #[error(
         "{value} at x {x}, y {y}, channel {channel}: pixels must lie in 0..1 (a picture in \
          -1..1, 0..255 or of linear light must be converted first)"
     )]
     OutOfRange {
-        /// The value.
         value: f32,
         /// Column of the first such pixel.
         x: u32,

@@ -1,18 +1,20 @@
-//! All selected metrics of a pair of pictures.
+//! All selected metrics of predictions and their target.
 
 use std::sync::Arc;
 
 use crate::engines::{Engines, Learned, Resolution};
-use crate::identity::{Family, Metric, MetricKey, Region};
+use crate::identity::{Metric, MetricKey, MetricRegion};
+use crate::info::MetricInfo;
+use crate::maps::ScoreMap;
 use crate::options::ScorerOptions;
 use crate::picture::{Mask, Picture};
-use crate::score_map::ScoreMap;
 use crate::selection::Selection;
 use crate::unavailable::{ScoreError, Unavailable};
 use crate::weights::{Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
-/// Computes a selection of metrics, pair by pair. A pair's scores depend on nothing but the pair.
+/// Computes a selection of metrics. A prediction's scores depend on nothing but itself, its target
+/// and the mask.
 #[derive(Debug)]
 pub struct Scorer {
     keys: Vec<MetricKey>,
@@ -37,10 +39,9 @@ pub enum Terms {
     },
 }
 
-/// All that there is to say about a pair; see [`Scorer::examine`].
+/// Scores with what they are made of; see [`Scorer::examine`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Examined {
-    /// The scores.
     pub scores: Scores,
     /// What LPIPS and DISTS are made of.
     pub terms: AllTerms,
@@ -94,17 +95,6 @@ impl Scorer {
         }
     }
 
-    /// As [`score`](Self::score).
-    pub fn score_all(
-        &self,
-        target: &Picture,
-        predictions: &[&Picture],
-        mask: Option<&Mask>,
-    ) -> Vec<Result<Scores, ScoreError>> {
-        let predictions = predictions.iter();
-        predictions.map(|prediction| self.score(prediction, target, mask)).collect()
-    }
-
     /// The metrics in the order of the selection.
     pub fn keys(&self) -> &[MetricKey] {
         &self.keys
@@ -113,6 +103,13 @@ impl Scorer {
     /// How the networks are computed.
     pub fn options(&self) -> ScorerOptions {
         self.options
+    }
+
+    /// What each metric is, with the weights in use; in the order of the selection.
+    pub fn info(&self) -> Vec<MetricInfo> {
+        let keys = self.keys.iter();
+        keys.map(|&key| MetricInfo::new(key, &self.engines.used))
+            .collect()
     }
 
     /// The network weights in use.
@@ -132,38 +129,48 @@ impl Scorer {
         target: &Picture,
         mask: Option<&Mask>,
     ) -> Result<Scores, ScoreError> {
-        check(prediction, target, mask)?;
-        let learned = self.engines.run([prediction, target], &self.keys, false);
-        Ok(self.scores_of([prediction, target], mask, &learned))
+        self.score_all(target, &[prediction], mask).swap_remove(0)
     }
 
-    /// The maps of those selected metrics that have one (SSIM, LPIPS), over the whole picture.
+    /// Scores several predictions of one target, in their order. The networks see the target once:
+    /// k predictions take k + 1 passes of each instead of 2 k. Every score has the same bits as
+    /// that of [`score`](Self::score).
     ///
-    /// # Errors
-    /// As [`score`](Self::score).
-    pub fn maps(&self, prediction: &Picture, target: &Picture) -> Result<Maps, ScoreError> {
-        check(prediction, target, None)?;
-        let keys = self.whole_keys();
-        let mut lpips = keys.clone();
-        lpips.retain(|key| key.family() == Family::Lpips);
-        let learned = self.engines.run([prediction, target], &lpips, true);
-        Ok(maps_of(&keys, [prediction, target], &learned))
+    /// A prediction that cannot be compared is an error of its own and changes no other's scores;
+    /// a target or mask that cannot be used is the error of all. Memory grows with the number of
+    /// predictions by the rows that the networks hold of each picture.
+    pub fn score_all(
+        &self,
+        target: &Picture,
+        predictions: &[&Picture],
+        mask: Option<&Mask>,
+    ) -> Vec<Result<Scores, ScoreError>> {
+        let usable = target.check().map_err(ScoreError::Target);
+        let check = |prediction| {
+            usable
+                .clone()
+                .and_then(|()| check(prediction, target, mask))
+        };
+        let mut results: Vec<Result<Scores, ScoreError>> = predictions
+            .iter()
+            .map(|prediction| check(prediction).map(|()| Vec::new()))
+            .collect();
+        let sound: Vec<(&Picture, &mut Scores)> = predictions
+            .iter()
+            .zip(&mut results)
+            .filter_map(|(prediction, result)| Some((*prediction, result.as_mut().ok()?)))
+            .collect();
+        let mut pictures = vec![target];
+        pictures.extend(sound.iter().map(|(prediction, _)| *prediction));
+        let learned = self.engines.run(&pictures, &self.keys, false);
+        for ((prediction, scores), learned) in sound.into_iter().zip(learned) {
+            *scores = self.scores_of([prediction, target], mask, &learned);
+        }
+        results
     }
 
-    /// The layers' terms of those selected metrics that have them (LPIPS, DISTS), over the whole
-    /// picture.
-    ///
-    /// # Errors
-    /// As [`score`](Self::score).
-    pub fn terms(&self, prediction: &Picture, target: &Picture) -> Result<AllTerms, ScoreError> {
-        check(prediction, target, None)?;
-        let keys = self.whole_keys();
-        let learned = self.engines.run([prediction, target], &keys, false);
-        Ok(terms_of(&keys, &learned))
-    }
-
-    /// [`score`](Self::score), [`terms`](Self::terms) and, if wanted, [`maps`](Self::maps) at the
-    /// price of one.
+    /// [`score`](Self::score), the terms of LPIPS and DISTS and, if wanted, the maps of SSIM and
+    /// LPIPS at the price of one; terms and maps over the whole picture.
     ///
     /// # Errors
     /// As [`score`](Self::score).
@@ -174,14 +181,20 @@ impl Scorer {
         mask: Option<&Mask>,
         with_maps: bool,
     ) -> Result<Examined, ScoreError> {
+        target.check().map_err(ScoreError::Target)?;
         check(prediction, target, mask)?;
-        let (pair, keys) = ([prediction, target], self.whole_keys());
-        let learned = self.engines.run(pair, &self.keys, with_maps);
+        let mut keys = self.keys.clone();
+        keys.retain(|key| !key.is_masked());
+        let learned = self
+            .engines
+            .run(&[target, prediction], &self.keys, with_maps);
+        let learned = &learned[0];
+        let pair = [prediction, target];
         Ok(Examined {
-            scores: self.scores_of(pair, mask, &learned),
-            terms: terms_of(&keys, &learned),
+            scores: self.scores_of(pair, mask, learned),
+            terms: terms_of(&keys, learned),
             maps: if with_maps {
-                maps_of(&keys, pair, &learned)
+                maps_of(&keys, pair, learned)
             } else {
                 Vec::new()
             },
@@ -194,7 +207,7 @@ impl Scorer {
             let mask = match (key.is_masked(), mask) {
                 (false, _) => None,
                 (true, Some(mask)) => Some(mask),
-                (true, None) if key.region() == Region::Frustum => {
+                (true, None) if key.region() == MetricRegion::Frustum => {
                     return Err(Unavailable::NoFrustumMask);
                 }
                 (true, None) => return Err(Unavailable::NoMask),
@@ -214,11 +227,6 @@ impl Scorer {
             }
         };
         self.keys.iter().map(|&key| (key, score(key))).collect()
-    }
-
-    fn whole_keys(&self) -> Vec<MetricKey> {
-        let keys = self.keys.iter().copied();
-        keys.filter(|key| !key.is_masked()).collect()
     }
 }
 
@@ -254,9 +262,9 @@ fn terms_of(keys: &[MetricKey], learned: &Learned) -> AllTerms {
     keys.iter().filter_map(terms).collect()
 }
 
+/// Whether a prediction can be compared with a target that is sound itself.
 fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<(), ScoreError> {
     prediction.check().map_err(ScoreError::Prediction)?;
-    target.check().map_err(ScoreError::Target)?;
     let (prediction, target) = (prediction.dimensions(), target.dimensions());
     if prediction != target {
         return Err(ScoreError::SizeMismatch { prediction, target });
@@ -272,8 +280,11 @@ mod tests {
     use std::num::NonZeroUsize;
 
     use image::{Rgb, Rgb32FImage, RgbImage};
+    use sharp_kernels::{Algorithm, Simd};
 
     use super::*;
+    use crate::identity::Family;
+    use crate::options::Device;
     use crate::weights::Backbone;
 
     fn scorer(list: &str) -> Scorer {
@@ -327,7 +338,7 @@ mod tests {
         let selection = Selection::parse("lpips-alex,lpips-alex@frustum").unwrap();
         let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
         let (a, b) = (texture(1), texture(90));
-        let maps = scorer.maps(&a, &b).unwrap();
+        let maps = scorer.examine(&a, &b, None, true).unwrap().maps;
         let map = maps[0].1.clone().unwrap().values;
         let inside: Vec<bool> = (0..50 * 40).map(|i| i % 50 > 20 && i / 50 < 9).collect();
         let values = map
@@ -382,7 +393,10 @@ mod tests {
             };
             assert!(score.abs() <= tolerance, "{key} {score}");
         }
-        let terms = scorer.terms(&picture, &picture).unwrap();
+        let terms = scorer
+            .examine(&picture, &picture, None, false)
+            .unwrap()
+            .terms;
         let Ok(Terms::Lpips { layers }) = &terms[0].1 else {
             panic!("LPIPS has layers");
         };
@@ -398,8 +412,6 @@ mod tests {
         let mask = Mask::new(50, 40, (0..2000).map(|i| i % 3 == 0).collect()).unwrap();
         let all = scorer.examine(&a, &b, Some(&mask), true).unwrap();
         assert_eq!(all.scores, scorer.score(&a, &b, Some(&mask)).unwrap());
-        assert_eq!(all.terms, scorer.terms(&a, &b).unwrap());
-        assert_eq!(all.maps, scorer.maps(&a, &b).unwrap());
         let without = scorer.examine(&a, &b, Some(&mask), false).unwrap();
         assert_eq!(without.scores, all.scores);
         assert!(without.maps.is_empty());
@@ -411,7 +423,111 @@ mod tests {
         let scorer = Scorer::new(&selection, &Weights::deterministic("x")).unwrap();
         let used: Vec<_> = scorer.weights().iter().map(|w| w.backbone).collect();
         assert_eq!(used, [Backbone::Vgg16, Backbone::SqueezeNet1_1]);
-        assert_eq!(scorer.weights()[0].source, "deterministic:x");
+        assert_eq!(scorer.weights()[0].source.to_string(), "deterministic:x");
         assert_eq!(scorer.weights()[0].features_sha256.len(), 64);
+    }
+
+    #[test]
+    fn together_as_alone() {
+        let list = "psnr,ssim,psnr@mask,lpips-alex,lpips-alex@mask,lpips-vgg-unscaled,\
+                    lpips-squeeze-eps-tm,dists,dists-resize256";
+        let selection = Selection::parse(list).unwrap();
+        let weights = Weights::deterministic("");
+        let (width, height) = (50, 40);
+        let mask = Mask::new(width, height, (0..2000).map(|i| i % 3 == 0).collect()).unwrap();
+        let target = texture(1);
+        let mut broken = Rgb32FImage::from_pixel(width, height, Rgb([0.5; 3]));
+        broken.get_pixel_mut(3, 2).0[1] = f32::NAN;
+        let mut predictions: Vec<Picture> = (2..7).map(|seed| texture(90 * seed)).collect();
+        predictions.insert(1, Picture::from(broken));
+        predictions.insert(4, Picture::from(RgbImage::new(height, width)));
+        let fastest = Simd::detect();
+        let mut options: Vec<_> = Simd::available()
+            .into_iter()
+            .map(|simd| (simd, Algorithm::Winograd, None))
+            .collect();
+        for rows in [1, 7, 40] {
+            options.push((fastest, Algorithm::Direct, NonZeroUsize::new(rows)));
+        }
+        for (simd, algorithm, strip_rows) in options {
+            let options = ScorerOptions {
+                simd,
+                algorithm,
+                strip_rows,
+                ..ScorerOptions::default()
+            };
+            let scorer = Scorer::with_options(&selection, &weights, options).unwrap();
+            assert_as_alone(&scorer, &target, &predictions, &mask);
+        }
+        if Device::CandleCpu.is_built() {
+            let options = ScorerOptions {
+                device: Device::CandleCpu,
+                ..ScorerOptions::default()
+            };
+            let scorer = Scorer::with_options(&selection, &weights, options).unwrap();
+            assert_as_alone(&scorer, &target, &predictions, &mask);
+        }
+    }
+
+    /// Scores 1, 3 and all predictions together and compares their bits with each one's alone.
+    fn assert_as_alone(scorer: &Scorer, target: &Picture, predictions: &[Picture], mask: &Mask) {
+        let bits = |scores: Result<Scores, ScoreError>| {
+            let scores = scores.map(|scores| {
+                let bits = scores
+                    .into_iter()
+                    .map(|(key, v)| (key, v.map(f64::to_bits)));
+                bits.collect::<Vec<_>>()
+            });
+            // NaN is unequal to itself, so errors are compared as they are shown.
+            scores.map_err(|error| error.to_string())
+        };
+        for mask in [None, Some(mask)] {
+            let alone: Vec<_> = predictions
+                .iter()
+                .map(|prediction| bits(scorer.score(prediction, target, mask)))
+                .collect();
+            for k in [1, 3, predictions.len()] {
+                let predictions: Vec<&Picture> = predictions[..k].iter().collect();
+                let together = scorer.score_all(target, &predictions, mask);
+                let together: Vec<_> = together.into_iter().map(bits).collect();
+                assert_eq!(
+                    together,
+                    alone[..k],
+                    "{} of {k}",
+                    scorer.options().arithmetic()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn reduced_targets_are_shared_too() {
+        let large = |seed: u32| {
+            Picture::from(RgbImage::from_fn(270, 280, |x, y| {
+                Rgb([x as u8, (y * seed) as u8, (x * y) as u8])
+            }))
+        };
+        let selection = Selection::parse("dists-resize256").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let predictions = [large(2), large(3)];
+        let target = large(1);
+        let together = scorer.score_all(&target, &[&predictions[0], &predictions[1]], None);
+        let alone = predictions.map(|prediction| scorer.score(&prediction, &target, None));
+        assert_eq!(together, alone);
+    }
+
+    #[test]
+    fn a_bad_target_or_mask_is_everyones_error() {
+        let scorer = scorer("psnr");
+        let picture = texture(1);
+        let nan = Picture::from(Rgb32FImage::from_pixel(50, 40, Rgb([f32::NAN; 3])));
+        for result in scorer.score_all(&nan, &[&picture, &picture], None) {
+            assert!(matches!(result, Err(ScoreError::Target(_))));
+        }
+        let mask = Mask::new(2, 2, vec![true; 4]).unwrap();
+        for result in scorer.score_all(&picture, &[&picture, &picture], Some(&mask)) {
+            assert!(matches!(result, Err(ScoreError::MaskSizeMismatch { .. })));
+        }
+        assert!(scorer.score_all(&picture, &[], None).is_empty());
     }
 }

@@ -1,11 +1,10 @@
 //! Lists of metrics as typed on a command line.
 
-use crate::identity::{Family, IdentityError, MetricKey, Region};
+use crate::identity::{Family, IdentityError, MetricKey, MetricRegion};
 
 /// A selected metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Selected {
-    /// The metric.
     pub key: MetricKey,
     /// Whether it was asked for by key, alias or family name. Such a metric must be computed or
     /// the request has failed; one that came with `paper` or `all` may be listed as unavailable.
@@ -21,7 +20,6 @@ pub struct Selection {
 /// Why a list of metrics was not understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SelectionError {
-    /// The list names nothing.
     #[error("the list of metrics is empty; try 'paper', 'all', 'psnr' or 'lpips-vgg,dists'")]
     Empty,
     /// One of the names is no key, family or group.
@@ -59,7 +57,7 @@ impl Selection {
     pub fn parse(list: &str) -> Result<Self, SelectionError> {
         let mut selection = Self { entries: vec![] };
         for name in split_outside_brackets(list) {
-            let (base, region) = Region::split(name);
+            let (base, region) = MetricRegion::split(name);
             let (group, explicit) = match base {
                 "paper" => (PAPER.to_vec(), false),
                 "all" => (MetricKey::all(), false),
@@ -99,7 +97,7 @@ impl Selection {
     /// This selection, each metric over the whole picture followed by its form inside a region where
     /// there is one.
     #[must_use]
-    pub fn with_region(&self, region: Region) -> Self {
+    pub fn with_region(&self, region: MetricRegion) -> Self {
         let mut selection = Self { entries: vec![] };
         for entry in &self.entries {
             let masked = entry.key.inside(region).filter(|_| !entry.key.is_masked());
@@ -220,7 +218,7 @@ mod tests {
     #[test]
     fn a_region_is_added_beside_the_whole_picture() {
         let selection = Selection::parse("dists,psnr,ssim-gauss11-zero@frustum").unwrap();
-        let with_mask = selection.with_region(Region::Given);
+        let with_mask = selection.with_region(MetricRegion::Given);
         let keys: Vec<String> = with_mask.keys().map(|key| key.to_string()).collect();
         let expected = ["dists", "psnr", "psnr@mask", "ssim[gauss11,zero]@frustum"];
         assert_eq!(keys, expected);

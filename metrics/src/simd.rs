@@ -1,6 +1,6 @@
 //! Element-wise loops compiled for several vector widths.
 
-/// Runs a function compiled for the widest vectors that the processor has. Only `*`, `+`, `-`, `/`
+/// Runs a function compiled for the instruction set that the process uses. Only `*`, `+`, `-`, `/`
 /// are used and never fused, so every version gives the same bits.
 macro_rules! with_widest_vectors {
     ($body:ident($($arg:expr),*) : fn($($name:ident: $type:ty),*)) => {{
@@ -10,14 +10,12 @@ macro_rules! with_widest_vectors {
             fn avx512($($name: $type),*) { $body($($name),*) }
             #[target_feature(enable = "avx2")]
             fn avx2($($name: $type),*) { $body($($name),*) }
-            if is_x86_feature_detected!("avx512f") {
-                // SAFETY: the processor was just found to have AVX-512F.
-                unsafe { avx512($($arg),*) }
-            } else if is_x86_feature_detected!("avx2") {
-                // SAFETY: the processor was just found to have AVX2.
-                unsafe { avx2($($arg),*) }
-            } else {
-                $body($($arg),*)
+            match sharp_kernels::Simd::detect().instruction_set() {
+                // SAFETY: a `Simd` of this set exists only where the machine has it.
+                sharp_kernels::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
+                // SAFETY: as above.
+                sharp_kernels::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
+                sharp_kernels::InstructionSet::Portable => $body($($arg),*),
             }
         }
         #[cfg(not(target_arch = "x86_64"))]

@@ -1,6 +1,6 @@
 //! Why there is no value.
 
-use crate::device::Device;
+use crate::options::Device;
 use crate::picture::PictureError;
 use crate::weights::Backbone;
 
@@ -12,10 +12,7 @@ pub enum Unavailable {
         "needs the weights of {backbone}: `sharp-bench weights fetch metrics` gets them (in a build \
          with --features download), or give a file of yours with `--weights {backbone}=FILE`"
     )]
-    NoWeights {
-        /// The network.
-        backbone: Backbone,
-    },
+    NoWeights { backbone: Backbone },
     /// The picture is smaller than the metric's window or network allows.
     #[error("the pictures are {width}x{height}; sides of at least {smallest} are needed")]
     TooSmall {
@@ -43,7 +40,6 @@ pub enum Unavailable {
     Device {
         /// What was to compute the network.
         device: Device,
-        /// What it said.
         reason: String,
     },
 }
@@ -57,17 +53,13 @@ pub enum ScoreError {
         target.1
     )]
     SizeMismatch {
-        /// Width and height of the prediction.
         prediction: (u32, u32),
-        /// Width and height of the target.
         target: (u32, u32),
     },
     /// The mask is not of the pictures' size.
     #[error("the mask is {}x{} but the pictures are {}x{}", mask.0, mask.1, target.0, target.1)]
     MaskSizeMismatch {
-        /// Width and height of the mask.
         mask: (u32, u32),
-        /// Width and height of the pictures.
         target: (u32, u32),
     },
     /// The prediction has pixels that no metric takes.

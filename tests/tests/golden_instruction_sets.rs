@@ -12,7 +12,7 @@ use std::sync::{Arc, OnceLock};
 use libtest_mimic::{Arguments, Failed, Trial};
 use serde_json::Value;
 use sharp_metrics::{
-    Algorithm, Device, Level, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
+    Algorithm, Device, InstructionSet, Picture, Scorer, ScorerOptions, Selection, Simd, Weights,
 };
 
 /// Odd sides, the smallest sides, gray, a strong and a hardly visible difference.
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let json: Value = serde_json::from_str(&text)?;
     let pairs = json["pairs"].as_array().ok_or("golden.json has no pairs")?;
     let mut trials = Vec::new();
-    for level in Level::ALL {
+    for level in InstructionSet::ALL {
         for (name, algorithm) in ALGORITHMS {
             let absent = Simd::new(level).is_none();
             let shared: Arc<OnceLock<Result<Scorer, String>>> = Arc::default();
@@ -107,7 +107,11 @@ fn picture(file: &Value) -> Result<Picture, Failed> {
     Ok(image::open(golden().join(file))?.to_rgb8().into())
 }
 
-fn scorer(level: Level, algorithm: Algorithm, strip: Option<usize>) -> Result<Scorer, String> {
+fn scorer(
+    level: InstructionSet,
+    algorithm: Algorithm,
+    strip: Option<usize>,
+) -> Result<Scorer, String> {
     let options = ScorerOptions {
         simd: Simd::new(level).ok_or("the machine lacks it")?,
         algorithm,
@@ -162,7 +166,7 @@ fn agrees(recorded: &Value, scorer: &Scorer) -> Result<(), Failed> {
 }
 
 /// One thread and the whole picture at once against other numbers of threads and strips.
-fn same_bits(level: Level, algorithm: Algorithm) -> Result<(), Failed> {
+fn same_bits(level: InstructionSet, algorithm: Algorithm) -> Result<(), Failed> {
     let pair = ["ref", "dist"]
         .map(|side| picture(&Value::from(format!("images/rocket_odd97x131_{side}.png"))));
     let [a, b] = pair;

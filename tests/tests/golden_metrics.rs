@@ -315,8 +315,8 @@ impl Pair {
         let terms = self.terms.get_or_init(|| {
             let [prediction, target] = self.pictures().map_err(|e| format!("{e:?}"))?;
             let scorer = TERMS.as_ref().map_err(Clone::clone)?;
-            let terms = scorer.terms(&prediction, &target);
-            terms.map_err(|e| e.to_string())
+            let examined = scorer.examine(&prediction, &target, None, false);
+            examined.map(|all| all.terms).map_err(|e| e.to_string())
         });
         find(terms.as_ref()?, key)
     }
@@ -342,7 +342,7 @@ fn spatial_maps(json: &Value) -> Result<Vec<Trial>, Box<dyn std::error::Error>> 
         let trial = Trial::test(format!("spatial map {name}"), move || {
             let scorer = if real { &REAL } else { &TERMS }.as_ref()?;
             let [prediction, target] = pair.pictures()?;
-            let maps = scorer.maps(&prediction, &target)?;
+            let maps = scorer.examine(&prediction, &target, None, true)?.maps;
             let map = find(&maps, &alias)??;
             let tensors = SafeTensors::deserialize(&bytes)?;
             let (expected, _) = tensors.tensor(&name)?.data().as_chunks::<4>();

@@ -15,7 +15,7 @@ use crate::io::pictures;
 use crate::evaluate::record::finite_or_text;
 use crate::io::rendering_files::write_png;
 use crate::report::tables::{latex::latex, markdown::markdown, text::text};
-use crate::scoring::MetricFacts;
+use sharp_metrics::MetricInfo;
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]
@@ -181,7 +181,7 @@ fn to_json(
     let facts = scorer
         .keys()
         .iter()
-        .map(|key| MetricFacts::of(*key, scorer.weights()));
+        .map(|key| MetricInfo::new(*key, scorer.weights()));
     let (width, height) = experiment.reference.dimensions();
     json!({
         "image": args.image.display().to_string(),

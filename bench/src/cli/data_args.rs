@@ -5,7 +5,9 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{Device, Region, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{
+    Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights,
+};
 
 use super::usage::UsageError;
 use crate::pairs::{OpenDataset, PairError};
@@ -34,7 +36,10 @@ impl MetricArgs {
     /// The metrics of a run. Its mask is the view-frustum mask of a pair.
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
         let selection = self.selection()?;
-        if let Some(key) = selection.keys().find(|key| key.region() == Region::Given) {
+        if let Some(key) = selection
+            .keys()
+            .find(|key| key.region() == MetricRegion::Given)
+        {
             bail!("--metrics {key}: masks are handed in with `sharp-bench metrics --mask` only");
         }
         let (weights, options) = (self.weights()?, self.options()?);

@@ -64,7 +64,7 @@ fn findings() -> Vec<Finding> {
         },
         Finding {
             what: "cpu backend",
-            found: format!("cpu-{}", sharp_metrics::Simd::detect().level()),
+            found: format!("cpu-{}", sharp_metrics::Simd::detect().instruction_set()),
             advice: String::new(),
         },
         Finding {

@@ -217,7 +217,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
         output::line(format!("method  {} ({})", method.label, method.identity))?;
     }
     for metric in &manifest.metrics {
-        output::line(format!("metric  {}", metric.facts.key))?;
+        output::line(format!("metric  {}", metric.info.key))?;
     }
     let Standing {
         units,

@@ -13,6 +13,7 @@ use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::pairs::PairList;
+use sharp_metrics::MetricInfo;
 
 /// A folder to join, `NAME=FOLDER` or `FOLDER`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -134,12 +135,12 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         true => Ok(()),
         false => Err(format!("{what} is \"{a}\" in one and \"{b}\" in the other")),
     };
-    let learned = |manifest: &Manifest| manifest.metrics.iter().any(|m| !m.facts.weights.is_empty());
+    let learned = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.backbone.is_some());
     if learned(&a) && learned(&b) {
         differs(
             "the device behind LPIPS and DISTS",
-            &a.metric_networks.device,
-            &b.metric_networks.device,
+            &a.metric_networks.device.to_string(),
+            &b.metric_networks.device.to_string(),
         )?;
     }
     let rules: BTreeSet<&String> = a.scoring.keys().chain(b.scoring.keys()).collect();
@@ -151,12 +152,19 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         return Err("one was scored on the methods' common region (--common-region)".to_owned());
     }
     for metric in b.metrics {
-        match a.metrics.iter().find(|before| before.facts.key == metric.facts.key) {
+        match a.metrics.iter().find(|before| before.info.key == metric.info.key) {
             None => a.metrics.push(metric),
             Some(before) => {
-                if let Some((what, one, other)) = before.facts.difference(&metric.facts) {
-                    differs(&what, &one, &other)?;
-                }
+                let (before, metric) = (&before.info, &metric.info);
+                let network = |info: &MetricInfo| info.backbone.as_ref().map(ToString::to_string).unwrap_or_default();
+                differs(&metric.key.to_string(), &before.convention, &metric.convention)?;
+                differs(
+                    &format!("the network of {}", metric.key),
+                    &network(before),
+                    &network(metric),
+                )?;
+                differs("the input range", &before.input_range, &metric.input_range)?;
+                differs("the resize rule", &before.resize, &metric.resize)?;
             }
         }
     }
@@ -262,7 +270,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         let folder = RunFolder::open(path)?;
         let current = Current::read(&folder)?;
         for (key, identity) in current.manifest.metric_identities() {
-            let merged = manifest.metrics.iter().find(|m| m.facts.key == key);
+            let merged = manifest.metrics.iter().find(|m| m.info.key.to_string() == key);
             if merged.is_some_and(|m| m.identity != identity) {
                 return Err(EvaluateError::Conflict {
                     a: folders[0].clone(),

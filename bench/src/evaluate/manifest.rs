@@ -6,11 +6,14 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use sharp_metrics::options::Arithmetic;
+use sharp_metrics::{InstructionSet, MetricInfo};
+
 use super::error::EvaluateError;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
-use crate::scoring::MetricFacts;
+
 
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
@@ -27,10 +30,11 @@ pub struct Manifest {
     pub sources: BTreeMap<String, String>,
     /// Who renders; one for the whole folder.
     pub renderer: RendererRecord,
-    /// The CPU's kernels: `avx512`, `avx2` or `portable`.
-    pub kernels: String,
+    /// Instruction set of the CPU's kernels.
+    #[schemars(with = "String")]
+    pub kernels: InstructionSet,
     /// How the networks behind the metrics are computed.
-    pub metric_networks: NetworksRecord,
+    pub metric_networks: Arithmetic,
     /// The conventions that turn predictions into scored pictures, in words.
     pub scoring: BTreeMap<String, String>,
     /// Whether all methods of a pair are scored on the part of the target that all of them predict.
@@ -59,15 +63,6 @@ pub struct RendererRecord {
     pub eps2d: f64,
     /// Colour behind the Gaussians.
     pub background: String,
-}
-
-/// How the networks behind LPIPS and DISTS are computed.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct NetworksRecord {
-    /// `cpu` for the kernels, whatever their instruction set; `candle-cpu`, `cuda` or `metal` for candle's tensors.
-    pub device: String,
-    /// Instruction set and convolution algorithm.
-    pub arithmetic: String,
 }
 
 /// One dataset instance.
@@ -153,7 +148,7 @@ pub struct MethodRecord {
 pub struct MetricRecord {
     /// Convention, weights and precision.
     #[serde(flatten)]
-    pub facts: MetricFacts,
+    pub info: MetricInfo,
     /// Hash of all that and of the code that computes it.
     pub identity: String,
 }
@@ -163,7 +158,7 @@ impl Manifest {
     pub fn metric_identities(&self) -> Vec<(String, String)> {
         let metrics = self.metrics.iter();
         metrics
-            .map(|metric| (metric.facts.key.clone(), metric.identity.clone()))
+            .map(|metric| (metric.info.key.to_string(), metric.identity.clone()))
             .collect()
     }
 
@@ -183,22 +178,27 @@ impl Manifest {
             }),
         };
         differs("renderer", &self.renderer.backend, &new.renderer.backend)?;
-        differs("class of CPU kernels (--simd)", &self.kernels, &new.kernels)?;
+        differs(
+            "device behind LPIPS and DISTS",
+            &self.metric_networks.device.to_string(),
+            &new.metric_networks.device.to_string(),
+        )?;
+        differs("class of CPU kernels (--simd)", self.kernels.name(), new.kernels.name())?;
         let mut replaced = Vec::new();
         let mut merged = new;
-        merged.datasets = union(self.datasets, merged.datasets, |d| &d.name, |old, new| {
+        merged.datasets = union(self.datasets, merged.datasets, |d| d.name.clone(), |old, new| {
             if old.identity != new.identity {
                 replaced.push(format!("dataset '{}' was read with other settings", old.name));
             }
         });
-        merged.methods = union(self.methods, merged.methods, |m| &m.label, |old, new| {
+        merged.methods = union(self.methods, merged.methods, |m| m.label.clone(), |old, new| {
             if (&old.identity, old.privilege) != (&new.identity, new.privilege) {
                 replaced.push(format!("method '{}' was {}", old.label, old.identity));
             }
         });
-        merged.metrics = union(self.metrics, merged.metrics, |m| &m.facts.key, |old, new| {
+        merged.metrics = union(self.metrics, merged.metrics, |m| m.info.key.to_string(), |old, new| {
             if old.identity != new.identity {
-                replaced.push(format!("{} was computed with other weights or code", old.facts.key));
+                replaced.push(format!("{} was computed with other weights or code", old.info.key));
             }
         });
         let mut lists = self.pairs.lists;
@@ -213,7 +213,7 @@ impl Manifest {
 fn union<T>(
     before: Vec<T>,
     new: Vec<T>,
-    name: impl Fn(&T) -> &String,
+    name: impl Fn(&T) -> String,
     mut replaced: impl FnMut(&T, &T),
 ) -> Vec<T> {
     let mut new: Vec<Option<T>> = new.into_iter().map(Some).collect();

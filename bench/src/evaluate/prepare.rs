@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 
 use sharp::render::Backend;
 use sharp_datasets::Scene;
-use sharp_metrics::Device;
 
 use super::error::EvaluateError;
 use super::folder::{PlanBlock, RunFolder};
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, MethodRecord, MetricRecord,
-    NetworksRecord, PairsRecord, RendererRecord, scoring_conventions,
+    PairsRecord, RendererRecord, scoring_conventions,
 };
 use super::pipeline::{Counts, Job, Keep, RunOptions, Stages, run as run_pipeline};
 use super::record::Status;
@@ -256,8 +255,8 @@ impl Evaluation {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             sources: fingerprints::all(),
             renderer: renderer_record(&self.renderer),
-            kernels: self.scoring.scorer.options().simd.level().to_string(),
-            metric_networks: networks_record(&self.scoring),
+            kernels: self.scoring.scorer.options().simd.instruction_set(),
+            metric_networks: self.scoring.scorer.options().arithmetic(),
             scoring: scoring_conventions(),
             common_region: self.common_region,
             datasets: self.datasets.iter().map(dataset).collect(),
@@ -395,7 +394,7 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
     let metrics = scoring.metrics.iter();
     metrics
         .map(|metric| MetricRecord {
-            facts: metric.facts.clone(),
+            info: metric.info.clone(),
             identity: metric.identity.clone(),
         })
         .collect()
@@ -408,17 +407,6 @@ fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
         far: 1e10,
         eps2d: 0.0,
         background: "black".to_owned(),
-    }
-}
-
-pub(super) fn networks_record(scoring: &Scoring) -> NetworksRecord {
-    let options = scoring.scorer.options();
-    NetworksRecord {
-        device: match options.device {
-            Device::Cpu => "cpu".to_owned(),
-            other => other.to_string(),
-        },
-        arithmetic: options.arithmetic(),
     }
 }
 

@@ -157,7 +157,7 @@ impl Results {
 /// When the folder cannot be read or written.
 pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
     let results = Results::read(folder.root())?;
-    let keys: Vec<String> = results.manifest.metrics.iter().map(|m| m.facts.key.clone()).collect();
+    let keys: Vec<String> = results.manifest.metrics.iter().map(|m| m.info.key.to_string()).collect();
     let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
     let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
     write_atomic(&folder.scores_path(), &scores)?;

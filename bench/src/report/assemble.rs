@@ -5,7 +5,6 @@ use std::path::Path;
 
 use image::RgbImage;
 use sharp_datasets::{Scene, View};
-use sharp_metrics::MetricKey;
 
 use super::input::{Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published, ReportInput};
 use super::{ReportError, ReportFiles, text_tables, write_report};
@@ -158,13 +157,7 @@ fn proxies(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> 
 }
 
 fn metrics(manifest: &Manifest) -> Vec<Metric> {
-    let metrics = manifest.metrics.iter().filter_map(|metric| {
-        let key: MetricKey = metric.facts.key.parse().ok()?;
-        Some(Metric {
-            convention: metric.facts.in_words(),
-            ..Metric::from(key)
-        })
-    });
+    let metrics = manifest.metrics.iter().map(|metric| (&metric.info).into());
     metrics.collect()
 }
 
@@ -235,7 +228,7 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     let mut scoring: Vec<(String, String)> = manifest.scoring.clone().into_iter().collect();
     scoring.extend([
         text("kernels", &format!("cpu-{}", manifest.kernels)),
-        text("metric networks", &manifest.metric_networks.arithmetic),
+        text("metric networks", &manifest.metric_networks.to_string()),
         (
             "renderer".to_owned(),
             format!(

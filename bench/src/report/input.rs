@@ -1,7 +1,7 @@
 //! What a report is made of: plain values, so that any command can fill them.
 
 use image::RgbImage;
-use sharp_metrics::MetricKey;
+use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
 use crate::evaluate::record::Record;
 
@@ -55,17 +55,17 @@ pub struct Metric {
 
 impl From<MetricKey> for Metric {
     fn from(key: MetricKey) -> Self {
+        let info = MetricInfo::new(key, &[]);
         Self {
             key: key.to_string(),
-            label: key.label(),
-            unit: key.unit().to_owned(),
-            decimals: key.decimals(),
-            better: if key.higher_is_better() {
-                Better::Higher
-            } else {
-                Better::Lower
+            label: info.label,
+            unit: info.unit,
+            decimals: info.decimals,
+            better: match info.direction {
+                Direction::Higher => Better::Higher,
+                Direction::Lower => Better::Lower,
             },
-            convention: key.explain(),
+            convention: info.convention,
         }
     }
 }

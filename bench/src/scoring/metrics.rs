@@ -1,10 +1,9 @@
 //! The metrics of a run, with the weights that decide their values.
 
 use sharp_metrics::{
-    Backbone, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError,
+    Backbone, MetricInfo, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError,
 };
 
-use super::metric_facts::MetricFacts;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 
@@ -22,8 +21,8 @@ pub struct Scoring {
 pub struct ScoredMetric {
     /// Its convention.
     pub key: MetricKey,
-    /// The same with its weights, for records.
-    pub facts: MetricFacts,
+    /// What it is, with its weights.
+    pub info: MetricInfo,
     /// Hash of convention, weights and arithmetic: values of two identities never share a column.
     pub identity: String,
     /// Hash of the code that computes it.
@@ -50,20 +49,21 @@ impl Scoring {
     ) -> Result<Self, WeightsError> {
         let scorer = Scorer::with_options(selection, weights, options)?;
         let metric = |&key: &MetricKey| {
-            let facts = MetricFacts::of(key, scorer.weights());
+            let info = MetricInfo::new(key, scorer.weights());
+            let weights = info.backbone.as_ref().map(ToString::to_string);
             let mut identity = StableHasher::default();
             identity
-                .add("metric", &facts.key)
-                .add("weights", &facts.weights)
-                .add("kernels", &options.simd.level().to_string());
+                .add("metric", &key.to_string())
+                .add("weights", &weights.unwrap_or_default())
+                .add("kernels", options.simd.instruction_set().name());
             if Backbone::of(key.metric()).is_some() {
-                identity.add("networks", &options.arithmetic());
+                identity.add("networks", &options.arithmetic().to_string());
             }
             ScoredMetric {
                 key,
                 identity: identity.finish(),
                 sources: fingerprints::of_metric(key.family()),
-                facts,
+                info,
             }
         };
         Ok(Self {
@@ -80,8 +80,9 @@ impl Scoring {
     /// The metrics whose network's weights are missing; they have no value for any picture.
     pub fn missing_weights(&self) -> Vec<(MetricKey, Backbone)> {
         let backbones = self.metrics.iter().filter_map(|metric| {
-            let backbone = Backbone::of(metric.key.metric())?;
-            metric.facts.backbone.is_none().then_some((metric.key, backbone))
+            let backbone = metric.info.backbone.as_ref()?;
+            let missing = backbone.features_sha256.is_none();
+            missing.then_some((metric.key, backbone.name))
         });
         backbones.collect()
     }

@@ -8,13 +8,11 @@
 
 pub mod frustum_mask;
 pub mod ground_truth;
-pub mod metric_facts;
 pub mod metrics;
 pub mod region;
 pub mod scale_sweep;
 
 pub use ground_truth::GroundTruth;
-pub use metric_facts::MetricFacts;
 pub use metrics::Scoring;
 pub use region::Region;
 pub use scale_sweep::ScaleChooser;

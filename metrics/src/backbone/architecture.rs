@@ -1,11 +1,13 @@
-//! The three networks as lists of steps (torchvision's `features`, whose indices name the
+//! The three networks as lists of layers (torchvision's `features`, whose indices name the
 //! tensors).
+
+use sharp_checkpoint::Expected;
 
 use crate::weights::Backbone;
 
-/// One step of a network; every convolution is followed by a ReLU.
+/// A layer of a network; every convolution is followed by a ReLU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Step {
+pub(crate) enum LayerSpec {
     /// Square convolution with bias.
     Conv {
         /// torchvision's index of the convolution.
@@ -30,21 +32,13 @@ pub(crate) enum Step {
         /// Output channels of each of the two side by side.
         expand: usize,
     },
-    /// The metrics look at the output of the step before.
+    /// Not a layer: the metrics look at the output of the one before.
     Tap,
 }
 
-/// A tensor of a network's state dict.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Tensor {
-    /// Name below `features.`: `28.bias`, `3.squeeze.weight`.
-    pub(crate) name: String,
-    pub(crate) shape: Vec<usize>,
-}
+use LayerSpec::{Conv, Fire, MaxPool, Tap};
 
-use Step::{Conv, Fire, MaxPool, Tap};
-
-const fn conv3(index: usize, out: usize) -> Step {
+const fn conv3(index: usize, out: usize) -> LayerSpec {
     Conv {
         index,
         out,
@@ -54,7 +48,7 @@ const fn conv3(index: usize, out: usize) -> Step {
     }
 }
 
-const fn fire(index: usize, squeeze: usize, expand: usize) -> Step {
+const fn fire(index: usize, squeeze: usize, expand: usize) -> LayerSpec {
     Fire {
         index,
         squeeze,
@@ -62,11 +56,11 @@ const fn fire(index: usize, squeeze: usize, expand: usize) -> Step {
     }
 }
 
-const fn max_pool(kernel: usize, ceil: bool) -> Step {
+const fn max_pool(kernel: usize, ceil: bool) -> LayerSpec {
     MaxPool { kernel, ceil }
 }
 
-const ALEXNET: &[Step] = &[
+const ALEXNET: &[LayerSpec] = &[
     Conv {
         index: 0,
         out: 64,
@@ -93,7 +87,7 @@ const ALEXNET: &[Step] = &[
     Tap,
 ];
 
-const VGG16: &[Step] = &[
+const VGG16: &[LayerSpec] = &[
     conv3(0, 64),
     conv3(2, 64),
     Tap,
@@ -118,7 +112,7 @@ const VGG16: &[Step] = &[
     Tap,
 ];
 
-const SQUEEZENET1_1: &[Step] = &[
+const SQUEEZENET1_1: &[LayerSpec] = &[
     Conv {
         index: 0,
         out: 64,
@@ -146,8 +140,7 @@ const SQUEEZENET1_1: &[Step] = &[
     Tap,
 ];
 
-/// The steps of a network.
-pub(crate) fn steps(backbone: Backbone) -> &'static [Step] {
+pub(crate) fn layer_specs(backbone: Backbone) -> &'static [LayerSpec] {
     match backbone {
         Backbone::AlexNet => ALEXNET,
         Backbone::Vgg16 => VGG16,
@@ -159,7 +152,7 @@ pub(crate) fn steps(backbone: Backbone) -> &'static [Step] {
 pub(crate) fn tap_channels(backbone: Backbone) -> Vec<usize> {
     let mut channels = 3;
     let mut taps = Vec::new();
-    for step in steps(backbone) {
+    for step in layer_specs(backbone) {
         match *step {
             Conv { out, .. } => channels = out,
             Fire { expand, .. } => channels = 2 * expand,
@@ -180,20 +173,20 @@ pub(crate) fn smallest_side(backbone: Backbone) -> usize {
 }
 
 /// Every tensor that the features need, in order.
-pub(crate) fn tensors(backbone: Backbone) -> Vec<Tensor> {
+pub(crate) fn tensors(backbone: Backbone) -> Vec<Expected> {
     let mut channels = 3;
     let mut tensors = Vec::new();
     let mut push = |name: String, shape: [usize; 4]| {
-        tensors.push(Tensor {
+        tensors.push(Expected {
             name: format!("{name}.weight"),
             shape: shape.to_vec(),
         });
-        tensors.push(Tensor {
+        tensors.push(Expected {
             name: format!("{name}.bias"),
             shape: vec![shape[0]],
         });
     };
-    for step in steps(backbone) {
+    for step in layer_specs(backbone) {
         match *step {
             Conv {
                 index, out, kernel, ..

@@ -1,11 +1,11 @@
 //! A network on whatever computes it.
 
 use super::network::{Kernels, Network};
-use super::rows::Size;
+use super::rows::MapSize;
 use super::stream::{Taps, stream};
 #[cfg(feature = "tensors")]
 use super::tensors::TensorNetwork;
-use crate::device::Device;
+use crate::options::Device;
 use crate::unavailable::Unavailable;
 use crate::weights::{Backbone, Tensors, WeightsError};
 
@@ -68,14 +68,15 @@ impl Extractor {
         }
     }
 
-    /// Runs the network over two pictures of `size`; see [`stream`].
+    /// Runs the network over `pictures` pictures of `size`; see [`stream`].
     pub(crate) fn stream(
         &self,
         size: (usize, usize),
+        pictures: usize,
         strip: Option<usize>,
         input: impl Fn(usize, usize, &mut [f32]) + Sync,
         each: impl FnMut(Taps),
-    ) -> Result<Vec<Size>, Unavailable> {
+    ) -> Result<Vec<MapSize>, Unavailable> {
         let smallest = self.smallest_side();
         let too_small = || Unavailable::TooSmall {
             width: size.0 as u32,
@@ -87,17 +88,15 @@ impl Extractor {
         }
         match self {
             Self::Kernels(network, _) => {
-                stream(network, size, strip, input, each).ok_or_else(too_small)
+                stream(network, size, pictures, strip, input, each).ok_or_else(too_small)
             }
             #[cfg(feature = "tensors")]
-            Self::Tensors(network, device) => {
-                network
-                    .stream(size, strip, input, each)
-                    .map_err(|error| Unavailable::Device {
-                        device: *device,
-                        reason: error.to_string(),
-                    })
-            }
+            Self::Tensors(network, device) => network
+                .stream(size, pictures, strip, input, each)
+                .map_err(|error| Unavailable::Device {
+                    device: *device,
+                    reason: error.to_string(),
+                }),
         }
     }
 }

@@ -1,16 +1,14 @@
-//! The networks whose features LPIPS and DISTS compare, run over two pictures in row strips.
+//! The networks whose features LPIPS and DISTS compare, run over pictures in row strips.
 //!
 //! # Contents
-//! * [`architecture`]: the three networks as lists of steps; names and shapes of their tensors.
-//! * [`expand`]: SqueezeNet's two convolutions side by side.
+//! * [`architecture`]: the three networks as lists of layers; names and shapes of their tensors.
 //! * [`extractor`]: a network on our kernels or on a device of candle's.
 //! * [`network`]: a network with its weights.
 //! * [`rows`]: rows of a feature map held for the next layer.
-//! * [`stream`]: both pictures through a network, strip by strip, in lockstep.
+//! * [`stream`]: pictures through a network, strip by strip, in lockstep.
 //! * `tensors`: the same by candle's tensors (feature `tensors`).
 
 pub(crate) mod architecture;
-mod expand;
 mod extractor;
 mod network;
 mod rows;

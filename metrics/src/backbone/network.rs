@@ -1,12 +1,14 @@
 //! A network with its weights.
 
+use std::ops::Range;
 use std::sync::Arc;
 
-use sharp_kernels::{Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, Simd};
+use sharp_kernels::{
+    Algorithm, Conv2d, ConvSpec, L2Pool, MaxPool, RowOp, RowWindow, Simd, Workspace,
+};
 
-use super::architecture::{Step, smallest_side, steps};
-use super::expand::Expand;
-use super::rows::Size;
+use super::architecture::{LayerSpec, layer_specs, smallest_side};
+use super::rows::MapSize;
 use crate::weights::{Backbone, Tensors};
 
 /// Which kernels run a network.
@@ -69,18 +71,18 @@ impl Network {
                 pools,
             });
         };
-        for step in steps(backbone) {
+        for step in layer_specs(backbone) {
             match *step {
-                Step::Conv {
+                LayerSpec::Conv {
                     index,
                     stride,
                     padding,
                     ..
                 } => push(Arc::new(conv(index.to_string(), stride, padding)), false),
-                Step::MaxPool { kernel, ceil } => {
+                LayerSpec::MaxPool { kernel, ceil } => {
                     push(Arc::new(MaxPool::new(kernels.simd, kernel, 2, ceil)), true);
                 }
-                Step::Fire { index, .. } => {
+                LayerSpec::Fire { index, .. } => {
                     push(Arc::new(conv(format!("{index}.squeeze"), 1, 0)), false);
                     let parts = [
                         conv(format!("{index}.expand1x1"), 1, 0),
@@ -88,17 +90,17 @@ impl Network {
                     ];
                     push(Arc::new(Expand { parts }), false);
                 }
-                Step::Tap => {}
+                LayerSpec::Tap => {}
             }
         }
         // A fire module is two layers, every other step but a tap is one.
         let mut layer = 0;
         let mut tap = 0;
-        for step in steps(backbone) {
+        for step in layer_specs(backbone) {
             match step {
-                Step::Fire { .. } => layer += 2,
-                Step::Conv { .. } | Step::MaxPool { .. } => layer += 1,
-                Step::Tap => {
+                LayerSpec::Fire { .. } => layer += 2,
+                LayerSpec::Conv { .. } | LayerSpec::MaxPool { .. } => layer += 1,
+                LayerSpec::Tap => {
                     layers[layer - 1].tap = Some(tap);
                     tap += 1;
                 }
@@ -126,11 +128,11 @@ impl Network {
     }
 
     /// Sizes of the picture and of every layer's output; `None` if the picture is too small.
-    pub(crate) fn sizes(&self, width: usize, height: usize) -> Option<Vec<Size>> {
+    pub(crate) fn sizes(&self, width: usize, height: usize) -> Option<Vec<MapSize>> {
         if width.min(height) < self.smallest_side {
             return None;
         }
-        let mut size = Size {
+        let mut size = MapSize {
             height,
             width,
             channels: 3,
@@ -138,7 +140,7 @@ impl Network {
         let mut sizes = vec![size];
         for Layer { op, .. } in &self.layers {
             let (height, width) = op.out_size(size.height, size.width);
-            size = Size {
+            size = MapSize {
                 height,
                 width,
                 channels: op.out_channels(size.channels),
@@ -146,5 +148,55 @@ impl Network {
             sizes.push(size);
         }
         Some(sizes)
+    }
+}
+
+/// SqueezeNet's two convolutions side by side: outputs of the same size, channels joined.
+#[derive(Debug)]
+struct Expand {
+    parts: [Conv2d; 2],
+}
+
+impl RowOp for Expand {
+    fn out_size(&self, height: usize, width: usize) -> (usize, usize) {
+        self.parts[0].out_size(height, width)
+    }
+
+    fn out_channels(&self, in_channels: usize) -> usize {
+        self.parts
+            .iter()
+            .map(|part| part.out_channels(in_channels))
+            .sum()
+    }
+
+    fn in_rows(&self, out: Range<usize>, in_height: usize) -> Range<usize> {
+        let [a, b] = self
+            .parts
+            .each_ref()
+            .map(|part| part.in_rows(out.clone(), in_height));
+        a.start.min(b.start)..a.end.max(b.end)
+    }
+
+    fn run_rows(
+        &self,
+        input: &RowWindow<'_>,
+        out: Range<usize>,
+        output: &mut [f32],
+        workspace: &mut Workspace,
+    ) {
+        let channels = self.out_channels(input.channels());
+        let mut first = 0;
+        for part in &self.parts {
+            let own = part.out_channels(input.channels());
+            let mut values = vec![0.0; output.len() / channels * own];
+            part.run_rows(input, out.clone(), &mut values, workspace);
+            let pixels = output
+                .chunks_exact_mut(channels)
+                .zip(values.chunks_exact(own));
+            for (pixel, values) in pixels {
+                pixel[first..first + own].copy_from_slice(values);
+            }
+            first += own;
+        }
     }
 }

@@ -2,15 +2,15 @@
 
 use sharp_kernels::RowWindow;
 
-/// Size of a feature map.
+/// MapSize of a feature map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Size {
+pub(crate) struct MapSize {
     pub(crate) height: usize,
     pub(crate) width: usize,
     pub(crate) channels: usize,
 }
 
-impl Size {
+impl MapSize {
     /// Values a row.
     pub(crate) fn row_len(self) -> usize {
         self.width * self.channels
@@ -43,7 +43,7 @@ impl Blocks {
 /// block, and the few of them that the layer needs once more.
 #[derive(Debug)]
 pub(crate) struct Buffer {
-    size: Size,
+    size: MapSize,
     first: usize,
     /// From row `first` on: row-major, channels innermost.
     kept: Vec<f32>,
@@ -53,7 +53,7 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    pub(crate) fn new(size: Size) -> Self {
+    pub(crate) fn new(size: MapSize) -> Self {
         Self {
             size,
             first: 0,
@@ -63,7 +63,7 @@ impl Buffer {
         }
     }
 
-    pub(crate) fn size(&self) -> Size {
+    pub(crate) fn size(&self) -> MapSize {
         self.size
     }
 
@@ -101,7 +101,7 @@ impl Buffer {
 
     /// The rows that are held.
     pub(crate) fn window(&self) -> RowWindow<'_> {
-        let Size {
+        let MapSize {
             height,
             width,
             channels,
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn rows_stay_until_they_are_dropped() {
-        let size = Size {
+        let size = MapSize {
             height: 20,
             width: 1,
             channels: 2,

@@ -1,45 +1,49 @@
-//! Both pictures through a network, strip by strip, in lockstep.
+//! Pictures of one size through a network, strip by strip, in lockstep.
 //!
 //! Each layer keeps just the rows that its next output rows need, so memory grows with the
-//! picture's width and the strip's height but not with the picture's height. Deep layers, which
-//! get few rows from a strip, wait for more: their weights are larger than any cache and should
-//! not be read for a handful of rows. Every output row is computed once, from the same inputs by
-//! the same operations, whatever the strip's height: the results are the same bits.
+//! pictures' number and width and with the strip's height, but not with the pictures' height. Deep
+//! layers, which get few rows from a strip, wait for more: their weights are larger than any cache
+//! and should not be read for a handful of rows. Every output row is computed once, from the same
+//! inputs by the same operations, whatever the strip's height and the number of pictures: the
+//! results are the same bits.
 
 use std::ops::Range;
 
 use sharp_kernels::Workspace;
 
 use super::network::{Layer, Network};
-use super::rows::{Blocks, Buffer, Size};
+use super::rows::{Blocks, Buffer, MapSize};
 
-/// Rows of the features of both pictures at one tap.
+/// Rows of the features of all pictures at one tap.
 #[derive(Clone, Copy)]
 pub(crate) struct Taps<'a> {
     /// Which tap of the network, from 0.
     pub(crate) tap: usize,
     /// Size of the whole feature map.
-    pub(crate) size: Size,
-    /// The next rows of the prediction's and of the target's features, top to bottom.
-    pub(crate) rows: [&'a [f32]; 2],
+    pub(crate) size: MapSize,
+    /// The next rows of each picture's features, top to bottom.
+    pub(crate) rows: &'a [&'a [f32]],
 }
 
-/// Memory that the new rows of both pictures may take together, one layer's input and output at a
-/// time, where the strip's height is not given.
+/// Memory that new rows may take, one layer's input and output at a time, where the strip's height
+/// is not given.
 const MEMORY: usize = 64 << 20;
 
 /// Rows that a layer with weights waits for, unless strips are smaller.
 const BATCH: usize = 16;
 
-/// One picture on its way through the network: the rows held of the picture and of each layer's
-/// output.
-struct Passage {
-    buffers: Vec<Buffer>,
+/// Pictures that are computed at the same time. The others wait for their turn at every layer, so
+/// that scratch memory does not grow with the number of pictures.
+const LANES: usize = 2;
+
+/// Memory that the pictures of a lane take turns in.
+#[derive(Default)]
+struct Lane {
     blocks: Blocks,
     workspace: Workspace,
 }
 
-/// Runs a network over two pictures of size `width` × `height`.
+/// Runs a network over `pictures` pictures of size `width` × `height`.
 ///
 /// `input(picture, row, values)` writes a row (channels innermost) as the network takes it. `each`
 /// gets the features of every tap, rows from top to bottom. `strip` is the number of picture rows
@@ -48,90 +52,117 @@ struct Passage {
 pub(crate) fn stream(
     network: &Network,
     (width, height): (usize, usize),
+    pictures: usize,
     strip: Option<usize>,
     input: impl Fn(usize, usize, &mut [f32]) + Sync,
     mut each: impl FnMut(Taps),
-) -> Option<Vec<Size>> {
+) -> Option<Vec<MapSize>> {
     let sizes = network.sizes(width, height)?;
-    let strip = strip.unwrap_or_else(|| default_strip(&sizes)).max(1);
+    let strip = strip.unwrap_or_else(|| default_strip(&sizes, pictures));
     let batch = BATCH.min(strip);
-    let [mut a, mut b] = [0, 1].map(|_| Passage {
-        buffers: sizes.iter().map(|&size| Buffer::new(size)).collect(),
-        blocks: Blocks::default(),
-        workspace: Workspace::new(),
-    });
+    // For each picture the rows held of it and of every layer's output.
+    let mut held: Vec<Vec<Buffer>> = (0..pictures)
+        .map(|_| sizes.iter().map(|&size| Buffer::new(size)).collect())
+        .collect();
+    let mut lanes: [Lane; LANES] = Default::default();
     for first in (0..height).step_by(strip) {
         let rows = first..(first + strip).min(height);
-        let fill = |picture: usize, passage: &mut Passage| {
-            let out = passage.buffers[0].push(rows.len(), &mut passage.blocks);
+        in_lanes(&mut held, &mut lanes, |picture, buffers, lane| {
+            let out = buffers[0].push(rows.len(), &mut lane.blocks);
             for (y, out) in rows.clone().zip(out.chunks_exact_mut(sizes[0].row_len())) {
                 input(picture, y, out);
             }
-        };
-        rayon::join(|| fill(0, &mut a), || fill(1, &mut b));
+        });
         for (i, layer) in network.layers.iter().enumerate() {
-            let (rows, _) =
-                rayon::join(|| a.advance(layer, i, batch), || b.advance(layer, i, batch));
+            // In lockstep: what the first picture is ready for, all of them are.
+            let rows = ready(layer, &held[0][i], &held[0][i + 1], batch);
+            in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
+                let (inputs, outputs) = buffers.split_at_mut(i + 1);
+                advance(layer, &mut inputs[i], &mut outputs[0], &rows, lane);
+            });
             if let Some(tap) = layer.tap
                 && !rows.is_empty()
             {
+                let rows: Vec<&[f32]> = held.iter().map(|buffers| buffers[i + 1].fresh()).collect();
                 each(Taps {
                     tap,
                     size: sizes[i + 1],
-                    rows: [&a, &b].map(|picture| picture.buffers[i + 1].fresh()),
+                    rows: &rows,
                 });
             }
         }
-        for picture in [&mut a, &mut b] {
-            if let Some(last) = picture.buffers.last_mut() {
-                last.keep_from(last.end(), &mut picture.blocks);
+        in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
+            if let Some(last) = buffers.last_mut() {
+                last.keep_from(last.end(), &mut lane.blocks);
             }
-        }
+        });
     }
     let outputs = network.layers.iter().zip(&sizes[1..]);
     let tapped = outputs.filter(|(layer, _)| layer.tap.is_some());
     Some(tapped.map(|(_, &size)| size).collect())
 }
 
-impl Passage {
-    /// Computes those rows of layer `i` for which there is input, if they are at least `batch` or
-    /// the last; returns which ones.
-    fn advance(&mut self, layer: &Layer, i: usize, batch: usize) -> Range<usize> {
-        let [input, output] = &mut self.buffers[i..i + 2] else {
-            return 0..0;
-        };
-        let (height, size) = (input.size().height, output.size());
-        let first = output.end();
-        let needs = |y: usize| layer.op.in_rows(y..y + 1, height);
-        let mut end = first;
-        while end < size.height && needs(end).end <= input.end() {
-            end += 1;
+/// Does `work` for every picture, half of them in each lane.
+fn in_lanes(
+    pictures: &mut [Vec<Buffer>],
+    [a, b]: &mut [Lane; LANES],
+    work: impl Fn(usize, &mut [Buffer], &mut Lane) + Sync,
+) {
+    let half = pictures.len().div_ceil(LANES);
+    let (first, second) = pictures.split_at_mut(half);
+    let run = |pictures: &mut [Vec<Buffer>], offset: usize, lane: &mut Lane| {
+        for (i, buffers) in pictures.iter_mut().enumerate() {
+            work(offset + i, buffers, lane);
         }
-        if end < size.height && end - first < batch && !layer.pools {
-            end = first;
-        }
-        if end > first {
-            let window = input.window();
-            let room = output.push(end - first, &mut self.blocks);
-            layer
-                .op
-                .run_rows(&window, first..end, room, &mut self.workspace);
-        }
-        let row = if end < size.height {
-            needs(end).start
-        } else {
-            input.end()
-        };
-        input.keep_from(row, &mut self.blocks);
-        first..end
+    };
+    rayon::join(|| run(first, 0, a), || run(second, half, b));
+}
+
+/// The next output rows of a layer for which all input is there, if they are at least `batch` or
+/// the last.
+fn ready(layer: &Layer, input: &Buffer, output: &Buffer, batch: usize) -> Range<usize> {
+    let (first, height) = (output.end(), output.size().height);
+    let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);
+    let mut end = first;
+    while end < height && needs(end).end <= input.end() {
+        end += 1;
     }
+    if end < height && end - first < batch && !layer.pools {
+        end = first;
+    }
+    first..end
+}
+
+/// Computes the output `rows` of a layer for one picture and forgets the input that no later row
+/// needs.
+fn advance(
+    layer: &Layer,
+    input: &mut Buffer,
+    output: &mut Buffer,
+    rows: &Range<usize>,
+    lane: &mut Lane,
+) {
+    if !rows.is_empty() {
+        let window = input.window();
+        let room = output.push(rows.len(), &mut lane.blocks);
+        layer
+            .op
+            .run_rows(&window, rows.clone(), room, &mut lane.workspace);
+    }
+    let needed = if rows.end < output.size().height {
+        let next = rows.end..rows.end + 1;
+        layer.op.in_rows(next, input.size().height).start
+    } else {
+        input.end()
+    };
+    input.keep_from(needed, &mut lane.blocks);
 }
 
 /// The picture rows whose new rows in any layer fit into [`MEMORY`], a multiple of [`BATCH`].
-pub(super) fn default_strip(sizes: &[Size]) -> usize {
-    let values = |size: &Size| (size.row_len() * size.height).div_ceil(sizes[0].height);
+pub(super) fn default_strip(sizes: &[MapSize], pictures: usize) -> usize {
+    let values = |size: &MapSize| (size.row_len() * size.height).div_ceil(sizes[0].height);
     let widest = sizes.iter().map(values).max().unwrap_or(1);
-    // Of two pictures, and of two layers.
-    let bytes_per_row = 2 * 2 * size_of::<f32>() * widest;
+    // A block for each picture's input, and one for the output that each lane works on.
+    let bytes_per_row = (pictures + LANES) * size_of::<f32>() * widest;
     (MEMORY / bytes_per_row).max(BATCH).next_multiple_of(BATCH)
 }

@@ -1,15 +1,16 @@
 //! The networks by candle tensors, on a GPU or, as the reference of that, on the CPU.
 //!
 //! As [`stream`](super::stream()) on the kernels: row strips, each layer holding what its next rows need, so that
-//! memory does not grow with the picture's height. Both pictures are one batch. Features leave the device as f32; what
+//! memory does not grow with the picture's height. Each picture is a batch of its own: how a device sums may depend on
+//! the size of a batch, and a score must not depend on what else is scored. Features leave the device as f32; what
 //! follows them is the same code in f64 as for the kernels.
 
 use std::ops::Range;
 
 use candle_core::{Device, Result, Tensor};
 
-use super::architecture::{Step, smallest_side, steps};
-use super::rows::Size;
+use super::architecture::{LayerSpec, layer_specs, smallest_side};
+use super::rows::MapSize;
 use super::stream::{Taps, default_strip};
 use crate::weights::{Backbone, Tensors};
 
@@ -33,16 +34,16 @@ struct Layer {
 #[derive(Debug, Clone)]
 enum Op {
     /// Convolution, bias, ReLU.
-    Conv(Weights),
+    Conv(ConvWeights),
     /// SqueezeNet's 1×1 and 3×3 side by side, each with bias and ReLU.
-    Expand(Weights, Weights),
+    Expand(ConvWeights, ConvWeights),
     MaxPool,
     /// DISTS's pooling: the root of the squares' mean under a 3×3 Hann window `[1, 1, 3, 3]`.
     L2Pool(Tensor),
 }
 
 #[derive(Debug, Clone)]
-struct Weights {
+struct ConvWeights {
     /// `[out, in, k, k]`.
     weight: Tensor,
     /// `[1, out, 1, 1]`.
@@ -86,7 +87,7 @@ impl Window {
     }
 }
 
-impl Weights {
+impl ConvWeights {
     fn new(tensors: &Tensors, name: &str, device: &Device) -> Result<Self> {
         let (shape, values) = tensors.get(&format!("{name}.weight"));
         let (_, bias) = tensors.get(&format!("{name}.bias"));
@@ -96,7 +97,7 @@ impl Weights {
         })
     }
 
-    /// `[2, in, rows, columns]`, padded, to what a ReLU leaves.
+    /// `[1, in, rows, columns]`, padded, to what a ReLU leaves.
     fn apply(&self, x: &Tensor, stride: usize) -> Result<Tensor> {
         x.conv2d(&self.weight, 0, stride, 1, 1)?
             .broadcast_add(&self.bias)?
@@ -117,8 +118,8 @@ impl Layer {
         }
     }
 
-    /// The output rows `out` of a map of `size` from its rows from `first` on, `[2, channels, rows, columns]`.
-    fn rows(&self, x: &Tensor, first: usize, size: Size, out: &Range<usize>) -> Result<Tensor> {
+    /// The output rows `out` of a map of `size` from its rows from `first` on, `[1, channels, rows, columns]`.
+    fn rows(&self, x: &Tensor, first: usize, size: MapSize, out: &Range<usize>) -> Result<Tensor> {
         let columns = 0..self.window.out_side(size.width);
         let (rows, above, below) = self.window.inputs(out, size.height);
         let (_, left, right) = self.window.inputs(&columns, size.width);
@@ -140,12 +141,12 @@ impl Layer {
             }
             Op::MaxPool => x.max_pool2d_with_stride(size, stride),
             Op::L2Pool(hann) => {
-                let (batch, channels, rows, width) = x.dims4()?;
-                let squares = x.sqr()?.reshape((batch * channels, 1, rows, width))?;
+                let (_, channels, rows, width) = x.dims4()?;
+                let squares = x.sqr()?.reshape((channels, 1, rows, width))?;
                 let means = (squares.conv2d(hann, 0, stride, 1, 1)? + 1e-12)?;
                 means
                     .sqrt()?
-                    .reshape((batch, channels, out.len(), columns.len()))
+                    .reshape((1, channels, out.len(), columns.len()))
             }
         }
     }
@@ -154,12 +155,12 @@ impl Layer {
 impl TensorNetwork {
     /// Builds the network as it was trained.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
-        let conv = |name: &str| Weights::new(tensors, name, device);
+        let conv = |name: &str| ConvWeights::new(tensors, name, device);
         let mut layers: Vec<Layer> = Vec::new();
         let mut taps = 0;
-        for step in steps(backbone) {
+        for step in layer_specs(backbone) {
             let (op, size, stride, padding, ceil) = match *step {
-                Step::Conv {
+                LayerSpec::Conv {
                     index,
                     kernel,
                     stride,
@@ -172,8 +173,8 @@ impl TensorNetwork {
                     padding,
                     false,
                 ),
-                Step::MaxPool { kernel, ceil } => (Op::MaxPool, kernel, 2, 0, ceil),
-                Step::Fire { index, .. } => {
+                LayerSpec::MaxPool { kernel, ceil } => (Op::MaxPool, kernel, 2, 0, ceil),
+                LayerSpec::Fire { index, .. } => {
                     layers.push(Layer {
                         op: Op::Conv(conv(&format!("{index}.squeeze"))?),
                         window: Window {
@@ -188,7 +189,7 @@ impl TensorNetwork {
                     let three = conv(&format!("{index}.expand3x3"))?;
                     (Op::Expand(one, three), 3, 1, 1, false)
                 }
-                Step::Tap => {
+                LayerSpec::Tap => {
                     if let Some(layer) = layers.last_mut() {
                         layer.tap = Some(taps);
                         taps += 1;
@@ -239,14 +240,14 @@ impl TensorNetwork {
         self.smallest_side
     }
 
-    fn sizes(&self, width: usize, height: usize) -> Vec<Size> {
-        let picture = Size {
+    fn sizes(&self, width: usize, height: usize) -> Vec<MapSize> {
+        let picture = MapSize {
             height,
             width,
             channels: 3,
         };
-        let next = |size: &mut Size, layer: &Layer| {
-            *size = Size {
+        let next = |size: &mut MapSize, layer: &Layer| {
+            *size = MapSize {
                 height: layer.window.out_side(size.height),
                 width: layer.window.out_side(size.width),
                 channels: layer.channels(size.channels),
@@ -261,51 +262,64 @@ impl TensorNetwork {
     pub(crate) fn stream(
         &self,
         (width, height): (usize, usize),
+        pictures: usize,
         strip: Option<usize>,
         input: impl Fn(usize, usize, &mut [f32]),
         mut each: impl FnMut(Taps),
-    ) -> Result<Vec<Size>> {
+    ) -> Result<Vec<MapSize>> {
         let sizes = self.sizes(width, height);
-        let strip = strip.unwrap_or_else(|| default_strip(&sizes)).max(1);
-        let mut held: Vec<Held> = sizes.iter().map(|_| Held::default()).collect();
+        // As for a pair: how a device sums may depend on the strip's height too.
+        let strip = strip.unwrap_or_else(|| default_strip(&sizes, 2));
+        let hold_none = |_| sizes.iter().map(|_| Held::default()).collect();
+        let mut held: Vec<Vec<Held>> = (0..pictures).map(hold_none).collect();
         for first in (0..height).step_by(strip) {
             let rows = first..(first + strip).min(height);
-            let mut values = vec![0.0; 2 * rows.len() * sizes[0].row_len()];
-            let places = (0..2).flat_map(|picture| rows.clone().map(move |y| (picture, y)));
-            for ((picture, y), out) in places.zip(values.chunks_exact_mut(sizes[0].row_len())) {
-                input(picture, y, out);
-            }
-            let pixels = Tensor::from_vec(values, (2, rows.len(), width, 3), &self.device)?;
-            held[0].push(pixels.permute((0, 3, 1, 2))?.contiguous()?)?;
-            for (i, layer) in self.layers.iter().enumerate() {
-                let out = layer.ready(sizes[i], sizes[i + 1], &held[i], held[i + 1].end);
-                if !out.is_empty()
-                    && let Some(x) = &held[i].rows
-                {
-                    let made = layer.rows(x, held[i].first, sizes[i], &out)?;
-                    if let Some(tap) = layer.tap {
-                        let [a, b] = [host_rows(&made, 0)?, host_rows(&made, 1)?];
-                        each(Taps {
-                            tap,
-                            size: sizes[i + 1],
-                            rows: [&a, &b],
-                        });
-                    }
-                    held[i + 1].push(made)?;
+            for (picture, held) in held.iter_mut().enumerate() {
+                let mut values = vec![0.0; rows.len() * sizes[0].row_len()];
+                let places = rows
+                    .clone()
+                    .zip(values.chunks_exact_mut(sizes[0].row_len()));
+                for (y, out) in places {
+                    input(picture, y, out);
                 }
-                let next = held[i + 1].end;
-                let needed = if next < sizes[i + 1].height {
-                    layer
-                        .window
-                        .inputs(&(next..next + 1), sizes[i].height)
-                        .0
-                        .start
-                } else {
-                    held[i].end
-                };
-                held[i].drop_before(needed)?;
+                let pixels = Tensor::from_vec(values, (1, rows.len(), width, 3), &self.device)?;
+                held[0].push(pixels.permute((0, 3, 1, 2))?.contiguous()?)?;
             }
-            if let Some(last) = held.last_mut() {
+            for (i, layer) in self.layers.iter().enumerate() {
+                let (from, to) = (sizes[i], sizes[i + 1]);
+                // In lockstep: what the first picture is ready for, all of them are.
+                let out = layer.ready(from, to, &held[0][i], held[0][i + 1].end);
+                let mut tapped = Vec::new();
+                for held in &mut held {
+                    if !out.is_empty()
+                        && let Some(x) = &held[i].rows
+                    {
+                        let made = layer.rows(x, held[i].first, from, &out)?;
+                        if layer.tap.is_some() {
+                            tapped.push(host_rows(&made)?);
+                        }
+                        held[i + 1].push(made)?;
+                    }
+                    let needed = if out.end < to.height {
+                        let next = out.end..out.end + 1;
+                        layer.window.inputs(&next, from.height).0.start
+                    } else {
+                        held[i].end
+                    };
+                    held[i].drop_before(needed)?;
+                }
+                if let Some(tap) = layer.tap
+                    && !tapped.is_empty()
+                {
+                    let rows: Vec<&[f32]> = tapped.iter().map(Vec::as_slice).collect();
+                    each(Taps {
+                        tap,
+                        size: to,
+                        rows: &rows,
+                    });
+                }
+            }
+            for last in held.iter_mut().filter_map(|held| held.last_mut()) {
                 last.drop_before(last.end)?;
             }
         }
@@ -317,7 +331,7 @@ impl TensorNetwork {
 
 impl Layer {
     /// The next output rows for which all input is there; `end` is one past the last one made.
-    fn ready(&self, from: Size, to: Size, held: &Held, end: usize) -> Range<usize> {
+    fn ready(&self, from: MapSize, to: MapSize, held: &Held, end: usize) -> Range<usize> {
         let there = |y: &usize| self.window.inputs(&(*y..*y + 1), from.height).0.end <= held.end;
         let next = (end..to.height).take_while(there).last();
         end..next.map_or(end, |y| y + 1)
@@ -330,7 +344,7 @@ struct Held {
     first: usize,
     /// One past the last row that was pushed.
     end: usize,
-    /// `[2, channels, end − first, columns]`.
+    /// `[1, channels, end − first, columns]`.
     rows: Option<Tensor>,
 }
 
@@ -359,9 +373,9 @@ impl Held {
     }
 }
 
-/// One picture's rows with channels innermost.
-fn host_rows(rows: &Tensor, picture: usize) -> Result<Vec<f32>> {
-    rows.get(picture)?
+/// Rows with channels innermost.
+fn host_rows(rows: &Tensor) -> Result<Vec<f32>> {
+    rows.get(0)?
         .permute((1, 2, 0))?
         .contiguous()?
         .flatten_all()?

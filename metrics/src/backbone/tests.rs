@@ -33,10 +33,11 @@ fn features(
     stream(
         network,
         (width as usize, height as usize),
+        3,
         Some(strip),
         |_, y, out| norm.row(picture, y, out),
         |Taps { tap, rows, .. }| {
-            assert_eq!(rows[0], rows[1]);
+            assert!(rows[0] == rows[1] && rows[0] == rows[2] && rows.len() == 3);
             taps.resize(taps.len().max(tap + 1), Vec::new());
             taps[tap].extend_from_slice(rows[0]);
         },

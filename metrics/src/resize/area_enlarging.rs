@@ -5,8 +5,8 @@
 
 use rayon::prelude::*;
 
+use super::Size;
 use super::area::scale;
-use super::size::Size;
 
 /// Two neighbours and their weights.
 struct Neighbours {

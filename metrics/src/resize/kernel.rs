@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use image::{ImageBuffer, Rgb};
 
-use super::size::Size;
+use super::Size;
 use super::{area, area_enlarging, pillow, torch};
 use crate::picture::{Picture, PictureError};
 

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::size::Size;
+use super::Size;
 
 /// A filter and how far it reaches at scale 1, pixels.
 pub(super) struct Filter {

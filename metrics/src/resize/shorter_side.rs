@@ -4,9 +4,9 @@ use std::borrow::Cow;
 
 use image::{Rgb, RgbImage};
 
+use super::Size;
 use super::kernel::buffer;
 use super::pillow;
-use super::size::Size;
 use crate::picture::Picture;
 
 /// The side that `dists[resize256]` reduces to.

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::size::Size;
+use super::Size;
 
 /// Source positions of one output coordinate: two neighbours and their weights.
 struct Neighbours {

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::filter::Constants;
 use super::strip::Strip;
-use super::variant::Form;
+use super::variant::SsimSpec;
 use crate::picture::Picture;
 use crate::unavailable::Unavailable;
 
@@ -16,7 +16,7 @@ const VALUES_AT_A_TIME: usize = 512;
 
 /// Applies `each` to every row of the map (interleaved channels); results in row order.
 pub(super) fn map_rows<T: Send>(
-    form: &Form,
+    form: &SsimSpec,
     prediction: &Picture,
     target: &Picture,
     each: impl Fn(usize, &[f64]) -> T + Sync,

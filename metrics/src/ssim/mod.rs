@@ -19,11 +19,11 @@ mod variant;
 use image::{ImageBuffer, Luma};
 
 use crate::identity::SsimVariant;
+use crate::maps::ScoreMap;
 use crate::picture::{Mask, Picture};
-use crate::score_map::ScoreMap;
 use crate::unavailable::Unavailable;
 use map::map_rows;
-use variant::Form;
+use variant::SsimSpec;
 
 /// The mean of the SSIM map, with a mask the mean over the window centres inside it. The pictures
 /// (and the mask) are of one size.
@@ -33,7 +33,7 @@ pub(crate) fn ssim(
     target: &Picture,
     mask: Option<&Mask>,
 ) -> Result<f64, Unavailable> {
-    let form = Form::of(variant);
+    let form = SsimSpec::of(variant);
     let channels = form.channels();
     let origin = form.origin();
     let rows = map_rows(&form, prediction, target, |y, row| {
@@ -64,7 +64,7 @@ pub(crate) fn ssim_map(
     prediction: &Picture,
     target: &Picture,
 ) -> Result<ScoreMap, Unavailable> {
-    let form = Form::of(variant);
+    let form = SsimSpec::of(variant);
     let channels = form.channels();
     let rows = map_rows(&form, prediction, target, |_, row| {
         row.chunks_exact(channels)

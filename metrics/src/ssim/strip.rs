@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::filter::{Constants, QUANTITIES, filter_along_x, filter_along_y, padded};
-use super::variant::{Border, Form};
+use super::variant::{Border, SsimSpec};
 use crate::picture::Picture;
 
 /// The last 2 × radius + 1 rows of some columns, filtered along x, as one task walks down the
@@ -12,7 +12,7 @@ use crate::picture::Picture;
 /// Rows and columns are counted as of the picture continued by a radius above and on the left, if
 /// it is continued: row 0 is the first that the map's first row needs.
 pub(super) struct Strip<'a> {
-    form: &'a Form,
+    form: &'a SsimSpec,
     pictures: [&'a Picture; 2],
     height: usize,
     /// The first column under the windows.
@@ -36,7 +36,7 @@ pub(super) struct Strip<'a> {
 impl<'a> Strip<'a> {
     /// The windows whose values are the `columns` of the map.
     pub(super) fn new(
-        form: &'a Form,
+        form: &'a SsimSpec,
         a: &'a Picture,
         b: &'a Picture,
         columns: Range<usize>,

@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage};
 
 use super::map::map_rows;
-use super::variant::{Border, Form};
+use super::variant::{Border, SsimSpec};
 use super::*;
 
 fn texture(width: u32, height: u32, seed: u32) -> Picture {
@@ -14,7 +14,7 @@ fn texture(width: u32, height: u32, seed: u32) -> Picture {
 }
 
 /// The definition, two-dimensional and window by window.
-fn brute_force(form: &Form, a: &Picture, b: &Picture, x: i64, y: i64, c: usize) -> f64 {
+fn brute_force(form: &SsimSpec, a: &Picture, b: &Picture, x: i64, y: i64, c: usize) -> f64 {
     let (width, height) = a.dimensions();
     let r = form.radius as i64;
     let at = |picture: &Picture, x: i64, y: i64| -> f64 {
@@ -57,7 +57,7 @@ fn brute_force(form: &Form, a: &Picture, b: &Picture, x: i64, y: i64, c: usize) 
 fn rows_follow_the_definition_at_every_border() {
     let (a, b) = (texture(41, 79, 3), texture(41, 79, 500));
     for variant in SsimVariant::ALL {
-        let form = Form::of(variant);
+        let form = SsimSpec::of(variant);
         if form.gray || form.range_of_data {
             continue;
         }
@@ -78,7 +78,7 @@ fn rows_follow_the_definition_at_every_border() {
 
 #[test]
 fn taps_are_the_published_ones() {
-    let form = Form::of(SsimVariant::Gauss11Valid);
+    let form = SsimSpec::of(SsimVariant::Gauss11Valid);
     let published = [
         0.001_028_38,
         0.007_598_76,

@@ -15,7 +15,7 @@ pub(super) enum Border {
 }
 
 /// A variant taken apart.
-pub(super) struct Form {
+pub(super) struct SsimSpec {
     pub(super) radius: usize,
     /// Weight of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
     pub(super) half: Vec<f64>,
@@ -26,7 +26,7 @@ pub(super) struct Form {
     pub(super) range_of_data: bool,
 }
 
-impl Form {
+impl SsimSpec {
     pub(super) fn of(variant: SsimVariant) -> Self {
         use SsimVariant as V;
         let uniform = matches!(variant, V::Uniform7Sample | V::Uniform7Population);

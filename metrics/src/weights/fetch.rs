@@ -3,7 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use sharp_checkpoint::download::{Download, DownloadError, Progress, file_sha256, remove};
+use sharp_checkpoint::download::{Download, DownloadError, Progress, remove};
+use sharp_checkpoint::hash::file_sha256;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::{Backbone, Published, Weights, WeightsError};
@@ -16,12 +17,7 @@ pub enum FetchError {
         "{address}: not fetched, because --offline was given; fetch it elsewhere and pass \
          --weights {backbone}=FILE"
     )]
-    Offline {
-        /// The network.
-        backbone: Backbone,
-        /// Where the file is.
-        address: String,
-    },
+    Offline { backbone: Backbone, address: String },
     /// The transfer, or a file or folder of the cache.
     #[error(transparent)]
     Download(#[from] DownloadError),
@@ -30,11 +26,8 @@ pub enum FetchError {
         "{address}: the file's sha256 is {found}, but should begin with {expected}; it was deleted"
     )]
     Hash {
-        /// Where the file is.
         address: String,
-        /// sha256 of what was sent.
         found: String,
-        /// Its published beginning.
         expected: String,
     },
     /// What was fetched is no checkpoint.

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use sharp_checkpoint::deterministic::backbone_weights;
+use sharp_checkpoint::hash::hex;
 use sharp_checkpoint::{Checkpoint, Expected, Incomplete};
 
-use super::{Backbone, Source, Weights, WeightsError, WeightsUsed};
+use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
 /// All tensors of a network's features, by their name below `features.`.
@@ -29,39 +30,37 @@ impl Tensors {
                 hash.update(value.to_le_bytes());
             }
         }
-        let digest = hash.finalize();
-        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+        hex(hash.finalize())
     }
 }
 
 /// A network's tensors and where they came from.
 #[derive(Debug)]
-pub(crate) struct Loaded {
+pub(crate) struct LoadedBackbone {
     pub(crate) tensors: Tensors,
     pub(crate) used: WeightsUsed,
 }
 
 impl Weights {
     /// Reads the tensors of a network; `None` if there are no weights for it.
-    pub(crate) fn load(&self, backbone: Backbone) -> Result<Option<Loaded>, WeightsError> {
-        let (tensors, source, original_sha256) = match self.sources.get(&backbone) {
-            None => return Ok(None),
-            Some(Source::File(path)) => {
+    pub(crate) fn load(&self, backbone: Backbone) -> Result<Option<LoadedBackbone>, WeightsError> {
+        let Some(source) = self.sources.get(&backbone) else {
+            return Ok(None);
+        };
+        let (tensors, original_sha256) = match source {
+            WeightsSource::File(path) => {
                 let (tensors, original) = read(backbone, path)?;
-                (tensors, path.display().to_string(), Some(original))
+                (tensors, Some(original))
             }
-            Some(Source::Deterministic(salt)) => {
-                let tensors = deterministic(backbone, salt);
-                (tensors, format!("deterministic:{salt}"), None)
-            }
+            WeightsSource::Deterministic(salt) => (deterministic(backbone, salt), None),
         };
         let used = WeightsUsed {
             backbone,
-            source,
+            source: source.clone(),
             features_sha256: tensors.sha256(),
             original_sha256,
         };
-        Ok(Some(Loaded { tensors, used }))
+        Ok(Some(LoadedBackbone { tensors, used }))
     }
 }
 

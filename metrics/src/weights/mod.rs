@@ -15,6 +15,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use sharp_checkpoint::CheckpointError;
 
 pub(crate) use embedded::{dists_weights, linear_weights};
@@ -23,21 +24,19 @@ pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
 pub use registry::{Published, cache_folder, user_cache};
 
-use crate::device::Device;
 use crate::identity::{LpipsNet, Metric};
+use crate::options::Device;
 
 /// A network whose features LPIPS or DISTS compare; only its convolutions are needed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Backbone {
-    /// torchvision's AlexNet.
     AlexNet,
-    /// torchvision's VGG16 without batch normalisation.
+    /// Without batch normalisation.
     Vgg16,
-    /// torchvision's SqueezeNet 1.1.
     SqueezeNet1_1,
 }
 
-/// No network of that name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown network '{0}'; known: alexnet vgg16 squeezenet1_1")]
 pub struct UnknownBackbone(String);
@@ -48,7 +47,6 @@ pub enum WeightsError {
     /// The file cannot be read as a checkpoint.
     #[error("weights of {backbone}: {source}")]
     Checkpoint {
-        /// The network.
         backbone: Backbone,
         /// Why; names the file.
         source: CheckpointError,
@@ -56,41 +54,27 @@ pub enum WeightsError {
     /// The file holds other tensors than the network has.
     #[error("{}: not the weights of {backbone}: {reason}", path.display())]
     Mismatch {
-        /// The network.
         backbone: Backbone,
-        /// The file.
         path: PathBuf,
         /// What is missing, surplus or of another shape.
         reason: String,
     },
     /// A weight is NaN or infinite.
     #[error("{}: {tensor} holds a value that is not finite", path.display())]
-    NotFinite {
-        /// The file.
-        path: PathBuf,
-        /// Name of the tensor.
-        tensor: String,
-    },
+    NotFinite { path: PathBuf, tensor: String },
     /// The network cannot be put where it was to be computed.
     #[error("the networks cannot be computed on {device}: {reason}")]
-    Device {
-        /// Where.
-        device: Device,
-        /// Why not.
-        reason: String,
-    },
+    Device { device: Device, reason: String },
     /// The weights that ship with the crate are damaged.
     #[error("the built-in weights {file} are damaged: {reason}")]
     Embedded {
         /// The file in the crate's source.
         file: &'static str,
-        /// What is wrong.
         reason: String,
     },
 }
 
 impl Backbone {
-    /// All networks.
     pub const ALL: [Self; 3] = [Self::AlexNet, Self::Vgg16, Self::SqueezeNet1_1];
 
     /// torchvision's name: `alexnet`, `vgg16`, `squeezenet1_1`.
@@ -138,17 +122,27 @@ impl FromStr for Backbone {
     }
 }
 
-/// Where a network's weights come from.
+/// Where a network's weights come from; shown as the file, or as `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Source {
+pub enum WeightsSource {
     File(PathBuf),
+    /// A pure function of the tensors' names and this salt.
     Deterministic(String),
+}
+
+impl fmt::Display for WeightsSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Deterministic(salt) => write!(f, "deterministic:{salt}"),
+        }
+    }
 }
 
 /// Where the weights of each network come from.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Weights {
-    sources: BTreeMap<Backbone, Source>,
+    sources: BTreeMap<Backbone, WeightsSource>,
 }
 
 impl Weights {
@@ -161,7 +155,7 @@ impl Weights {
     /// the golden data and the cross-check use. Scores with them compare implementations, not
     /// pictures.
     pub fn deterministic(salt: &str) -> Self {
-        let source = Source::Deterministic(salt.to_owned());
+        let source = WeightsSource::Deterministic(salt.to_owned());
         Self {
             sources: Backbone::ALL.map(|b| (b, source.clone())).into(),
         }
@@ -170,15 +164,16 @@ impl Weights {
     /// Takes a network's weights from a file: torchvision's `.pth` or a `.safetensors`.
     #[must_use]
     pub fn with_file(mut self, backbone: Backbone, file: impl Into<PathBuf>) -> Self {
-        self.sources.insert(backbone, Source::File(file.into()));
+        self.sources
+            .insert(backbone, WeightsSource::File(file.into()));
         self
     }
 
     /// The file given for a network.
     pub fn file(&self, backbone: Backbone) -> Option<&Path> {
         match self.sources.get(&backbone)? {
-            Source::File(path) => Some(path),
-            Source::Deterministic(_) => None,
+            WeightsSource::File(path) => Some(path),
+            WeightsSource::Deterministic(_) => None,
         }
     }
 
@@ -191,10 +186,8 @@ impl Weights {
 /// Weights that a scorer uses, for the record of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WeightsUsed {
-    /// The network.
     pub backbone: Backbone,
-    /// The file, or `deterministic:SALT`.
-    pub source: String,
+    pub source: WeightsSource,
     /// sha256 over the convolutions' names and f32 values: equal for torchvision's file and for a
     /// copy that holds the features only.
     pub features_sha256: String,

@@ -9,17 +9,14 @@ use super::{Backbone, Weights};
 /// A published file of weights.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Published {
-    /// The network.
     pub backbone: Backbone,
     /// Name of the file; its publisher ends it with the first digits of its sha256.
     pub file: Cow<'static, str>,
-    /// Official address.
     pub address: Cow<'static, str>,
     /// Size as published, in thousandths of a MiB.
     pub size_milli_mib: u64,
     /// First digits of the file's sha256.
     pub sha256_prefix: Cow<'static, str>,
-    /// Licence of the weights.
     pub licence: &'static str,
 }
 

@@ -4,9 +4,8 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
-
 use crate::error::{CheckpointError, Fault, malformed};
+use crate::hash::sha256_hex;
 use crate::mapped::Mapped;
 use crate::pickle::state_dict::{Named, resolve};
 use crate::pickle::value::Heap;
@@ -21,7 +20,6 @@ pub enum Format {
     Zip,
     /// PyTorch before 1.6: bare pickles, then raw storages.
     Legacy,
-    /// Safetensors.
     Safetensors,
 }
 
@@ -35,7 +33,6 @@ pub struct Checkpoint {
     format: Format,
     tensors: BTreeMap<String, Layout>,
     others: Vec<String>,
-    key: Option<String>,
     metadata: BTreeMap<String, String>,
 }
 
@@ -43,51 +40,31 @@ impl Checkpoint {
     /// Opens a file of any [`Format`].
     ///
     /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
-    /// `model`, …), that one is taken and [`Self::key`] tells its name.
+    /// `model`, …), that one is taken.
     ///
     /// # Errors
     /// [`CheckpointError`]: unreadable, malformed, asking for code to be run, or without a
     /// single state dict to choose.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
-        Self::open_with(path.as_ref(), None)
-    }
-
-    /// Opens the state dict under `key` of the pickled dict, one level down.
-    ///
-    /// # Errors
-    /// As [`Self::open`]; also when there is no such key, or the file is a safetensors file,
-    /// which has no levels.
-    pub fn open_key(path: impl AsRef<Path>, key: &str) -> Result<Self, CheckpointError> {
-        Self::open_with(path.as_ref(), Some(key))
-    }
-
-    fn open_with(path: &Path, key: Option<&str>) -> Result<Self, CheckpointError> {
+        let path = path.as_ref();
         let file = Mapped::open(path)?;
-        let (format, named, metadata) = read(&file, key).map_err(|fault| fault.at(path))?;
+        let (format, named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
         Ok(Self {
             path: path.to_path_buf(),
             file,
             format,
             tensors: named.tensors,
             others: named.others,
-            key: named.key,
             metadata,
         })
     }
 
-    /// The file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// How it is stored.
     pub fn format(&self) -> Format {
         self.format
-    }
-
-    /// The key the state dict was found under, `None` if the file is the state dict.
-    pub fn key(&self) -> Option<&str> {
-        self.key.as_deref()
     }
 
     /// Free text of a safetensors header; empty for pickles.
@@ -105,7 +82,6 @@ impl Checkpoint {
         &self.others
     }
 
-    /// Whether there is a tensor of that name.
     pub fn contains(&self, name: &str) -> bool {
         self.tensors.contains_key(name)
     }
@@ -124,14 +100,6 @@ impl Checkpoint {
     /// [`CheckpointError::NoTensor`].
     pub fn dtype(&self, name: &str) -> Result<DType, CheckpointError> {
         Ok(self.layout(name)?.dtype)
-    }
-
-    /// How many elements the tensor has.
-    ///
-    /// # Errors
-    /// [`CheckpointError::NoTensor`].
-    pub fn numel(&self, name: &str) -> Result<usize, CheckpointError> {
-        Ok(self.layout(name)?.numel())
     }
 
     /// The tensor's elements as f32 in C order. Half types are widened exactly, doubles and
@@ -162,8 +130,7 @@ impl Checkpoint {
 
     /// SHA-256 of the whole file, in lower-case hexadecimal. Reads it all.
     pub fn sha256(&self) -> String {
-        let digest = Sha256::digest(&*self.file);
-        digest.iter().map(|b| format!("{b:02x}")).collect()
+        sha256_hex(&self.file)
     }
 
     fn layout(&self, name: &str) -> Result<&Layout, CheckpointError> {
@@ -178,13 +145,8 @@ impl Checkpoint {
 
 type Read = (Format, Named, BTreeMap<String, String>);
 
-fn read(file: &[u8], key: Option<&str>) -> Result<Read, Fault> {
+fn read(file: &[u8]) -> Result<Read, Fault> {
     if safetensors::looks_like(file) {
-        if let Some(key) = key {
-            return Err(Fault::StateDict(format!(
-                "a safetensors file has no nested state dict '{key}'"
-            )));
-        }
         let contents = safetensors::read(file)?;
         let named = Named {
             tensors: contents.tensors,
@@ -192,9 +154,9 @@ fn read(file: &[u8], key: Option<&str>) -> Result<Read, Fault> {
         };
         Ok((Format::Safetensors, named, contents.metadata))
     } else if file.starts_with(b"PK") {
-        Ok((Format::Zip, read_zip(file, key)?, BTreeMap::new()))
+        Ok((Format::Zip, read_zip(file)?, BTreeMap::new()))
     } else if file.first() == Some(&0x80) {
-        Ok((Format::Legacy, legacy::read(file, key)?, BTreeMap::new()))
+        Ok((Format::Legacy, legacy::read(file)?, BTreeMap::new()))
     } else {
         malformed!("neither a PyTorch nor a safetensors file{}", guess(file))
     }
@@ -214,7 +176,7 @@ fn guess(file: &[u8]) -> &'static str {
     }
 }
 
-fn read_zip(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
+fn read_zip(file: &[u8]) -> Result<Named, Fault> {
     let entries = zip::read(file)?;
     let mut pickles = entries
         .keys()
@@ -231,7 +193,7 @@ fn read_zip(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
     let program = stored(&entries, &format!("{prefix}data.pkl"))?;
     let mut heap = Heap::default();
     let (root, _) = pickle::load(&file[program], &mut heap)?;
-    resolve(&heap, root, key, file.len(), |storage| {
+    resolve(&heap, root, file.len(), |storage| {
         let range = stored(&entries, &format!("{prefix}data/{}", storage.key))?;
         let told = usize::try_from(storage.numel)
             .ok()

@@ -19,7 +19,6 @@ pub struct Expected {
 /// A tensor of another shape than expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Misshaped {
-    /// Its full name.
     pub name: String,
     /// The shape the model needs.
     pub expected: Vec<usize>,
@@ -30,7 +29,6 @@ pub struct Misshaped {
 /// Everything in which a checkpoint and a model differ, each list sorted by name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct Incomplete {
-    /// The file.
     pub path: PathBuf,
     /// Expected, but not in the file.
     pub missing: Vec<Expected>,

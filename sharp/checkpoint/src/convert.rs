@@ -15,11 +15,8 @@ use crate::tensor::DType;
 /// A tensor to be written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutTensor {
-    /// Its full name.
     pub name: String,
-    /// Its element type.
     pub dtype: DType,
-    /// Its shape in C order.
     pub shape: Vec<usize>,
 }
 

@@ -1,28 +1,20 @@
 //! Fetching one large file over HTTP: resumed after a break, its size checked before anything is transferred.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-use sha2::{Digest, Sha256};
 
 /// Why a file was not fetched.
 #[derive(Debug, thiserror::Error)]
 pub enum DownloadError {
     /// A file or folder here cannot be written or read.
     #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// The server could not be reached, or the transfer broke again and again.
     #[error("{address}: {reason}")]
     Transfer {
-        /// Where the file is.
         address: String,
         /// The last failure.
         reason: String,
@@ -30,7 +22,6 @@ pub enum DownloadError {
     /// The server sent something else.
     #[error("{address}: {reason}")]
     Unexpected {
-        /// Where the file is.
         address: String,
         /// What was sent and what was expected.
         reason: String,
@@ -49,7 +40,6 @@ pub struct Progress {
 /// A published file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Download {
-    /// Where it is.
     pub address: String,
     /// Sizes that it may have, bytes. A server that announces another one is not listened to.
     pub sizes: RangeInclusive<u64>,
@@ -219,26 +209,6 @@ fn remember_tag(part: &Path, tag: Option<String>) -> Result<(), DownloadError> {
         Some(tag) => fs::write(&file, tag).map_err(|source| io_error(&file, source)),
         None => remove(&file),
     }
-}
-
-/// SHA-256 of a file read in pieces, in lower-case hexadecimal.
-///
-/// # Errors
-/// [`DownloadError::Io`].
-pub fn file_sha256(path: &Path) -> Result<String, DownloadError> {
-    let failed = |source| io_error(path, source);
-    let mut file = File::open(path).map_err(failed)?;
-    let mut hash = Sha256::new();
-    let mut buffer = vec![0; 1 << 20];
-    loop {
-        let count = file.read(&mut buffer).map_err(failed)?;
-        if count == 0 {
-            break;
-        }
-        hash.update(&buffer[..count]);
-    }
-    let digest = hash.finalize();
-    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// Removes a file, which may be absent.

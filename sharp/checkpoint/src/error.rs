@@ -5,27 +5,18 @@ use std::path::{Path, PathBuf};
 /// A checkpoint that cannot be read or lacks what was asked for.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// The operating system refused.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
         path: PathBuf,
-        /// What the system said.
         source: std::io::Error,
     },
     /// The file contradicts its format, or itself.
     #[error("{}: {reason}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
+    Malformed { path: PathBuf, reason: String },
     /// The pickle asks for something that a state dict does not need. It is not called.
     #[error("{}: the pickle refers to '{global}', which is not part of a plain state dict; \
              save the state dict alone (torch.save(model.state_dict(), …))", path.display())]
     ForbiddenGlobal {
-        /// The file.
         path: PathBuf,
         /// Module and name as the pickle spells them.
         global: String,
@@ -33,19 +24,12 @@ pub enum CheckpointError {
     /// The file holds several state dicts, or none where it was asked for one.
     #[error("{}: {reason}", path.display())]
     StateDict {
-        /// The file.
         path: PathBuf,
         /// What was found, and under which keys.
         reason: String,
     },
-    /// No tensor of that name.
     #[error("{}: no tensor '{name}'", path.display())]
-    NoTensor {
-        /// The file.
-        path: PathBuf,
-        /// What was asked for.
-        name: String,
-    },
+    NoTensor { path: PathBuf, name: String },
 }
 
 /// An error before the file's name is attached to it.

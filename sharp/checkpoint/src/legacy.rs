@@ -17,7 +17,7 @@ const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0
 const PROTOCOL: i64 = 1001;
 
 /// Reads the table of contents.
-pub(crate) fn read(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
+pub(crate) fn read(file: &[u8]) -> Result<Named, Fault> {
     let mut heap = Heap::default();
     let mut values = [Value::None; 5];
     let mut at = 0;
@@ -39,7 +39,7 @@ pub(crate) fn read(file: &[u8], key: Option<&str>) -> Result<Named, Fault> {
         return malformed!("written on a big-endian machine");
     }
     let places = storages(file, at, &heap, keys)?;
-    resolve(&heap, root, key, file.len(), |storage| {
+    resolve(&heap, root, file.len(), |storage| {
         match places.get(storage.key) {
             Some(place) => Ok(place.clone()),
             None => malformed!("storage '{}' is not in the file", storage.key),

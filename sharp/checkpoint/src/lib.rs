@@ -12,6 +12,7 @@
 //! * [`deterministic`]: weights as a pure function of names, for tests and golden data.
 //! * `download`: fetching a file, resumed and bounded (feature `transfer`, with TLS: `download`).
 //! * [`error`]: why a file was refused.
+//! * [`hash`]: SHA-256 as text.
 //! * [`tensor`]: element types and strided layouts.
 //!
 //! Private: `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
@@ -24,6 +25,7 @@ pub mod deterministic;
 #[cfg(any(feature = "transfer", test))]
 pub mod download;
 pub mod error;
+pub mod hash;
 mod legacy;
 mod mapped;
 mod pickle;

@@ -180,10 +180,6 @@ impl Layout {
         Ok(layout)
     }
 
-    pub(crate) fn numel(&self) -> usize {
-        self.numel
-    }
-
     /// Whether elements follow each other in C order. Axes of length 1 may have any stride.
     fn is_contiguous(&self) -> bool {
         let mut step = 1;

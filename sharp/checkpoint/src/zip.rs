@@ -1,5 +1,8 @@
 //! The part of the zip format that PyTorch writes: stored entries, found by the central
 //! directory, with 64-bit sizes where needed.
+//!
+//! Our own, because the `zip` crate reads entries as streams, guesses at damaged directories and
+//! lets the last of equal names win; here bytes stay mapped and every contradiction is refused.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -106,7 +106,7 @@ fn products(c: &mut Criterion<CpuTime>) {
         for simd in Simd::available() {
             let packed = PackedMatrix::from_out_in(simd, &w, None, n, k);
             let mut workspace = Workspace::new();
-            group.bench_function(format!("{}/{m}x{k}x{n}", simd.level()), |b| {
+            group.bench_function(format!("{}/{m}x{k}x{n}", simd.instruction_set()), |b| {
                 b.iter(|| {
                     let epilogue = Epilogue::None;
                     matmul(
@@ -172,7 +172,7 @@ fn convolutions(c: &mut Criterion<CpuTime>) {
             for algorithm in [Algorithm::Direct, Algorithm::Winograd] {
                 let conv = Conv2d::new(simd, spec, &weight, None, true, algorithm);
                 let mut workspace = Workspace::new();
-                let name = format!("{}/{algorithm:?}/{channels}", simd.level());
+                let name = format!("{}/{algorithm:?}/{channels}", simd.instruction_set());
                 group.bench_function(name, |b| {
                     b.iter(|| {
                         conv.run_rows(black_box(&window), 0..height, &mut out, &mut workspace);
@@ -198,7 +198,7 @@ fn transformer(c: &mut Criterion<CpuTime>) {
     group.throughput(flop(2 * shape.tokens * shape.tokens * shape.dim()));
     for simd in Simd::available() {
         let mut workspace = Workspace::new();
-        group.bench_function(format!("{}", simd.level()), |b| {
+        group.bench_function(format!("{}", simd.instruction_set()), |b| {
             b.iter(|| {
                 attention(
                     simd,
@@ -221,7 +221,7 @@ fn transformer(c: &mut Criterion<CpuTime>) {
     let norm = GroupNorm::new(8, &vec![1.0; channels], &vec![0.0; channels], 1e-5);
     group.throughput(flop(x.len()));
     for simd in Simd::available() {
-        group.bench_function(format!("{}", simd.level()), |b| {
+        group.bench_function(format!("{}", simd.instruction_set()), |b| {
             b.iter(|| norm.run(simd, black_box(&x), true, &mut out));
         });
     }

@@ -7,7 +7,7 @@ use crate::gemm::block::Block;
 use crate::gemm::micro::{KC, Tile, stride_for};
 use crate::gemm::packed::{PackedView, pack_rows, pack_transposed};
 use crate::math::exp;
-use crate::simd::{Simd, per_level};
+use crate::simd::{Simd, per_instruction_set};
 use crate::workspace::{SharedOut, Workspace};
 
 /// Shape of an attention.
@@ -17,7 +17,6 @@ pub struct AttentionShape {
     pub batch: usize,
     /// Tokens of a sequence.
     pub tokens: usize,
-    /// Heads.
     pub heads: usize,
     /// Channels of a head.
     pub head_dim: usize,
@@ -252,7 +251,7 @@ impl Split<'_> {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// Softmax of `scale` times each row of scores: `rows` rows of `tokens`, `stride` apart.
     /// The weights are written in runs of [`KC`] columns, as a product's left side lies:
     /// rows `out_stride`, runs `run` apart.

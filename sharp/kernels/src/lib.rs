@@ -39,5 +39,5 @@ pub use gemm::{Epilogue, PackedMatrix, matmul};
 pub use norm::{GroupNorm, layer_norm};
 pub use pool::{L2Pool, MaxPool};
 pub use rows::{RowOp, RowWindow};
-pub use simd::{Level, Simd};
+pub use simd::{InstructionSet, PinError, Simd, UnknownInstructionSet};
 pub use workspace::Workspace;

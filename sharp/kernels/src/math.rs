@@ -66,16 +66,16 @@ pub(crate) fn gelu<const FMA: bool>(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simd::{Simd, per_level};
+    use crate::simd::{Simd, per_instruction_set};
 
-    per_level! { fn exps(x: &mut [f32]) = exps_body }
+    per_instruction_set! { fn exps(x: &mut [f32]) = exps_body }
 
     #[inline(always)]
     fn exps_body<const FMA: bool>(x: &mut [f32]) {
         x.iter_mut().for_each(|v| *v = exp::<FMA>(*v));
     }
 
-    per_level! { fn gelus(x: &mut [f32]) = gelus_body }
+    per_instruction_set! { fn gelus(x: &mut [f32]) = gelus_body }
 
     #[inline(always)]
     fn gelus_body<const FMA: bool>(x: &mut [f32]) {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::math::{fma, relu};
-use crate::simd::{Simd, per_level};
+use crate::simd::{Simd, per_instruction_set};
 
 /// Lanes of the sums over a token, whatever the instruction set has.
 const LANES: usize = 16;
@@ -25,7 +25,7 @@ pub fn layer_norm(simd: Simd, x: &[f32], gamma: &[f32], beta: &[f32], eps: f32, 
         .for_each(|(out, x)| normalise_rows(simd, x, gamma, beta, eps, out));
 }
 
-per_level! {
+per_instruction_set! {
     /// Layer normalisation of some rows.
     fn normalise_rows(
         x: &[f32],
@@ -184,7 +184,7 @@ struct Affine {
     shift: Vec<f32>,
 }
 
-per_level! {
+per_instruction_set! {
     /// Adds every channel's sum and sum of squares over the pixels of `x`.
     fn moments(x: &[f32], sums: &mut [[f64; 2]]) = moments_body
 }
@@ -224,7 +224,7 @@ fn moments_body<const FMA: bool>(x: &[f32], sums: &mut [[f64; 2]]) {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// Applies an [`Affine`] to some pixels.
     fn apply(x: &[f32], affine: &Affine, rectified: bool, out: &mut [f32]) = apply_body
 }

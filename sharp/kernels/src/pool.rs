@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::rows::{RowOp, RowWindow, expect, window_rows};
-use crate::simd::{Simd, per_level};
+use crate::simd::{Simd, per_instruction_set};
 use crate::workspace::Workspace;
 
 /// Max pooling without padding.
@@ -91,7 +91,7 @@ impl RowOp for MaxPool {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// Takes the maximum of the windows' parts in one input row, and of `output` unless this
     /// row is the `first`.
     fn max_row(
@@ -182,7 +182,7 @@ impl RowOp for L2Pool {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// One output row from three input rows, `None` beyond the image.
     fn l2_row(rows: [Option<&[f32]>; 3], output: &mut [f32], channels: usize) = l2_row_body
 }

@@ -91,7 +91,6 @@ impl<'a> RowWindow<'a> {
         self.height
     }
 
-    /// Width of the image.
     pub fn width(&self) -> usize {
         self.width
     }
@@ -134,7 +133,6 @@ pub trait RowOp: Send + Sync {
     /// is too small for one window.
     fn out_size(&self, height: usize, width: usize) -> (usize, usize);
 
-    /// Channels of the output.
     fn out_channels(&self, in_channels: usize) -> usize;
 
     /// The input rows that the output rows `out` need, for an image of `in_height` rows.

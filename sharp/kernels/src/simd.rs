@@ -1,10 +1,16 @@
-//! Instruction sets: detected at run time, or forced.
+//! Instruction sets: detected at run time, pinned for the process, or forced on one kernel.
 
 use std::fmt;
+use std::str::FromStr;
+use std::sync::OnceLock;
 
-/// An instruction set that kernels are written for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
+use serde::{Deserialize, Serialize};
+
+/// An instruction set that kernels are written for. Results are bit-identical within one, not
+/// across.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InstructionSet {
     /// Whatever the compiler makes of plain Rust for the target's baseline.
     Portable,
     /// AVX2 with FMA, 8 lanes.
@@ -13,8 +19,12 @@ pub enum Level {
     Avx512,
 }
 
-impl Level {
-    /// All levels, slowest first.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown instruction set '{0}'; known: avx512, avx2, portable")]
+pub struct UnknownInstructionSet(String);
+
+impl InstructionSet {
+    /// All of them, slowest first.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
     /// `portable`, `avx2` or `avx512`.
@@ -25,66 +35,111 @@ impl Level {
             Self::Avx512 => "avx512",
         }
     }
-
-    /// The inverse of [`Self::name`].
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|level| level.name() == name)
-    }
 }
 
-impl fmt::Display for Level {
+impl fmt::Display for InstructionSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        f.pad(self.name())
     }
 }
 
-/// Proof that this machine has a [`Level`]: kernels take it by value and rely on it.
+impl FromStr for InstructionSet {
+    type Err = UnknownInstructionSet;
+
+    fn from_str(name: &str) -> Result<Self, UnknownInstructionSet> {
+        let known = Self::ALL.into_iter().find(|set| set.name() == name);
+        known.ok_or_else(|| UnknownInstructionSet(name.to_owned()))
+    }
+}
+
+/// Proof that this machine has an [`InstructionSet`]: kernels take it by value and rely on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Simd(Level);
+pub struct Simd(InstructionSet);
+
+/// What this process computes with, from the first time that somebody asks or pins.
+static IN_USE: OnceLock<Simd> = OnceLock::new();
+
+/// Why a process cannot be pinned to an instruction set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PinError {
+    #[error(
+        "this machine does not have {wanted}; it has {}",
+        Simd::available().iter().map(|simd| simd.0.name()).collect::<Vec<_>>().join(", ")
+    )]
+    Unsupported { wanted: InstructionSet },
+    #[error("kernels cannot be pinned to {wanted}: this process already uses {in_use}")]
+    InUse {
+        wanted: InstructionSet,
+        in_use: InstructionSet,
+    },
+}
 
 impl Simd {
-    /// The fastest level of this machine.
+    /// What the process is pinned to, else the fastest of this machine. The answer never changes:
+    /// after the first call, another set can no longer be [pinned](Self::pin).
     pub fn detect() -> Self {
-        let best = Level::ALL.into_iter().rev().find_map(Self::new);
-        best.unwrap_or(Self(Level::Portable))
+        let fastest = || {
+            let sets = InstructionSet::ALL.into_iter().rev();
+            sets.filter_map(Self::new).next()
+        };
+        *IN_USE.get_or_init(|| fastest().unwrap_or(Self(InstructionSet::Portable)))
     }
 
-    /// That level, if this machine has it.
-    pub fn new(level: Level) -> Option<Self> {
-        let supported = match level {
-            Level::Portable => true,
+    /// Makes [`detect`](Self::detect) answer with this set for the rest of the process, so that
+    /// unlike machines compute the same bits. To be called before anything is computed.
+    ///
+    /// # Errors
+    /// When the machine does not have the set, or another one is in use already.
+    pub fn pin(wanted: InstructionSet) -> Result<Self, PinError> {
+        let simd = Self::new(wanted).ok_or(PinError::Unsupported { wanted })?;
+        let in_use = IN_USE.get_or_init(|| simd).0;
+        if in_use == wanted {
+            Ok(simd)
+        } else {
+            Err(PinError::InUse { wanted, in_use })
+        }
+    }
+
+    /// That set, if this machine has it.
+    pub fn new(set: InstructionSet) -> Option<Self> {
+        let supported = match set {
+            InstructionSet::Portable => true,
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            InstructionSet::Avx2 => {
+                is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")
+            }
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => {
-                Self::new(Level::Avx2).is_some()
+            InstructionSet::Avx512 => {
+                Self::new(InstructionSet::Avx2).is_some()
                     && is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("avx512bw")
                     && is_x86_feature_detected!("avx512dq")
             }
             #[cfg(not(target_arch = "x86_64"))]
-            Level::Avx2 | Level::Avx512 => false,
+            InstructionSet::Avx2 | InstructionSet::Avx512 => false,
         };
-        supported.then_some(Self(level))
+        supported.then_some(Self(set))
     }
 
-    /// All levels of this machine, slowest first.
+    /// All sets of this machine, slowest first.
     pub fn available() -> Vec<Self> {
-        Level::ALL.into_iter().filter_map(Self::new).collect()
+        InstructionSet::ALL
+            .into_iter()
+            .filter_map(Self::new)
+            .collect()
     }
 
-    /// Which level it is.
-    pub fn level(self) -> Level {
+    pub fn instruction_set(self) -> InstructionSet {
         self.0
     }
 }
 
-/// Defines a function that runs `$body::<FMA>` compiled for the level of its first argument.
+/// Defines a function that runs `$body::<FMA>` compiled for the instruction set of its first argument.
 ///
 /// The body must be `#[inline(always)]`, so that it is compiled once per instruction set; its
 /// parameter says whether fused multiply-add is an instruction there.
-macro_rules! per_level {
+macro_rules! per_instruction_set {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $body:ident) => {
         $(#[$doc])*
         #[allow(clippy::too_many_arguments, reason = "the inputs of a kernel")]
@@ -101,12 +156,12 @@ macro_rules! per_level {
                 fn avx2($($arg: $ty),*) {
                     $body::<true>($($arg),*)
                 }
-                match simd.level() {
-                    // SAFETY: a `Simd` of this level exists only where the machine has it.
-                    $crate::simd::Level::Avx512 => return unsafe { avx512($($arg),*) },
+                match simd.instruction_set() {
+                    // SAFETY: a `Simd` of this set exists only where the machine has it.
+                    $crate::simd::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
-                    $crate::simd::Level::Avx2 => return unsafe { avx2($($arg),*) },
-                    $crate::simd::Level::Portable => {}
+                    $crate::simd::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
+                    $crate::simd::InstructionSet::Portable => {}
                 }
             }
             let _ = simd;
@@ -114,7 +169,7 @@ macro_rules! per_level {
         }
     };
 }
-pub(crate) use per_level;
+pub(crate) use per_instruction_set;
 
 #[cfg(test)]
 mod tests {
@@ -123,10 +178,28 @@ mod tests {
     #[test]
     fn detection_is_consistent() {
         let available = Simd::available();
-        assert_eq!(available[0].level(), Level::Portable);
+        assert_eq!(available[0].instruction_set(), InstructionSet::Portable);
         assert_eq!(available.last(), Some(&Simd::detect()));
-        for level in Level::ALL {
-            assert_eq!(Level::from_name(level.name()), Some(level));
+        for set in InstructionSet::ALL {
+            assert_eq!(set.to_string().parse(), Ok(set));
+        }
+        assert!("sse9".parse::<InstructionSet>().is_err());
+    }
+
+    #[test]
+    fn what_is_in_use_stays() {
+        let in_use = Simd::detect();
+        assert_eq!(Simd::pin(in_use.instruction_set()), Ok(in_use));
+        for wanted in InstructionSet::ALL {
+            let expected = match Simd::new(wanted) {
+                None => Err(PinError::Unsupported { wanted }),
+                Some(simd) if simd == in_use => Ok(simd),
+                Some(_) => Err(PinError::InUse {
+                    wanted,
+                    in_use: in_use.instruction_set(),
+                }),
+            };
+            assert_eq!(Simd::pin(wanted), expected);
         }
     }
 }

@@ -51,7 +51,7 @@ impl Engine {
     /// What a run should say about it: kind and instruction set or device.
     pub fn name(&self) -> String {
         match self {
-            Self::Kernels(kernels) => format!("cpu-{}", kernels.simd.level().name()),
+            Self::Kernels(kernels) => format!("cpu-{}", kernels.simd.instruction_set()),
             Self::Tensors(device) => format!("candle-{:?}", device.location()).to_lowercase(),
         }
     }

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 use sharp_metrics::weights::Published;
-use sharp_metrics::{Facts, MetricKey, Scorer, Selection};
+use sharp_metrics::{Direction, MetricInfo, MetricKey, Scorer, Selection};
 
 use super::{Outcome, output};
 use crate::pictures::methods_text::MethodsText;
@@ -15,23 +15,22 @@ pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outco
         return Ok(Outcome::Done);
     }
     for key in selection.keys() {
-        let facts = Facts::of(key);
-        let direction = if key.higher_is_better() {
-            "higher"
-        } else {
-            "lower"
+        let facts = MetricInfo::new(key, &[]);
+        let direction = match facts.direction {
+            Direction::Higher => "higher",
+            Direction::Lower => "lower",
         };
         output::line(format!(
             "{key}  (--metrics {}; {direction} is better)",
             key.alias()
         ))?;
-        output::line(format!("    {}", key.explain()))?;
+        output::line(format!("    {}", facts.convention))?;
         output::line(format!(
             "    Input range {}; resizing: {}; {}.",
             facts.input_range, facts.resize, facts.precision
         ))?;
         if let (Some(own), Some(backbone)) = (facts.own_weights, facts.backbone) {
-            let published = Published::of(backbone);
+            let published = Published::of(backbone.name);
             output::line(format!(
                 "    Weights: {} of torchvision, to be fetched; {} of {}, built in (sha256 {}).",
                 published.file, own.file, own.package, own.sha256
@@ -43,19 +42,20 @@ pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outco
 }
 
 fn explanation(key: MetricKey) -> serde_json::Value {
-    let facts = Facts::of(key);
+    let facts = MetricInfo::new(key, &[]);
     let mut value = json!({
         "key": key.to_string(),
         "alias": key.alias(),
-        "explanation": key.explain(),
-        "higher_is_better": key.higher_is_better(),
-        "unit": key.unit(),
+        "explanation": facts.convention,
+        "higher_is_better": facts.direction == Direction::Higher,
+        "unit": facts.unit,
         "input_range": facts.input_range,
         "resize": facts.resize,
         "precision": facts.precision,
     });
     if let (Some(own), Some(backbone)) = (facts.own_weights, facts.backbone) {
-        value["backbone"] = json!({"name": backbone.name(), "file": Published::of(backbone).file});
+        value["backbone"] =
+            json!({"name": backbone.name, "file": Published::of(backbone.name).file});
         value["own_weights"] =
             json!({"package": own.package, "file": own.file, "sha256": own.sha256});
     }

@@ -2,7 +2,7 @@
 
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
-use sharp_metrics::{Algorithm, Level, ScorerOptions, Simd};
+use sharp_metrics::{Algorithm, InstructionSet, ScorerOptions, Simd};
 
 /// Choices of arithmetic: they change learned metrics in the last digits of f32, and how long they take.
 #[derive(Debug, Args)]
@@ -31,15 +31,15 @@ impl KernelArgs {
     /// The options with these choices; a device other than the CPU has no use for them.
     pub(super) fn applied_to(&self, options: ScorerOptions) -> anyhow::Result<ScorerOptions> {
         let level = match self.simd {
-            Choice::Auto => Simd::detect().level(),
-            Choice::Avx512 => Level::Avx512,
-            Choice::Avx2 => Level::Avx2,
-            Choice::Portable => Level::Portable,
+            Choice::Auto => Simd::detect().instruction_set(),
+            Choice::Avx512 => InstructionSet::Avx512,
+            Choice::Avx2 => InstructionSet::Avx2,
+            Choice::Portable => InstructionSet::Portable,
         };
         let simd = Simd::new(level).ok_or_else(|| {
             let available = Simd::available()
                 .into_iter()
-                .map(|simd| simd.level().name());
+                .map(|simd| simd.instruction_set().name());
             let available: Vec<&str> = available.collect();
             anyhow!(
                 "--simd {level}: this machine does not have it; it has {}",

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 
 use anyhow::{bail, ensure};
 use clap::Args;
-use sharp_metrics::{Region, ResizeKernel, Scorer, Selection};
+use sharp_metrics::{MetricRegion, ResizeKernel, Scorer, Selection};
 
 use self::kernels::KernelArgs;
 use super::data_args::MetricArgs;
@@ -144,17 +144,17 @@ impl MetricsArgs {
     fn selection(&self) -> anyhow::Result<Selection> {
         let selection = self.metrics.selection()?;
         let has = |region| selection.keys().any(|key| key.region() == region);
-        if self.mask.is_none() || has(Region::Given) {
+        if self.mask.is_none() || has(MetricRegion::Given) {
             return Ok(selection);
         }
         ensure!(
-            !has(Region::Frustum),
+            !has(MetricRegion::Frustum),
             "--mask: inside a mask of yours keys end in @mask; @frustum is the mask that `run` makes from depth and poses"
         );
-        let with_mask = selection.with_region(Region::Given);
+        let with_mask = selection.with_region(MetricRegion::Given);
         if selection
             .keys()
-            .any(|key| key.inside(Region::Given).is_none())
+            .any(|key| key.inside(MetricRegion::Given).is_none())
         {
             output::remark("note: DISTS has no masked form; it is given over the whole picture");
         }

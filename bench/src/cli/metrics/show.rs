@@ -1,14 +1,14 @@
 //! Results as text, JSON and CSV.
 
 use serde_json::{Map, Value, json};
-use sharp_metrics::{MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
+use sharp_metrics::{MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
 
 use super::find::Sought;
 use super::output;
 use super::scored::Scored;
 use crate::evaluate::record::finite_or_text;
 use crate::io::fingerprints::DECODERS;
-use crate::scoring::MetricFacts;
+use sharp_metrics::MetricInfo;
 use crate::evaluate::results::number;
 use crate::io::fingerprints;
 
@@ -50,7 +50,7 @@ impl Results<'_> {
         });
         let facts = self
             .keys()
-            .map(|(_, key)| MetricFacts::of(key, self.scorer.weights()));
+            .map(|(_, key)| MetricInfo::new(key, self.scorer.weights()));
         let mut results = json!({
             "pairs": self.scored.iter().map(|pair| self.pair_json(pair)).collect::<Vec<_>>(),
             "mean": means.map(|(key, v)| (key.to_string(), json_number(v))).collect::<Map<_, _>>(),
@@ -60,7 +60,7 @@ impl Results<'_> {
                 "version": env!("CARGO_PKG_VERSION"),
                 "source_fingerprint": fingerprints::BUILD,
                 "decoder": DECODERS,
-                "networks": self.scorer.options().arithmetic(),
+                "networks": self.scorer.options().arithmetic().to_string(),
                 "resize_prediction": self.resize.map_or("none", ResizeKernel::name),
             },
         });
@@ -210,7 +210,7 @@ impl Results<'_> {
         let found = self.found(sought);
         for (key, value) in &found {
             output::line(format!("{} is {key} ({})", sought.text, number(*value)))?;
-            output::line(format!("    {}", key.explain()))?;
+            output::line(format!("    {}", MetricInfo::new(*key, &[]).convention))?;
         }
         if !found.is_empty() {
             return Ok(());

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use sharp::model::ModelError;
 use sharp::model::inventory::CheckpointSource;
-use sharp_checkpoint::download::{Download, DownloadError, Progress, file_sha256, remove};
+use sharp_checkpoint::download::{Download, DownloadError, Progress, remove};
 
 use super::record::{RecordError, Standing, compare_or_record};
 use super::release::{RELEASE_FILE, Release};
 use crate::io::atomic_files::FileError;
+use crate::io::hash::file_sha256;
 
 /// Why the checkpoint was not fetched.
 #[derive(Debug, thiserror::Error)]

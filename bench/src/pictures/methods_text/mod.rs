@@ -8,7 +8,7 @@ mod sentences;
 
 use std::collections::BTreeSet;
 
-use sharp_metrics::{Backbone, Facts, MetricKey, WeightsUsed};
+use sharp_metrics::{Backbone, MetricKey, WeightsUsed};
 
 use self::citations::Citation;
 
@@ -40,7 +40,7 @@ impl MethodsText {
         let at_hand = |backbone: &Backbone| used.iter().any(|used| used.backbone == *backbone);
         let missing: BTreeSet<Backbone> = keys
             .iter()
-            .filter_map(|key| Facts::of(*key).backbone)
+            .filter_map(|key| Backbone::of(key.metric()))
             .filter(|backbone| !at_hand(backbone))
             .collect();
         let entries: Vec<&str> = cited
@@ -58,7 +58,7 @@ impl MethodsText {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sharp_metrics::{Region, Scorer, Selection, Weights};
+    use sharp_metrics::{MetricRegion, Scorer, Selection, Weights};
 
     fn text(list: &str, weights: &Weights) -> MethodsText {
         let scorer = Scorer::new(&Selection::parse(list).unwrap(), weights).unwrap();
@@ -89,7 +89,7 @@ mod tests {
     #[test]
     fn every_key_has_a_sentence_and_everything_cited_has_an_entry() {
         for key in MetricKey::all() {
-            for key in Region::ALL
+            for key in MetricRegion::ALL
                 .into_iter()
                 .filter_map(|region| key.inside(region))
             {

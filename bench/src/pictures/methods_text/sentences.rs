@@ -1,7 +1,8 @@
 //! A sentence for each metric.
 
 use sharp_metrics::{
-    Backbone, Facts, LpipsNet, LpipsVariant, Metric, MetricKey, Region, SsimVariant, WeightsUsed,
+    Backbone, LpipsNet, LpipsVariant, Metric, MetricInfo, MetricKey, MetricRegion, SsimVariant,
+    WeightsUsed,
 };
 
 use sharp_metrics::weights::Published;
@@ -28,9 +29,9 @@ pub(super) fn sentence(key: MetricKey, used: &[WeightsUsed]) -> (String, Vec<Cit
         Metric::Dists | Metric::DistsResize256 => dists(key, used),
     };
     let inside = match key.region() {
-        Region::Whole => None,
-        Region::Frustum => Some("the view-frustum mask (margin 1.05)"),
-        Region::Given => Some("the given mask"),
+        MetricRegion::Whole => None,
+        MetricRegion::Frustum => Some("the view-frustum mask (margin 1.05)"),
+        MetricRegion::Given => Some("the given mask"),
     };
     if let Some(mask) = inside {
         text += &match key.metric() {
@@ -136,13 +137,13 @@ fn dists(key: MetricKey, used: &[WeightsUsed]) -> (String, Vec<Citation>) {
 
 /// The network's weights by hash; torchvision's file by name where the hash says that it is that file.
 fn backbone(key: MetricKey, used: &[WeightsUsed]) -> String {
-    let wanted: Option<Backbone> = Facts::of(key).backbone;
+    let wanted = Backbone::of(key.metric());
     let Some(found) = used.iter().find(|used| Some(used.backbone) == wanted) else {
         return "torchvision weights, sha256 \\textbf{[hash of the weights]}".to_owned();
     };
     let features = short(&found.features_sha256);
     let Some(file) = &found.original_sha256 else {
-        let source = found.source.replace('_', "\\_");
+        let source = found.source.to_string().replace('_', "\\_");
         return format!("weights {source}, sha256 of the features \\texttt{{{features}}}");
     };
     let published = Published::of(found.backbone);
@@ -165,13 +166,13 @@ fn short(hash: &str) -> String {
 }
 
 fn own_weights(key: MetricKey) -> String {
-    let Some(own) = Facts::of(key).own_weights else {
+    let Some(own) = MetricInfo::new(key, &[]).own_weights else {
         return String::new();
     };
-    let (name, version) = own.package.split_once(' ').unwrap_or((own.package, ""));
+    let (name, version) = own.package.split_once(' ').unwrap_or((&own.package, ""));
     format!(
         "\\texttt{{{name}}} {version} (\\texttt{{{}}}, sha256 \\texttt{{{}}})",
         own.file,
-        short(own.sha256)
+        short(&own.sha256)
     )
 }

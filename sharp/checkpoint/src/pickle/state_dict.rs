@@ -14,18 +14,15 @@ pub(crate) struct Named {
     pub(crate) tensors: BTreeMap<String, Layout>,
     /// Keys whose values are no tensors.
     pub(crate) others: Vec<String>,
-    /// The key the state dict was found under, if it was not the pickled object itself.
-    pub(crate) key: Option<String>,
 }
 
-/// Picks the state dict out of `root`: the object itself if it holds tensors; else the dict
-/// under `key`, or, without a key, the only dict in it that holds tensors.
+/// Picks the state dict out of `root`: the object itself if it holds tensors, else the only dict
+/// in it that does.
 ///
 /// `place` says where a storage's bytes lie in the file of `file_len` bytes.
 pub(crate) fn resolve<'a>(
     heap: &Heap<'a>,
     root: Value<'a>,
-    key: Option<&str>,
     file_len: usize,
     mut place: impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
 ) -> Result<Named, Fault> {
@@ -35,23 +32,12 @@ pub(crate) fn resolve<'a>(
             root.kind()
         )));
     };
-    let (chosen, key) = match key {
-        Some(key) => match top.get(key).and_then(|&value| entries(heap, value)) {
-            Some(nested) => (nested, Some(key.to_owned())),
-            None => {
-                return Err(Fault::StateDict(format!(
-                    "no state dict under '{key}'; keys: {}",
-                    list(top.keys().copied())
-                )));
-            }
-        },
-        None if has_tensors(&top) => (top, None),
-        None => only_nested(heap, top)?,
+    let chosen = if has_tensors(&top) {
+        top
+    } else {
+        only_nested(heap, top)?
     };
-    let mut named = Named {
-        key,
-        ..Named::default()
-    };
+    let mut named = Named::default();
     for (name, value) in chosen {
         match value {
             Value::Tensor(id) => {
@@ -96,12 +82,10 @@ fn has_tensors(entries: &BTreeMap<&str, Value<'_>>) -> bool {
     entries.values().any(|v| matches!(v, Value::Tensor(_)))
 }
 
-type Chosen<'a> = (BTreeMap<&'a str, Value<'a>>, Option<String>);
-
 fn only_nested<'a>(
     heap: &Heap<'a>,
     top: BTreeMap<&'a str, Value<'a>>,
-) -> Result<Chosen<'a>, Fault> {
+) -> Result<BTreeMap<&'a str, Value<'a>>, Fault> {
     // Every dict is looked at once, however often the pickle refers to it.
     let mut seen = BTreeMap::new();
     let mut nested: Vec<&'a str> = Vec::new();
@@ -118,18 +102,18 @@ fn only_nested<'a>(
     }
     match nested[..] {
         [key] => match entries(heap, top[key]) {
-            Some(found) if has_tensors(&found) => Ok((found, Some(key.to_owned()))),
+            Some(found) if has_tensors(&found) => Ok(found),
             _ => Err(Fault::StateDict(format!(
                 "the tensors under '{key}' have no names"
             ))),
         },
-        [] if top.is_empty() => Ok((top, None)),
+        [] if top.is_empty() => Ok(top),
         [] => Err(Fault::StateDict(format!(
             "no state dict; keys: {}",
             list(top.keys().copied())
         ))),
         _ => Err(Fault::StateDict(format!(
-            "several state dicts, under {}; name one of them",
+            "several state dicts, under {}; save the one to be used alone",
             list(nested.iter().copied())
         ))),
     }

@@ -10,7 +10,10 @@ mod transform;
 mod transposed;
 mod winograd;
 
+use std::fmt;
 use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
 
 pub use transposed::TransposedConv2x2;
 
@@ -23,13 +26,9 @@ use winograd::Winograd;
 /// Shape of a convolution: square kernel, equal strides and paddings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ConvSpec {
-    /// Channels of the input.
     pub in_channels: usize,
-    /// Channels of the output.
     pub out_channels: usize,
-    /// Side of the kernel.
     pub kernel: usize,
-    /// Step of the kernel.
     pub stride: usize,
     /// Rows and columns of zeros around the image.
     pub padding: usize,
@@ -49,8 +48,9 @@ impl ConvSpec {
     }
 }
 
-/// How a convolution is computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How a convolution is computed; `direct` or `winograd` as text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Algorithm {
     /// The sum of products itself.
     Direct,
@@ -59,6 +59,15 @@ pub enum Algorithm {
     /// [`Self::Direct`] elsewhere. Rounding errors are about five times those of the direct sum
     /// (relative L2 below 5e-6, typically 6e-7).
     Winograd,
+}
+
+impl fmt::Display for Algorithm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Direct => "direct",
+            Self::Winograd => "winograd",
+        })
+    }
 }
 
 /// What is fused into a convolution.

@@ -5,7 +5,7 @@
 
 use crate::gemm::micro::KC;
 use crate::math::{fma, relu as rectify};
-use crate::simd::per_level;
+use crate::simd::per_instruction_set;
 use crate::workspace::SharedOut;
 
 /// Channels that are transformed together.
@@ -110,7 +110,7 @@ pub(super) struct InputLayout {
     pub(super) place: usize,
 }
 
-per_level! {
+per_instruction_set! {
     /// Transforms one input tile: 36 pixels, row by row, of equally many channels (a multiple
     /// of [`LANES`]); `index` is the tile's number in `out`.
     pub(super) fn input(
@@ -179,7 +179,7 @@ pub(super) struct OutputTile<'a> {
 /// A pixel outside the output.
 pub(super) const OUTSIDE: usize = usize::MAX;
 
-per_level! {
+per_instruction_set! {
     /// Transforms the products of one tile, which start at `start` in `products` and whose
     /// places are `place` apart, and writes its pixels. The pixels must be the caller's own.
     pub(super) fn output(

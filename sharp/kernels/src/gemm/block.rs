@@ -6,7 +6,7 @@ use crate::gemm::micro::{KC, Tile, stride_for};
 use crate::gemm::packed::PackedView;
 use crate::gemm::{Epilogue, MOST_ROWS};
 use crate::math::{gelu, relu};
-use crate::simd::per_level;
+use crate::simd::per_instruction_set;
 use crate::workspace::SharedOut;
 
 /// The most rows of a tile of any level.
@@ -177,7 +177,7 @@ impl Part<'_> {
     }
 }
 
-per_level! {
+per_instruction_set! {
     /// Applies the epilogue to the tile at `c`, while it is in the cache.
     fn finish(
         c: *mut f32,

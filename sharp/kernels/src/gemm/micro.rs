@@ -4,7 +4,7 @@
 //! row distance is a constant so that every row is reached from one pointer, and is a multiple
 //! of a cache line plus one line, so that the rows of a tile fall into different cache sets.
 
-use crate::simd::{Level, Simd};
+use crate::simd::{InstructionSet, Simd};
 
 /// The longest run of k that is summed in one go. Longer sums are made of such runs, which
 /// also keeps the rounding error of long sums down.
@@ -50,9 +50,9 @@ impl Tile {
     pub(crate) const MAX: usize = 14 * 32;
 
     pub(crate) fn of(simd: Simd) -> Self {
-        match simd.level() {
+        match simd.instruction_set() {
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => Self {
+            InstructionSet::Avx512 => Self {
                 mr: 14,
                 nr: 32,
                 kernels: [
@@ -63,7 +63,7 @@ impl Tile {
                 ],
             },
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => Self {
+            InstructionSet::Avx2 => Self {
                 mr: 6,
                 nr: 16,
                 kernels: [

@@ -21,7 +21,6 @@ use crate::workspace::{SharedOut, Workspace};
 /// What happens to a product `A B + bias` before it is stored.
 #[derive(Debug, Clone, Copy)]
 pub enum Epilogue<'a> {
-    /// Nothing.
     None,
     /// `max(·, 0)`.
     Relu,
@@ -247,14 +246,12 @@ mod tests {
     }
 
     #[test]
-    fn both_weight_layouts_pack_alike() {
+    fn elements_and_columns_pack_alike() {
         let w = noise(5, 6);
-        let transposed: Vec<f32> = (0..6).map(|i| w[(i % 2) * 3 + i / 2]).collect();
         let simd = Simd::detect();
         let a = PackedMatrix::from_out_in(simd, &w, None, 2, 3);
-        let b = PackedMatrix::from_in_out(simd, &transposed, None, 3, 2);
+        let b = PackedMatrix::pack(simd, 3, 2, None, |row, column| w[column * 3 + row]);
         assert_eq!(*a.view().data, *b.view().data);
         assert_eq!((a.k(), a.n()), (3, 2));
-        assert!(a.bytes() >= 24);
     }
 }

@@ -36,23 +36,6 @@ impl PackedMatrix {
         })
     }
 
-    /// Packs a matrix given as `[k][n]`, and a bias `[n]`.
-    ///
-    /// # Panics
-    /// When a length is wrong or a side is zero.
-    pub fn from_in_out(
-        simd: Simd,
-        weight: &[f32],
-        bias: Option<&[f32]>,
-        k: usize,
-        n: usize,
-    ) -> Self {
-        assert_eq!(weight.len(), n * k, "weights of {k} inputs x {n} outputs");
-        Self::with(simd, k, n, bias, |data, nr| {
-            pack_rows(data, nr, k, n, |row| &weight[row * n..][..n]);
-        })
-    }
-
     /// Packs the matrix whose element in row `row` and column `col` is `value(row, col)`.
     pub(crate) fn pack(
         simd: Simd,
@@ -103,14 +86,8 @@ impl PackedMatrix {
         self.n
     }
 
-    /// The instruction set it was packed for.
     pub fn simd(&self) -> Simd {
         self.simd
-    }
-
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        (self.data.len() + self.bias.len()) * size_of::<f32>()
     }
 
     pub(crate) fn view(&self) -> PackedView<'_> {

@@ -1,9 +1,20 @@
-//! Layers' maps of local distances, brought to the picture's size and added.
+//! A metric's local values: where two pictures differ.
 
+use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
-/// Local values of one layer, row-major.
+/// Where in the picture a metric finds the two pictures alike or different.
 #[derive(Debug, Clone, PartialEq)]
+pub struct ScoreMap {
+    /// The metric's local values, one a pixel.
+    pub values: ImageBuffer<Luma<f32>, Vec<f32>>,
+    /// Column and row of the picture that the first value belongs to; 0 unless the metric has no
+    /// value near the border.
+    pub origin: u32,
+}
+
+/// Local values of one layer, row-major.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TapMap {
     pub(crate) width: usize,
     pub(crate) height: usize,

@@ -1,0 +1,437 @@
+//! What a metric column is, as one value that tables, manifests, help and papers print alike.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::identity::{
+    Family, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion, SsimVariant,
+};
+use crate::weights::{Backbone, WeightsSource, WeightsUsed};
+
+/// Everything about one metric column. Nothing about its values has to be parsed out of a sentence.
+///
+/// As JSON, fields in this order; `backbone` and `own_weights` are absent for PSNR and SSIM, each
+/// of the backbone's fields but its name where it is unknown:
+/// ```json
+/// {
+///   "key": "lpips[vgg,v0.1]@mask",
+///   "alias": "lpips-vgg@mask",
+///   "family": "lpips",
+///   "region": "mask",
+///   "label": "LPIPS vgg in mask",
+///   "unit": "",
+///   "direction": "lower",
+///   "decimals": 3,
+///   "convention": "Learned perceptual distance, version 0.1: …",
+///   "input_range": "-1..1",
+///   "resize": "none",
+///   "precision": "features f32, everything after them f64",
+///   "backbone": {
+///     "name": "vgg16",
+///     "features_sha256": "…",
+///     "file_sha256": "…",
+///     "deterministic": "…"
+///   },
+///   "own_weights": {
+///     "package": "lpips 0.1.4",
+///     "file": "weights/v0.1/vgg.pth",
+///     "sha256": "a78928a0…"
+///   }
+/// }
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct MetricInfo {
+    /// Two columns of one key hold comparable numbers.
+    #[schemars(with = "String")]
+    pub key: MetricKey,
+    /// The key without brackets; see [`MetricKey::alias`].
+    pub alias: String,
+    #[schemars(with = "String")]
+    pub family: Family,
+    /// Which pixels count.
+    #[schemars(with = "String")]
+    pub region: MetricRegion,
+    /// Short name for tables and plots; see [`MetricKey::label`].
+    pub label: String,
+    /// `dB` for PSNR, empty for the others.
+    pub unit: String,
+    pub direction: Direction,
+    /// Decimals that a table shows.
+    pub decimals: usize,
+    /// How the number is computed, in a few sentences, and which public code computes the same.
+    pub convention: String,
+    /// What a picture's levels become before the metric proper.
+    pub input_range: String,
+    /// What happens to the pictures' resolution.
+    pub resize: String,
+    /// Precision of the arithmetic.
+    pub precision: String,
+    /// The network whose features the metric compares.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backbone: Option<BackboneInfo>,
+    /// The metric's own learned weights, which ship with the crate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_weights: Option<OwnWeights>,
+}
+
+/// Which values of a metric are better: `higher` or `lower` in JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Direction {
+    Higher,
+    Lower,
+}
+
+/// The network behind a learned metric and, where they are at hand, its weights.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct BackboneInfo {
+    #[schemars(with = "String")]
+    pub name: Backbone,
+    /// sha256 over the convolutions' names and values: the same for a full file and a features-only
+    /// copy. `None` without weights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub features_sha256: Option<String>,
+    /// sha256 of the file that the weights were published in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file_sha256: Option<String>,
+    /// Salt of weights that no file holds; see [`Weights::deterministic`](crate::Weights::deterministic).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deterministic: Option<String>,
+}
+
+/// The learned weights of a metric itself, as its authors published them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct OwnWeights {
+    /// Package of the Python Package Index, with its version.
+    pub package: String,
+    /// File in the package.
+    pub file: String,
+    /// sha256 of that file; the values in this crate are the same.
+    pub sha256: String,
+}
+
+impl MetricInfo {
+    /// The metric of a key, with the network weights among `used`.
+    pub fn new(key: MetricKey, used: &[WeightsUsed]) -> Self {
+        const NETWORK: &str = "features f32, everything after them f64";
+        let metric = key.metric();
+        let (input_range, precision) = match metric {
+            Metric::Psnr => ("0..1", "exact integers for 8-bit pictures, else f64"),
+            Metric::Ssim(SsimVariant::Gauss11ReflectDataRange) => {
+                ("0..1, constants scaled by the pictures' own range", "f64")
+            }
+            Metric::Ssim(_) => ("0..1", "f64"),
+            Metric::Lpips(_, LpipsVariant::Unscaled) => {
+                ("0..1, passed on as if it were -1..1", NETWORK)
+            }
+            Metric::Lpips(..) => ("-1..1", NETWORK),
+            Metric::Dists | Metric::DistsResize256 => ("0..1", NETWORK),
+        };
+        let resize = match metric {
+            Metric::DistsResize256 => {
+                "shorter side reduced to 256 where it is larger (bilinear with antialiasing on 8 bit, as PIL)"
+            }
+            _ => "none",
+        };
+        let (unit, direction, decimals) = match key.family() {
+            Family::Psnr => ("dB", Direction::Higher, 2),
+            Family::Ssim => ("", Direction::Higher, 3),
+            Family::Lpips | Family::Dists => ("", Direction::Lower, 3),
+        };
+        Self {
+            key,
+            alias: key.alias(),
+            family: key.family(),
+            region: key.region(),
+            label: key.label(),
+            unit: unit.to_owned(),
+            direction,
+            decimals,
+            convention: convention(key),
+            input_range: input_range.to_owned(),
+            resize: resize.to_owned(),
+            precision: precision.to_owned(),
+            backbone: Backbone::of(metric).map(|name| BackboneInfo::new(name, used)),
+            own_weights: own_weights(metric),
+        }
+    }
+}
+
+/// Convention, ranges and weights as sentences.
+impl fmt::Display for MetricInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (range, resize) = (&self.input_range, &self.resize);
+        write!(
+            f,
+            "{} Input range {range}; resizing: {resize}; {}.",
+            self.convention, self.precision
+        )?;
+        if let Some(own) = &self.own_weights {
+            write!(f, " {} {} sha256 {}.", own.package, own.file, own.sha256)?;
+        }
+        match &self.backbone {
+            Some(backbone) => write!(f, " Weights: {backbone}."),
+            None => Ok(()),
+        }
+    }
+}
+
+impl BackboneInfo {
+    fn new(name: Backbone, used: &[WeightsUsed]) -> Self {
+        let used = used.iter().find(|used| used.backbone == name);
+        let salt = |used: &WeightsUsed| match &used.source {
+            WeightsSource::Deterministic(salt) => Some(salt.clone()),
+            WeightsSource::File(_) => None,
+        };
+        Self {
+            name,
+            features_sha256: used.map(|used| used.features_sha256.clone()),
+            file_sha256: used.and_then(|used| used.original_sha256.clone()),
+            deterministic: used.and_then(salt),
+        }
+    }
+}
+
+/// `vgg16=<features_sha256>`, or `vgg16=absent`.
+impl fmt::Display for BackboneInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let hash = self.features_sha256.as_deref().unwrap_or("absent");
+        write!(f, "{}={hash}", self.name)
+    }
+}
+
+fn own_weights(metric: Metric) -> Option<OwnWeights> {
+    let (package, file, sha256) = match metric {
+        Metric::Psnr | Metric::Ssim(_) => return None,
+        Metric::Lpips(LpipsNet::Alex, _) => (
+            "lpips 0.1.4",
+            "weights/v0.1/alex.pth",
+            "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
+        ),
+        Metric::Lpips(LpipsNet::Vgg, _) => (
+            "lpips 0.1.4",
+            "weights/v0.1/vgg.pth",
+            "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868",
+        ),
+        Metric::Lpips(LpipsNet::Squeeze, _) => (
+            "lpips 0.1.4",
+            "weights/v0.1/squeeze.pth",
+            "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76",
+        ),
+        Metric::Dists | Metric::DistsResize256 => (
+            "DISTS-pytorch 0.1",
+            "weights.pt",
+            "f5e65c96230b7f6ca995691647d482237e4cab8a50c5c4a5784f219ef0748218",
+        ),
+    };
+    Some(OwnWeights {
+        package: package.to_owned(),
+        file: file.to_owned(),
+        sha256: sha256.to_owned(),
+    })
+}
+
+fn convention(key: MetricKey) -> String {
+    let base = match key.metric() {
+        Metric::Psnr => PSNR.to_owned(),
+        Metric::Ssim(variant) => format!("{SSIM} {}", ssim(variant)),
+        Metric::Lpips(net, variant) => {
+            format!("{LPIPS} {} {}", lpips_net(net), lpips_variant(variant))
+        }
+        Metric::Dists => format!("{DISTS} {DISTS_FULL}"),
+        Metric::DistsResize256 => format!("{DISTS} {DISTS_256}"),
+    };
+    let mask = match key.region() {
+        MetricRegion::Whole => return base,
+        MetricRegion::Frustum => "the view-frustum mask",
+        MetricRegion::Given => "the mask that was handed in (levels of 128 and more)",
+    };
+    let masked = match key.metric() {
+        Metric::Psnr => format!("Only pixels inside {mask} enter the mean squared error."),
+        Metric::Ssim(_) => format!(
+            "The mean of the SSIM map over the window centres inside {mask}; windows may reach out \
+             of the mask."
+        ),
+        _ => format!(
+            "The mean of the spatial map (each layer's distances brought to the picture's size \
+             bilinearly, then added) over the pixels inside {mask}; features see beyond its \
+             border. Over a full mask this is close to, but not equal to, the unmasked value."
+        ),
+    };
+    format!("{base} {masked}")
+}
+
+const PSNR: &str = "-10 log10 of the mean squared error over all pixels and channels of one \
+     picture with values in 0..1, in dB; identical pictures give inf. Averages are means over \
+     pictures. Same as scikit-image's peak_signal_noise_ratio on 8-bit pictures, the 3D Gaussian \
+     Splatting and nerfbaselines evaluations, and OpenCV's PSNR. Not the same as torchmetrics' \
+     PeakSignalNoiseRatio object, which pools the squared error over pictures.";
+
+const SSIM: &str = "Mean structural similarity with K1 0.01 and K2 0.03, in f64, averaged over \
+     pixels and channels.";
+
+fn ssim(variant: SsimVariant) -> &'static str {
+    match variant {
+        SsimVariant::Gauss11Valid => {
+            "Gaussian window of 11 taps (sigma 1.5), only windows that lie inside the picture, \
+             population covariance, range 1. Same as scikit-image with gaussian_weights=True, \
+             sigma=1.5, use_sample_covariance=False, pytorch-msssim, kornia with padding='valid', \
+             fused-ssim with padding='valid', torchmetrics before September 2024, and dm_pix as \
+             used by mip-NeRF and nerfbaselines."
+        }
+        SsimVariant::Gauss11Zero => {
+            "Gaussian window of 11 taps (sigma 1.5), the picture continued by zeros so that every \
+             pixel counts, population covariance, range 1. Same as the loss and the metrics \
+             script of 3D Gaussian Splatting and of most work derived from it."
+        }
+        SsimVariant::Gauss11Reflect => {
+            "Gaussian window of 11 taps (sigma 1.5), the picture mirrored without repeating its \
+             edge so that every pixel counts, population covariance, range 1. Same as kornia's \
+             default, OpenCV's quality module, and torchmetrics since September 2024 with \
+             data_range=1."
+        }
+        SsimVariant::Uniform7Sample => {
+            "Box window of 7x7, only windows that lie inside the picture, sample covariance \
+             (49/48), range 1. Same as scikit-image's default with channel_axis and data_range \
+             given, which classic NeRF repositories use."
+        }
+        SsimVariant::Uniform7Population => {
+            "Box window of 7x7, only windows that lie inside the picture, population covariance, \
+             range 1. Same as scikit-image with use_sample_covariance=False."
+        }
+        SsimVariant::Gauss11ValidSample => {
+            "Gaussian window of 11 taps (sigma 1.5), only windows that lie inside the picture, \
+             sample covariance (121/120), range 1. Same as scikit-image with \
+             gaussian_weights=True, sigma=1.5 and the covariance left at its default."
+        }
+        SsimVariant::Gauss11ValidGray => {
+            "On luma 0.299 R + 0.587 G + 0.114 B in floating point: Gaussian window of 11 taps \
+             (sigma 1.5), only windows that lie inside the picture, population covariance, \
+             range 1. Same as scikit-image on such a gray picture with gaussian_weights=True, \
+             sigma=1.5, use_sample_covariance=False."
+        }
+        SsimVariant::Gauss11ReflectDataRange => {
+            "As ssim[gauss11,reflect], but the range is the larger of the two pictures' maximum \
+             minus minimum. Same as torchmetrics since September 2024 without data_range, which \
+             is how nerfstudio calls it. Undefined for two constant pictures."
+        }
+    }
+}
+
+const LPIPS: &str = "Learned perceptual distance, version 0.1: features normalised over channels \
+     at each position, squared differences weighted per channel, mean over positions, sum over \
+     layers, at the picture's own resolution.";
+
+fn lpips_net(net: LpipsNet) -> &'static str {
+    match net {
+        LpipsNet::Alex => "Features of torchvision's AlexNet, five layers; sides of 31 or more.",
+        LpipsNet::Vgg => {
+            "Features of torchvision's VGG16 without batch normalisation, five layers; sides of \
+             16 or more."
+        }
+        LpipsNet::Squeeze => {
+            "Features of torchvision's SqueezeNet 1.1, seven layers; sides of 17 or more."
+        }
+    }
+}
+
+fn lpips_variant(variant: LpipsVariant) -> &'static str {
+    match variant {
+        LpipsVariant::Official => {
+            "Pictures scaled to -1..1, 1e-10 added to the norm. Same as lpips.LPIPS(version='0.1') \
+             on tensors in -1..1, pyiqa, and torchmetrics up to version 1.1 with normalize=True \
+             for pictures in 0..1."
+        }
+        LpipsVariant::Unscaled => {
+            "Pictures in 0..1 are passed to a network that expects -1..1, which makes differences \
+             look smaller. Same as the metrics script of 3D Gaussian Splatting and torchmetrics \
+             with net_type='vgg' and normalize=False on pictures in 0..1, as gsplat calls it."
+        }
+        LpipsVariant::TorchmetricsEps => {
+            "Pictures scaled to -1..1, 1e-8 added to the squared norm before the root. Same as \
+             torchmetrics since version 1.2 with normalize=True on pictures in 0..1."
+        }
+    }
+}
+
+const DISTS: &str = "Deep image structure and texture similarity on torchvision's VGG16 with L2 \
+     pooling, pictures in 0..1: per channel, means (structure) and covariance (texture) over the \
+     whole picture, weighted and subtracted from 1. Not clamped, so identical pictures may give a \
+     tiny negative number.";
+const DISTS_FULL: &str = "No resizing. Same as DISTS-pytorch's forward and its resize=False, \
+     pyiqa and torchmetrics. Not the same as piq, which always shrinks inside.";
+const DISTS_256: &str = "Pictures whose shorter side exceeds 256 are first reduced so that it is \
+     256 (bilinear with antialiasing on 8-bit values, as PIL does). Same as the reference script's \
+     prepare_image with resize=True.";
+
+/// Names of the parts that [`Scorer::examine`](crate::Scorer::examine) splits a metric into, in their order: layers of the
+/// network, for DISTS the picture itself before them. Empty for metrics that are not split.
+pub fn term_names(metric: Metric) -> &'static [&'static str] {
+    match metric {
+        Metric::Psnr | Metric::Ssim(_) => &[],
+        Metric::Lpips(LpipsNet::Alex, _) => &["relu1", "relu2", "relu3", "relu4", "relu5"],
+        Metric::Lpips(LpipsNet::Vgg, _) => &["relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3"],
+        Metric::Lpips(LpipsNet::Squeeze, _) => &[
+            "relu1", "fire3", "fire5", "fire6", "fire7", "fire8", "fire9",
+        ],
+        Metric::Dists | Metric::DistsResize256 => &[
+            "picture", "relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3",
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backbone::architecture::tap_channels;
+    use crate::{Scorer, Selection, Weights};
+
+    #[test]
+    fn every_learned_metric_names_its_weights_and_all_its_layers() {
+        for key in MetricKey::all() {
+            let info = MetricInfo::new(key, &[]);
+            assert!(info.convention.len() > 80, "{key}");
+            let names = term_names(key.metric());
+            let Some(backbone) = info.backbone else {
+                assert!(names.is_empty() && info.own_weights.is_none());
+                continue;
+            };
+            let taps = tap_channels(backbone.name).len();
+            let pictures = usize::from(names[0] == "picture");
+            assert_eq!(names.len(), taps + pictures, "{key}");
+            assert_eq!(info.own_weights.unwrap().sha256.len(), 64);
+            assert_eq!(backbone.to_string(), format!("{}=absent", backbone.name));
+        }
+    }
+
+    #[test]
+    fn json_has_the_documented_shape_and_reads_back() {
+        let selection = Selection::parse("psnr@frustum,lpips-squeeze,dists").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("x")).unwrap();
+        let infos = scorer.info();
+        let json = serde_json::to_string(&infos).unwrap();
+        assert_eq!(
+            serde_json::from_str::<Vec<MetricInfo>>(&json).unwrap(),
+            infos
+        );
+        let MetricInfo { convention, .. } = &infos[0];
+        let psnr = format!(
+            r#"[{{"key":"psnr@frustum","alias":"psnr@frustum","family":"psnr","region":"frustum","label":"PSNR in frustum","unit":"dB","direction":"higher","decimals":2,"convention":"{convention}","input_range":"0..1","resize":"none","precision":"exact integers for 8-bit pictures, else f64"}},"#
+        );
+        assert!(json.starts_with(&psnr), "{json}");
+        let squeeze = infos[1].backbone.as_ref().unwrap();
+        let hash = squeeze.features_sha256.as_deref().unwrap();
+        let backbone = format!(
+            r#""backbone":{{"name":"squeezenet1_1","features_sha256":"{hash}","deterministic":"x"}},"own_weights":{{"package":"lpips 0.1.4","file":"weights/v0.1/squeeze.pth","sha256":"4a5350f2"#
+        );
+        assert!(json.contains(&backbone), "{json}");
+        let words = infos[1].to_string();
+        assert!(
+            words.ends_with(&format!("Weights: squeezenet1_1={hash}.")),
+            "{words}"
+        );
+        assert!(json.contains(r#""direction":"lower","decimals":3"#));
+    }
+}

@@ -1,0 +1,49 @@
+//! SHA-256 as 64 lower-case hexadecimal digits.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use crate::error::CheckpointError;
+use crate::mapped::Mapped;
+
+/// The digits of a finished digest.
+pub fn hex(digest: impl AsRef<[u8]>) -> String {
+    digest
+        .as_ref()
+        .iter()
+        .fold(String::new(), |mut text, byte| {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+}
+
+/// The hash of bytes in memory.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    hex(Sha256::digest(bytes))
+}
+
+/// The hash of a file, which must not change meanwhile.
+///
+/// # Errors
+/// [`CheckpointError::Io`].
+pub fn file_sha256(path: &Path) -> Result<String, CheckpointError> {
+    Ok(sha256_hex(&Mapped::open(path)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_and_bytes_hash_alike() {
+        let empty = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+        let file = tempfile::NamedTempFile::new().unwrap();
+        assert_eq!(file_sha256(file.path()).unwrap(), empty);
+        std::fs::write(file.path(), b"abc").unwrap();
+        assert_eq!(file_sha256(file.path()).unwrap(), sha256_hex(b"abc"));
+        assert!(file_sha256(Path::new("/nowhere")).is_err());
+    }
+}
