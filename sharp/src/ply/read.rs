@@ -131,7 +131,7 @@ fn color_space(header: &Header, extras: &Extras<'_>) -> Result<Option<ColorSpace
             element: "color_space",
             what: match other {
                 [code] => format!("{code} is neither 0 (sRGB) nor 1 (linear)"),
-                _ => format!("{} values where 1 belongs", other.len()),
+                _ => format!("{} values instead of 1", other.len()),
             },
         }),
         None if header
@@ -158,7 +158,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
                 Some(other) => {
                     return Err(PlyReason::Extra {
                         element: "image_size",
-                        what: format!("{} values where 2 belong", other.len()),
+                        what: format!("{} values instead of 2", other.len()),
                     });
                 }
                 // The release's writer puts the principal point into the middle.
@@ -169,7 +169,7 @@ fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
         _ => {
             return Err(PlyReason::Extra {
                 element: "intrinsic",
-                what: format!("{} values where 9 or 4 belong", values.len()),
+                what: format!("{} values instead of 9 or 4", values.len()),
             });
         }
     };
@@ -201,7 +201,7 @@ fn extrinsics(extras: &Extras<'_>) -> Result<Option<[f32; 16]>, PlyReason> {
         other => {
             return Err(PlyReason::Extra {
                 element: "extrinsic",
-                what: format!("{other} values where 16 or 12 belong"),
+                what: format!("{other} values instead of 16 or 12"),
             });
         }
     }

@@ -11,7 +11,6 @@ pub enum Encoding {
     BigEndian,
 }
 
-/// Type of a stored number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scalar {
     I8,
@@ -223,7 +222,6 @@ pub struct Body<'a> {
     encoding: Encoding,
 }
 
-/// A row of an element.
 #[derive(Debug, Clone, Copy)]
 pub struct Row<'a> {
     values: &'a [f64],

@@ -5,7 +5,7 @@
 //! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
 //! cannot turn negative.
 
-use super::simd::{SimdLevel, per_level};
+use super::simd::{Simd, per_level};
 use super::{Dropped, RenderView};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
@@ -23,7 +23,7 @@ pub(super) struct Splat {
     pub(super) q: f32,
     pub(super) r: f32,
     pub(super) opacity: f32,
-    /// At a larger exponent of 2 than this, alpha is certainly below 1/255.
+    /// Alpha is below 1/255 at any larger exponent of 2.
     pub(super) cut: f32,
     pub(super) color: [f32; 3],
 }
@@ -82,7 +82,7 @@ const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.
-pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, out: &mut Projected) {
+pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mut Projected) {
     let n = scene.len();
     out.splats.resize(n, Splat::default());
     out.footprints.resize(n, Footprint::EMPTY);
@@ -98,7 +98,7 @@ pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, ou
             for (block, (splats, footprints)) in blocks.enumerate() {
                 let first = chunk * CHUNK + block * BLOCK;
                 project_block(
-                    level,
+                    simd,
                     &constants,
                     scene,
                     first,

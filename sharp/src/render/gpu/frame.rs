@@ -1,7 +1,7 @@
 //! A frame: projection and depth order once, then sub-frame after sub-frame.
 
 use super::super::project::ViewConstants;
-use super::super::{Dropped, RenderError, RenderOutput, RenderView};
+use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
 use super::layout::{DroppedCounts, FrameUniform, ViewUniform};
 use super::memory::Buffer;
@@ -18,8 +18,7 @@ const RASTER_GROUP: (u32, u32) = (8, 32);
 /// Bytes of a pixel in the larger of the two output bindings.
 pub(super) const PIXEL_BYTES: u64 = 16;
 
-/// What sub-frames are rendered with: kept between them and between frames, and made larger, never
-/// smaller.
+/// Buffers for sub-frames: kept between them and between frames, and only ever enlarged.
 pub(super) struct Work {
     pub(super) pairs: SortBuffers,
     pub(super) targets: Targets,
@@ -34,7 +33,7 @@ impl Work {
     }
 }
 
-/// A sub-frame's ranges and pixels, and the pixels' way to the host.
+/// A sub-frame's ranges and pixels, and the staging buffers that bring the pixels to the host.
 pub(super) struct Targets {
     pub(super) ranges: Buffer,
     picture: Buffer,
@@ -80,20 +79,10 @@ pub(super) struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Renders it.
     pub(super) fn render(&self, work: &mut Work) -> Result<RenderOutput, RenderError> {
         let (gpu, scene) = (self.gpu, self.scene);
         let k = self.view.intrinsics;
-        let pixels = k.width as usize * k.height as usize;
-        let mut out = RenderOutput {
-            width: k.width,
-            height: k.height,
-            rgb_linear: vec![[0.0; 3]; pixels],
-            alpha: vec![0.0; pixels],
-            depth_acc: vec![0.0; pixels],
-            drawn: 0,
-            dropped: Dropped::default(),
-        };
+        let mut out = RenderOutput::empty(k.width, k.height);
         if let Some(timer) = &gpu.timer {
             timer.reset();
         }
