@@ -12,7 +12,7 @@ use super::params::{Parameter, WeightSource};
 /// What computes a network.
 pub enum Engine {
     /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
-    Kernels(Kernels),
+    Kernels(CpuKernels),
     /// Tensors on a device, weights resident there. On the CPU it is slower and larger than the
     /// kernels, and serves as their reference.
     Tensors(Device),
@@ -20,7 +20,7 @@ pub enum Engine {
 
 /// The kernels and how they compute.
 #[derive(Debug, Clone, Copy)]
-pub struct Kernels {
+pub struct CpuKernels {
     pub(super) simd: Simd,
     pub(super) convolution: Algorithm,
 }
@@ -39,7 +39,7 @@ pub enum Precision {
 impl Engine {
     /// Kernels for this CPU.
     pub fn cpu(precision: Precision) -> Self {
-        Self::Kernels(Kernels {
+        Self::Kernels(CpuKernels {
             simd: Simd::detect(),
             convolution: match precision {
                 Precision::Fast => Algorithm::Winograd,
