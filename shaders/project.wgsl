@@ -107,16 +107,16 @@ fn project_one(k: u32) -> u32 {
     }
     let point = vec4<f32>(mean.xyz, 1.0);
     let z = depth_of(mean.xyz);
-    if !(z >= view.size_eps_near.w) {
+    if !(z >= view.near) {
         return NEAR;
     }
     if z > view.far {
         return FAR;
     }
     let slope = vec2<f32>(dot(view.row0, point), dot(view.row1, point)) / z;
-    let center = view.lens.xy * slope + view.lens.zw;
+    let center = view.focal * slope + view.center;
     let at = clamp(slope, view.bounds.xz, view.bounds.yw);
-    let gain = view.lens.xy / z;
+    let gain = view.focal / z;
     let gx = gain.x * (view.row0.xyz - at.x * view.row2.xyz);
     let gy = gain.y * (view.row1.xyz - at.y * view.row2.xyz);
 
@@ -141,7 +141,7 @@ fn project_one(k: u32) -> u32 {
     let largest = max(abs(wide_u), abs(wide_v));
     let unit = max(largest.x, max(largest.y, largest.z));
     // In units of the largest entry, for the same reason as above.
-    let eps = view.size_eps_near.z / unit / unit;
+    let eps = view.eps2d / unit / unit;
     let u = wide_u / unit;
     let v = wide_v / unit;
     let uu = dot(u, u);
@@ -165,7 +165,7 @@ fn project_one(k: u32) -> u32 {
     if !(mean.w >= ALPHA_MIN) {
         return TRANSPARENT;
     }
-    let size = view.size_eps_near.xy;
+    let size = view.size;
     let radius = ceil(vec2<f32>(a, d) * (unit * min(extent, MAX_EXTENT)));
     if any(center + radius <= vec2<f32>(0.0)) || any(center - radius >= size) {
         return OUTSIDE;

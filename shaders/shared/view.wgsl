@@ -7,12 +7,17 @@ struct View {
     row2: vec4<f32>,
     // What rounding row2 to f32 left over.
     row2_rest: vec4<f32>,
-    // fx, fy, cx, cy in pixels.
-    lens: vec4<f32>,
+    // Focal lengths, principal point, pixels.
+    focal: vec2<f32>,
+    center: vec2<f32>,
     // Slopes x/z and y/z at which the Jacobian may be taken: x low, x high, y low, y high.
     bounds: vec4<f32>,
-    // Image size in pixels, eps2d in square pixels, near plane in metres.
-    size_eps_near: vec4<f32>,
+    // Of the image, pixels.
+    size: vec2<f32>,
+    // Square pixels.
+    eps2d: f32,
+    // Metres.
+    near: f32,
     far: f32,
     // Gaussians in the scene.
     count: u32,

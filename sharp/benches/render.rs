@@ -11,7 +11,7 @@ mod speed_scene;
 use cpu_time::ProcessTime;
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use sharp::render::{CpuRenderer, Renderer, SimdLevel};
+use sharp::render::{CpuRenderer, Renderer, Simd};
 use std::time::Duration;
 
 struct CpuTime;
@@ -52,8 +52,8 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
     for (sigma, width, height) in cases {
         let scene = speed_scene::scene(sigma);
         let view = speed_scene::view(width, height);
-        for simd in SimdLevel::available() {
-            if simd.name() == "portable" && simd != SimdLevel::detect() {
+        for simd in Simd::available() {
+            if simd.level().name() == "portable" && simd != Simd::detect() {
                 continue;
             }
             let mut renderer = CpuRenderer::with_simd(simd);

@@ -10,20 +10,13 @@ use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 pub enum CameraError {
     /// An entry is NaN or infinite.
     #[error("{what} holds a value that is not finite")]
-    NotFinite {
-        /// Which matrix or parameter.
-        what: &'static str,
-    },
+    NotFinite { what: &'static str },
     /// A focal length is zero or negative, or the image has no pixel.
     #[error("intrinsics are degenerate: fx {fx}, fy {fy}, image {width}x{height}")]
     DegenerateIntrinsics {
-        /// Horizontal focal length, pixels.
         fx: f64,
-        /// Vertical focal length, pixels.
         fy: f64,
-        /// Image width, pixels.
         width: u32,
-        /// Image height, pixels.
         height: u32,
     },
     /// The 3×3 part is further from a rotation than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
@@ -34,7 +27,6 @@ pub enum CameraError {
     NotRigid {
         /// Largest absolute entry of R Rᵀ − I.
         deviation: f64,
-        /// Determinant of the 3×3 part.
         determinant: f64,
     },
     /// The last row of a 4×4 matrix is not (0, 0, 0, 1).
@@ -56,9 +48,7 @@ pub struct Intrinsics {
     pub cx: f64,
     /// Principal point, pixels from the top edge of the image.
     pub cy: f64,
-    /// Image width, pixels.
     pub width: u32,
-    /// Image height, pixels.
     pub height: u32,
 }
 
@@ -210,7 +200,6 @@ impl RigidTransform {
         Self::new(affine.matrix3, affine.translation)
     }
 
-    /// Maps a point.
     pub fn apply(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
@@ -249,7 +238,6 @@ impl RigidTransform {
         axis.length().atan2(trace - 1.0).to_degrees()
     }
 
-    /// As an affine map.
     pub fn to_affine(&self) -> DAffine3 {
         DAffine3::from_mat3_translation(self.rotation, self.translation)
     }

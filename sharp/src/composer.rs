@@ -11,17 +11,11 @@ use crate::initializer::BaseGaussians;
 /// How strongly deltas act and how far they may reach. The default is the release.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComposerConfig {
-    /// Factor of the x and y deltas.
     pub xy_factor: f32,
-    /// Factor of the inverse-depth delta.
     pub inverse_depth_factor: f32,
-    /// Factor of the colour deltas.
     pub color_factor: f32,
-    /// Factor of the opacity delta.
     pub opacity_factor: f32,
-    /// Factor of the scale deltas.
     pub scale_factor: f32,
-    /// Factor of the quaternion deltas.
     pub quaternion_factor: f32,
     /// Smallest multiple of the base scale, below 1.
     pub min_scale: f64,
@@ -53,7 +47,6 @@ pub const ATTRIBUTES: usize = 14;
 pub struct DeltaLength {
     /// `ATTRIBUTES · layers · rows · columns`.
     pub expected: usize,
-    /// The slice's length.
     pub found: usize,
 }
 

@@ -7,15 +7,10 @@
      {scales} scales, {opacities} opacities, {colors} colours"
 )]
 pub struct LengthMismatch {
-    /// Number of means.
     pub means: usize,
-    /// Number of quaternions.
     pub quaternions: usize,
-    /// Number of scales.
     pub scales: usize,
-    /// Number of opacities.
     pub opacities: usize,
-    /// Number of colours.
     pub colors: usize,
 }
 
@@ -49,32 +44,47 @@ impl Gaussians {
         opacities: Vec<f32>,
         colors: Vec<[f32; 3]>,
     ) -> Result<Self, LengthMismatch> {
-        let n = means.len();
-        if quaternions.len() != n || scales.len() != n || opacities.len() != n || colors.len() != n
-        {
-            return Err(LengthMismatch {
-                means: n,
-                quaternions: quaternions.len(),
-                scales: scales.len(),
-                opacities: opacities.len(),
-                colors: colors.len(),
-            });
-        }
-        Ok(Self {
+        let new = Self {
             means,
             quaternions,
             scales,
             opacities,
             colors,
-        })
+        };
+        new.check_lengths()?;
+        Ok(new)
     }
 
-    /// How many.
+    /// What [`Self::new`] checks, for containers built field by field.
+    ///
+    /// # Errors
+    /// [`LengthMismatch`] with every length.
+    pub fn check_lengths(&self) -> Result<(), LengthMismatch> {
+        let lengths = LengthMismatch {
+            means: self.means.len(),
+            quaternions: self.quaternions.len(),
+            scales: self.scales.len(),
+            opacities: self.opacities.len(),
+            colors: self.colors.len(),
+        };
+        let LengthMismatch {
+            means,
+            quaternions,
+            scales,
+            opacities,
+            colors,
+        } = lengths;
+        if [quaternions, scales, opacities, colors] == [means; 4] {
+            Ok(())
+        } else {
+            Err(lengths)
+        }
+    }
+
     pub fn len(&self) -> usize {
         self.means.len()
     }
 
-    /// True for a scene without Gaussians.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }

@@ -11,13 +11,10 @@ pub const MAX_NORMALIZED_DEPTH: f32 = 100.0;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InitializerError {
     /// A slice does not have the length its shape asks for.
-    #[error("{what} holds {found} values where {expected} belong")]
+    #[error("{what} has {found} values instead of {expected}")]
     Length {
-        /// Image or depth.
         what: &'static str,
-        /// From the grid's shape.
         expected: usize,
-        /// The slice's length.
         found: usize,
     },
     /// A side is zero or not a multiple of the stride, or there is no layer.
@@ -25,18 +22,9 @@ pub enum InitializerError {
     Grid(Grid),
     /// Depth of a predictor that is NaN, infinite or not positive.
     #[error("{count} of {total} depth values are not finite and positive")]
-    InvalidDepth {
-        /// How many.
-        count: usize,
-        /// Of how many.
-        total: usize,
-    },
-    /// Not one valid depth value.
+    InvalidDepth { count: usize, total: usize },
     #[error("no valid depth: none of {total} values is finite and positive")]
-    NoValidDepth {
-        /// Of how many.
-        total: usize,
-    },
+    NoValidDepth { total: usize },
 }
 
 /// The shape of image, depth layers and Gaussian grid.
@@ -71,7 +59,6 @@ impl Grid {
         self.height / self.stride
     }
 
-    /// Pixels of the image.
     pub fn pixels(&self) -> usize {
         self.width * self.height
     }

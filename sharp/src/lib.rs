@@ -10,18 +10,21 @@
 //! # Contents
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
-//! * [`gaussians`]: the container every stage hands on.
+//! * `image_file` (feature `image-file`): the one decoder of photographs.
+//! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
 //! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
 //! * `model` (feature `model`): the network, from photograph to prediction.
-//! * [`unprojection`]: the release's way from normalised to metric space.
-//! * [`ply`]: Gaussian scenes as files.
+//! * [`unprojection`]: from normalised to metric space, as the release does it.
+//! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.
 //! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;
 pub mod color;
 pub mod composer;
 pub mod gaussians;
+#[cfg(feature = "image-file")]
+pub mod image_file;
 pub mod initializer;
 #[cfg(feature = "model")]
 pub mod model;

@@ -75,7 +75,7 @@ opacity of exactly 1/255 dropped @ project.wgsl @ s/if !(mean.w >= ALPHA_MIN)/if
 the stopping Gaussian is added @ raster.wgsl @ s/let weight = select(zero, alpha \* before.transmittance, adds);/let weight = select(zero, alpha * before.transmittance, hit);/
 transmittance stops at 1e-3 @ shared/view.wgsl @ s/TRANSMITTANCE_STOP: f32 = 1e-4;/TRANSMITTANCE_STOP: f32 = 1e-3;/
 pixel centres at whole numbers @ raster.wgsl @ s/+ within) + 0.5;/+ within);/
-the near plane is strict @ project.wgsl @ s/if !(z >= view.size_eps_near.w)/if !(z > view.size_eps_near.w)/
+the near plane is strict @ project.wgsl @ s/if !(z >= view.near)/if !(z > view.near)/
 depth keys of 16 bits @ project.wgsl @ s/keys\[k\] = bitcast<u32>(z);/keys[k] = bitcast<u32>(z) \& 0xffff0000u;/
 order by ray length @ project.wgsl @ s/keys\[k\] = bitcast<u32>(z);/keys[k] = bitcast<u32>(z * length(vec3<f32>(slope, 1.0)));/
 unstable sort @ radix.wgsl @ s/ & below);/ \& ~(below | (1u << (local % 32u))));/
@@ -84,8 +84,8 @@ footprint one pixel short @ project.wgsl @ s/floor(center - 0.5 + wide)/floor(ce
 the last pair is lost @ ranges.wgsl @ s/if i >= frame.pairs {/if i + 1u >= frame.pairs {/
 blended in sRGB @ raster.wgsl @ s/vec4<f32>(color.x)/vec4<f32>(pow(color.x, 0.4545))/
 the Jacobian is not clamped @ project.wgsl @ s/let at = clamp(slope, view.bounds.xz, view.bounds.yw);/let at = slope;/
-the mean is clamped too @ project.wgsl @ s/let center = view.lens.xy \* slope/let center = view.lens.xy * clamp(slope, view.bounds.xz, view.bounds.yw)/
-eps2d is always 0.3 @ project.wgsl @ s/let eps = view.size_eps_near.z/let eps = 0.3/
+the mean is clamped too @ project.wgsl @ s/let center = view.focal \* slope/let center = view.focal * clamp(slope, view.bounds.xz, view.bounds.yw)/
+eps2d is always 0.3 @ project.wgsl @ s/let eps = view.eps2d/let eps = 0.3/
 determinant as ac - b² @ project.wgsl @ s/let determinant = dot(minors, minors).*/let determinant = (uu + eps) * (vv + eps) - dot(u, v) * dot(u, v);/
 what is not finite is not dropped @ project.wgsl @ s/if scale.w == 0.0 {/if scale.w == 2.0 {/
 depth is not weighted by alpha @ raster.wgsl @ s/fma(weight, vec4<f32>(detail.z), before.depth)/fma(alpha, vec4<f32>(detail.z), before.depth)/

@@ -54,6 +54,10 @@ fn what_is_no_photograph_is_one_line() {
     let file = |name: &str| dir.path().join(name);
     std::fs::write(file("note.jpg"), b"hello").unwrap();
     std::fs::write(file("cut.png"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").unwrap();
+    // A decoder alone would take this for a picture whose lower half is grey.
+    image::RgbImage::new(64, 64).save(file("cut.jpg")).unwrap();
+    let jpeg = std::fs::read(file("cut.jpg")).unwrap();
+    std::fs::write(file("cut.jpg"), &jpeg[..jpeg.len() - 20]).unwrap();
     image::RgbImage::new(1, 1).save(file("dot.png")).unwrap();
     image::RgbImage::new(1, 9).save(file("line.png")).unwrap();
     image::RgbImage::new(9, 9).save(file("nine.png")).unwrap();
@@ -67,6 +71,7 @@ fn what_is_no_photograph_is_one_line() {
     for (name, reason, more) in [
         ("note.jpg", "not an image", &[][..]),
         ("cut.png", "not an image", &[]),
+        ("cut.jpg", "truncated", &[]),
         ("absent.png", "No such file", &[]),
         ("dot.png", "1x1", &[]),
         ("line.png", "at least 2x2", &[]),

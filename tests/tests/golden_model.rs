@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp::model::preprocess::{PhotoOptions, load_photo};
-use sharp::model::recording::{Comparison, Recording, compare};
+use sharp::model::recording::{Recording, RecordingComparison, compare};
 use sharp::model::synth::Synth;
 use sharp::model::{Engine, ModelConfig, Precision, Predictor};
 
@@ -92,7 +92,7 @@ fn from_file(name: &str) -> ModelConfig {
 /// Held while a network runs: each uses all cores, and two full ones too much memory.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-fn run(case: &Case, image: &str) -> Result<Comparison, String> {
+fn run(case: &Case, image: &str) -> Result<RecordingComparison, String> {
     let _guard = ONE_AT_A_TIME.lock();
     let text = |e: sharp::model::ModelError| e.to_string();
     let source = Synth::default();
@@ -121,7 +121,7 @@ fn run(case: &Case, image: &str) -> Result<Comparison, String> {
 }
 
 /// Appends the comparison as Markdown rows: network, image, stage, values, deviation.
-fn write_table(path: &Path, network: &str, prefix: &str, comparison: &Comparison) {
+fn write_table(path: &Path, network: &str, prefix: &str, comparison: &RecordingComparison) {
     use std::io::Write;
     let mut file = std::fs::OpenOptions::new()
         .create(true)
@@ -138,7 +138,11 @@ fn write_table(path: &Path, network: &str, prefix: &str, comparison: &Comparison
     }
 }
 
-fn judge(result: &Result<Comparison, String>, stage: &str, tolerance: f64) -> Result<(), Failed> {
+fn judge(
+    result: &Result<RecordingComparison, String>,
+    stage: &str,
+    tolerance: f64,
+) -> Result<(), Failed> {
     let comparison = result.as_ref().map_err(Failed::from)?;
     let found = comparison.stages.iter().find(|s| s.stage == stage);
     let found = found.ok_or("not computed")?;

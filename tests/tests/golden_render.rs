@@ -10,12 +10,12 @@
 mod render_support;
 
 use render_support::Golden;
-use sharp::render::{CpuRenderer, Renderer, SimdLevel};
+use sharp::render::{CpuRenderer, Renderer, Simd};
 
 fn check(name: &str, suffix: &str, eps2d: f32) {
     let golden = Golden::load(name, suffix, eps2d);
     let mut first = None;
-    for level in SimdLevel::available() {
+    for level in Simd::available() {
         let mut renderer = CpuRenderer::with_simd(level);
         let found = renderer.render(&golden.scene, &golden.view).unwrap();
         let deviation = golden.deviation(&found);

@@ -10,7 +10,7 @@ mod render_support;
 
 use render_support::{CASES, Golden, shuffled, without_ties};
 use sharp::gaussians::Gaussians;
-use sharp::render::{CpuRenderer, RenderOutput, RenderView, Renderer, SimdLevel, TileSize};
+use sharp::render::{CpuRenderer, RenderOutput, RenderView, Renderer, Simd, TileSize};
 
 fn in_pool(threads: usize, scene: &Gaussians, view: &RenderView) -> RenderOutput {
     let pool = rayon::ThreadPoolBuilder::new()
@@ -63,7 +63,7 @@ fn runs_and_what_was_rendered_before_do_not_matter() {
 fn tile_size_and_instruction_set_do_not_matter() {
     for (scene, view) in scenes() {
         let mut first = None;
-        for simd in SimdLevel::available() {
+        for simd in Simd::available() {
             for tile in [TileSize::Px4, TileSize::Px8, TileSize::Px16, TileSize::Px32] {
                 let mut renderer = CpuRenderer::with_simd(simd).with_tile_size(tile);
                 let found = renderer.render(&scene, &view).unwrap();

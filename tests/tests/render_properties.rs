@@ -13,7 +13,7 @@ use render_support::random::{Random, Recipe, movement, scene, view};
 use render_support::reference;
 use sharp::camera::{Intrinsics, RigidTransform, target_camera_from_source_ndc};
 use sharp::gaussians::Gaussians;
-use sharp::render::{Dropped, RenderError, RenderOutput, RenderView, render_cpu};
+use sharp::render::{CpuRenderer, Dropped, RenderError, RenderOutput, RenderView, Renderer};
 
 const COMMON: Recipe = Recipe {
     count: 300,
@@ -53,6 +53,10 @@ fn largest_difference(a: &RenderOutput, b: &RenderOutput) -> f32 {
         .fold(0.0, |worst, (a, b)| worst.max((a - b).abs()))
 }
 
+fn render_cpu(scene: &Gaussians, view: &RenderView) -> Result<RenderOutput, RenderError> {
+    CpuRenderer::new().render(scene, view)
+}
+
 #[test]
 fn random_scenes_equal_the_reference() {
     for seed in 0..24 {
@@ -60,7 +64,8 @@ fn random_scenes_equal_the_reference() {
         let scene = scene(&mut random, COMMON);
         let size = [(33, 27), (64, 64), (65, 40), (7, 90)][seed as usize % 4];
         let eps2d = [0.0, 0.01, 0.3][seed as usize % 3];
-        let mut view = view(size.0, size.1).with_eps2d(eps2d);
+        let mut view = view(size.0, size.1);
+        view.eps2d = eps2d;
         view.camera_from_scene = movement(&mut random);
         let truth = reference::render(&scene, &view);
         truth.assert_close(&render_cpu(&scene, &view).unwrap(), &format!("seed {seed}"));

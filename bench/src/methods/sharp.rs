@@ -149,7 +149,7 @@ impl PredictGaussians for Sharp {
         let factor = (source.intrinsics().fx / f64::from(image.width())) as f32;
         let predicted = self
             .predictor()?
-            .predict(planes, factor, None, &mut Silent)
+            .predict(planes, factor, &mut Silent)
             .map_err(|error| MethodError::Model(error.to_string()))?;
         let side = predicted.resolution;
         let layer = predicted.depth[..side * side].to_vec();

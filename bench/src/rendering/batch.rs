@@ -125,7 +125,7 @@ mod tests {
 
     use glam::DAffine3;
     use sharp::camera::Intrinsics;
-    use sharp::render::{LoadedScene, render_cpu};
+    use sharp::render::LoadedScene;
 
     use super::*;
 
@@ -160,7 +160,7 @@ mod tests {
                 });
             }
             self.0.views_left -= 1;
-            render_cpu(self.1, view)
+            CpuRenderer::new().render(self.1, view)
         }
     }
 
@@ -224,7 +224,7 @@ mod tests {
     fn the_cpu_goes_on_where_a_lost_device_stopped() {
         let expected: Vec<_> = views()
             .iter()
-            .map(|view| render_cpu(&scene(), view).unwrap())
+            .map(|view| CpuRenderer::new().render(&scene(), view).unwrap())
             .enumerate()
             .collect();
         for lost_at in 0..4 {

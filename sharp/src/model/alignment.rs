@@ -1,5 +1,5 @@
 //! A map of factors that brings predicted depth to known depth: a small U-Net. It was trained
-//! along with the network; at inference it runs only where depth is given.
+//! along with the network; a prediction does not need it.
 
 use super::engine::Runtime;
 use super::layers::{Conv, Fused, GroupNorm};
@@ -74,7 +74,6 @@ impl NormResidualBlock {
     }
 }
 
-/// The U-Net.
 pub(super) struct DepthAlignment {
     conv_in: Conv,
     norm_in: GroupNorm,

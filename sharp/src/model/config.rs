@@ -10,7 +10,6 @@ use crate::initializer::Grid;
 /// Depth layers and layers of Gaussians.
 pub const LAYERS: usize = 2;
 
-/// A vision transformer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VitConfig {
@@ -22,7 +21,7 @@ pub struct VitConfig {
     pub depth: usize,
     /// Attention heads, each `embed_dim / num_heads` wide.
     pub num_heads: usize,
-    /// Initial LayerScale of training; nothing at inference.
+    /// Initial LayerScale in training; unused at inference.
     #[serde(default)]
     pub init_values: f64,
     /// Side of the square input, pixels.
@@ -47,11 +46,9 @@ impl VitConfig {
     }
 }
 
-/// A whole network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
-    /// What people call it.
     pub preset: String,
     /// Both transformers: one sees patches, one the whole image.
     pub vit: VitConfig,
@@ -131,7 +128,7 @@ impl ModelConfig {
     /// such objects of which `NAME` picks one (it may be left out where there is only one).
     ///
     /// # Errors
-    /// [`ModelError::File`] when the file cannot be read or is no configuration,
+    /// [`ModelError::File`] when the file cannot be read or holds no such configuration,
     /// [`ModelError::Config`] when it describes an impossible network.
     pub fn load(file_and_name: &str) -> Result<Self, ModelError> {
         let (file, name) = match file_and_name.rsplit_once('#') {

@@ -5,13 +5,11 @@ use candle_core::Device;
 use super::ModelError;
 use super::engine::{Engine, Precision};
 
-/// A choice of device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
     /// The first GPU that this build supports and that answers, else the CPU.
     #[default]
     Auto,
-    /// The CPU.
     Cpu,
     /// The first CUDA device; needs a build with feature `cuda`.
     Cuda,
@@ -57,7 +55,7 @@ impl std::str::FromStr for DeviceChoice {
             "cuda" => Ok(Self::Cuda),
             "metal" => Ok(Self::Metal),
             _ => Err(ModelError::Device(format!(
-                "`{text}` is no device: auto, cpu, cuda or metal"
+                "unknown device `{text}`: auto, cpu, cuda or metal"
             ))),
         }
     }

@@ -7,12 +7,12 @@ use candle_core::{Device, Tensor};
 use sharp_kernels::{Algorithm, Simd, Workspace};
 
 use super::ModelError;
-use super::params::{Parameter, Source};
+use super::params::{Parameter, WeightSource};
 
 /// What computes a network.
 pub enum Engine {
     /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
-    Kernels(Kernels),
+    Kernels(CpuKernels),
     /// Tensors on a device, weights resident there. On the CPU it is slower and larger than the
     /// kernels, and serves as their reference.
     Tensors(Device),
@@ -20,7 +20,7 @@ pub enum Engine {
 
 /// The kernels and how they compute.
 #[derive(Debug, Clone, Copy)]
-pub struct Kernels {
+pub struct CpuKernels {
     pub(super) simd: Simd,
     pub(super) convolution: Algorithm,
 }
@@ -39,7 +39,7 @@ pub enum Precision {
 impl Engine {
     /// Kernels for this CPU.
     pub fn cpu(precision: Precision) -> Self {
-        Self::Kernels(Kernels {
+        Self::Kernels(CpuKernels {
             simd: Simd::detect(),
             convolution: match precision {
                 Precision::Fast => Algorithm::Winograd,
@@ -48,10 +48,17 @@ impl Engine {
         })
     }
 
-    /// What a run should say about it: kind and instruction set or device.
+    /// For records: `cpu-avx2`, `cpu-avx2-exact` ([`Precision::Exact`]),
+    /// `candle-cuda…`.
     pub fn name(&self) -> String {
         match self {
-            Self::Kernels(kernels) => format!("cpu-{}", kernels.simd.instruction_set()),
+            Self::Kernels(kernels) => {
+                let set = kernels.simd.instruction_set();
+                match kernels.convolution {
+                    Algorithm::Winograd => format!("cpu-{set}"),
+                    Algorithm::Direct => format!("cpu-{set}-exact"),
+                }
+            }
             Self::Tensors(device) => format!("candle-{:?}", device.location()).to_lowercase(),
         }
     }
@@ -60,14 +67,14 @@ impl Engine {
 /// An engine at work on one network.
 pub(super) struct Runtime {
     pub(super) engine: Engine,
-    source: Box<dyn Source>,
+    source: Box<dyn WeightSource>,
     /// Tensors that are on the device already; the kernels keep nothing.
     resident: Mutex<HashMap<String, Tensor>>,
     workspace: Mutex<Workspace>,
 }
 
 impl Runtime {
-    pub(super) fn new(engine: Engine, source: Box<dyn Source>) -> Self {
+    pub(super) fn new(engine: Engine, source: Box<dyn WeightSource>) -> Self {
         Self {
             engine,
             source,
@@ -76,7 +83,6 @@ impl Runtime {
         }
     }
 
-    /// A parameter's values.
     pub(super) fn values(
         &self,
         parameter: &Parameter,
@@ -93,7 +99,6 @@ impl Runtime {
         }
     }
 
-    /// A parameter as a tensor on `device`.
     pub(super) fn tensor(
         &self,
         parameter: &Parameter,
@@ -115,7 +120,7 @@ impl Runtime {
     }
 }
 
-/// Nothing that a panic could have left half done matters here.
+/// A panic leaves neither map nor workspace in a state that would matter.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use sharp_checkpoint::{CheckpointError, Incomplete};
 
 use crate::composer::DeltaLength;
+use crate::image_file::ImageFileError;
 use crate::initializer::InitializerError;
 
 /// An error of configuration, weights, input or computation.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// A tensor operation failed.
     #[error("tensor operation: {0}")]
     Tensor(#[from] candle_core::Error),
     /// A configuration that does not describe a network.
@@ -18,13 +18,14 @@ pub enum ModelError {
     Config(String),
     /// A file that cannot be read or written, or does not hold what it should.
     #[error("{}: {reason}", path.display())]
-    File {
-        /// The file.
+    File { path: PathBuf, reason: String },
+    /// A photograph that is not a complete PNG or JPEG.
+    #[error("{}: not an image that can be read: {reason}", path.display())]
+    Photograph {
         path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
+        #[source]
+        reason: ImageFileError,
     },
-    /// A checkpoint that cannot be read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
     /// A checkpoint that does not fit the configuration, with everything in which it differs.
@@ -33,11 +34,8 @@ pub enum ModelError {
     /// A source that gives a parameter another number of values than it has.
     #[error("parameter {name} has {expected} values, its source gives {found}")]
     Weights {
-        /// Full name.
         name: String,
-        /// By its shape.
         expected: usize,
-        /// Given.
         found: usize,
     },
     /// The picture is not usable.
@@ -49,7 +47,6 @@ pub enum ModelError {
     /// The network's deltas do not fit its base Gaussians.
     #[error(transparent)]
     Deltas(#[from] DeltaLength),
-    /// The device asked for is not there.
     #[error("{0}")]
     Device(String),
     /// An observer's own reason to stop.
@@ -58,7 +55,6 @@ pub enum ModelError {
 }
 
 impl ModelError {
-    /// An error about a file.
     pub fn file(path: impl Into<PathBuf>, reason: impl ToString) -> Self {
         Self::File {
             path: path.into(),

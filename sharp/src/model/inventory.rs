@@ -7,7 +7,7 @@ use std::path::Path;
 use sharp_checkpoint::{Checkpoint, Expected};
 
 use super::network::Network;
-use super::params::{Parameter, Params, Source};
+use super::params::{Parameter, Params, WeightSource};
 use super::{ModelConfig, ModelError};
 
 /// Everything the network of `config` has, in order of construction.
@@ -32,6 +32,11 @@ impl CheckpointSource {
     /// [`ModelError::Checkpoint`].
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         Ok(Self(Checkpoint::open(path)?))
+    }
+
+    /// Of the whole file, 64 hexadecimal digits.
+    pub fn sha256(&self) -> String {
+        self.0.sha256()
     }
 
     /// Checks that the file holds every parameter of `config` that inference uses, in its shape,
@@ -76,7 +81,7 @@ impl CheckpointSource {
 
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 
-impl Source for CheckpointSource {
+impl WeightSource for CheckpointSource {
     fn values(&self, name: &str, _: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
         Ok(self.0.tensor_f32_cow(name)?)
     }

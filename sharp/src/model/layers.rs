@@ -6,7 +6,7 @@ use candle_core::{DType, Tensor};
 use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow};
 
 use super::ModelError;
-use super::engine::{Engine, Kernels, Runtime};
+use super::engine::{CpuKernels, Engine, Runtime};
 use super::map::{HostMap, Map, mixed};
 use super::params::{Parameter, Params};
 
@@ -92,7 +92,7 @@ impl Conv {
     fn on_host(
         &self,
         rt: &Runtime,
-        kernels: &Kernels,
+        kernels: &CpuKernels,
         x: &HostMap,
         options: ConvOptions<'_>,
     ) -> Result<HostMap, ModelError> {

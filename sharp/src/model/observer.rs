@@ -72,8 +72,8 @@ impl<'a> StageValue<'a> {
     }
 }
 
-/// Sees every named stage of a prediction in order of computation. Stage names are those of the
-/// official recordings, as in `patch_encoder.block5` or `depth_decoder.fusion0`.
+/// Called with every named stage of a prediction, in order of computation. Stages are named as in
+/// the official recordings: `patch_encoder.block5`, `depth_decoder.fusion0`.
 pub trait Observer {
     /// Called once a stage. An error stops the prediction.
     ///
@@ -82,7 +82,7 @@ pub trait Observer {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError>;
 }
 
-/// Watches nothing.
+/// Observes nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
@@ -92,21 +92,21 @@ impl Observer for Silent {
     }
 }
 
-/// Tells a callback how far a prediction is: name of the part and share of the whole's arithmetic
-/// (0..1) that is done.
-pub struct Progress<F> {
+/// Reports progress to a callback: the part just computed and the share (0..1) of all arithmetic
+/// done so far.
+pub struct StageProgress<F> {
     blocks: usize,
     callback: F,
 }
 
-impl<F: FnMut(&'static str, f64)> Progress<F> {
+impl<F: FnMut(&'static str, f64)> StageProgress<F> {
     /// For a network whose transformers have `blocks` blocks.
     pub fn new(blocks: usize, callback: F) -> Self {
         Self { blocks, callback }
     }
 }
 
-impl<F: FnMut(&'static str, f64)> Observer for Progress<F> {
+impl<F: FnMut(&'static str, f64)> Observer for StageProgress<F> {
     fn stage(&mut self, name: &str, _: StageValue<'_>) -> Result<(), ModelError> {
         let block = name.strip_prefix("patch_encoder.block");
         if let Some(k) = block.and_then(|k| k.parse::<usize>().ok()) {
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn progress_only_grows_and_ends_at_one() {
         let mut seen = Vec::new();
-        let mut progress = Progress::new(2, |part, done| seen.push((part, done)));
+        let mut progress = StageProgress::new(2, |part, done| seen.push((part, done)));
         let blocks = ["patch_encoder.block0", "patch_encoder.block1", "merged.x0"];
         for stage in blocks.into_iter().chain(MILESTONES.map(|m| m.0)) {
             progress.stage(stage, StageValue::host(&[0], &[])).unwrap();

@@ -11,11 +11,11 @@ use std::cell::RefCell;
 use super::ModelError;
 
 /// Gives the values of parameters.
-pub trait Source: Send + Sync {
+pub trait WeightSource: Send + Sync {
     /// The values of the parameter called `name` of `shape`, in C order of PyTorch's layout.
     ///
     /// # Errors
-    /// [`ModelError`] when they are not to be had.
+    /// [`ModelError`] when they cannot be read.
     fn values(&self, name: &str, shape: &[usize]) -> Result<Cow<'_, [f32]>, ModelError>;
 }
 
@@ -31,12 +31,10 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// Number of values.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
     }
 
-    /// True for a parameter without values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -66,7 +64,6 @@ impl<'a> Params<'a> {
         }
     }
 
-    /// Declares a parameter of this module.
     pub(super) fn get(&self, name: &str, shape: &[usize]) -> Parameter {
         self.declare(name, shape, true)
     }

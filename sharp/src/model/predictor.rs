@@ -3,39 +3,56 @@
 use std::cell::RefCell;
 use std::path::Path;
 
+use image::RgbImage;
+
 use super::config::LAYERS;
 use super::engine::{Engine, Runtime};
 use super::inventory::CheckpointSource;
 use super::network::Network;
-use super::observer::{Observer, StageValue};
-use super::params::{Params, Source};
+use super::network_spec::NetworkSpec;
+use super::observer::{Observer, Silent, StageValue};
+use super::params::{Params, WeightSource};
 use super::{ModelConfig, ModelError};
 use crate::composer::{ATTRIBUTES, ComposerConfig, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
-use crate::resize::{bilinear_align_corners, nearest};
+use crate::resize::bilinear_align_corners;
 
 /// An image as planes, sRGB-encoded.
 #[derive(Debug, Clone, Copy)]
 pub struct Planes<'a> {
     /// `[3, height, width]` in 0..1.
     pub values: &'a [f32],
-    /// Width, pixels.
     pub width: usize,
-    /// Height, pixels.
     pub height: usize,
+}
+
+/// Planes `[3, height, width]` of interleaved RGB.
+pub(super) fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
+    let mut out = Vec::with_capacity(rgb.len());
+    for channel in 0..3 {
+        out.extend(rgb.iter().skip(channel).step_by(3).map(|&v| value(v)));
+    }
+    out
 }
 
 /// What the network says about an image.
 #[derive(Debug, Clone)]
-pub struct Prediction {
+pub struct NetworkOutput {
     /// Layer by layer, row by row, in normalised space: x/z and y/z over [−1, 1] across the image,
     /// z in metres.
     pub gaussians: Gaussians,
-    /// Depth layers `[2, R, R]`, metres, aligned where known depth was given.
+    /// Depth layers `[2, R, R]`, metres.
     pub depth: Vec<f32>,
     /// R, the internal resolution.
     pub resolution: usize,
+}
+
+impl NetworkOutput {
+    /// The nearer of the two depth layers, `[R, R]`, metres.
+    pub fn first_layer(&self) -> &[f32] {
+        &self.depth[..self.resolution * self.resolution]
+    }
 }
 
 /// A network, its weights and the engine that computes it.
@@ -73,7 +90,7 @@ impl Predictor {
     /// [`ModelError::Config`].
     pub fn from_source(
         config: &ModelConfig,
-        source: impl Source + 'static,
+        source: impl WeightSource + 'static,
         engine: Engine,
     ) -> Result<Self, ModelError> {
         config.validate()?;
@@ -85,12 +102,36 @@ impl Predictor {
         })
     }
 
-    /// What computes.
+    /// Opens the network of `spec`.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; [`ModelError::Device`] when the device is not there.
+    pub fn open(spec: &NetworkSpec) -> Result<Self, ModelError> {
+        let engine = spec.device.open(spec.precision)?;
+        Self::load(&spec.config, &spec.checkpoint, engine, &spec.allow_unused)
+    }
+
+    /// [`Self::predict`] from a decoded picture, unobserved.
+    ///
+    /// # Errors
+    /// As [`Self::predict`].
+    pub fn predict_rgb8(
+        &self,
+        image: &RgbImage,
+        disparity_factor: f32,
+    ) -> Result<NetworkOutput, ModelError> {
+        let planes = Planes {
+            values: &planes_of(image, |v| f32::from(v) / 255.0),
+            width: image.width() as usize,
+            height: image.height() as usize,
+        };
+        self.predict(planes, disparity_factor, &mut Silent)
+    }
+
     pub fn engine(&self) -> &Engine {
         &self.runtime.engine
     }
 
-    /// Sizes of the network.
     pub fn config(&self) -> &ModelConfig {
         &self.config
     }
@@ -98,21 +139,19 @@ impl Predictor {
     /// Predicts Gaussians.
     ///
     /// `disparity_factor` is the focal length over the width, both in pixels of the original
-    /// image: it alone sets the metric scale. `known_depth` (`[height, width]` like the image,
-    /// metres) aligns predicted depth to it by the network's own map of factors.
+    /// image: it alone sets the metric scale.
     ///
     /// # Errors
-    /// [`ModelError::Image`] for an image or depth of the wrong size, values that are not finite
-    /// or a factor that is not positive; [`ModelError::Depth`] when the network's depth is not
-    /// finite; [`ModelError::Tensor`]; whatever the observer returns.
+    /// [`ModelError::Image`] for an image of the wrong size, values that are not finite or a factor
+    /// that is not positive; [`ModelError::Depth`] when the network's depth is not finite;
+    /// [`ModelError::Tensor`]; whatever the observer returns.
     pub fn predict(
         &self,
         image: Planes<'_>,
         disparity_factor: f32,
-        known_depth: Option<&[f32]>,
         observer: &mut dyn Observer,
-    ) -> Result<Prediction, ModelError> {
-        check_input(image, disparity_factor, known_depth)?;
+    ) -> Result<NetworkOutput, ModelError> {
+        check_input(image, disparity_factor)?;
         let side = self.config.internal_resolution;
         let size = (image.width, image.height);
         let resized = bilinear_align_corners(image.values, size, (side, side));
@@ -134,10 +173,6 @@ impl Predictor {
         }
         let layers = [1, LAYERS, side, side];
         observer.stage("monodepth", StageValue::host(&layers, &depth))?;
-        if let Some(known) = known_depth {
-            let known = nearest(known, size, (side, side));
-            self.align(&mut depth, &known, observer)?;
-        }
         let (base, input) = self.base(&resized, &depth, observer)?;
         let features = [1, 3 + LAYERS, side, side];
         observer.stage("feature_input", StageValue::host(&features, &input))?;
@@ -156,7 +191,7 @@ impl Predictor {
         )?;
         let gaussians = compose(&base, Some(&deltas), &self.composer)?;
         observe_gaussians("ndc", &gaussians, observer)?;
-        Ok(Prediction {
+        Ok(NetworkOutput {
             gaussians,
             depth,
             resolution: side,
@@ -183,27 +218,6 @@ impl Predictor {
         Ok((base, normalized.feature_input(image)))
     }
 
-    /// Multiplies both layers of `depth` by the map that brings the first to `known` (`[R, R]`).
-    fn align(
-        &self,
-        depth: &mut [f32],
-        known: &[f32],
-        observer: &mut dyn Observer,
-    ) -> Result<(), ModelError> {
-        let factors = self.alignment_map(&depth[..known.len()], known)?;
-        let side = self.config.internal_resolution;
-        observer.stage(
-            "alignment.map",
-            StageValue::host(&[1, 1, side, side], &factors),
-        )?;
-        for layer in depth.chunks_mut(known.len()) {
-            for (depth, factor) in layer.iter_mut().zip(&factors) {
-                *depth *= factor;
-            }
-        }
-        Ok(())
-    }
-
     /// The alignment network's factors `[R, R]` for a predicted and a known depth map `[R, R]`.
     ///
     /// # Errors
@@ -212,7 +226,7 @@ impl Predictor {
         let pixels = self.config.grid().pixels();
         if [predicted.len(), known.len()] != [pixels; 2] {
             return Err(ModelError::Image(format!(
-                "depth maps of {} and {} values where {pixels} belong",
+                "depth maps of {} and {} values instead of {pixels}",
                 predicted.len(),
                 known.len()
             )));
@@ -223,11 +237,7 @@ impl Predictor {
     }
 }
 
-fn check_input(
-    image: Planes<'_>,
-    disparity_factor: f32,
-    known_depth: Option<&[f32]>,
-) -> Result<(), ModelError> {
+fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<(), ModelError> {
     let Planes {
         values,
         width,
@@ -252,13 +262,7 @@ fn check_input(
             "focal length over width is {disparity_factor}, not a positive number"
         ));
     }
-    match known_depth {
-        Some(depth) if depth.len() != width * height => refuse(format!(
-            "known depth has {} values, the image {width}x{height}",
-            depth.len()
-        )),
-        _ => Ok(()),
-    }
+    Ok(())
 }
 
 /// `factor / clamp(disparity)`, metres. NaN stays NaN.
@@ -333,6 +337,12 @@ mod tests {
         Predictor::from_source(&config, Synth::default(), engine).unwrap()
     }
 
+    #[test]
+    fn interleaved_pixels_become_planes() {
+        let found = planes_of(&[1, 2, 3, 4, 5, 6], |v: u8| f32::from(v));
+        assert_eq!(found, [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+    }
+
     fn grey(width: usize, height: usize) -> Vec<f32> {
         vec![0.5; 3 * width * height]
     }
@@ -340,38 +350,32 @@ mod tests {
     #[test]
     fn every_stride_yields_its_number_of_gaussians() {
         for stride in [2, 4, 8] {
-            let planes = Planes {
-                values: &grey(5, 4),
-                width: 5,
-                height: 4,
-            };
-            let out = tiny(stride)
-                .predict(planes, 0.8, None, &mut Silent)
-                .unwrap();
+            let image = RgbImage::from_pixel(5, 4, image::Rgb([51, 102, 153]));
+            let out = tiny(stride).predict_rgb8(&image, 0.8).unwrap();
             assert_eq!(out.gaussians.len(), 2 * (192 / stride).pow(2));
             assert_eq!(out.depth.len(), 2 * 192 * 192);
+            assert_eq!(out.first_layer(), &out.depth[..192 * 192]);
         }
     }
 
     #[test]
     fn unusable_input_is_named() {
         let predictor = tiny(2);
-        let predict = |values: &[f32], width, factor, depth: Option<&[f32]>| {
+        let predict = |values: &[f32], width, factor| {
             let planes = Planes {
                 values,
                 width,
                 height: 4,
             };
-            let result = predictor.predict(planes, factor, depth, &mut Silent);
+            let result = predictor.predict(planes, factor, &mut Silent);
             result.unwrap_err().to_string()
         };
         let mut holed = grey(4, 4);
         holed[17] = f32::NAN;
-        assert!(predict(&holed, 4, 1.0, None).contains("not finite at (1, 0)"));
-        assert!(predict(&grey(1, 4), 1, 1.0, None).contains("1x4"));
-        assert!(predict(&grey(4, 4)[1..], 4, 1.0, None).contains("47 values"));
-        assert!(predict(&grey(4, 4), 4, 0.0, None).contains("focal length"));
-        assert!(predict(&grey(4, 4), 4, f32::NAN, None).contains("focal length"));
-        assert!(predict(&grey(4, 4), 4, 1.0, Some(&[1.0])).contains("known depth"));
+        assert!(predict(&holed, 4, 1.0).contains("not finite at (1, 0)"));
+        assert!(predict(&grey(1, 4), 1, 1.0).contains("1x4"));
+        assert!(predict(&grey(4, 4)[1..], 4, 1.0).contains("47 values"));
+        assert!(predict(&grey(4, 4), 4, 0.0).contains("focal length"));
+        assert!(predict(&grey(4, 4), 4, f32::NAN).contains("focal length"));
     }
 }

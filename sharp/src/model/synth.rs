@@ -9,7 +9,7 @@ use sharp_checkpoint::deterministic::model_weights;
 use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
 use super::inventory::inventory;
-use super::params::Source;
+use super::params::WeightSource;
 use super::{ModelConfig, ModelError};
 
 /// Makes every parameter up from its name, see [`sharp_checkpoint::deterministic`].
@@ -19,7 +19,7 @@ pub struct Synth {
     pub salt: String,
 }
 
-impl Source for Synth {
+impl WeightSource for Synth {
     fn values(&self, name: &str, shape: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
         Ok(Cow::Owned(model_weights(&self.salt, name, shape)))
     }

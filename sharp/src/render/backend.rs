@@ -73,7 +73,6 @@ impl fmt::Display for Backend {
     }
 }
 
-/// A text that names no [`Backend`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown backend \"{0}\": cpu, wgpu, wgpu:NAME (part of an adapter's name) or auto")]
 pub struct UnknownBackend(String);

@@ -5,7 +5,7 @@ use super::project::{Projected, project};
 use super::ranges::TileLists;
 use super::raster::{BinPixels, raster};
 use super::renderer::{LoadedScene, check_scene};
-use super::{RenderError, RenderOutput, RenderView, Renderer, SimdLevel, TileSize, radix};
+use super::{RenderError, RenderOutput, RenderView, Renderer, Simd, TileSize, radix};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 /// The picture has the same bytes for any number of threads, any tile size and any SIMD level.
 #[derive(Debug)]
 pub struct CpuRenderer {
-    simd: SimdLevel,
+    simd: Simd,
     tile: TileSize,
     pair_limit: u64,
     projected: Projected,
@@ -44,11 +44,11 @@ impl Default for CpuRenderer {
 impl CpuRenderer {
     /// A renderer with the best instruction set of this machine.
     pub fn new() -> Self {
-        Self::with_simd(SimdLevel::detect())
+        Self::with_simd(Simd::detect())
     }
 
     /// A renderer that uses the given instruction set.
-    pub fn with_simd(simd: SimdLevel) -> Self {
+    pub fn with_simd(simd: Simd) -> Self {
         Self {
             simd,
             tile: TileSize::Px4,
@@ -77,7 +77,7 @@ impl CpuRenderer {
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        format!("cpu-{}", self.simd.name())
+        format!("cpu-{}", self.simd.level().name())
     }
 
     fn load<'a>(
@@ -92,7 +92,6 @@ impl Renderer for CpuRenderer {
     }
 }
 
-/// A checked scene; there is nowhere to bring it.
 struct CpuScene<'a> {
     renderer: &'a mut CpuRenderer,
     scene: &'a Gaussians,
@@ -106,7 +105,7 @@ impl LoadedScene for CpuScene<'_> {
 }
 
 impl CpuRenderer {
-    /// All passes, for a scene and a view that were checked.
+    /// All passes, for a checked scene and view.
     fn draw(&mut self, scene: &Gaussians, view: &RenderView) -> RenderOutput {
         let (width, height) = (view.intrinsics.width, view.intrinsics.height);
         let grid = BinGrid::new(width, height);
@@ -117,15 +116,10 @@ impl CpuRenderer {
             drawn,
             dropped,
         } = &self.projected;
-        let pixels = width as usize * height as usize;
         let mut out = RenderOutput {
-            width,
-            height,
-            rgb_linear: vec![[0.0; 3]; pixels],
-            alpha: vec![0.0; pixels],
-            depth_acc: vec![0.0; pixels],
             drawn: *drawn,
             dropped: *dropped,
+            ..RenderOutput::empty(width, height)
         };
         let mut areas = cut(&mut out, grid);
         let counts = count(grid, footprints);
@@ -194,12 +188,4 @@ fn cut(out: &mut RenderOutput, grid: BinGrid) -> Vec<BinPixels<'_>> {
         }
     }
     areas
-}
-
-/// Renders one view with a fresh [`CpuRenderer`].
-///
-/// # Errors
-/// See [`RenderError`].
-pub fn render_cpu(scene: &Gaussians, view: &RenderView) -> Result<RenderOutput, RenderError> {
-    CpuRenderer::new().render(scene, view)
 }

@@ -50,10 +50,10 @@ pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer, PassTime};
 
 pub use backend::{Backend, UnknownBackend};
 pub use colormap::turbo;
-pub use cpu::{CpuRenderer, render_cpu};
+pub use cpu::CpuRenderer;
 pub use output::{Dropped, RenderOutput};
 pub use post::Background;
 pub use renderer::{LoadedScene, RenderError, Renderer, TileSize};
 pub use screen::release_screen;
-pub use simd::SimdLevel;
+pub use sharp_kernels::Simd;
 pub use view::RenderView;

@@ -5,9 +5,7 @@
 /// Arrays are row-major, `height × width`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderOutput {
-    /// Pixels.
     pub width: u32,
-    /// Pixels.
     pub height: u32,
     /// Linear RGB, premultiplied by alpha: `Σ w c`.
     pub rgb_linear: Vec<[f32; 3]>,
@@ -19,6 +17,22 @@ pub struct RenderOutput {
     pub drawn: u64,
     /// How many did not, and why.
     pub dropped: Dropped,
+}
+
+impl RenderOutput {
+    /// A view without Gaussians.
+    pub(super) fn empty(width: u32, height: u32) -> Self {
+        let pixels = width as usize * height as usize;
+        Self {
+            width,
+            height,
+            rgb_linear: vec![[0.0; 3]; pixels],
+            alpha: vec![0.0; pixels],
+            depth_acc: vec![0.0; pixels],
+            drawn: 0,
+            dropped: Dropped::default(),
+        }
+    }
 }
 
 /// Gaussians that were not drawn, each counted under the first reason that holds, in this order.
@@ -42,7 +56,6 @@ pub struct Dropped {
 }
 
 impl Dropped {
-    /// All reasons together.
     pub fn total(&self) -> u64 {
         self.not_finite
             + self.zero_quaternion

@@ -5,7 +5,7 @@
 //! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
 //! cannot turn negative.
 
-use super::simd::{SimdLevel, per_level};
+use super::simd::{Simd, per_level};
 use super::{Dropped, RenderView};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
@@ -23,7 +23,7 @@ pub(super) struct Splat {
     pub(super) q: f32,
     pub(super) r: f32,
     pub(super) opacity: f32,
-    /// At a larger exponent of 2 than this, alpha is certainly below 1/255.
+    /// Alpha is below 1/255 at any larger exponent of 2.
     pub(super) cut: f32,
     pub(super) color: [f32; 3],
 }
@@ -82,11 +82,11 @@ const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);
 const CUT_MARGIN: f32 = 1e-3;
 
 /// Runs the pass on the threads of the current pool.
-pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, out: &mut Projected) {
+pub(super) fn project(simd: Simd, scene: &Gaussians, view: &RenderView, out: &mut Projected) {
     let n = scene.len();
     out.splats.resize(n, Splat::default());
     out.footprints.resize(n, Footprint::EMPTY);
-    let constants = Constants::new(view);
+    let constants = ViewConstants::new(view);
     let (drawn, dropped) = out
         .splats
         .par_chunks_mut(CHUNK)
@@ -98,7 +98,7 @@ pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, ou
             for (block, (splats, footprints)) in blocks.enumerate() {
                 let first = chunk * CHUNK + block * BLOCK;
                 project_block(
-                    level,
+                    simd,
                     &constants,
                     scene,
                     first,
@@ -120,48 +120,41 @@ pub(super) fn project(level: SimdLevel, scene: &Gaussians, view: &RenderView, ou
     out.dropped = dropped;
 }
 
-/// The view in the form the inner loop wants.
-struct Constants {
-    linear: [[f64; 3]; 3],
-    offset: [f64; 3],
-    focal: [f64; 2],
-    center: [f64; 2],
-    size: [f64; 2],
-    /// Bounds of x/z and of y/z at which the Jacobian is taken.
-    bounds: [[f64; 2]; 2],
-    eps2d: f64,
-    near: f32,
-    far: f32,
+/// The view in the form that the inner loops want, here in f64 and on the GPU in f32.
+pub(super) struct ViewConstants {
+    pub(super) linear: [[f64; 3]; 3],
+    pub(super) offset: [f64; 3],
+    pub(super) focal: [f64; 2],
+    pub(super) center: [f64; 2],
+    pub(super) size: [f64; 2],
+    /// Bounds of x/z and of y/z, low and high, at which the Jacobian is taken.
+    pub(super) bounds: [[f64; 2]; 2],
+    pub(super) eps2d: f64,
+    pub(super) near: f32,
+    pub(super) far: f32,
 }
 
-impl Constants {
-    fn new(view: &RenderView) -> Self {
+impl ViewConstants {
+    pub(super) fn new(view: &RenderView) -> Self {
         let k = view.intrinsics;
         let m = view.camera_from_scene.matrix3.transpose();
         let size = [f64::from(k.width), f64::from(k.height)];
+        let bounds = |focal: f64, center: f64, size: f64| {
+            let margin = JACOBIAN_MARGIN * 0.5 * size / focal;
+            [-(center / focal + margin), (size - center) / focal + margin]
+        };
         Self {
             linear: [m.x_axis, m.y_axis, m.z_axis].map(|row| row.to_array()),
             offset: view.camera_from_scene.translation.to_array(),
             focal: [k.fx, k.fy],
             center: [k.cx, k.cy],
             size,
-            bounds: jacobian_bounds(view),
+            bounds: [bounds(k.fx, k.cx, size[0]), bounds(k.fy, k.cy, size[1])],
             eps2d: f64::from(view.eps2d),
             near: view.near,
             far: view.far,
         }
     }
-}
-
-/// Bounds of x/z and of y/z, low and high, at which the Jacobian is taken.
-pub(super) fn jacobian_bounds(view: &RenderView) -> [[f64; 2]; 2] {
-    let k = view.intrinsics;
-    let bounds = |focal: f64, center: f64, size: u32| {
-        let margin = JACOBIAN_MARGIN * 0.5 * f64::from(size) / focal;
-        let size = f64::from(size);
-        [-(center / focal + margin), (size - center) / focal + margin]
-    };
-    [bounds(k.fx, k.cx, k.width), bounds(k.fy, k.cy, k.height)]
 }
 
 /// The depth of every centre as the pass computes it: f64, rounded once.
@@ -194,7 +187,7 @@ struct Columns {
 
 per_level! {
     fn project_block = block(
-        constants: &Constants,
+        constants: &ViewConstants,
         scene: &Gaussians,
         first: usize,
         splats: &mut [Splat],
@@ -205,7 +198,7 @@ per_level! {
 
 #[inline(always)]
 fn block(
-    constants: &Constants,
+    constants: &ViewConstants,
     scene: &Gaussians,
     first: usize,
     splats: &mut [Splat],
@@ -316,7 +309,7 @@ fn transpose<const D: usize>(rows: &[[f32; D]], columns: &mut [[f64; BLOCK]; D])
 
 /// The projection proper: no branches, so that the loop becomes vector code.
 #[inline(always)]
-fn columns(k: &Constants, c: &mut Columns, n: usize) {
+fn columns(k: &ViewConstants, c: &mut Columns, n: usize) {
     let [l0, l1, l2] = k.linear;
     let scale_to_log2 = (0.5 * LOG2_E).sqrt();
     for i in 0..n.min(BLOCK) {

@@ -42,7 +42,7 @@ pub(super) fn sort(keys: &mut Vec<u64>, scratch: &mut Vec<u64>) {
 }
 
 /// The indices of all depths, front to back; a GPU that takes its order from the host gets these.
-/// Where those that are not drawn end up does not matter, they have no pixels.
+/// Gaussians that are not drawn may end up anywhere: they have no pixels.
 #[cfg(feature = "gpu")]
 pub(super) fn indices(depths: &[f32]) -> Vec<u32> {
     let mut keys: Vec<u64> = depths

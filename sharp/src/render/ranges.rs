@@ -103,7 +103,7 @@ pub(super) struct TileLists {
     counts: Vec<u32>,
 }
 
-/// Members a bin lists at once before it goes on in bands of tile rows.
+/// Most members listed at once: a bin with more is rasterised in bands of tile rows.
 const MEMBER_LIMIT: u64 = 1 << 22;
 
 impl TileLists {

@@ -25,17 +25,8 @@ pub(super) struct BinPixels<'a> {
 }
 
 per_level! {
-    fn raster_band = band::<lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>)
-}
-
-/// Rasterises the tiles of one band of a bin.
-pub(super) fn raster(
-    level: super::SimdLevel,
-    lists: Band<'_>,
-    scratch: &mut Vec<u32>,
-    out: &mut BinPixels<'_>,
-) {
-    raster_band(level, lists, scratch, out);
+    /// Rasterises the tiles of one band of a bin.
+    pub(super) fn raster = band::<lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>)
 }
 
 #[inline(always)]

@@ -3,7 +3,6 @@
 use super::{RenderOutput, RenderView};
 use crate::gaussians::{Gaussians, LengthMismatch};
 
-/// Why nothing could be rendered.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
     /// The view holds a NaN, an infinity or an impossible parameter.
@@ -14,46 +13,24 @@ pub enum RenderError {
         "cannot render an image of {width}x{height} pixels (1 to {} a side)",
         RenderView::MAX_SIDE
     )]
-    Size {
-        /// Pixels.
-        width: u32,
-        /// Pixels.
-        height: u32,
-    },
+    Size { width: u32, height: u32 },
     /// More Gaussians than an index of 32 bits can name.
     #[error("cannot render {0} Gaussians, at most {max} fit", max = u32::MAX)]
     TooMany(usize),
-    /// The scene's arrays differ in length.
     #[error(transparent)]
     Scene(#[from] LengthMismatch),
-    /// No adapter fits what was asked for.
     #[error("{0}")]
     NoAdapter(String),
     /// A GPU could not be opened or refused its work. The CPU can take over.
     #[error("{adapter}: {what}")]
-    Device {
-        /// Which GPU.
-        adapter: String,
-        /// What it or its driver said.
-        what: String,
-    },
+    Device { adapter: String, what: String },
     /// A GPU went away: driver reset, timeout, unplugged. Its renderer is of no more use; the CPU
     /// can take over.
     #[error("{adapter} was lost: {what}")]
-    DeviceLost {
-        /// Which GPU.
-        adapter: String,
-        /// What it or its driver said.
-        what: String,
-    },
+    DeviceLost { adapter: String, what: String },
     /// A GPU has no room for the scene or the picture. The CPU can take over.
     #[error("{adapter} is out of memory: {what}")]
-    OutOfMemory {
-        /// Which GPU.
-        adapter: String,
-        /// What was too large.
-        what: String,
-    },
+    OutOfMemory { adapter: String, what: String },
 }
 
 impl RenderError {
@@ -145,27 +122,11 @@ impl TileSize {
     }
 }
 
-/// Checks the scene's lengths, which a struct literal can get wrong, and its size.
+/// Checks a scene's lengths, which a struct literal can get wrong, and its size.
 pub(super) fn check_scene(scene: &Gaussians) -> Result<(), RenderError> {
-    let n = scene.means.len();
-    if [
-        scene.quaternions.len(),
-        scene.scales.len(),
-        scene.opacities.len(),
-        scene.colors.len(),
-    ] != [n; 4]
-    {
-        return Err(LengthMismatch {
-            means: n,
-            quaternions: scene.quaternions.len(),
-            scales: scene.scales.len(),
-            opacities: scene.opacities.len(),
-            colors: scene.colors.len(),
-        }
-        .into());
+    scene.check_lengths()?;
+    match u32::try_from(scene.len()) {
+        Ok(_) => Ok(()),
+        Err(_) => Err(RenderError::TooMany(scene.len())),
     }
-    if u32::try_from(n).is_err() {
-        return Err(RenderError::TooMany(n));
-    }
-    Ok(())
 }

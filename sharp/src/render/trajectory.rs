@@ -38,7 +38,6 @@ impl TrajectoryKind {
     }
 }
 
-/// Where the camera looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LookAt {
     /// At the point in focus on the axis of the photograph. The release's default.
@@ -51,9 +50,7 @@ pub enum LookAt {
 /// A path and how to walk it; [`Trajectory::default`] is the release's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trajectory {
-    /// Its shape.
     pub kind: TrajectoryKind,
-    /// Where the camera looks.
     pub look_at: LookAt,
     /// Frames of one repeat, > 0.
     pub steps: usize,

@@ -47,12 +47,6 @@ impl RenderView {
         }
     }
 
-    /// The same view with another low-pass filter, px².
-    #[must_use]
-    pub fn with_eps2d(self, eps2d: f32) -> Self {
-        Self { eps2d, ..self }
-    }
-
     /// The fields are public; a renderer trusts them only after this.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let Intrinsics {
@@ -101,8 +95,9 @@ mod tests {
         let mut moved = good;
         moved.camera_from_scene.translation.x = f64::NAN;
         assert!(matches!(moved.check(), Err(RenderError::View(_))));
-        assert!(good.with_eps2d(-1.0).check().is_err());
-        assert!(good.with_eps2d(f32::NAN).check().is_err());
+        for eps2d in [-1.0, f32::NAN] {
+            assert!(RenderView { eps2d, ..good }.check().is_err());
+        }
         assert!(RenderView { near: 0.0, ..good }.check().is_err());
         assert!(
             RenderView {

@@ -82,8 +82,10 @@ impl Golden {
         let fragile = file.tensor(&format!("fragile{suffix}")).unwrap();
         Self {
             scene,
-            view: RenderView::new(DAffine3::from_mat4(camera_from_scene), intrinsics)
-                .with_eps2d(eps2d),
+            view: RenderView {
+                eps2d,
+                ..RenderView::new(DAffine3::from_mat4(camera_from_scene), intrinsics)
+            },
             rgb: rows(&image("rgb_linear")),
             alpha: image("alpha"),
             depth_acc: image("depth_acc"),

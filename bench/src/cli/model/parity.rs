@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::Args;
 use serde_json::json;
-use sharp::model::recording::{Comparison, Recording, compare};
+use sharp::model::recording::{Recording, RecordingComparison, compare};
 
 use super::super::{Outcome, output};
 use super::args::{ModelArgs, PhotoArgs};
@@ -100,7 +100,7 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn to_json(comparison: &Comparison, tolerance: f64) -> serde_json::Value {
+fn to_json(comparison: &RecordingComparison, tolerance: f64) -> serde_json::Value {
     // A stage that is not finite has no number in JSON.
     let stages: Vec<_> = comparison
         .stages

@@ -10,7 +10,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use sharp::model::preprocess::Photo;
-use sharp::model::{Prediction, Predictor, Progress};
+use sharp::model::{NetworkOutput, Predictor, StageProgress};
 use sharp::ply::{GaussianScene, PlyForm, to_bytes};
 use sharp::unprojection::{release_intrinsics, unproject};
 
@@ -160,21 +160,20 @@ fn predict_one(
 }
 
 /// Runs the network under a progress bar, or with a line a part where standard error is no terminal.
-fn forward(predictor: &Predictor, photo: &Photo, parts: &mut Parts) -> anyhow::Result<Prediction> {
+fn forward(
+    predictor: &Predictor,
+    photo: &Photo,
+    parts: &mut Parts,
+) -> anyhow::Result<NetworkOutput> {
     let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     let bar = ProgressBar::new(1000).with_style(style);
-    let mut progress = Progress::new(predictor.config().vit.depth, |part, done: f64| {
+    let mut progress = StageProgress::new(predictor.config().vit.depth, |part, done: f64| {
         bar.set_message(part);
         bar.set_position((1000.0 * done) as u64);
         parts.reached(part);
     });
-    let prediction = predictor.predict(
-        photo.planes(),
-        photo.disparity_factor(),
-        None,
-        &mut progress,
-    )?;
+    let prediction = predictor.predict(photo.planes(), photo.disparity_factor(), &mut progress)?;
     bar.finish_and_clear();
     parts.finish();
     Ok(prediction)
@@ -227,7 +226,7 @@ impl Parts {
 }
 
 fn write_depth(
-    prediction: &Prediction,
+    prediction: &NetworkOutput,
     ply: &Path,
     form: DepthForm,
 ) -> Result<Vec<PathBuf>, FileError> {

@@ -82,7 +82,7 @@ impl DepthSource for FirstLayerDepth {
         let factor = (view.intrinsics.fx / f64::from(image.width())) as f32;
         let predicted = self
             .predictor()?
-            .predict(input, factor, None, &mut Silent)
+            .predict(input, factor, &mut Silent)
             .map_err(|error| self.wrong(format!("{}: {error}", view.id)))?;
         let side = predicted.resolution;
         let layer = nearest(&predicted.depth[..side * side], (side, side), size);

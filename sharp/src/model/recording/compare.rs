@@ -16,7 +16,6 @@ pub struct StageComparison {
     /// Largest difference over the stage's absmax; infinite where a value is not finite or the
     /// shapes differ.
     pub rel_error: f64,
-    /// How many values were compared.
     pub values: usize,
     /// Why nothing was compared, if so.
     pub note: Option<String>,
@@ -24,12 +23,11 @@ pub struct StageComparison {
 
 /// All stages of a recording: those computed in order of computation, then those that were not, infinitely far off.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Comparison {
-    /// The stages.
+pub struct RecordingComparison {
     pub stages: Vec<StageComparison>,
 }
 
-impl Comparison {
+impl RecordingComparison {
     /// The first stage, in order of computation, that is further off than `tolerance`.
     pub fn first_divergence(&self, tolerance: f64) -> Option<&StageComparison> {
         // Not `> tolerance`, so that NaN diverges.
@@ -59,7 +57,7 @@ pub fn compare(
     focal_px: f64,
     recording: &Recording,
     prefix: &str,
-) -> Result<Comparison, ModelError> {
+) -> Result<RecordingComparison, ModelError> {
     let pending = recording.stages(prefix).into_iter();
     let pending: BTreeSet<String> = pending
         .filter(|s| ![GAUGE, KNOWN_DEPTH].contains(s))
@@ -101,7 +99,7 @@ pub fn compare(
         values: 0,
         note: Some("recorded, not computed".to_owned()),
     }));
-    Ok(Comparison { stages })
+    Ok(RecordingComparison { stages })
 }
 
 struct Comparer<'a> {
@@ -186,7 +184,7 @@ mod tests {
             values: 1,
             note: None,
         };
-        let comparison = Comparison {
+        let comparison = RecordingComparison {
             stages: vec![stage("b", 1e-7), stage("c", f64::NAN), stage("a", 1.0)],
         };
         assert_eq!(comparison.first_divergence(1e-4).unwrap().stage, "c");

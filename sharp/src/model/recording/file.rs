@@ -8,37 +8,29 @@ use sharp_checkpoint::{Checkpoint, DType};
 
 use crate::model::ModelError;
 
-/// An open recording.
 #[derive(Debug)]
 pub struct Recording {
     file: Checkpoint,
 }
 
-/// What a recording was made from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedInput {
     /// Name or path of the image.
     pub image: String,
-    /// Width, pixels.
     pub width: u32,
-    /// Height, pixels.
     pub height: u32,
-    /// Focal length, pixels of the image.
     pub focal_px: f64,
 }
 
-/// One stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedStage {
     /// Dimensions of the whole.
     pub shape: Vec<usize>,
     /// Largest magnitude in the whole.
     pub absmax: f64,
-    /// The values.
     pub values: RecordedValues,
 }
 
-/// Values of a stage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RecordedValues {
     /// All, in C order.
@@ -51,7 +43,7 @@ impl Recording {
     /// Opens a recording.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] for a file that is no safetensors file, [`ModelError::File`] for
+    /// [`ModelError::Checkpoint`] for a file that is not safetensors, [`ModelError::File`] for
     /// one without stages.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let recording = Self {

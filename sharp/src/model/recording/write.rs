@@ -12,7 +12,6 @@ use crate::model::ModelError;
 use crate::model::observer::{Observer, StageValue};
 use crate::model::predictor::{Planes, Predictor};
 
-/// What to write.
 #[derive(Debug, Clone)]
 pub struct RecordOptions {
     /// Prefix of the stages: a name for the image.

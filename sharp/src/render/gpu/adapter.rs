@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A GPU, or a program that pretends to be one.
+/// A GPU, or a software renderer behind the same interface.
 #[derive(Clone)]
 pub struct GpuAdapter {
     pub(super) adapter: wgpu::Adapter,
@@ -18,7 +18,7 @@ pub enum AdapterKind {
     Integrated,
     /// A part of a GPU, handed to a virtual machine.
     Virtual,
-    /// Something that does not say what it is.
+    /// The driver does not say.
     Other,
     /// The processor: lavapipe, WARP, SwiftShader. Many times slower than
     /// [`CpuRenderer`](super::super::CpuRenderer), and so never chosen unless named.
@@ -53,7 +53,7 @@ impl GpuAdapter {
         adapters
     }
 
-    /// The first adapter that is real hardware. A software adapter has to be asked for: the CPU
+    /// The first adapter that is real hardware. A software adapter has to be named: the CPU
     /// backend is many times faster.
     pub fn best() -> Option<Self> {
         Self::all().into_iter().find(|a| !a.is_software())

@@ -31,12 +31,11 @@ impl Gpu {
         buffer
     }
 
-    /// A uniform with these words.
-    pub(super) fn uniform(&self, label: &str, words: &[u32]) -> Buffer {
+    pub(super) fn uniform<T: bytemuck::NoUninit>(&self, label: &str, value: &T) -> Buffer {
         let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
-        let buffer = self.buffer(label, (words.len() * 4) as u64, usage);
-        self.queue
-            .write_buffer(&buffer, 0, bytemuck::cast_slice(words));
+        let buffer = self.buffer(label, size_of::<T>() as u64, usage);
+        let bytes = bytemuck::bytes_of(value);
+        self.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }
 

@@ -25,7 +25,7 @@ pub(super) struct Gpu {
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
-/// What went wrong, the worse the later.
+/// In order of severity.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Fault {
     Other(String),
@@ -120,7 +120,6 @@ impl Gpu {
         self.check().err().unwrap_or(said)
     }
 
-    /// There is no room for something.
     pub(super) fn no_room(&self, what: String) -> RenderError {
         Fault::Memory(what).at(&self.adapter)
     }

@@ -1,7 +1,9 @@
 //! A frame: projection and depth order once, then sub-frame after sub-frame.
 
-use super::super::{Dropped, RenderError, RenderOutput, RenderView};
+use super::super::project::ViewConstants;
+use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
+use super::layout::{DroppedCounts, FrameUniform, ViewUniform};
 use super::memory::Buffer;
 use super::passes::Passes;
 use super::readback::copy_home;
@@ -16,8 +18,7 @@ const RASTER_GROUP: (u32, u32) = (8, 32);
 /// Bytes of a pixel in the larger of the two output bindings.
 pub(super) const PIXEL_BYTES: u64 = 16;
 
-/// What sub-frames are rendered with: kept between them and between frames, and made larger, never
-/// smaller.
+/// Buffers for sub-frames: kept between them and between frames, and only ever enlarged.
 pub(super) struct Work {
     pub(super) pairs: SortBuffers,
     pub(super) targets: Targets,
@@ -32,7 +33,7 @@ impl Work {
     }
 }
 
-/// A sub-frame's ranges and pixels, and the pixels' way to the host.
+/// A sub-frame's ranges and pixels, and the staging buffers that bring the pixels to the host.
 pub(super) struct Targets {
     pub(super) ranges: Buffer,
     picture: Buffer,
@@ -78,20 +79,10 @@ pub(super) struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Renders it.
     pub(super) fn render(&self, work: &mut Work) -> Result<RenderOutput, RenderError> {
         let (gpu, scene) = (self.gpu, self.scene);
         let k = self.view.intrinsics;
-        let pixels = k.width as usize * k.height as usize;
-        let mut out = RenderOutput {
-            width: k.width,
-            height: k.height,
-            rgb_linear: vec![[0.0; 3]; pixels],
-            alpha: vec![0.0; pixels],
-            depth_acc: vec![0.0; pixels],
-            drawn: 0,
-            dropped: Dropped::default(),
-        };
+        let mut out = RenderOutput::empty(k.width, k.height);
         if let Some(timer) = &gpu.timer {
             timer.reset();
         }
@@ -151,19 +142,11 @@ impl Frame<'_> {
             let count = (scene.count, 32);
             scene.by_depth.sort(gpu, passes, &mut encoder, count, true)
         };
-        let staged = gpu.stage(&mut encoder, &dropped, 32);
-        gpu.finish(encoder, &[(&staged, 32)], |_, bytes| {
-            let counts: &[u32] = bytemuck::cast_slice(bytes);
-            let count = |reason: usize| u64::from(counts[reason]);
-            out.dropped = Dropped {
-                not_finite: count(0),
-                zero_quaternion: count(1),
-                near: count(2),
-                far: count(3),
-                degenerate: count(4),
-                transparent: count(5),
-                outside: count(6),
-            };
+        let bytes = size_of::<DroppedCounts>() as u64;
+        let staged = gpu.stage(&mut encoder, &dropped, bytes);
+        gpu.finish(encoder, &[(&staged, bytes)], |_, bytes| {
+            let counts: DroppedCounts = bytemuck::pod_read_unaligned(bytes);
+            out.dropped = counts.into();
             out.drawn = u64::from(scene.count) - out.dropped.total();
         })?;
         Ok(half)
@@ -172,8 +155,9 @@ impl Frame<'_> {
     /// Pass `project`; returns the counts of what was dropped.
     pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> Buffer {
         let (gpu, scene) = (self.gpu, self.scene);
-        let dropped = gpu.storage("dropped", 32);
-        let view = gpu.uniform("view", &view_words(self.view, scene.count));
+        let dropped = gpu.storage("dropped", size_of::<DroppedCounts>() as u64);
+        let view = ViewUniform::new(&ViewConstants::new(self.view), scene.count);
+        let view = gpu.uniform("view", &view);
         gpu.run(
             encoder,
             &self.passes.project,
@@ -194,17 +178,8 @@ impl Frame<'_> {
     }
 
     fn uniform(&self, part: SubFrame, pairs: u32) -> Buffer {
-        let words = [
-            part.first.0,
-            part.first.1,
-            part.tiles.0,
-            part.tiles.1,
-            self.scene.count,
-            pairs,
-            part.side.trailing_zeros(),
-            0,
-        ];
-        self.gpu.uniform("frame", &words)
+        let uniform = FrameUniform::new(part, self.scene.count, pairs);
+        self.gpu.uniform("frame", &uniform)
     }
 
     /// Leaves in `scene.places` where each Gaussian's pairs start, and returns how many there are.
@@ -313,32 +288,6 @@ impl Frame<'_> {
             copy_home(part, which, bytes, out);
         })
     }
-}
-
-/// The view as `shared/view.wgsl` lays it out.
-fn view_words(view: &RenderView, count: u32) -> [u32; 32] {
-    let k = view.intrinsics;
-    let m = view.camera_from_scene.matrix3.transpose();
-    let t = view.camera_from_scene.translation;
-    let size = (f64::from(k.width), f64::from(k.height));
-    let bounds = super::super::project::jacobian_bounds(view);
-    let depth_row = [m.z_axis.x, m.z_axis.y, m.z_axis.z, t.z];
-    let floats = [
-        [m.x_axis.x, m.x_axis.y, m.x_axis.z, t.x],
-        [m.y_axis.x, m.y_axis.y, m.y_axis.z, t.y],
-        depth_row,
-        depth_row.map(|v| v - f64::from(v as f32)),
-        [k.fx, k.fy, k.cx, k.cy],
-        [bounds[0][0], bounds[0][1], bounds[1][0], bounds[1][1]],
-        [size.0, size.1, f64::from(view.eps2d), f64::from(view.near)],
-        [f64::from(view.far), 0.0, 0.0, 0.0],
-    ];
-    let mut words = [0; 32];
-    for (word, value) in words.iter_mut().zip(floats.iter().flatten()) {
-        *word = (*value as f32).to_bits();
-    }
-    words[29] = count;
-    words
 }
 
 /// The side of the GPU's tiles for a wanted one.

@@ -12,6 +12,7 @@ mod adapter;
 mod buffers;
 mod device;
 mod frame;
+mod layout;
 mod memory;
 mod passes;
 mod readback;

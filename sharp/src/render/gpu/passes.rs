@@ -9,7 +9,7 @@ macro_rules! shader {
 }
 
 /// Each pass: its file's name and its text with the shared pieces before it.
-const SOURCES: [(&str, &str); 6] = [
+pub(super) const SOURCES: [(&str, &str); 6] = [
     ("project", shader!("shared/view.wgsl", "project.wgsl")),
     ("scan", shader!("shared/view.wgsl", "scan.wgsl")),
     (

@@ -6,7 +6,7 @@ use super::memory::Buffer;
 use super::sort::{Scan, SortBuffers};
 use crate::gaussians::Gaussians;
 
-/// Gaussians on the device, with the buffers that a frame fills for them: 124 bytes each.
+/// Gaussians on the device, with the buffers that a frame fills: 124 bytes a Gaussian.
 pub(super) struct GpuScene {
     pub(super) count: u32,
     pub(super) means_opacities: Buffer,

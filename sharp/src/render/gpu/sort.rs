@@ -1,8 +1,10 @@
 //! Stable radix sort of (key, value) pairs and the prefix sums it stands on.
 
 use super::device::Gpu;
+use super::layout::{RadixParams, ScanParams};
 use super::memory::Buffer;
 use super::passes::Passes;
+use bytemuck::Zeroable;
 use wgpu::CommandEncoder;
 
 /// Keys in a block of the radix passes.
@@ -68,7 +70,7 @@ impl Scan {
         (level, data): (usize, &Buffer),
         count: u32,
     ) {
-        let params = gpu.uniform("scan", &[count, 0, 0, 0]);
+        let params = gpu.uniform("scan", &scan_params(count));
         let buffers = [&params, data, &self.levels[level]];
         let groups = count.div_ceil(SCAN_BLOCK);
         gpu.run(encoder, &passes.scan_blocks, &buffers, groups);
@@ -90,8 +92,15 @@ impl Scan {
         let sums = &self.levels[level];
         self.blocks(gpu, passes, encoder, (level + 1, sums), blocks);
         self.join(gpu, passes, encoder, (level + 1, sums), blocks);
-        let params = gpu.uniform("scan", &[count, 0, 0, 0]);
+        let params = gpu.uniform("scan", &scan_params(count));
         gpu.run(encoder, &passes.add_sums, &[&params, data, sums], blocks);
+    }
+}
+
+fn scan_params(count: u32) -> ScanParams {
+    ScanParams {
+        count,
+        ..Zeroable::zeroed()
     }
 }
 
@@ -147,8 +156,13 @@ impl SortBuffers {
         let mut from = 0;
         for shift in (0..bits).step_by(8) {
             let to = 1 - from;
-            let first = u32::from(identity && shift == 0);
-            let params = gpu.uniform("radix", &[count, shift, blocks, first]);
+            let params = RadixParams {
+                count,
+                shift,
+                blocks,
+                identity: u32::from(identity && shift == 0),
+            };
+            let params = gpu.uniform("radix", &params);
             let buffers = [
                 &params,
                 &self.keys[from],

@@ -1,10 +1,10 @@
-//! Each pass against its twin on the CPU, on every adapter. Ignored unless asked for, because a
-//! test cannot find out at run time that there is no adapter and say so.
+//! Each pass against its twin on the CPU, on every adapter. Ignored by default, because a test
+//! cannot report at run time that there is no adapter.
 
 use super::super::emit::{BIN, BinGrid, count, emit, key};
 use super::super::project::{Footprint, Projected, project};
 use super::super::ranges::TileLists;
-use super::super::{CpuRenderer, RenderError, RenderView, Renderer, SimdLevel, radix, scan};
+use super::super::{CpuRenderer, RenderError, RenderView, Renderer, Simd, radix, scan};
 use super::frame::{Frame, Work};
 use super::memory::Buffer;
 use super::scene::GpuScene;
@@ -23,7 +23,7 @@ fn on_each_adapter(test: impl Fn(&GpuRenderer)) {
     }
 }
 
-/// Numbers that look random.
+/// Pseudo-random numbers.
 struct Random(u64);
 
 impl Random {
@@ -166,7 +166,7 @@ impl Both {
         frame(renderer, &on_device, view, 8).project(&mut encoder);
         renderer.gpu.finish(encoder, &[], |_, _| ()).unwrap();
         let mut cpu = Projected::default();
-        project(SimdLevel::detect(), scene, view, &mut cpu);
+        project(Simd::detect(), scene, view, &mut cpu);
         let boxes: Vec<[u16; 4]> = read(renderer, &on_device.footprints, scene.len());
         let depths: Vec<f32> = read(renderer, &on_device.by_depth.keys[0], scene.len());
         let footprints = boxes

@@ -6,173 +6,101 @@ use std::arch::x86_64::*;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Avx2([__m256; 2]);
 
+/// An expression on the registers `i` = 0 and 1. Not a closure, which might not be inlined.
+macro_rules! both {
+    (|$i:ident| $each:expr) => {{
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set; pointers
+        // are to sixteen floats.
+        unsafe {
+            [
+                {
+                    let $i = 0;
+                    $each
+                },
+                {
+                    let $i = 1;
+                    $each
+                },
+            ]
+        }
+    }};
+}
+
 impl Lanes for Avx2 {
     type Mask = [__m256; 2];
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self([_mm256_set1_ps(x); 2]) }
+        Self(both!(|_i| _mm256_set1_ps(x)))
     }
     #[inline(always)]
     fn from_array(x: &[f32; 16]) -> Self {
-        // SAFETY: sixteen readable floats; instruction set as below.
-        unsafe {
-            Self([
-                _mm256_loadu_ps(x.as_ptr()),
-                _mm256_loadu_ps(x.as_ptr().add(8)),
-            ])
-        }
+        Self(both!(|i| _mm256_loadu_ps(x.as_ptr().add(8 * i))))
     }
     #[inline(always)]
     fn to_array(self) -> [f32; 16] {
         let mut out = [0.0; 16];
-        // SAFETY: sixteen writable floats; instruction set as below.
-        unsafe {
-            _mm256_storeu_ps(out.as_mut_ptr(), self.0[0]);
-            _mm256_storeu_ps(out.as_mut_ptr().add(8), self.0[1]);
-        }
+        both!(|i| _mm256_storeu_ps(out.as_mut_ptr().add(8 * i), self.0[i]));
         out
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_add_ps(self.0[0], other.0[0]),
-                _mm256_add_ps(self.0[1], other.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_add_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_sub_ps(self.0[0], other.0[0]),
-                _mm256_sub_ps(self.0[1], other.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_sub_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_mul_ps(self.0[0], other.0[0]),
-                _mm256_mul_ps(self.0[1], other.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_mul_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_fmadd_ps(self.0[0], b.0[0], c.0[0]),
-                _mm256_fmadd_ps(self.0[1], b.0[1], c.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_fmadd_ps(self.0[i], b.0[i], c.0[i])))
     }
     #[inline(always)]
     fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_fnmadd_ps(self.0[0], b.0[0], c.0[0]),
-                _mm256_fnmadd_ps(self.0[1], b.0[1], c.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_fnmadd_ps(self.0[i], b.0[i], c.0[i])))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_min_ps(self.0[0], other.0[0]),
-                _mm256_min_ps(self.0[1], other.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_min_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_max_ps(self.0[0], other.0[0]),
-                _mm256_max_ps(self.0[1], other.0[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_max_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn scaled_by_low_bits(self, n: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_castsi256_ps(_mm256_add_epi32(
-                    _mm256_castps_si256(self.0[0]),
-                    _mm256_slli_epi32::<23>(_mm256_castps_si256(n.0[0])),
-                )),
-                _mm256_castsi256_ps(_mm256_add_epi32(
-                    _mm256_castps_si256(self.0[1]),
-                    _mm256_slli_epi32::<23>(_mm256_castps_si256(n.0[1])),
-                )),
-            ])
-        }
+        Self(both!(|i| _mm256_castsi256_ps(_mm256_add_epi32(
+            _mm256_castps_si256(self.0[i]),
+            _mm256_slli_epi32::<23>(_mm256_castps_si256(n.0[i])),
+        ))))
     }
     #[inline(always)]
     fn le(self, other: Self) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            [
-                _mm256_cmp_ps::<_CMP_LE_OQ>(self.0[0], other.0[0]),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(self.0[1], other.0[1]),
-            ]
-        }
+        both!(|i| _mm256_cmp_ps::<_CMP_LE_OQ>(self.0[i], other.0[i]))
     }
     #[inline(always)]
     fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            [
-                _mm256_and_ps(mask[0], _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[0], other.0[0])),
-                _mm256_and_ps(mask[1], _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[1], other.0[1])),
-            ]
-        }
+        both!(|i| _mm256_and_ps(mask[i], _mm256_cmp_ps::<_CMP_GT_OQ>(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            [
-                _mm256_and_ps(mask[0], _mm256_cmp_ps::<_CMP_NGT_UQ>(self.0[0], other.0[0])),
-                _mm256_and_ps(mask[1], _mm256_cmp_ps::<_CMP_NGT_UQ>(self.0[1], other.0[1])),
-            ]
-        }
+        both!(|i| _mm256_and_ps(mask[i], _mm256_cmp_ps::<_CMP_NGT_UQ>(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn masked(self, mask: Self::Mask) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_and_ps(self.0[0], mask[0]),
-                _mm256_and_ps(self.0[1], mask[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_and_ps(self.0[i], mask[i])))
     }
     #[inline(always)]
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            Self([
-                _mm256_blendv_ps(b.0[0], a.0[0], mask[0]),
-                _mm256_blendv_ps(b.0[1], a.0[1], mask[1]),
-            ])
-        }
+        Self(both!(|i| _mm256_blendv_ps(b.0[i], a.0[i], mask[i])))
     }
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { _mm256_movemask_ps(_mm256_or_ps(mask[0], mask[1])) != 0 }
+        let [low, high] = both!(|i| _mm256_movemask_ps(mask[i]));
+        low | high != 0
     }
 }

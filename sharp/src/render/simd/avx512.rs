@@ -6,96 +6,87 @@ use std::arch::x86_64::*;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Avx512(__m512);
 
+macro_rules! sound {
+    ($intrinsics:expr) => {{
+        // SAFETY: runs only where `per_level` compiled and detected the instruction set; pointers
+        // are to sixteen floats.
+        unsafe { $intrinsics }
+    }};
+}
+
 impl Lanes for Avx512 {
     type Mask = __mmask16;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_set1_ps(x)) }
+        Self(sound!(_mm512_set1_ps(x)))
     }
     #[inline(always)]
     fn from_array(x: &[f32; 16]) -> Self {
-        // SAFETY: sixteen readable floats; instruction set as below.
-        unsafe { Self(_mm512_loadu_ps(x.as_ptr())) }
+        Self(sound!(_mm512_loadu_ps(x.as_ptr())))
     }
     #[inline(always)]
     fn to_array(self) -> [f32; 16] {
         let mut out = [0.0; 16];
-        // SAFETY: sixteen writable floats; instruction set as below.
-        unsafe { _mm512_storeu_ps(out.as_mut_ptr(), self.0) };
+        sound!(_mm512_storeu_ps(out.as_mut_ptr(), self.0));
         out
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_add_ps(self.0, other.0)) }
+        Self(sound!(_mm512_add_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_sub_ps(self.0, other.0)) }
+        Self(sound!(_mm512_sub_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_mul_ps(self.0, other.0)) }
+        Self(sound!(_mm512_mul_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_fmadd_ps(self.0, b.0, c.0)) }
+        Self(sound!(_mm512_fmadd_ps(self.0, b.0, c.0)))
     }
     #[inline(always)]
     fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_fnmadd_ps(self.0, b.0, c.0)) }
+        Self(sound!(_mm512_fnmadd_ps(self.0, b.0, c.0)))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_min_ps(self.0, other.0)) }
+        Self(sound!(_mm512_min_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_max_ps(self.0, other.0)) }
+        Self(sound!(_mm512_max_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn scaled_by_low_bits(self, n: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe {
-            let exponent = _mm512_slli_epi32::<23>(_mm512_castps_si512(n.0));
-            Self(_mm512_castsi512_ps(_mm512_add_epi32(
-                _mm512_castps_si512(self.0),
-                exponent,
-            )))
-        }
+        Self(sound!(_mm512_castsi512_ps(_mm512_add_epi32(
+            _mm512_castps_si512(self.0),
+            _mm512_slli_epi32::<23>(_mm512_castps_si512(n.0)),
+        ))))
     }
     #[inline(always)]
     fn le(self, other: Self) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { _mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0) }
+        sound!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(self.0, other.0))
     }
     #[inline(always)]
     fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, self.0, other.0) }
+        sound!(_mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(mask, self.0, other.0))
     }
     #[inline(always)]
     fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_NGT_UQ>(mask, self.0, other.0) }
+        sound!(_mm512_mask_cmp_ps_mask::<_CMP_NGT_UQ>(
+            mask, self.0, other.0
+        ))
     }
     #[inline(always)]
     fn masked(self, mask: Self::Mask) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_maskz_mov_ps(mask, self.0)) }
+        Self(sound!(_mm512_maskz_mov_ps(mask, self.0)))
     }
     #[inline(always)]
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set.
-        unsafe { Self(_mm512_mask_mov_ps(b.0, mask, a.0)) }
+        Self(sound!(_mm512_mask_mov_ps(b.0, mask, a.0)))
     }
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {

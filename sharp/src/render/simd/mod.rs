@@ -1,6 +1,6 @@
 //! Sixteen f32 lanes on three instruction sets, chosen at run time.
 //!
-//! Each level performs the same IEEE operations in the same order (fused where the code says
+//! Each performs the same IEEE operations in the same order (fused where the code says
 //! `mul_add`), so all of them give the same bits. The portable one is meant for processors whose
 //! baseline has a fused multiply-add (every 64-bit ARM); on x86 it stands in for processors older
 //! than AVX2 and is slow there.
@@ -16,62 +16,8 @@ pub(super) use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
 pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
-
-/// An instruction set that this machine has: a value can only be had by detection.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SimdLevel(pub(super) Level);
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Level {
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    Portable,
-}
-
-impl SimdLevel {
-    /// The best this machine has.
-    pub fn detect() -> Self {
-        let mut best = Self(Level::Portable);
-        for level in Self::available().into_iter().rev() {
-            best = level;
-        }
-        best
-    }
-
-    /// All this machine has, best first.
-    pub fn available() -> Vec<Self> {
-        let mut levels = Vec::with_capacity(3);
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
-            let avx512 = is_x86_feature_detected!("avx512f")
-                && is_x86_feature_detected!("avx512vl")
-                && is_x86_feature_detected!("avx512bw")
-                && is_x86_feature_detected!("avx512dq");
-            if avx2 && avx512 {
-                levels.push(Self(Level::Avx512));
-            }
-            if avx2 {
-                levels.push(Self(Level::Avx2));
-            }
-        }
-        levels.push(Self(Level::Portable));
-        levels
-    }
-
-    /// `avx512`, `avx2` or `portable`.
-    pub fn name(self) -> &'static str {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => "avx512",
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => "avx2",
-            Level::Portable => "portable",
-        }
-    }
-}
+// The network's kernels and this renderer detect, and are pinned, together.
+pub(super) use sharp_kernels::{Level, Simd};
 
 /// Sixteen f32 values, one for each pixel of a 4×4 block.
 ///
@@ -136,23 +82,24 @@ const EXP2_COEFFICIENTS: [f32; 5] = [
     0.001_326_472_7,
 ];
 
-/// Defines a function that runs its generic body compiled for the level it is handed.
+/// Defines a function that runs its generic body compiled for the instruction set it is handed.
 ///
 /// `fn outer = inner(args…)` calls `inner(args…)`; `fn outer = inner::<lanes>(args…)` calls
-/// `inner::<L>(args…)` with the level's [`Lanes`].
+/// `inner::<L>(args…)` with its [`Lanes`].
 macro_rules! per_level {
-    (fn $outer:ident = $inner:ident($($arg:ident: $kind:ty),* $(,)?)) => {
-        $crate::render::simd::per_level!(@define $outer ($($arg: $kind),*)
+    ($(#[$doc:meta])* $vis:vis fn $outer:ident = $inner:ident($($arg:ident: $kind:ty),* $(,)?)) => {
+        $crate::render::simd::per_level!(@define ($(#[$doc])* $vis) $outer ($($arg: $kind),*)
             ($inner($($arg),*)) ($inner($($arg),*)) ($inner($($arg),*)));
     };
-    (fn $outer:ident = $inner:ident::<lanes>($($arg:ident: $kind:ty),* $(,)?)) => {
-        $crate::render::simd::per_level!(@define $outer ($($arg: $kind),*)
+    ($(#[$doc:meta])* $vis:vis fn $outer:ident = $inner:ident::<lanes>($($arg:ident: $kind:ty),* $(,)?)) => {
+        $crate::render::simd::per_level!(@define ($(#[$doc])* $vis) $outer ($($arg: $kind),*)
             ($inner::<$crate::render::simd::Avx512>($($arg),*))
             ($inner::<$crate::render::simd::Avx2>($($arg),*))
             ($inner::<$crate::render::simd::Portable>($($arg),*)));
     };
-    (@define $outer:ident ($($arg:ident: $kind:ty),*) ($avx512:expr) ($avx2:expr) ($portable:expr)) => {
-        fn $outer(level: $crate::render::simd::SimdLevel, $($arg: $kind),*) {
+    (@define ($(#[$doc:meta])* $vis:vis) $outer:ident ($($arg:ident: $kind:ty),*) ($avx512:expr) ($avx2:expr) ($portable:expr)) => {
+        $(#[$doc])*
+        $vis fn $outer(simd: $crate::render::simd::Simd, $($arg: $kind),*) {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2,fma")]
             fn avx512($($arg: $kind),*) {
@@ -163,14 +110,14 @@ macro_rules! per_level {
             fn avx2($($arg: $kind),*) {
                 $avx2
             }
-            match level.0 {
-                // SAFETY: a SimdLevel of this kind exists only where the features were detected.
+            match simd.level() {
+                // SAFETY: a Simd of this level exists only where the features were detected.
                 #[cfg(target_arch = "x86_64")]
                 $crate::render::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 $crate::render::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
-                $crate::render::simd::Level::Portable => $portable,
+                _ => $portable,
             }
         }
     };
@@ -181,13 +128,13 @@ pub(super) use per_level;
 mod tests {
     use super::*;
 
-    fn exp2_of(level: SimdLevel, x: &[f32; 16]) -> [f32; 16] {
+    fn exp2_of(simd: Simd, x: &[f32; 16]) -> [f32; 16] {
         fn body<L: Lanes>(x: &[f32; 16], out: &mut [f32; 16]) {
             *out = L::from_array(x).exp2().to_array();
         }
         per_level! { fn run = body::<lanes>(x: &[f32; 16], out: &mut [f32; 16]) }
         let mut out = [0.0; 16];
-        run(level, x, &mut out);
+        run(simd, x, &mut out);
         out
     }
 
@@ -197,9 +144,9 @@ mod tests {
         for step in 0..20_000 {
             let x: [f32; 16] =
                 std::array::from_fn(|lane| (step * 16 + lane) as f32 * (-126.0 / 320_000.0));
-            let all: Vec<_> = SimdLevel::available()
+            let all: Vec<_> = Simd::available()
                 .into_iter()
-                .map(|level| exp2_of(level, &x).map(f32::to_bits))
+                .map(|simd| exp2_of(simd, &x).map(f32::to_bits))
                 .collect();
             assert!(all.iter().all(|bits| *bits == all[0]));
             for lane in 0..16 {
@@ -209,15 +156,8 @@ mod tests {
             }
         }
         assert!(worst < 2e-7, "{worst:e}");
-        assert_eq!(exp2_of(SimdLevel::detect(), &[0.0; 16]), [1.0; 16]);
-        let far = exp2_of(SimdLevel::detect(), &[-1e30; 16]);
+        assert_eq!(exp2_of(Simd::detect(), &[0.0; 16]), [1.0; 16]);
+        let far = exp2_of(Simd::detect(), &[-1e30; 16]);
         assert!(far[0] > 0.0 && far[0] < 1e-37);
-    }
-
-    #[test]
-    fn detection_prefers_the_widest() {
-        let levels = SimdLevel::available();
-        assert_eq!(levels[0], SimdLevel::detect());
-        assert_eq!(levels.last().unwrap().name(), "portable");
     }
 }

@@ -13,7 +13,7 @@
 //! * `decoder`, `monodepth`: the maps to two layers of disparity.
 //! * `alignment`: a scale map towards known depth.
 //! * `gaussian_decoder`: maps, image and depth to deltas.
-//! * `network`: the modules; [`predictor`]: all of it, with [`initializer`](crate::initializer) and
+//! * `network`: the modules; [`NetworkSpec`]: which one to open; [`predictor`]: all of it, with [`initializer`](crate::initializer) and
 //!   [`composer`](crate::composer).
 //! * [`recording`]: every stage written down, or compared with what another implementation wrote.
 
@@ -29,6 +29,7 @@ mod layers;
 mod map;
 mod monodepth;
 mod network;
+mod network_spec;
 mod observer;
 pub mod params;
 pub mod predictor;
@@ -42,5 +43,6 @@ pub use config::ModelConfig;
 pub use device::DeviceChoice;
 pub use engine::{Engine, Precision};
 pub use error::ModelError;
-pub use observer::{Observer, Progress, Silent, StageValue};
-pub use predictor::{Prediction, Predictor};
+pub use network_spec::{NetworkIdentity, NetworkSpec};
+pub use observer::{Observer, Silent, StageProgress, StageValue};
+pub use predictor::{NetworkOutput, Predictor};

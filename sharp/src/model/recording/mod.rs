@@ -11,11 +11,11 @@ mod write;
 
 use super::ModelError;
 use super::observer::{Observer, StageValue};
-use super::predictor::{Planes, Prediction, Predictor, observe_gaussians};
+use super::predictor::{NetworkOutput, Planes, Predictor, observe_gaussians};
 use crate::gaussians::Gaussians;
 use crate::unprojection::{covariance, release_intrinsics, unproject};
 
-pub use compare::{Comparison, StageComparison, compare};
+pub use compare::{RecordingComparison, StageComparison, compare};
 pub use file::{RecordedInput, RecordedStage, RecordedValues, Recording};
 pub use write::{RecordOptions, record};
 
@@ -28,9 +28,9 @@ fn observe(
     image: Planes<'_>,
     focal_px: f64,
     observer: &mut dyn Observer,
-) -> Result<Prediction, ModelError> {
+) -> Result<NetworkOutput, ModelError> {
     let factor = (focal_px / image.width as f64) as f32;
-    let prediction = predictor.predict(image, factor, None, observer)?;
+    let prediction = predictor.predict(image, factor, observer)?;
     let (width, height) = (image.width as u32, image.height as u32);
     let camera = release_intrinsics(focal_px, width, height)
         .map_err(|e| ModelError::Image(e.to_string()))?;

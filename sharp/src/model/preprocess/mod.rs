@@ -1,6 +1,6 @@
 //! A photograph from a file: pixels, orientation, focal length.
 //!
-//! PNG and JPEG, read as the release reads them, with these differences, where the release's way loses the picture:
+//! PNG and JPEG, read as the release reads them but where its way loses the picture:
 //!
 //! | picture | here | release |
 //! |---|---|---|
@@ -16,12 +16,12 @@ use std::io::Cursor;
 use std::path::Path;
 
 use exif::{Context, Exif, In, Tag, Value};
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::DynamicImage;
 
 use super::ModelError;
-use super::predictor::Planes;
+use super::predictor::{Planes, planes_of};
+use crate::image_file;
 
-/// How to read a photograph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
     /// Focal length in pixels of the (upright) image, instead of what the file says.
@@ -39,10 +39,8 @@ impl Default for PhotoOptions {
     }
 }
 
-/// Where a focal length comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FocalSource {
-    /// The caller.
     Given,
     /// The file's equivalent for 35 mm film, millimetres.
     Equivalent35mm(f64),
@@ -53,20 +51,14 @@ pub enum FocalSource {
     Default,
 }
 
-/// A photograph, upright.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Photo {
     /// `[3, height, width]`, sRGB-encoded, 0..1.
     pub values: Vec<f32>,
-    /// Width, pixels.
     pub width: usize,
-    /// Height, pixels.
     pub height: usize,
-    /// Focal length, pixels.
     pub focal_px: f64,
-    /// Where that comes from.
     pub focal_source: FocalSource,
-    /// What the user should know.
     pub warnings: Vec<String>,
 }
 
@@ -99,25 +91,44 @@ pub fn focal_px_from_35mm(focal_mm: f64, width: usize, height: usize) -> f64 {
 /// Reads a photograph.
 ///
 /// # Errors
-/// [`ModelError::File`]: not readable, not an image, below 2×2, above the limit of pixels, a value
-/// that is not finite, or a focal length given that is not positive.
+/// [`ModelError::Photograph`] when it cannot be decoded whole; [`ModelError::File`] when it cannot
+/// be read, is below 2×2 or above the limit of pixels, or has a focal length that is not positive.
 pub fn load_photo(path: &Path, options: &PhotoOptions) -> Result<Photo, ModelError> {
     let bytes = std::fs::read(path).map_err(|e| ModelError::file(path, e))?;
-    photo_from_bytes(&bytes, options).map_err(|reason| ModelError::file(path, reason))
+    photo_from_bytes(path, &bytes, options)
 }
 
-fn photo_from_bytes(bytes: &[u8], options: &PhotoOptions) -> Result<Photo, String> {
-    let mut warnings = Vec::new();
+fn photo_from_bytes(
+    path: &Path,
+    bytes: &[u8],
+    options: &PhotoOptions,
+) -> Result<Photo, ModelError> {
+    let refuse = |reason: String| Err(ModelError::file(path, reason));
+    let undecodable = |reason| ModelError::Photograph {
+        path: path.to_owned(),
+        reason,
+    };
+    let (width, height) = image_file::dimensions(Cursor::new(bytes)).map_err(undecodable)?;
+    if width < 2 || height < 2 {
+        return refuse(format!("an image of {width}x{height}: at least 2x2 needed"));
+    }
+    if u64::from(width) * u64::from(height) > options.max_pixels {
+        return refuse(format!(
+            "an image of {width}x{height} has more than {} pixels",
+            options.max_pixels
+        ));
+    }
+    let image = image_file::decode(bytes).map_err(undecodable)?;
     let exif = exif::Reader::new()
         .read_from_container(&mut Cursor::new(bytes))
         .ok();
-    let image = decode(bytes, options.max_pixels)?;
+    let mut warnings = Vec::new();
     let image = upright(image, exif.as_ref(), &mut warnings);
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let values = planes(&image);
-    if !values.iter().all(|v| v.is_finite()) {
-        return Err("the image has values that are not finite".into());
-    }
+    let values = match image.color().bytes_per_pixel() / image.color().channel_count() {
+        1 => planes_of(&image.into_rgb8(), |v| f32::from(v) / 255.0),
+        _ => planes_of(&image.into_rgb16(), |v| f32::from(v) / 65535.0),
+    };
     let focal_source = match options.focal_px {
         Some(_) => FocalSource::Given,
         None => focal_source(exif.as_ref()),
@@ -139,7 +150,7 @@ fn photo_from_bytes(bytes: &[u8], options: &PhotoOptions) -> Result<Photo, Strin
         None => focal_px_from_35mm(focal_mm, width, height),
     };
     if !(focal_px.is_finite() && focal_px > 0.0) {
-        return Err(format!("a focal length of {focal_px} pixels"));
+        return refuse(format!("a focal length of {focal_px} pixels"));
     }
     Ok(Photo {
         values,
@@ -149,65 +160,6 @@ fn photo_from_bytes(bytes: &[u8], options: &PhotoOptions) -> Result<Photo, Strin
         focal_source,
         warnings,
     })
-}
-
-/// First bytes of what else people may take for a photograph: floats without a stated encoding, and whatever values.
-const OTHER_FILES: [(&[u8], &str); 2] = [
-    (b"\x76\x2f\x31\x01", "an OpenEXR file"),
-    (b"\x93NUMPY", "a NumPy array"),
-];
-
-fn decode(bytes: &[u8], max_pixels: u64) -> Result<DynamicImage, String> {
-    if let Some((_, what)) = OTHER_FILES
-        .iter()
-        .find(|(start, _)| bytes.starts_with(start))
-    {
-        return Err(format!(
-            "not an image that can be read: {what}; photographs are sRGB-encoded PNG or JPEG"
-        ));
-    }
-    check_palette(bytes)?;
-    let not_an_image = |e: image::ImageError| format!("not an image that can be read: {e}");
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|e| e.to_string())?;
-    // Sizes are checked here, by the pixel; 16 bytes are the most a pixel takes.
-    let mut limits = image::Limits::no_limits();
-    limits.max_alloc = Some(max_pixels.saturating_mul(16));
-    reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(not_an_image)?;
-    let (width, height) = decoder.dimensions();
-    if width < 2 || height < 2 {
-        return Err(format!("an image of {width}x{height}: at least 2x2 needed"));
-    }
-    if u64::from(width) * u64::from(height) > max_pixels {
-        return Err(format!(
-            "an image of {width}x{height} has more than {max_pixels} pixels"
-        ));
-    }
-    DynamicImage::from_decoder(decoder).map_err(not_an_image)
-}
-
-/// Refuses a PNG whose palette is no list of colours: the decoder takes that for granted and would panic.
-fn check_palette(bytes: &[u8]) -> Result<(), String> {
-    let Some(mut rest) = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n") else {
-        return Ok(());
-    };
-    while let Some((length, chunk)) = rest.split_first_chunk::<4>() {
-        let length = u32::from_be_bytes(*length) as usize;
-        if chunk.starts_with(b"PLTE") && (!length.is_multiple_of(3) || !(3..=768).contains(&length))
-        {
-            return Err(format!(
-                "not an image that can be read: its palette has {length} bytes, which is no list of colours"
-            ));
-        }
-        // Name, data, checksum.
-        match length.checked_add(8).and_then(|whole| chunk.get(whole..)) {
-            Some(after) => rest = after,
-            None => break,
-        }
-    }
-    Ok(())
 }
 
 /// Turns the image as its file asks; mirrored orientations are left alone, as in the release.
@@ -232,7 +184,7 @@ fn focal_source(exif: Option<&Exif>) -> FocalSource {
     match either(Tag::FocalLengthIn35mmFilm) {
         Some(mm) if mm >= 1.0 => FocalSource::Equivalent35mm(mm),
         _ => match either(Tag::FocalLength) {
-            // The release goes on with a focal length of 0; it says as little as none.
+            // 0 is as good as no entry; the release would continue with it.
             Some(mm) if mm.is_finite() && mm > 0.0 => FocalSource::Lens(mm),
             _ => FocalSource::Default,
         },
@@ -252,39 +204,6 @@ fn number(exif: Option<&Exif>, tags: &[(Context, Tag)]) -> Option<f64> {
         Value::Double(v) => v.first().copied(),
         other => other.get_uint(0).map(f64::from),
     }
-}
-
-/// Planes in 0..1.
-fn planes(image: &DynamicImage) -> Vec<f32> {
-    match image {
-        DynamicImage::ImageLuma8(i) => bytes_to_planes(i.as_raw(), 1),
-        DynamicImage::ImageLumaA8(i) => bytes_to_planes(i.as_raw(), 2),
-        DynamicImage::ImageRgb8(i) => bytes_to_planes(i.as_raw(), 3),
-        DynamicImage::ImageRgba8(i) => bytes_to_planes(i.as_raw(), 4),
-        DynamicImage::ImageLuma16(i) => words_to_planes(i.as_raw(), 1),
-        DynamicImage::ImageLumaA16(i) => words_to_planes(i.as_raw(), 2),
-        DynamicImage::ImageRgb16(i) => words_to_planes(i.as_raw(), 3),
-        DynamicImage::ImageRgba16(i) => words_to_planes(i.as_raw(), 4),
-        other => to_planes(other.to_rgb32f().as_raw(), 3, |v| v),
-    }
-}
-
-fn bytes_to_planes(pixels: &[u8], channels: usize) -> Vec<f32> {
-    to_planes(pixels, channels, |v| f32::from(v) / 255.0)
-}
-
-fn words_to_planes(pixels: &[u16], channels: usize) -> Vec<f32> {
-    to_planes(pixels, channels, |v| f32::from(v) / 65535.0)
-}
-
-/// Interleaved grey (1, 2) or colour (3, 4) channels to three planes; alpha is dropped.
-fn to_planes<T: Copy>(pixels: &[T], channels: usize, value: impl Fn(T) -> f32) -> Vec<f32> {
-    let mut out = Vec::with_capacity(pixels.len() / channels * 3);
-    for c in 0..3 {
-        let c = if channels < 3 { 0 } else { c };
-        out.extend(pixels.iter().skip(c).step_by(channels).map(|&v| value(v)));
-    }
-    out
 }
 
 #[cfg(test)]

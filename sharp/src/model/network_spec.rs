@@ -1,0 +1,93 @@
+//! Which network, and what its predictions depend on.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::inventory::CheckpointSource;
+use super::{DeviceChoice, ModelConfig, ModelError, Precision};
+
+/// A network to [open](super::Predictor::open).
+#[derive(Debug, Clone)]
+pub struct NetworkSpec {
+    /// `.pt` or `.safetensors`.
+    pub checkpoint: PathBuf,
+    pub config: ModelConfig,
+    /// Name prefixes of tensors that the checkpoint may hold besides the network's.
+    pub allow_unused: Vec<String>,
+    pub device: DeviceChoice,
+    /// Matters on the CPU alone.
+    pub precision: Precision,
+}
+
+/// Everything besides its input that a prediction depends on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NetworkIdentity {
+    pub checkpoint_sha256: String,
+    /// The configuration's own name, for people; the hash decides.
+    pub preset: String,
+    pub config_sha256: String,
+    /// [`Engine::name`](super::Engine::name) of the device found, not of the one asked for.
+    pub engine: String,
+}
+
+impl NetworkSpec {
+    /// The release's network on the CPU, with the faster convolutions.
+    pub fn release(checkpoint: impl Into<PathBuf>) -> Self {
+        Self {
+            checkpoint: checkpoint.into(),
+            config: ModelConfig::release(),
+            allow_unused: Vec::new(),
+            device: DeviceChoice::Cpu,
+            precision: Precision::Fast,
+        }
+    }
+
+    /// Reads the whole checkpoint for its hash: seconds for the release's.
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`], [`ModelError::Device`].
+    pub fn identity(&self) -> Result<NetworkIdentity, ModelError> {
+        Ok(NetworkIdentity {
+            engine: self.device.open(self.precision)?.name(),
+            checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256(),
+            preset: self.config.preset.clone(),
+            config_sha256: self.config.sha256(),
+        })
+    }
+}
+
+impl ModelConfig {
+    /// Of the configuration's values, whatever file they stand in; 64 hexadecimal digits.
+    pub fn sha256(&self) -> String {
+        // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
+        let digest = Sha256::digest(format!("{self:?}"));
+        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Predictor;
+
+    #[test]
+    fn identity_is_what_computes() {
+        let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/model");
+        let mut spec = NetworkSpec {
+            config: ModelConfig::load(&format!("{golden}/tiny_config.json#tiny")).unwrap(),
+            ..NetworkSpec::release(format!("{golden}/tiny_model.pt"))
+        };
+        let plain = spec.identity().unwrap();
+        assert_eq!(plain.checkpoint_sha256.len(), 64);
+        assert!(plain.engine.starts_with("cpu-"), "{}", plain.engine);
+        spec.allow_unused.push("ema.".into());
+        assert_eq!(spec.identity().unwrap(), plain);
+        spec.precision = Precision::Exact;
+        assert_ne!(spec.identity().unwrap().engine, plain.engine);
+        spec.config.vit.norm_eps = 1e-5;
+        assert_ne!(spec.identity().unwrap().config_sha256, plain.config_sha256);
+        assert_eq!(Predictor::open(&spec).unwrap().config(), &spec.config);
+    }
+}

@@ -1,0 +1,179 @@
+//! What host and shaders agree on byte for byte. A test compares names and offsets with the WGSL.
+
+use super::super::Dropped;
+use super::super::project::ViewConstants;
+use super::subframe::SubFrame;
+use bytemuck::{Pod, Zeroable};
+
+/// Defines a struct as the shaders see it. `TWIN` is its name in WGSL, `FIELDS` what the test
+/// compares.
+macro_rules! shared {
+    ($(#[$doc:meta])* $name:ident = $twin:literal { $($field:ident: $kind:ty),* $(,)? }) => {
+        $(#[$doc])*
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+        pub(super) struct $name { $(pub(super) $field: $kind),* }
+
+        #[cfg(test)]
+        impl $name {
+            const TWIN: &str = $twin;
+            const FIELDS: &[(&str, usize)] =
+                &[$((stringify!($field), std::mem::offset_of!($name, $field))),*];
+        }
+    };
+}
+
+shared! {
+    /// [`ViewConstants`] in f32, for the passes over Gaussians.
+    ViewUniform = "View" {
+        row0: [f32; 4],
+        row1: [f32; 4],
+        row2: [f32; 4],
+        row2_rest: [f32; 4],
+        focal: [f32; 2],
+        center: [f32; 2],
+        bounds: [[f32; 2]; 2],
+        size: [f32; 2],
+        eps2d: f32,
+        near: f32,
+        far: f32,
+        count: u32,
+        zero: u32,
+        padding: u32,
+    }
+}
+
+impl ViewUniform {
+    /// `count` is the number of Gaussians in the scene.
+    pub(super) fn new(view: &ViewConstants, count: u32) -> Self {
+        let row = |i: usize| {
+            let [x, y, z] = view.linear[i];
+            [x, y, z, view.offset[i]]
+        };
+        let narrow = |row: [f64; 4]| row.map(|v| v as f32);
+        Self {
+            row0: narrow(row(0)),
+            row1: narrow(row(1)),
+            row2: narrow(row(2)),
+            row2_rest: narrow(row(2).map(|v| v - f64::from(v as f32))),
+            focal: view.focal.map(|v| v as f32),
+            center: view.center.map(|v| v as f32),
+            bounds: view.bounds.map(|axis| axis.map(|v| v as f32)),
+            size: view.size.map(|v| v as f32),
+            eps2d: view.eps2d as f32,
+            near: view.near,
+            far: view.far,
+            count,
+            zero: 0,
+            padding: 0,
+        }
+    }
+}
+
+shared! {
+    /// A [`SubFrame`], for the passes over its tiles.
+    FrameUniform = "Frame" {
+        first: [u32; 2],
+        tiles: [u32; 2],
+        count: u32,
+        pairs: u32,
+        shift: u32,
+        padding: u32,
+    }
+}
+
+impl FrameUniform {
+    /// `count` is the number of Gaussians in the scene, `pairs` that of pairs in the sub-frame.
+    pub(super) fn new(part: SubFrame, count: u32, pairs: u32) -> Self {
+        Self {
+            first: part.first.into(),
+            tiles: part.tiles.into(),
+            count,
+            pairs,
+            shift: part.side.trailing_zeros(),
+            padding: 0,
+        }
+    }
+}
+
+shared! {
+    ScanParams = "ScanParams" {
+        count: u32,
+        padding_0: u32,
+        padding_1: u32,
+        padding_2: u32,
+    }
+}
+
+shared! {
+    RadixParams = "RadixParams" {
+        count: u32,
+        shift: u32,
+        blocks: u32,
+        identity: u32,
+    }
+}
+
+/// How many Gaussians `project` dropped: the order of the reasons in `project.wgsl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(super) struct DroppedCounts {
+    not_finite: u32,
+    zero_quaternion: u32,
+    near: u32,
+    far: u32,
+    degenerate: u32,
+    transparent: u32,
+    outside: u32,
+    padding: u32,
+}
+
+impl From<DroppedCounts> for Dropped {
+    fn from(counts: DroppedCounts) -> Self {
+        Self {
+            not_finite: counts.not_finite.into(),
+            zero_quaternion: counts.zero_quaternion.into(),
+            near: counts.near.into(),
+            far: counts.far.into(),
+            degenerate: counts.degenerate.into(),
+            transparent: counts.transparent.into(),
+            outside: counts.outside.into(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::passes::SOURCES;
+    use super::*;
+    use wgpu::naga::{TypeInner, front::wgsl};
+
+    #[test]
+    fn fields_and_offsets_are_those_of_the_shaders() {
+        let all = [
+            (ViewUniform::TWIN, ViewUniform::FIELDS),
+            (FrameUniform::TWIN, FrameUniform::FIELDS),
+            (ScanParams::TWIN, ScanParams::FIELDS),
+            (RadixParams::TWIN, RadixParams::FIELDS),
+        ];
+        for (twin, fields) in all {
+            let mut seen = 0;
+            for (file, source) in SOURCES {
+                let module = wgsl::parse_str(source).unwrap();
+                for (_, found) in module.types.iter() {
+                    let TypeInner::Struct { members, .. } = &found.inner else {
+                        continue;
+                    };
+                    if found.name.as_deref() == Some(twin) {
+                        let members = members.iter();
+                        let members = members.map(|m| (m.name.as_deref().unwrap(), m.offset));
+                        let expected = fields.iter().map(|(name, at)| (*name, *at as u32));
+                        assert!(members.eq(expected), "{twin} in {file}");
+                        seen += 1;
+                    }
+                }
+            }
+            assert!(seen > 0, "{twin}");
+        }
+    }
+}
