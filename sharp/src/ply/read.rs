@@ -1,10 +1,10 @@
 //! Tables to a scene.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::file::{Table, tables};
-use super::header::Header;
-use super::{ColorSpace, GaussianScene, PlyError, PlyReason, SH_CONSTANT};
+use super::table::{Body, Element, Header, TableError};
+use super::{ColorSpace, GaussianScene, PlyError, PlyReason, SH_CONSTANT, VERTEX};
 use crate::camera::Intrinsics;
 use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
@@ -38,41 +38,51 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<GaussianScene, PlyError
 /// # Errors
 /// [`PlyReason`].
 pub fn from_bytes(bytes: &[u8], options: ReadOptions) -> Result<GaussianScene, PlyReason> {
-    let header = Header::parse(bytes)?;
-    let tables = tables(bytes, &header, |element, property| match element {
-        "vertex" => VERTEX.contains(&property),
-        _ => EXTRA.contains(&element) && element == property,
-    })?;
-    let color_space = color_space(&header, &tables)?.unwrap_or(options.default_color_space);
-    let vertices = tables
-        .iter()
-        .find(|t| t.element.name == "vertex")
-        .ok_or_else(|| PlyReason::Missing("itself".into()))?;
-    let ignored = |name: &str| name.starts_with("f_rest_");
+    let (header, mut body) = Header::parse(bytes)?;
+    let mut vertices = None;
+    let mut extras = Extras::new();
+    for element in &header.elements {
+        if element.name == "vertex" && vertices.is_none() {
+            vertices = Some(gaussians(&mut body, element)?);
+            continue;
+        }
+        let mut values = Vec::new();
+        let wanted = EXTRAS
+            .contains(&element.name.as_str())
+            .then(|| element.number(&element.name))
+            .flatten();
+        body.rows::<TableError>(element, |row| {
+            values.extend(wanted.map(|index| row.number(index)));
+            Ok(())
+        })?;
+        if wanted.is_some() {
+            extras.entry(&element.name).or_insert(values);
+        }
+    }
+    let (mut gaussians, ignored_color_coefficients) = vertices.ok_or(PlyReason::NoVertices)?;
+    let color_space = color_space(&header, &extras)?.unwrap_or(options.default_color_space);
+    // The element that says how colours are encoded follows them.
+    for color in gaussians.colors.as_flattened_mut() {
+        let stored = *color * SH_CONSTANT + 0.5;
+        *color = match color_space {
+            ColorSpace::Srgb => linear_from_srgb(stored),
+            ColorSpace::Linear => stored,
+        };
+    }
     Ok(GaussianScene {
-        gaussians: gaussians(vertices, color_space)?,
-        intrinsics: intrinsics(&tables)?,
-        extrinsics: extrinsics(&tables)?,
+        gaussians,
+        intrinsics: intrinsics(&extras)?,
+        extrinsics: extrinsics(&extras)?,
         color_space,
-        version: extra(&tables, "version")
+        version: extra(&extras, "version")
             .and_then(|v| <[f64; 3]>::try_from(v).ok())
             .map(|v| v.map(|x| x as u8)),
-        ignored_color_coefficients: vertices
-            .element
-            .properties
-            .iter()
-            .filter(|p| ignored(&p.name))
-            .count(),
+        ignored_color_coefficients,
     })
 }
 
-const VERTEX: [&str; 14] = [
-    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-    "rot_0", "rot_1", "rot_2", "rot_3",
-];
-
-/// Elements with one property of the same name.
-const EXTRA: [&str; 5] = [
+/// Elements of the release that are read besides the vertices, each with one property of its name.
+const EXTRAS: [&str; 5] = [
     "extrinsic",
     "intrinsic",
     "image_size",
@@ -80,57 +90,41 @@ const EXTRA: [&str; 5] = [
     "version",
 ];
 
-fn gaussians(vertices: &Table, color_space: ColorSpace) -> Result<Gaussians, PlyReason> {
-    let column = |name: &str| {
-        vertices
-            .element
-            .column(name)
-            .map(|index| vertices.columns[index].as_slice())
-    };
-    let missing: Vec<&str> = VERTEX.into_iter().filter(|n| column(n).is_none()).collect();
+type Extras<'a> = BTreeMap<&'a str, Vec<f64>>;
+
+fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
+    extras.get(name).map(Vec::as_slice)
+}
+
+/// Gaussians whose colours are still coefficients, and the number of coefficients passed over.
+fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<(Gaussians, usize), PlyReason> {
+    let columns = VERTEX.map(|name| element.number(name));
+    let missing = VERTEX.into_iter().zip(columns).filter(|(_, c)| c.is_none());
+    let missing: Vec<_> = missing.map(|(name, _)| name).collect();
     if !missing.is_empty() {
-        return Err(PlyReason::Missing(missing.join(", ")));
+        return Err(PlyReason::Missing(missing));
     }
-    let c = VERTEX.map(|name| column(name).unwrap_or_default());
-    let rows = 0..vertices.element.count;
-    let rgb = |coefficient: f64| {
-        let stored = coefficient as f32 * SH_CONSTANT + 0.5;
-        match color_space {
-            ColorSpace::Srgb => linear_from_srgb(stored),
-            ColorSpace::Linear => stored,
-        }
-    };
-    Ok(Gaussians {
-        means: rows
-            .clone()
-            .map(|k| [0, 1, 2].map(|i| c[i][k] as f32))
-            .collect(),
-        colors: rows
-            .clone()
-            .map(|k| [3, 4, 5].map(|i| rgb(c[i][k])))
-            .collect(),
-        opacities: rows
-            .clone()
-            .map(|k| (1.0 / (1.0 + (-c[6][k]).exp())) as f32)
-            .collect(),
-        scales: rows
-            .clone()
-            .map(|k| [7, 8, 9].map(|i| c[i][k].exp() as f32))
-            .collect(),
-        quaternions: rows
-            .map(|k| [10, 11, 12, 13].map(|i| c[i][k] as f32))
-            .collect(),
-    })
+    let columns = columns.map(Option::unwrap_or_default);
+    let mut out = Gaussians::default();
+    body.rows::<TableError>(element, |row| {
+        let c = columns.map(|index| row.number(index));
+        out.means.push([c[0], c[1], c[2]].map(|v| v as f32));
+        out.colors.push([c[3], c[4], c[5]].map(|v| v as f32));
+        out.opacities.push((1.0 / (1.0 + (-c[6]).exp())) as f32);
+        out.scales.push([c[7], c[8], c[9]].map(|v| v.exp() as f32));
+        out.quaternions
+            .push([c[10], c[11], c[12], c[13]].map(|v| v as f32));
+        Ok(())
+    })?;
+    let ignored = element
+        .properties
+        .iter()
+        .filter(|p| p.name.starts_with("f_rest_"));
+    Ok((out, ignored.count()))
 }
 
-fn extra<'a>(tables: &'a [Table], name: &str) -> Option<&'a [f64]> {
-    let table = tables.iter().find(|t| t.element.name == name)?;
-    let index = table.element.column(name)?;
-    Some(&table.columns[index])
-}
-
-fn color_space(header: &Header, tables: &[Table]) -> Result<Option<ColorSpace>, PlyReason> {
-    match extra(tables, "color_space") {
+fn color_space(header: &Header, extras: &Extras<'_>) -> Result<Option<ColorSpace>, PlyReason> {
+    match extra(extras, "color_space") {
         Some([0.0]) => Ok(Some(ColorSpace::Srgb)),
         Some([1.0]) => Ok(Some(ColorSpace::Linear)),
         Some(other) => Err(PlyReason::Extra {
@@ -151,15 +145,15 @@ fn color_space(header: &Header, tables: &[Table]) -> Result<Option<ColorSpace>, 
     }
 }
 
-fn intrinsics(tables: &[Table]) -> Result<Option<Intrinsics>, PlyReason> {
-    let Some(values) = extra(tables, "intrinsic") else {
+fn intrinsics(extras: &Extras<'_>) -> Result<Option<Intrinsics>, PlyReason> {
+    let Some(values) = extra(extras, "intrinsic") else {
         return Ok(None);
     };
     let (focal, center, size) = match *values {
         // Legacy: no principal point, so the middle of the image.
         [fx, fy, width, height] => ((fx, fy), (width / 2.0, height / 2.0), [width, height]),
         [fx, _, cx, _, fy, cy, _, _, _] => {
-            let size = match extra(tables, "image_size") {
+            let size = match extra(extras, "image_size") {
                 Some(&[width, height]) => [width, height],
                 Some(other) => {
                     return Err(PlyReason::Extra {
@@ -184,8 +178,8 @@ fn intrinsics(tables: &[Table]) -> Result<Option<Intrinsics>, PlyReason> {
     Ok(Some(Intrinsics::new(focal, center, (width, height))?))
 }
 
-fn extrinsics(tables: &[Table]) -> Result<Option<[f32; 16]>, PlyReason> {
-    let Some(values) = extra(tables, "extrinsic") else {
+fn extrinsics(extras: &Extras<'_>) -> Result<Option<[f32; 16]>, PlyReason> {
+    let Some(values) = extra(extras, "extrinsic") else {
         return Ok(None);
     };
     let mut matrix = [0.0; 16];

@@ -1,6 +1,6 @@
 //! A scene to bytes.
 
-use super::{GaussianScene, SH_CONSTANT};
+use super::{GaussianScene, SH_CONSTANT, VERTEX};
 use crate::color::srgb_from_linear;
 
 /// Which elements a written file has.
@@ -54,10 +54,7 @@ fn header(n: usize, form: PlyForm) -> String {
         text += &format!("comment {SRGB_COMMENT}\n");
     }
     text += &format!("element vertex {n}\n");
-    for name in [
-        "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
-        "rot_0", "rot_1", "rot_2", "rot_3",
-    ] {
+    for name in VERTEX {
         text += &format!("property float {name}\n");
     }
     if form == PlyForm::Release {

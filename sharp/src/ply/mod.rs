@@ -1,24 +1,31 @@
 //! Gaussian scenes as PLY files: the SHARP release's own form, the plain form that third-party
-//! viewers read, and a reader for both and for other programs' files.
+//! viewers read, and a reader for both and for other programs' files. [`table`] reads PLY files of
+//! any kind.
 //!
 //! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the
 //! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`.
 
-mod file;
-mod header;
 mod read;
+pub mod table;
 mod write;
 
 use std::path::{Path, PathBuf};
 
 use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
+use table::TableError;
 
 pub use read::{ReadOptions, from_bytes, load};
 pub use write::{PlyForm, to_bytes};
 
 /// √(1 / 4π), the value of the constant spherical harmonic.
 const SH_CONSTANT: f32 = 0.282_094_79;
+
+/// Properties of a vertex, in the order in which they are written.
+const VERTEX: [&str; 14] = [
+    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
+    "rot_0", "rot_1", "rot_2", "rot_3",
+];
 
 /// Encoding of colours in a file; in memory they are always linear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -87,9 +94,7 @@ impl GaussianScene {
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct PlyError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
     #[source]
     pub reason: PlyReason,
 }
@@ -106,50 +111,18 @@ impl PlyError {
 /// What can be wrong with a PLY file.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyReason {
-    /// The operating system refused.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// The first line is not `ply`.
-    #[error("not a PLY file")]
-    NotPly,
-    /// A header line that is not understood.
-    #[error("header line {line}: {what}")]
-    Header {
-        /// Counted from 1.
-        line: usize,
-        /// What is wrong.
-        what: String,
-    },
-    /// The header names more data than the file holds.
-    #[error("element `{element}` wants {count} rows, the file ends before")]
-    Truncated {
-        /// Element.
-        element: String,
-        /// Rows according to the header.
-        count: usize,
-    },
-    /// A word of an ASCII file that is not a number.
-    #[error("element `{element}`, row {row}: `{word}` is not a number")]
-    NotANumber {
-        /// Element.
-        element: String,
-        /// Counted from 0.
-        row: usize,
-        /// The word, shortened.
-        word: String,
-    },
-    /// The file is a PLY, but not of Gaussians.
-    #[error("no Gaussians: element `vertex` lacks {0}")]
-    Missing(String),
-    /// An extra element that does not have the size or values it should.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    #[error("no Gaussians: there is no element `vertex`")]
+    NoVertices,
+    /// The vertices are not Gaussians: these properties are missing.
+    #[error("no Gaussians: element `vertex` has no {}", .0.join(", "))]
+    Missing(Vec<&'static str>),
+    /// An extra element of the release with the wrong number of values or an unknown code.
     #[error("element `{element}`: {what}")]
-    Extra {
-        /// Element.
-        element: &'static str,
-        /// What is wrong.
-        what: String,
-    },
-    /// A stored camera that is no camera.
+    Extra { element: &'static str, what: String },
     #[error("stored camera: {0}")]
     Camera(#[from] CameraError),
 }
