@@ -177,7 +177,7 @@ pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec
             }
         });
         open.push(OpenDataset {
-            settings: format!("{} {:?}", spec.format, spec.settings),
+            settings: format!("{} {:?}", spec.entry.format, spec.settings),
             readings: readings.collect(),
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
             name: spec.name,
@@ -223,9 +223,9 @@ fn matches(pattern: &str, text: &str) -> bool {
 /// The formats of `--dataset` with their settings, for `--help`.
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
-    for format in sharp_datasets::catalog::formats() {
-        text += &format!("  {:<18} {}\n", format.name, format.summary);
-        for setting in format.settings {
+    for entry in sharp_datasets::entry::ENTRIES {
+        text += &format!("  {:<18} {}: {}\n", entry.format, entry.title, entry.layout);
+        for setting in entry.settings {
             text += &format!(
                 "    {}={}  {}\n",
                 setting.key, setting.default, setting.meaning

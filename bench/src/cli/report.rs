@@ -17,7 +17,7 @@ use crate::counted::counted;
 use crate::methods::{KINDS, MethodSpec};
 use crate::pictures::read_rgb8;
 use crate::protocol::PairOptions;
-use crate::protocol::options::paper::{PROXY, PaperOverlap};
+use crate::protocol::options::paper::PROXY;
 use crate::record::Record;
 use crate::report::scores::merged;
 use crate::report::{
@@ -219,7 +219,7 @@ fn input<'a>(
                 // A name is anyone's choice; the format says whose pictures they are.
                 published_as: DatasetSpec::parse(&facts.spec)
                     .ok()
-                    .map(|spec| spec.format.to_owned()),
+                    .map(|spec| spec.entry.format.to_owned()),
                 proxies: proxies(manifest, facts, selected(manifest, facts, records)),
                 common_region: manifest.scoring.contains_key("region"),
                 ..Dataset::named(&facts.name)
@@ -273,7 +273,7 @@ fn proxies(manifest: &Manifest, facts: &DatasetFacts, selected: usize) -> Vec<St
         .filter(|(_, _, proxy)| *proxy)
         .map(|(key, value, _)| format!("{key}={value}"));
     let pairs = PairOptions::of_facts(&manifest.pairs.options);
-    let kind = PaperOverlap::of_format(spec.format);
+    let kind = spec.entry.paper_overlap;
     let pairs = pairs.map_or_else(Vec::new, |options| options.proxies_on(kind, selected));
     readings.chain(pairs).collect()
 }

@@ -64,7 +64,6 @@ impl<'a> Loaded<'a> {
 /// What became of one view's depth values in another view.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Carried {
-    /// How many were carried.
     pub(super) samples: usize,
     /// The other view's depth over the one carried there, where it has any.
     ratios: Vec<f64>,

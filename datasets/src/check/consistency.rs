@@ -30,7 +30,6 @@ pub struct Fit {
     /// Root mean square difference of the colours of the values that land inside the other picture and meet no other
     /// depth there, 8-bit levels; `None` if none does.
     pub colour_levels: Option<f64>,
-    /// How many colours were compared.
     pub colours: usize,
 }
 
@@ -183,7 +182,7 @@ impl Sum {
 mod tests {
     use super::*;
     use crate::check::convention::flip;
-    use crate::needed::Role;
+    use crate::required_files::FileRole;
     use crate::synthetic::{SyntheticOptions, SyntheticScene};
     use crate::{DatasetError, DepthMap, ViewContent};
     use glam::{DMat3, DVec3};
@@ -303,7 +302,7 @@ mod tests {
             None
         }
 
-        fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+        fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
             Vec::new()
         }
 

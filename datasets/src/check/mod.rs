@@ -14,9 +14,8 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::catalog;
-use crate::spec::DatasetSpec;
-use crate::{DatasetError, Scene, View, processing};
+use crate::spec::open_each;
+use crate::{DatasetError, DatasetSpec, Scene, View, processing};
 use consistency::Consistency;
 
 /// How thoroughly to look.
@@ -38,7 +37,6 @@ impl Default for CheckOptions {
 /// What was found in a dataset.
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
-    /// As asked for.
     pub dataset: String,
     /// The settings in force, and whether each is known to differ from what the paper did.
     pub readings: Vec<Reading>,
@@ -53,9 +51,7 @@ pub struct DatasetReport {
 /// One setting in force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Reading {
-    /// The setting.
     pub key: String,
-    /// Its value.
     pub value: String,
     /// True where it is known to differ from what the paper did.
     pub proxy: bool,
@@ -64,11 +60,8 @@ pub struct Reading {
 /// What was found in a scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneReport {
-    /// The scene.
     pub id: String,
-    /// Number of its views.
     pub views: usize,
-    /// Number of views that were decoded.
     pub decoded: usize,
     /// Sizes of the pictures, `WIDTHxHEIGHT`, in order.
     pub sizes: Vec<String>,
@@ -94,7 +87,7 @@ pub fn check(
     options: &CheckOptions,
     done: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<DatasetReport, DatasetError> {
-    let attempts = catalog::open_each(spec)?;
+    let attempts = open_each(spec)?;
     let total = attempts.len();
     let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
     for (i, attempt) in attempts.into_iter().enumerate() {

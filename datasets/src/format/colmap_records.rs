@@ -3,14 +3,13 @@
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;
 
-use crate::lens::Lens;
+use super::FormatError;
+use crate::lens::{Lens, LensError};
 
 /// A camera as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// COLMAP's name of the model.
     pub model: String,
-    /// Width and height, pixels.
     pub size: (u32, u32),
     /// In COLMAP's order.
     pub params: Vec<f64>,
@@ -20,8 +19,8 @@ impl Camera {
     /// The camera with its lens; pixel centres are ours.
     ///
     /// # Errors
-    /// The reason: an unsupported model, or parameters that are no camera's.
-    pub fn lens(&self) -> Result<Lens, String> {
+    /// As [`Lens::from_colmap`].
+    pub fn lens(&self) -> Result<Lens, LensError> {
         Lens::from_colmap(&self.model, self.size, &self.params)
     }
 }
@@ -29,9 +28,7 @@ impl Camera {
 /// An image as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
-    /// COLMAP's id.
     pub id: u32,
-    /// Id of its camera.
     pub camera_id: u32,
     /// Relative to the folder of the pictures; may hold `/` and blanks.
     pub name: String,
@@ -42,7 +39,6 @@ pub struct Image {
 /// A triangulated point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
-    /// World position.
     pub position: DVec3,
     /// Ids of the images that see it.
     pub seen_by: Vec<u32>,
@@ -60,9 +56,9 @@ pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransfo
 }
 
 /// Refuses a size that is no picture's.
-pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), String> {
+pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), FormatError> {
     let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     side(width)
         .zip(side(height))
-        .ok_or_else(|| format!("a camera is {width}x{height} pixels"))
+        .ok_or_else(|| invalid!("a camera is {width}x{height} pixels"))
 }

@@ -5,13 +5,14 @@ use std::str::FromStr;
 
 use glam::DVec3;
 
+use super::FormatError;
 use super::colmap_records::{Camera, Image, Point, pose, size};
 
 /// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
+pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
         let mut line = Line::new(number, line);
@@ -30,7 +31,7 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn images(text: &str) -> Result<Vec<Image>, String> {
+pub fn images(text: &str) -> Result<Vec<Image>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
@@ -47,7 +48,7 @@ pub fn images(text: &str) -> Result<Vec<Image>, String> {
         let camera_id = line.next("camera id")?;
         let name = line.remainder();
         if name.is_empty() {
-            return Err(format!("line {}: the image has no name", number + 1));
+            return Err(invalid!("line {}: the image has no name", number + 1));
         }
         images.push(Image {
             id,
@@ -65,7 +66,7 @@ pub fn images(text: &str) -> Result<Vec<Image>, String> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn points(text: &str) -> Result<Vec<Point>, String> {
+pub fn points(text: &str) -> Result<Vec<Point>, FormatError> {
     records(text)
         .map(|(number, line)| {
             let mut line = Line::new(number, line);
@@ -107,24 +108,24 @@ impl<'a> Line<'a> {
         Self { number, rest: text }
     }
 
-    fn word(&mut self, what: &str) -> Result<&'a str, String> {
+    fn word(&mut self, what: &str) -> Result<&'a str, FormatError> {
         let rest = self.rest.trim_start();
         let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
         let (word, rest) = rest.split_at(end);
         self.rest = rest;
         if word.is_empty() {
-            return Err(format!("line {}: no {what}", self.number + 1));
+            return Err(invalid!("line {}: no {what}", self.number + 1));
         }
         Ok(word)
     }
 
-    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, FormatError> {
         let word = self.word(what)?;
         word.parse()
-            .map_err(|_| format!("line {}: {what} is '{word}'", self.number + 1))
+            .map_err(|_| invalid!("line {}: {what} is '{word}'", self.number + 1))
     }
 
-    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, String> {
+    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, FormatError> {
         let mut values = Vec::new();
         while !self.rest.trim().is_empty() {
             values.push(self.next(what)?);
@@ -162,7 +163,7 @@ mod tests {
             ),
             (points("1 2 3").unwrap_err(), "no coordinate"),
         ] {
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

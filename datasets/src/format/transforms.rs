@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde_json::{Map, Value};
 use sharp::camera::{CameraError, RigidTransform};
 
-use super::lenient_json;
+use super::{FormatError, lenient_json};
 use crate::lens::{Distortion, Lens};
 use crate::{DatasetError, files};
 
@@ -21,9 +21,6 @@ pub struct Transforms {
     pub test_frames: Vec<Frame>,
     /// `applied_scale`: what translations were multiplied by; 1 when absent.
     pub applied_scale: f64,
-    /// `applied_transform`, row by row, when it is there: the change of world axes that the
-    /// poses went through.
-    pub applied_transform: Option<[f64; 12]>,
 }
 
 /// One picture.
@@ -31,9 +28,7 @@ pub struct Transforms {
 pub struct Frame {
     /// As written; may begin with `./` and lack its extension.
     pub file_path: String,
-    /// As written.
     pub depth_file_path: Option<String>,
-    /// As written.
     pub mask_path: Option<String>,
     /// ScanNet++: the pose is unreliable.
     pub is_bad: bool,
@@ -80,14 +75,11 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
 /// A pose that is not finite or not rigid is no error here: it stays in its frame.
 pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
-    parse(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse_text(path, parse)
 }
 
-/// As [`read`], from text; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(text: &str) -> Result<Transforms, String> {
+/// As [`read`], from text, and with the same errors.
+pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
         .as_object()
@@ -101,7 +93,7 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
     let read = |list: &[Value]| {
         list.iter()
             .enumerate()
-            .map(|(i, frame)| frame_of(frame, &shared).map_err(|e| format!("frame {i}: {e}")))
+            .map(|(i, frame)| frame_of(frame, &shared).map_err(|e| invalid!("frame {i}: {e}")))
             .collect::<Result<Vec<_>, _>>()
     };
     let applied_scale = match top.get("applied_scale") {
@@ -109,24 +101,16 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
         Some(value) => value
             .as_f64()
             .filter(|s| *s > 0.0)
-            .ok_or_else(|| format!("applied_scale is {value}"))?,
-    };
-    let applied_transform = match top.get("applied_transform") {
-        None | Some(Value::Null) => None,
-        Some(value) => {
-            let rows = matrix(value).ok_or("applied_transform is no 3x4 matrix")?;
-            rows[..12].try_into().ok()
-        }
+            .ok_or_else(|| invalid!("applied_scale is {value}"))?,
     };
     Ok(Transforms {
         frames: read(frames)?,
         test_frames: read(test_frames.map_or(&[], Vec::as_slice))?,
         applied_scale,
-        applied_transform,
     })
 }
 
-fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, String> {
+fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, FormatError> {
     let object = value.as_object().ok_or("is not an object")?;
     let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
     let file_path = text("file_path").ok_or("has no 'file_path'")?;
@@ -198,12 +182,12 @@ impl RawIntrinsics {
         Self { numbers }
     }
 
-    fn number(&self, key: &str) -> Result<Option<f64>, String> {
+    fn number(&self, key: &str) -> Result<Option<f64>, FormatError> {
         match self.numbers.get(key) {
             None => Ok(None),
             Some(value) => match value.as_f64() {
                 Some(number) => Ok(Some(number)),
-                None => Err(format!("'{key}' is {value}, not a number")),
+                None => Err(invalid!("'{key}' is {value}, not a number")),
             },
         }
     }
@@ -219,13 +203,13 @@ impl Frame {
     ///
     /// # Errors
     /// The reason, when they are no numbers of pixels (whole numbers may be written as floats).
-    pub fn size(&self) -> Result<Option<(u32, u32)>, String> {
+    pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),
             Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) && n.fract() == 0.0 => {
                 Ok(Some(n as u32))
             }
-            Some(n) => Err(format!("'{key}' is {n}, not a number of pixels")),
+            Some(n) => Err(invalid!("'{key}' is {n}, not a number of pixels")),
         };
         Ok(side("w")?.zip(side("h")?))
     }
@@ -234,10 +218,10 @@ impl Frame {
     ///
     /// # Errors
     /// The reason: no focal length, an unknown camera model, degenerate intrinsics.
-    pub fn lens(&self, size: (u32, u32)) -> Result<Lens, String> {
+    pub fn lens(&self, size: (u32, u32)) -> Result<Lens, FormatError> {
         let raw = &self.intrinsics;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
-        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, String> {
+        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, FormatError> {
             Ok(raw
                 .number(key)?
                 .map(|angle| 0.5 * side / (0.5 * angle).tan()))
@@ -256,11 +240,11 @@ impl Frame {
             raw.number("cx")?.unwrap_or(w / 2.0),
             raw.number("cy")?.unwrap_or(h / 2.0),
         );
-        Lens::new((fx, fy), center, size, self.distortion()?).map_err(|e| e.to_string())
+        Lens::new((fx, fy), center, size, self.distortion()?).map_err(|e| invalid!("{e}"))
     }
 
-    fn distortion(&self) -> Result<Distortion, String> {
-        let k = |key: &str| Ok::<f64, String>(self.intrinsics.number(key)?.unwrap_or(0.0));
+    fn distortion(&self) -> Result<Distortion, FormatError> {
+        let k = |key: &str| Ok::<f64, FormatError>(self.intrinsics.number(key)?.unwrap_or(0.0));
         let [k1, k2, k3, k4] = [k("k1")?, k("k2")?, k("k3")?, k("k4")?];
         let p = [k("p1")?, k("p2")?];
         let fisheye = self.intrinsics.numbers.get("is_fisheye") == Some(&Value::Bool(true));
@@ -291,7 +275,7 @@ impl Frame {
             "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
                 k: [k1, k2, k3, k4],
             },
-            other => return Err(format!("camera model '{other}' is not supported")),
+            other => return Err(invalid!("camera model '{other}' is not supported")),
         };
         let all = [k1, k2, k3, k4, p[0], p[1]];
         if all.iter().all(|v| v.is_finite()) {
@@ -435,7 +419,7 @@ mod tests {
             ),
         ] {
             let error = parse(text).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

@@ -40,7 +40,6 @@ pub(super) struct Hit {
 }
 
 impl World {
-    /// Places and paints everything.
     pub(super) fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
         let mut world = Self {

@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 use sharp_datasets::DatasetSpec;
-use sharp_datasets::catalog::formats;
 
 use super::super::data_args::{self, OpenDataset};
 use super::super::{Outcome, output};
@@ -91,9 +90,8 @@ pub(super) fn readings(
     let mut readings = Vec::new();
     for dataset in datasets {
         let spec = DatasetSpec::parse(&dataset.spec)?;
-        let format = formats().iter().find(|format| format.name == spec.format);
-        let settings = format.map_or(&[][..], |format| format.settings);
-        let of_paper = settings.iter().filter(|s| !NO_READINGS.contains(&s.key));
+        let settings = spec.entry.settings.iter();
+        let of_paper = settings.filter(|s| !NO_READINGS.contains(&s.key));
         for setting in of_paper {
             let others = setting.choices.iter().map(|choice| choice.value);
             for value in others.filter(|value| *value != spec.setting(setting.key)) {
@@ -104,7 +102,7 @@ pub(super) fn readings(
                 readings.push(Reading {
                     dataset: dataset.name.clone(),
                     change: format!("{}={value}", setting.key),
-                    settings: format!("{} {:?}", other.format, other.settings),
+                    settings: format!("{} {:?}", other.entry.format, other.settings),
                     scenes: match opened {
                         Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
                         Err(error) => Err(error.to_string()),

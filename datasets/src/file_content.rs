@@ -9,23 +9,20 @@ use crate::camera_size::check_size;
 use crate::depth::DepthSource;
 use crate::format::picture;
 use crate::mask::Mask;
-use crate::needed::Role;
 use crate::processing::{Processing, Undistorted};
+use crate::required_files::FileRole;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
 /// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
 #[derive(Debug)]
 pub(crate) struct FileContent {
-    /// The photograph.
     pub(crate) image: PathBuf,
     /// Its size as stored, according to the camera.
     pub(crate) size: (u32, u32),
-    /// Pixels to black out.
     pub(crate) mask: Option<Mask>,
     /// From the lens to the pinhole camera of the view.
     pub(crate) undistortion: Option<Undistortion>,
-    /// Depth, where the dataset has it.
     pub(crate) depth: Option<Arc<dyn DepthSource>>,
     /// The files that the camera was read from.
     pub(crate) cameras: Vec<PathBuf>,
@@ -72,13 +69,17 @@ impl ViewContent for FileContent {
         Some(&self.image)
     }
 
-    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
         let mask = self.mask.iter().map(|mask| mask.file.clone());
         let depth = self.depth.iter().flat_map(|depth| depth.files());
-        let mut files = vec![(Role::Picture, self.image.clone())];
-        files.extend(self.cameras.iter().map(|file| (Role::Camera, file.clone())));
-        files.extend(mask.map(|file| (Role::Mask, file)));
-        files.extend(depth.map(|file| (Role::Depth, file)));
+        let mut files = vec![(FileRole::Picture, self.image.clone())];
+        files.extend(
+            self.cameras
+                .iter()
+                .map(|file| (FileRole::Camera, file.clone())),
+        );
+        files.extend(mask.map(|file| (FileRole::Mask, file)));
+        files.extend(depth.map(|file| (FileRole::Depth, file)));
         files.sort();
         files.dedup();
         files

@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{self, Root};
-use crate::posed::is_picture_extension;
-use crate::skipped::first_few;
+use crate::left_out::first_few;
+use crate::scene_builder::is_picture_extension;
 
 /// Lower-case stems of a folder's files, and the files that have them, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
 
 /// Finds the files that one list names. Each folder is listed once.
 #[derive(Debug)]
-pub(crate) struct Finder<'a> {
+pub(crate) struct FileFinder<'a> {
     root: &'a Root,
     list: PathBuf,
     listed: BTreeMap<PathBuf, Stems>,
@@ -22,7 +22,7 @@ pub(crate) struct Finder<'a> {
     passed_over: BTreeMap<PathBuf, Vec<String>>,
 }
 
-impl<'a> Finder<'a> {
+impl<'a> FileFinder<'a> {
     /// `list` is the file that the names are from.
     pub(crate) fn new(root: &'a Root, list: &Path) -> Self {
         Self {
@@ -97,7 +97,7 @@ impl<'a> Finder<'a> {
     /// A picture: PNG, which is lossless, before JPEG.
     ///
     /// # Errors
-    /// See [`Finder::find`].
+    /// See [`FileFinder::find`].
     pub(crate) fn picture(
         &mut self,
         base: &Path,
@@ -109,7 +109,7 @@ impl<'a> Finder<'a> {
     /// A depth map of any kind.
     ///
     /// # Errors
-    /// See [`Finder::find`].
+    /// See [`FileFinder::find`].
     pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
     }
@@ -153,7 +153,7 @@ fn split(name: &str) -> (&str, &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::posed::frame_id;
+    use crate::scene_builder::frame_id;
 
     #[test]
     fn names_are_found_in_another_case_and_without_extension() {
@@ -162,7 +162,7 @@ mod tests {
         std::fs::write(folder.path().join("images/DSC_1.JPG"), "").unwrap();
         std::fs::write(folder.path().join("images/r_0.png"), "").unwrap();
         let root = Root::open(folder.path()).unwrap();
-        let mut finder = Finder::new(&root, Path::new("list.txt"));
+        let mut finder = FileFinder::new(&root, Path::new("list.txt"));
         for (name, found) in [
             ("images/DSC_1.JPG", Some("images/DSC_1.JPG")),
             ("./images/dsc_1.jpg", Some("images/DSC_1.JPG")),
@@ -208,7 +208,7 @@ mod tests {
             // A folder is no picture.
             ("e", "e.jpg", None),
         ] {
-            let mut finder = Finder::new(&root, Path::new("list.txt"));
+            let mut finder = FileFinder::new(&root, Path::new("list.txt"));
             let path = finder.picture(root.path(), name).unwrap();
             assert_eq!(path, Some(folder.path().join(found)), "{name}");
             let notes = finder.notes();

@@ -1,6 +1,6 @@
 //! Which pictures a scene has, and which block of its log belongs to which of them.
 //!
-//! A picture that lacks, or one too many, must not shift the poses of all that follow: pictures are
+//! A missing picture, or one too many, must not shift the poses of all that follow: pictures are
 //! matched by their numbers, and by their order only where every block has its picture.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::format::trajectory::Log;
-use crate::skipped::first_few;
+use crate::left_out::first_few;
+use crate::scene_builder::is_picture_extension;
 
 /// The pictures of a scene.
 #[derive(Debug)]
-pub(super) struct Pictures {
-    /// Where they are.
+pub(super) struct Photographs {
     pub(super) folder: PathBuf,
     /// In natural order; there is at least one.
     pub(super) files: Vec<PathBuf>,
@@ -22,7 +22,7 @@ pub(super) struct Pictures {
     pub(super) notes: Vec<String>,
 }
 
-impl Pictures {
+impl Photographs {
     /// Looks where pictures may be: `images/` and `<name>/` beside the log, beside the log itself,
     /// then `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. The first folder with
     /// as many pictures as there are blocks counts, else the first with any.
@@ -204,15 +204,15 @@ impl Pictures {
     }
 }
 
-/// Pictures by number, and those without one.
+/// Photographs by number, and those without one.
 type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
-/// Pictures by the blocks of a log.
+/// Photographs by the blocks of a log.
 #[derive(Debug, Default)]
 pub(super) struct ByBlock<'a> {
     /// By the blocks' indices.
     pub(super) files: BTreeMap<i64, &'a Path>,
-    /// Pictures that no block belongs to.
+    /// Photographs that no block belongs to.
     pub(super) left_over: Vec<&'a Path>,
     /// The number of block 0's picture, where numbers counted.
     pub(super) first_number: Option<i64>,
@@ -231,8 +231,8 @@ impl ByBlock<'_> {
 /// The pictures of a folder in natural order, by their extensions.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let is_picture = |name: &str| {
-        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
-        ["jpg", "jpeg", "png"].contains(&extension.to_ascii_lowercase().as_str())
+        let extension = name.rsplit_once('.');
+        extension.is_some_and(|(_, extension)| is_picture_extension(extension))
     };
     Ok(files::list(folder)?
         .into_iter()
@@ -245,8 +245,8 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 mod tests {
     use super::*;
 
-    fn pictures(names: &[&str]) -> Pictures {
-        Pictures {
+    fn pictures(names: &[&str]) -> Photographs {
+        Photographs {
             folder: PathBuf::from("images"),
             files: names.iter().map(PathBuf::from).collect(),
             notes: Vec::new(),
