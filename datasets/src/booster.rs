@@ -11,11 +11,11 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
-use crate::format::opencv_xml::{self, Node, Storage};
+use crate::format::opencv_xml::{self, FileStorage, Node};
 use crate::format::{FormatError, picture};
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::spec::SceneResults;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec};
@@ -38,27 +38,27 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "split",
             "which part, by the folder's name; a folder that is neither always counts",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "train",
                     "with ground truth: the paper's privileged depth needs it",
                 ),
-                Choice::proxy("test", "without ground truth"),
+                SettingChoice::proxy("test", "without ground truth"),
             ],
         ),
         Setting::choice(
             "set",
             "balanced or unbalanced cameras, by the folder's name",
             &[
-                Choice::new("balanced", "two cameras of the same kind"),
-                Choice::proxy("unbalanced", "the second camera is smaller"),
+                SettingChoice::new("balanced", "two cameras of the same kind"),
+                SettingChoice::proxy("unbalanced", "the second camera is smaller"),
             ],
         ),
         Setting::choice(
             "illuminations",
             "which pictures of a scene make pairs",
             &[
-                Choice::new("all", "every illumination: 228 pairs of the train set"),
-                Choice::new("first", "only the first: 38 pairs of the train set"),
+                SettingChoice::new("all", "every illumination: 228 pairs of the train set"),
+                SettingChoice::new("first", "only the first: 38 pairs of the train set"),
             ],
         ),
     ],
@@ -67,7 +67,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     archives: |_| vec!["booster_gt.zip".to_owned()],
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let calibration = RequiredFile::camera(photo.above("calib_00-02.xml"));
     let mut files = vec![calibration.or(photo.above("calib_00-01.xml"))];
     if photo.folder.ends_with("camera_00") {
@@ -166,7 +166,7 @@ struct BoosterRig {
 }
 
 impl BoosterRig {
-    fn parse(storage: &Storage) -> Result<Self, FormatError> {
+    fn parse(storage: &FileStorage) -> Result<Self, FormatError> {
         let left = camera(storage, "proj_matL", "mtxL")?;
         let right = camera(storage, "proj_matR", "mtxR")?;
         // The right camera's matrix holds −f·B in its fourth column.
@@ -230,7 +230,11 @@ impl BoosterRig {
 }
 
 /// fx, fy, cx, cy of the first matrix there is.
-fn camera(storage: &Storage, projection: &str, intrinsic: &str) -> Result<[f64; 4], FormatError> {
+fn camera(
+    storage: &FileStorage,
+    projection: &str,
+    intrinsic: &str,
+) -> Result<[f64; 4], FormatError> {
     for (name, columns) in [(projection, 4), (intrinsic, 3)] {
         if let Some(Node::Matrix {
             rows: 3,
@@ -253,7 +257,7 @@ fn camera(storage: &Storage, projection: &str, intrinsic: &str) -> Result<[f64; 
 mod tests {
     use super::*;
 
-    fn storage(baseline: &str, right_fourth: &str) -> Storage {
+    fn storage(baseline: &str, right_fourth: &str) -> FileStorage {
         let matrix = |name: &str, data: &str| {
             format!("<{name}><rows>3</rows><cols>4</cols><dt>d</dt><data>{data}</data></{name}>")
         };

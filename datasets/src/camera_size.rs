@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::entry::{Choice, Setting};
+use crate::entry::{Setting, SettingChoice};
 use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
@@ -13,8 +13,8 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
     &[
-        Choice::new("exact", "are an error"),
-        Choice::new(
+        SettingChoice::new("exact", "are an error"),
+        SettingChoice::new(
             "scaled",
             "have their camera scaled, where the ratio is the same in both axes; else are an error",
         ),
@@ -22,7 +22,7 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
 );
 
 /// Width and height, pixels.
-type Size = (u32, u32);
+type PixelSize = (u32, u32);
 
 /// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ pub(crate) struct CameraSizes {
     file: PathBuf,
     scale: bool,
     /// From the camera's size to the picture's, and how often.
-    scaled: BTreeMap<(Size, Size), usize>,
+    scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
 impl CameraSizes {
@@ -95,8 +95,12 @@ impl CameraSizes {
     }
 }
 
-/// Refuses a picture whose size is not its camera's, and says so where [`CAMERA_SIZE`] would help.
-pub(crate) fn check_size(path: &Path, found: Size, expected: Size) -> Result<(), DatasetError> {
+/// Refuses a picture whose size is not its camera's; the error mentions [`CAMERA_SIZE`] where it would help.
+pub(crate) fn check_size(
+    path: &Path,
+    found: PixelSize,
+    expected: PixelSize,
+) -> Result<(), DatasetError> {
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
             let hint = "the ratio is the same in both axes: camera-size=scaled scales the camera \
@@ -109,7 +113,7 @@ pub(crate) fn check_size(path: &Path, found: Size, expected: Size) -> Result<(),
 
 /// Whether one factor leads from one size to the other, where both of the new sides were rounded
 /// to whole pixels in the same way: down, or to the nearest.
-fn is_same_ratio(from: Size, to: Size) -> bool {
+fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
     let ([w, h], [v, u]) = (
         [from.0, from.1].map(i128::from),
         [to.0, to.1].map(i128::from),

@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{Encoding, Resampling};
-use crate::entry::{Choice, DatasetEntry, OUTSIDE, Setting};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
 use crate::files::Root;
 use crate::format::colmap;
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -37,15 +37,15 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "depth",
             "where depth comes from",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "folder",
                     "maps named as the pictures, in depth/, if it is there",
                 ),
-                Choice::new(
+                SettingChoice::new(
                     "points",
                     "the triangulated points that each picture sees: sparse",
                 ),
-                Choice::new("none", "nowhere"),
+                SettingChoice::new("none", "nowhere"),
             ],
         ),
         Setting::free(
@@ -71,7 +71,7 @@ const MODELS: [&str; 6] = [
     "",
 ];
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let file = |list: &str, extension: &str| photo.above(&format!("sparse/0/{list}.{extension}"));
     ["cameras", "images"]
         .map(|list| RequiredFile::camera(file(list, "bin")).or(file(list, "txt")))
@@ -127,7 +127,9 @@ fn read_scene(
         };
         let depth = match (&tracks, map) {
             (Some(tracks), _) => tracks.depth_of(image.id),
-            (None, Some(map)) => FrameDepth::Map(map, Encoding::Units(unit), Resampling::Nearest),
+            (None, Some(map)) => {
+                FrameDepth::Map(map, DepthEncoding::Units(unit), Resampling::Nearest)
+            }
             (None, None) => FrameDepth::None,
         };
         scene.add(PosedFrame {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::spec::SceneResults;
 use crate::{
     DatasetError, DatasetSpec, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
@@ -66,9 +66,9 @@ pub struct DatasetEntry {
     #[serde(skip)]
     pub(crate) open: fn(&DatasetSpec) -> Result<SceneResults, DatasetError>,
     #[serde(skip)]
-    pub(crate) required_files: fn(&Photograph<'_>) -> Vec<RequiredFile>,
+    pub(crate) required_files: fn(&PhotographPath<'_>) -> Vec<RequiredFile>,
     #[serde(skip)]
-    pub(crate) archives: fn(&Photograph<'_>) -> Vec<String>,
+    pub(crate) archives: fn(&PhotographPath<'_>) -> Vec<String>,
 }
 
 impl DatasetEntry {
@@ -96,7 +96,7 @@ impl DatasetEntry {
     /// Files that are named in other files (`transforms.json`) or found by their stem are known only
     /// once those are there: see [`of_view`](crate::required_files::of_view).
     pub fn required_files(&self, scene: &str, picture: &str) -> Vec<RequiredFile> {
-        let photograph = Photograph::new(scene, picture);
+        let photograph = PhotographPath::new(scene, picture);
         let mut files = vec![RequiredFile::picture(picture)];
         files.extend((self.required_files)(&photograph));
         files
@@ -104,7 +104,7 @@ impl DatasetEntry {
 
     /// The archives on the official page that hold a scene; empty where that is not known.
     pub fn archives(&self, scene: &str, picture: &str) -> Vec<String> {
-        (self.archives)(&Photograph::new(scene, picture))
+        (self.archives)(&PhotographPath::new(scene, picture))
     }
 }
 
@@ -129,14 +129,14 @@ pub struct Setting {
     #[serde(rename = "other_values")]
     pub any: bool,
     /// The values with a meaning of their own, the default first.
-    pub choices: &'static [Choice],
+    pub choices: &'static [SettingChoice],
 }
 
 impl Setting {
     pub(crate) const fn choice(
         key: &'static str,
         meaning: &'static str,
-        choices: &'static [Choice],
+        choices: &'static [SettingChoice],
     ) -> Self {
         Self {
             key,
@@ -151,7 +151,7 @@ impl Setting {
     pub(crate) const fn named(
         key: &'static str,
         meaning: &'static str,
-        choices: &'static [Choice],
+        choices: &'static [SettingChoice],
     ) -> Self {
         Self {
             any: true,
@@ -182,14 +182,14 @@ impl Setting {
 
 /// One value of a [`Setting`].
 #[derive(Debug, Serialize)]
-pub struct Choice {
+pub struct SettingChoice {
     pub value: &'static str,
     pub meaning: &'static str,
     /// True where it is known to differ from what the paper did: reports then say "proxy".
     pub proxy: bool,
 }
 
-impl Choice {
+impl SettingChoice {
     pub(crate) const fn new(value: &'static str, meaning: &'static str) -> Self {
         Self {
             value,
@@ -211,7 +211,7 @@ pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
     "files that `..`, an absolute path or a symbolic link puts outside the folder",
     &[
-        Choice::new("refuse", "are an error"),
-        Choice::new("allow", "are read; only for files you trust"),
+        SettingChoice::new("refuse", "are an error"),
+        SettingChoice::new("allow", "are read; only for files you trust"),
     ],
 );

@@ -38,7 +38,7 @@ pub enum DatasetError {
         /// What could not be searched, after a semicolon; empty for nothing.
         note: String,
     },
-    /// A dataset was asked for in a way that makes no sense.
+    /// An invalid request for a dataset.
     #[error("dataset '{text}': {reason}")]
     Spec {
         /// What was asked for.

@@ -7,11 +7,11 @@
 
 use std::path::Path;
 
-use crate::depth::{Encoding, Resampling};
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::Root;
 use crate::format::colmap;
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -33,11 +33,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "images",
         "which photographs",
         &[
-            Choice::new(
+            SettingChoice::new(
                 "distorted",
                 "as taken, 6048x4032 as the paper states, undistorted by us at that size",
             ),
-            Choice::proxy(
+            SettingChoice::proxy(
                 "undistorted",
                 "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
             ),
@@ -52,7 +52,7 @@ const DISTORTED: &str = "dslr_calibration_jpg";
 const UNDISTORTED: &str = "dslr_calibration_undistorted";
 const DEPTH: &str = "ground_truth_depth/dslr_images";
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let top = photo.picture.split("/images/").next();
     let top = top.unwrap_or(photo.scene);
     // Depth lies in the geometry of the distorted pictures.
@@ -70,7 +70,7 @@ fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
     lists.chain([depth]).collect()
 }
 
-fn archives(photo: &Photograph<'_>) -> Vec<String> {
+fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     let undistorted = photo.picture.contains("/dslr_images_undistorted/");
     // Depth lies in the geometry of the distorted pictures.
     let parts = ["dslr_jpg", "dslr_depth"].into_iter();
@@ -144,7 +144,7 @@ fn read_scene(
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
                 let lens = stored.lens(entry.unwrap_or(image))?;
-                FrameDepth::MapOf(map, Encoding::RawFloats, Resampling::Splat, lens)
+                FrameDepth::MapOf(map, DepthEncoding::RawFloats, Resampling::Splat, lens)
             }
             _ => FrameDepth::None,
         };

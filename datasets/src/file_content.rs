@@ -6,9 +6,9 @@ use std::sync::Arc;
 use image::{GrayImage, RgbImage};
 
 use crate::camera_size::check_size;
-use crate::depth::DepthSource;
+use crate::depth::ViewDepth;
 use crate::format::picture;
-use crate::mask::Mask;
+use crate::mask::MaskFile;
 use crate::processing::{Processing, Undistorted};
 use crate::required_files::FileRole;
 use crate::undistort::Undistortion;
@@ -20,10 +20,10 @@ pub(crate) struct FileContent {
     pub(crate) image: PathBuf,
     /// Its size as stored, according to the camera.
     pub(crate) size: (u32, u32),
-    pub(crate) mask: Option<Mask>,
+    pub(crate) mask: Option<MaskFile>,
     /// From the lens to the pinhole camera of the view.
     pub(crate) undistortion: Option<Undistortion>,
-    pub(crate) depth: Option<Arc<dyn DepthSource>>,
+    pub(crate) depth: Option<Arc<dyn ViewDepth>>,
     /// The files that the camera was read from.
     pub(crate) cameras: Vec<PathBuf>,
 }
@@ -32,26 +32,21 @@ impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         let mut image = picture::read(&self.image)?;
         check_size(&self.image, image.dimensions(), self.size)?;
-        let undistortion = self.undistortion.as_ref();
-        if let Some(undistortion) = undistortion {
+        if let Some(undistortion) = &self.undistortion {
             image = undistortion.image(&image);
         }
         // The picture is resampled first: black would else run into its neighbours.
-        if let Some(mask) = &self.mask {
-            let mask = mask.read(self.size, undistortion)?;
-            for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
-                if *keep == 0 {
-                    pixel.fill(0);
-                }
-            }
+        if let Some(mask) = self.valid_pixels()? {
+            let pixels = image.chunks_exact_mut(3).zip(mask.iter());
+            let excluded = pixels.filter(|(_, keep)| **keep == 0);
+            excluded.for_each(|(pixel, _)| pixel.fill(0));
         }
         Ok(image)
     }
 
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let mask = self.mask.as_ref();
-        let undistortion = self.undistortion.as_ref();
-        mask.map(|mask| mask.read(self.size, undistortion))
+        mask.map(|mask| mask.read(self.size, self.undistortion.as_ref()))
             .transpose()
     }
 
@@ -62,7 +57,13 @@ impl ViewContent for FileContent {
         // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
         // for any amount of memory.
         check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
-        depth.load().map(Some)
+        let mut depth = depth.load()?;
+        if let Some(mask) = self.valid_pixels()? {
+            let excluded = depth.iter_mut().zip(mask.iter());
+            let excluded = excluded.filter(|(_, keep)| **keep == 0);
+            excluded.for_each(|(z, _)| *z = 0.0);
+        }
+        Ok(Some(depth))
     }
 
     fn image_file(&self) -> Option<&Path> {

@@ -1,5 +1,4 @@
-//! Files whose names in lists and on disk do not quite agree: another case, another extension, none
-//! at all.
+//! Files whose names on disk differ from a list's in case or extension, or lack the extension.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,7 +17,7 @@ pub(crate) struct FileFinder<'a> {
     root: &'a Root,
     list: PathBuf,
     listed: BTreeMap<PathBuf, Stems>,
-    /// What was chosen, and the files that would have done as well.
+    /// What was chosen, and the other files that fit.
     passed_over: BTreeMap<PathBuf, Vec<String>>,
 }
 
@@ -35,8 +34,8 @@ impl<'a> FileFinder<'a> {
 
     /// The file of that name below `base`: exactly; else of the same name in another case; else of
     /// the same stem with one of the extensions, the stem's own case first, then in the extensions'
-    /// order. Where several files would do in either of the last two ways, [`Self::notes`] says so.
-    /// `None` when there is none or no such folder.
+    /// order. [`Self::notes`] reports where several files fit in either of the last two ways. `None`
+    /// when no file fits or the folder is missing.
     ///
     /// # Errors
     /// When the name leads out of the dataset's folder; names the list.

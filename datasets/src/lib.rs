@@ -10,7 +10,7 @@
 //! * [`view`]: what every reader produces.
 //! * [`processing`]: what readers do on the way from files to pixels, for the record.
 //! * [`required_files`]: the files that a photograph needs beside it.
-//! * [`check`](mod@check): what is there, what is broken, whether poses make sense.
+//! * [`check`](mod@check): what is present, what is broken, whether poses are plausible.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
 //! * [`bundled`]: the dataset that comes with the program.
 //! * [`format`](mod@format): file formats, one a file; the decoder of photographs is

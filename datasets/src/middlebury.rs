@@ -11,11 +11,11 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::Root;
 use crate::format::{calib, picture};
 use crate::left_out::LeftOut;
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::spec::SceneResults;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -39,26 +39,26 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "scenes",
             "which scenes, by the folder's name without -perfect or -imperfect",
             &[
-                Choice::new("found", "every scene folder found"),
-                Choice::new("training15", "the 15 of MiddEval3's training set"),
+                SettingChoice::new("found", "every scene folder found"),
+                SettingChoice::new("training15", "the 15 of MiddEval3's training set"),
             ],
         ),
         Setting::choice(
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
             &[
-                Choice::new("any", "every scene folder found"),
-                Choice::new("perfect", "only <Scene>-perfect"),
-                Choice::new("imperfect", "only <Scene>-imperfect"),
+                SettingChoice::new("any", "every scene folder found"),
+                SettingChoice::new("perfect", "only <Scene>-perfect"),
+                SettingChoice::new("imperfect", "only <Scene>-imperfect"),
             ],
         ),
         Setting::choice(
             "right",
             "which right picture is the target",
             &[
-                Choice::new("im1", "the default exposure and lighting"),
-                Choice::proxy("im1E", "another exposure, where there is one"),
-                Choice::proxy("im1L", "another lighting, where there is one"),
+                SettingChoice::new("im1", "the default exposure and lighting"),
+                SettingChoice::proxy("im1E", "another exposure, where there is one"),
+                SettingChoice::proxy("im1L", "another lighting, where there is one"),
             ],
         ),
     ],
@@ -67,7 +67,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     archives,
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let mut files = vec![RequiredFile::camera(photo.beside("calib.txt"))];
     if photo.stem == "im0" {
         let map = RequiredFile::depth(photo.beside("disp0.pfm"));
@@ -76,7 +76,7 @@ fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
     files
 }
 
-fn archives(photo: &Photograph<'_>) -> Vec<String> {
+fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
     if photo.scene_name().ends_with("perfect") {
         return vec![format!("zip/{}.zip", photo.scene_name())];
     }

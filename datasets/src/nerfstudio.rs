@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{Encoding, Resampling};
-use crate::entry::{Choice, DatasetEntry, OUTSIDE, Setting};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
 use crate::files::Root;
 use crate::format::picture;
-use crate::format::transforms::{self, Frame};
-use crate::mask::Mask;
-use crate::required_files::{Photograph, RequiredFile};
+use crate::format::transforms::{self, JsonFrame};
+use crate::mask::MaskFile;
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -39,16 +39,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "intrinsics",
             "whose count where a frame and the file state different ones",
             &[
-                Choice::new("frame", "the frame's own"),
-                Choice::new("file", "the file's, as in nerfstudio"),
+                SettingChoice::new("frame", "the frame's own"),
+                SettingChoice::new("file", "the file's, as in nerfstudio"),
             ],
         ),
         Setting::choice(
             "masks",
             "what becomes of pixels that a mask excludes",
             &[
-                Choice::new("ignore", "masks are not read"),
-                Choice::new(
+                SettingChoice::new("ignore", "masks are not read"),
+                SettingChoice::new(
                     "apply",
                     "the picture is black and the depth invalid there, and scores leave them out",
                 ),
@@ -62,7 +62,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     vec![RequiredFile::camera(photo.above("transforms.json"))]
 }
 
@@ -131,7 +131,7 @@ fn read_scene(
     let mut file = transforms::read(json)?;
     let by_file = spec.setting("intrinsics") == "file";
     if by_file {
-        file.frames.iter_mut().for_each(Frame::prefer_file);
+        file.frames.iter_mut().for_each(JsonFrame::prefer_file);
     }
     let folder = json.parent().unwrap_or(Path::new("."));
     let reader = FrameReader {
@@ -184,7 +184,7 @@ struct FrameReader<'a> {
 impl FrameReader<'_> {
     fn posed(
         &self,
-        frame: &Frame,
+        frame: &JsonFrame,
         image: PathBuf,
         world_from_camera: &RigidTransform,
         scene: &mut SceneBuilder<'_>,
@@ -204,13 +204,13 @@ impl FrameReader<'_> {
         let depth = match &frame.depth_file_path {
             Some(name) => FrameDepth::Map(
                 named(name, "depth map")?,
-                Encoding::Units(self.depth_unit),
+                DepthEncoding::Units(self.depth_unit),
                 Resampling::Nearest,
             ),
             None => FrameDepth::None,
         };
         let mask = match &frame.mask_path {
-            Some(name) if self.masks => Some(Mask {
+            Some(name) if self.masks => Some(MaskFile {
                 file: named(name, "mask")?,
             }),
             _ => None,

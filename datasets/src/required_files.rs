@@ -68,7 +68,7 @@ impl RequiredFile {
 }
 
 /// A photograph's place in a layout, before any file is there.
-pub(crate) struct Photograph<'a> {
+pub(crate) struct PhotographPath<'a> {
     pub(crate) scene: &'a str,
     /// Relative to the dataset's folder.
     pub(crate) picture: &'a str,
@@ -78,7 +78,7 @@ pub(crate) struct Photograph<'a> {
     pub(crate) stem: &'a str,
 }
 
-impl<'a> Photograph<'a> {
+impl<'a> PhotographPath<'a> {
     pub(crate) fn new(scene: &'a str, picture: &'a str) -> Self {
         let (folder, name) = picture.rsplit_once('/').unwrap_or(("", picture));
         Self {

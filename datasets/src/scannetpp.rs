@@ -8,16 +8,16 @@
 use std::path::PathBuf;
 
 use crate::colmap::PointTracks;
-use crate::depth::{Encoding, Resampling};
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
-use crate::format::transforms::{self, Frame, Transforms, undo_colmap_axes};
+use crate::format::transforms::{self, JsonFrame, Transforms, undo_colmap_axes};
 use crate::format::{colmap, picture};
 use crate::left_out::LeftOut;
 use crate::lens::Lens;
-use crate::mask::Mask;
-use crate::required_files::{Photograph, RequiredFile};
-use crate::scan_depth::{Scan, ScanCache};
+use crate::mask::MaskFile;
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -41,32 +41,32 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "split",
             "a list in splits/, or every scene",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "nvs_test",
                     "the one the paper names: it has neither mesh nor test pictures, so that \
                      frames=train and depth=points are what is left of it",
                 ),
-                Choice::proxy("nvs_sem_val", "has meshes and test pictures"),
-                Choice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                Choice::proxy("all", "every scene that is there"),
+                SettingChoice::proxy("nvs_sem_val", "has meshes and test pictures"),
+                SettingChoice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
+                SettingChoice::proxy("all", "every scene that is there"),
             ],
         ),
         Setting::choice(
             "frames",
             "which pictures of a scene",
             &[
-                Choice::new("train", "'frames': all that is there of nvs_test"),
-                Choice::new("test", "'test_frames'"),
-                Choice::new("all", "both"),
+                SettingChoice::new("train", "'frames': all that is there of nvs_test"),
+                SettingChoice::new("test", "'test_frames'"),
+                SettingChoice::new("all", "both"),
             ],
         ),
         Setting::choice(
             "images",
             "which photographs",
             &[
-                Choice::new("auto", "undistorted if they are there, else fisheye"),
-                Choice::new("undistorted", "as the toolbox undistorts them"),
-                Choice::new(
+                SettingChoice::new("auto", "undistorted if they are there, else fisheye"),
+                SettingChoice::new("undistorted", "as the toolbox undistorts them"),
+                SettingChoice::new(
                     "fisheye",
                     "as taken, undistorted by us to the toolbox's camera",
                 ),
@@ -76,33 +76,33 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "depth",
             "where depth comes from",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "auto",
                     "rendered if it is there, else the mesh if it is there",
                 ),
-                Choice::new("rendered", "the toolbox's dslr/render_depth, millimetres"),
-                Choice::new("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
-                Choice::proxy("points", "COLMAP's points that each picture sees: sparse"),
-                Choice::new("none", "nowhere"),
+                SettingChoice::new("rendered", "the toolbox's dslr/render_depth, millimetres"),
+                SettingChoice::new("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
+                SettingChoice::proxy("points", "COLMAP's points that each picture sees: sparse"),
+                SettingChoice::new("none", "nowhere"),
             ],
         ),
         Setting::choice(
             "bad",
             "pictures whose pose ScanNet++ calls bad",
             &[
-                Choice::new("drop", "are left out"),
-                Choice::proxy("keep", "are used"),
+                SettingChoice::new("drop", "are left out"),
+                SettingChoice::proxy("keep", "are used"),
             ],
         ),
         Setting::choice(
             "masks",
             "what becomes of anonymised pixels",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "apply",
                     "black, without depth, left out of scores by ScanNet++'s own rule",
                 ),
-                Choice::new("ignore", "as stored"),
+                SettingChoice::new("ignore", "as stored"),
             ],
         ),
     ],
@@ -113,7 +113,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
 
 const MESH: &str = "scans/mesh_aligned_0.05.ply";
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let undistorted = photo.folder.contains("undistorted");
     let (json, masks) = if undistorted {
         ("transforms_undistorted.json", "resized_undistorted_masks")
@@ -169,7 +169,7 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
         match folders {
             Err(error) => scenes.push(Err(error)),
             Ok((scene, dslr)) if dslr.is_dir() => {
-                let reader = SceneReader {
+                let reader = ScanNetPpReader {
                     spec,
                     root: &root,
                     scene,
@@ -186,7 +186,7 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     spec.conclude(scenes, expected, &[&missing])
 }
 
-struct SceneReader<'a> {
+struct ScanNetPpReader<'a> {
     spec: &'a DatasetSpec,
     root: &'a Root,
     scene: PathBuf,
@@ -195,7 +195,7 @@ struct SceneReader<'a> {
 }
 
 /// Where a scene's photographs, their masks and their cameras are.
-struct Photographs {
+struct DslrPhotographs {
     json: PathBuf,
     file: Transforms,
     images: PathBuf,
@@ -206,12 +206,12 @@ struct Photographs {
     fisheye: Option<Transforms>,
 }
 
-impl SceneReader<'_> {
+impl ScanNetPpReader<'_> {
     fn read(&self, name: &str) -> Result<Scene, DatasetError> {
         let photos = self.photographs()?;
         let depth_from = self.depth_from()?;
         let choice = self.spec.setting("frames");
-        let chosen: Vec<&Frame> = [
+        let chosen: Vec<&JsonFrame> = [
             (choice != "test", &photos.file.frames),
             (choice != "train", &photos.file.test_frames),
         ]
@@ -241,7 +241,7 @@ impl SceneReader<'_> {
             let png = format!("{id}.png");
             let mask = if self.spec.setting("masks") == "apply" {
                 let file = scene.finder.find(&photos.masks, &png, &["png"])?;
-                file.map(|file| Mask { file })
+                file.map(|file| MaskFile { file })
             } else {
                 None
             };
@@ -283,7 +283,7 @@ impl SceneReader<'_> {
         Ok(scene.finish(name.to_owned()))
     }
 
-    fn photographs(&self) -> Result<Photographs, DatasetError> {
+    fn photographs(&self) -> Result<DslrPhotographs, DatasetError> {
         let inside = |name: &str| self.root.resolve(&self.dslr, name);
         // The toolbox's own default differs from the published folder's name.
         let first = |names: [&str; 2]| -> Result<PathBuf, DatasetError> {
@@ -307,7 +307,7 @@ impl SceneReader<'_> {
                 .is_file()
                 .then(|| transforms::read(&fisheye_json));
             let folder = undistorted.file_name().unwrap_or_default();
-            Ok(Photographs {
+            Ok(DslrPhotographs {
                 published: Some(format!("dslr/{}", folder.display())),
                 file: transforms::read(&pinhole_json)?,
                 json: pinhole_json,
@@ -316,7 +316,7 @@ impl SceneReader<'_> {
                 fisheye: fisheye.transpose()?,
             })
         } else {
-            Ok(Photographs {
+            Ok(DslrPhotographs {
                 file: transforms::read(&fisheye_json)?,
                 json: fisheye_json,
                 images: inside("resized_images")?,
@@ -331,7 +331,7 @@ impl SceneReader<'_> {
         let rendered = self.root.resolve(&self.dslr, "render_depth")?;
         let mesh = self.root.resolve(&self.scene, MESH)?;
         let (has_rendered, has_mesh) = (rendered.is_dir(), mesh.is_file());
-        let mesh = Scan {
+        let mesh = ScanFile {
             file: mesh,
             cache: self.cache.clone(),
             splat_radius: 0,
@@ -355,11 +355,11 @@ impl SceneReader<'_> {
 /// A map that the toolbox rendered in the fisheye camera.
 fn rendered_depth(
     map: PathBuf,
-    photos: &Photographs,
+    photos: &DslrPhotographs,
     id: &str,
     lens: Lens,
 ) -> Result<FrameDepth, DatasetError> {
-    let millimetres = Encoding::Units(0.001);
+    let millimetres = DepthEncoding::Units(0.001);
     if !lens.is_pinhole() {
         return Ok(FrameDepth::Map(map, millimetres, Resampling::Nearest));
     }
@@ -387,7 +387,7 @@ fn rendered_depth(
 enum DepthFrom {
     None,
     Rendered(PathBuf),
-    Mesh(Scan),
+    Mesh(ScanFile),
     /// With the ids of the model's images by their names.
     Points(PointTracks, Vec<(String, u32)>),
 }

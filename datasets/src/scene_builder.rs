@@ -7,14 +7,14 @@ use glam::DVec3;
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CameraSizes;
-use crate::depth::{DepthSource, Encoding, MaskedDepth, Resampling, StoredDepth};
+use crate::depth::{DepthEncoding, Resampling, StoredDepth, ViewDepth};
 use crate::file_content::FileContent;
 use crate::file_finder::FileFinder;
 use crate::files::Root;
 use crate::left_out::LeftOut;
 use crate::lens::Lens;
-use crate::mask::Mask;
-use crate::scan_depth::{PointDepth, Scan, ScanDepth};
+use crate::mask::MaskFile;
+use crate::scan_depth::{PointDepth, ScanDepth, ScanFile};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order, processing};
 
@@ -134,7 +134,7 @@ pub(crate) struct PosedFrame {
     pub(crate) lens: Lens,
     pub(crate) pinhole: Pinhole,
     pub(crate) camera_from_world: RigidTransform,
-    pub(crate) mask: Option<Mask>,
+    pub(crate) mask: Option<MaskFile>,
     pub(crate) depth: FrameDepth,
     /// The files that lens and pose are from.
     pub(crate) cameras: Vec<PathBuf>,
@@ -145,11 +145,11 @@ pub(crate) struct PosedFrame {
 pub(crate) enum FrameDepth {
     None,
     /// A map in the geometry of the stored picture.
-    Map(PathBuf, Encoding, Resampling),
+    Map(PathBuf, DepthEncoding, Resampling),
     /// A map in the geometry of another camera than the stored picture's.
-    MapOf(PathBuf, Encoding, Resampling, Lens),
+    MapOf(PathBuf, DepthEncoding, Resampling, Lens),
     /// A laser scan or mesh in world coordinates.
-    Scan(Scan),
+    Scan(ScanFile),
     /// Points in world coordinates that this view sees, and the file they are from.
     Points(PathBuf, Vec<DVec3>),
 }
@@ -169,7 +169,7 @@ impl PosedFrame {
         let pinhole = undistortion.map_or(stored, |u| *u.pinhole());
         let size = (stored.width, stored.height);
         let camera_from_world = self.camera_from_world;
-        let depth: Option<Arc<dyn DepthSource>> = match self.depth {
+        let depth: Option<Arc<dyn ViewDepth>> = match self.depth {
             FrameDepth::None => None,
             FrameDepth::Map(file, encoding, resampling) => Some(Arc::new(StoredDepth {
                 file,
@@ -198,15 +198,6 @@ impl PosedFrame {
                 pinhole,
                 camera_from_world,
             })),
-        };
-        let depth = match (depth, &self.mask) {
-            (Some(depth), Some(mask)) => Some(Arc::new(MaskedDepth {
-                depth,
-                mask: mask.clone(),
-                size,
-                undistortion,
-            }) as Arc<dyn DepthSource>),
-            (depth, _) => depth,
         };
         Ok(View {
             id: self.id,

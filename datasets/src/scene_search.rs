@@ -25,7 +25,7 @@ impl Root {
     /// Folders at most `depth` levels below the root (and the root itself) for which `is_scene`
     /// holds, in natural order; folders inside a scene are not searched. What could not be searched
     /// is counted: links that lead out of the root or nowhere, and folders that cannot be listed.
-    /// Of folders that several links name the first counts.
+    /// A folder that several links lead to is found once, under its first name.
     ///
     /// # Errors
     /// [`DatasetError::Io`] when the root cannot be listed.

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
+use serde::Serialize;
+
 use crate::entry::{DatasetEntry, entry};
 use crate::left_out::LeftOut;
 use crate::{DatasetError, Scene, processing, synthetic};
@@ -19,6 +21,21 @@ pub struct DatasetSpec {
     pub path: PathBuf,
     /// Only what was asked for; [`DatasetSpec::setting`] knows the defaults.
     pub settings: BTreeMap<&'static str, String>,
+}
+
+/// A setting in force; displays as `key=value`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SettingInForce {
+    pub key: &'static str,
+    pub value: String,
+    /// True where the value is known to differ from what the paper did.
+    pub proxy: bool,
+}
+
+impl fmt::Display for SettingInForce {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.key, self.value)
+    }
 }
 
 impl DatasetSpec {
@@ -102,14 +119,17 @@ impl DatasetSpec {
         }
     }
 
-    /// Every setting with its effective value, and whether that value is known to differ from
-    /// what the paper did.
-    pub fn readings(&self) -> Vec<(&'static str, String, bool)> {
+    /// Every setting with its effective value.
+    pub fn readings(&self) -> Vec<SettingInForce> {
         let settings = self.entry.settings.iter();
         settings
             .map(|setting| {
-                let value = self.setting(setting.key);
-                (setting.key, value.to_owned(), setting.is_proxy(value))
+                let value = self.setting(setting.key).to_owned();
+                SettingInForce {
+                    key: setting.key,
+                    proxy: setting.is_proxy(&value),
+                    value,
+                }
             })
             .collect()
     }
@@ -188,7 +208,7 @@ pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
     open_each(spec)?.into_iter().collect()
 }
 
-/// As [`open`], with every scene that could not be read in its place among the others.
+/// As [`open`], with an error in the place of each scene that cannot be read.
 ///
 /// # Errors
 /// When there is no scene at all, or the dataset's own lists cannot be read.

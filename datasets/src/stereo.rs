@@ -13,7 +13,7 @@ use crate::depth::StereoGeometry;
 use crate::entry::{DatasetEntry, PaperOverlap};
 use crate::files::{self, Root};
 use crate::format::{FormatError, picture};
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::spec::SceneResults;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -32,7 +32,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let mut files = vec![RequiredFile::camera(photo.beside("rig.txt"))];
     if photo.stem == "left" {
         files.push(RequiredFile::depth(photo.beside("disparity_left.pfm")));

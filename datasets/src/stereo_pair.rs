@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use sharp::camera::{CameraError, Intrinsics, RigidTransform};
 
-use crate::depth::{DepthSource, Disparity, StereoGeometry};
+use crate::depth::{Disparity, StereoGeometry, ViewDepth};
 use crate::file_content::FileContent;
 use crate::{DatasetError, Pairing, Scene, View};
 
@@ -35,7 +35,7 @@ impl Side {
                 geometry,
                 size,
                 unit,
-            }) as Arc<dyn DepthSource>
+            }) as Arc<dyn ViewDepth>
         });
         Ok(View {
             id: self.id,

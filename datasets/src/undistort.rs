@@ -105,7 +105,7 @@ impl Undistortion {
         &self.pinhole
     }
 
-    /// How that camera was chosen, in words.
+    /// How that camera was chosen, for notes.
     pub fn rule(&self) -> &'static str {
         self.rule
     }

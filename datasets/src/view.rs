@@ -22,8 +22,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// Which pixels of the photograph count: 255 where they do, of its size; `None` where the dataset
-    /// excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
+    /// 255 where a pixel of the photograph is valid; `None` where the dataset excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -97,7 +96,6 @@ pub struct Scene {
     /// In natural order of their ids.
     pub views: Vec<View>,
     pub pairing: Pairing,
-    /// What a reader had to assume or to leave out: a line each, shown before a run and kept in
-    /// its manifest.
+    /// What the reader assumed or left out: lines shown before a run and kept in its manifest.
     pub notes: Vec<String>,
 }

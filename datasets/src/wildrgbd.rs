@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::depth::{Encoding, Resampling};
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::left_out::LeftOut;
 use crate::lens::{Distortion, Lens};
-use crate::required_files::{Photograph, RequiredFile};
+use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
@@ -38,13 +38,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "split",
         "which scenes and frames of the nvs list",
         &[
-            Choice::new("val-scenes", "all frames of the scenes in 'val'"),
-            Choice::new(
+            SettingChoice::new("val-scenes", "all frames of the scenes in 'val'"),
+            SettingChoice::new(
                 "val-frames",
                 "the frames in 'val' of a nvs_list.json inside each scene's own folder",
             ),
-            Choice::proxy("train-scenes", "all frames of the scenes in 'train'"),
-            Choice::proxy("all-scenes", "every scene folder, without a list"),
+            SettingChoice::proxy("train-scenes", "all frames of the scenes in 'train'"),
+            SettingChoice::proxy("all-scenes", "every scene folder, without a list"),
         ],
     )],
     open,
@@ -52,7 +52,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     archives: |photo| vec![format!("category {}", photo.top())],
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     vec![
         RequiredFile::camera(photo.above("metadata")),
         RequiredFile::camera(photo.above("cam_poses.txt")),
@@ -88,7 +88,7 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     spec.conclude(scenes, expected, &[&categories.left_out, &missing])
 }
 
-/// The folders of a category's scenes, or why a name is none.
+/// The folders of a category's scenes, or why a name is not one.
 type Folders = Vec<Result<PathBuf, DatasetError>>;
 
 /// The folders of the scenes that the category's list names, in natural order.
@@ -194,7 +194,7 @@ fn read_scene(
             continue;
         };
         let depth = find(&maps, pose.frame).map_or(FrameDepth::None, |map| {
-            FrameDepth::Map(map, Encoding::Units(0.001), Resampling::Nearest)
+            FrameDepth::Map(map, DepthEncoding::Units(0.001), Resampling::Nearest)
         });
         scene.add(PosedFrame {
             id,
@@ -215,7 +215,7 @@ fn read_scene(
     Ok(scene.finish(root.id_of(folder)))
 }
 
-/// The number that a frame's name is, with or without an extension.
+/// The number that names a frame, with or without an extension.
 fn number_of(name: &str) -> Option<i64> {
     let stem = name.rsplit('/').next().unwrap_or(name);
     stem.split('.').next()?.parse().ok()

@@ -169,11 +169,11 @@ pub(super) fn open(specs: &[String], scenes: Option<&str>) -> anyhow::Result<Vec
         if let Some(pattern) = scenes {
             found.retain(|scene| matches(pattern, &scene.id));
         }
-        let readings = spec.readings().into_iter().map(|(key, value, proxy)| {
-            if proxy {
-                format!("{key}={value} ({PROXY})")
+        let readings = spec.readings().into_iter().map(|reading| {
+            if reading.proxy {
+                format!("{reading} ({PROXY})")
             } else {
-                format!("{key}={value}")
+                reading.to_string()
             }
         });
         open.push(OpenDataset {

@@ -270,8 +270,8 @@ fn proxies(manifest: &Manifest, facts: &DatasetFacts, selected: usize) -> Vec<St
     };
     let readings = spec.readings().into_iter();
     let readings = readings
-        .filter(|(_, _, proxy)| *proxy)
-        .map(|(key, value, _)| format!("{key}={value}"));
+        .filter(|reading| reading.proxy)
+        .map(|reading| reading.to_string());
     let pairs = PairOptions::of_facts(&manifest.pairs.options);
     let kind = spec.entry.paper_overlap;
     let pairs = pairs.map_or_else(Vec::new, |options| options.proxies_on(kind, selected));

@@ -1,5 +1,5 @@
-//! Looks at a dataset before a long run starts: what is there, what is broken and why, and whether
-//! the poses agree with the depth.
+//! Checks a dataset before a long run: what is present, what is broken and why, and whether the
+//! poses agree with the depth.
 //!
 //! * `convention`: how poses are commonly mistaken.
 //! * `carried`: depth and colours carried from view to view by a pose.
@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::spec::open_each;
+use crate::spec::{SettingInForce, open_each};
 use crate::{DatasetError, DatasetSpec, Scene, View, processing};
 use consistency::Consistency;
 
@@ -38,23 +38,13 @@ impl Default for CheckOptions {
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
     pub dataset: String,
-    /// The settings in force, and whether each is known to differ from what the paper did.
-    pub readings: Vec<Reading>,
+    pub readings: Vec<SettingInForce>,
     /// In the reader's order.
     pub scenes: Vec<SceneReport>,
-    /// Scenes that could not be read at all, a line each, naming the file.
+    /// One line for each scene that could not be read, naming the file.
     pub unreadable: Vec<String>,
     /// Number of problems in all scenes, unreadable ones included.
     pub problems: usize,
-}
-
-/// One setting in force.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Reading {
-    pub key: String,
-    pub value: String,
-    /// True where it is known to differ from what the paper did.
-    pub proxy: bool,
 }
 
 /// What was found in a scene.
@@ -73,7 +63,7 @@ pub struct SceneReport {
     pub consistency: Option<Consistency>,
     /// What the reader assumed or left out.
     pub notes: Vec<String>,
-    /// What is broken, a line each, naming the file; nothing twice.
+    /// What is broken: distinct lines that name the file.
     pub problems: Vec<String>,
 }
 
@@ -99,15 +89,7 @@ pub fn check(
     }
     Ok(DatasetReport {
         dataset: spec.to_string(),
-        readings: spec
-            .readings()
-            .into_iter()
-            .map(|(key, value, proxy)| Reading {
-                key: key.to_owned(),
-                value,
-                proxy,
-            })
-            .collect(),
+        readings: spec.readings(),
         problems: unreadable.len() + reports.iter().map(|r| r.problems.len()).sum::<usize>(),
         scenes: reports,
         unreadable,
@@ -156,7 +138,7 @@ fn check_scene(scene: &Scene, options: &CheckOptions, depth: Option<&str>) -> Sc
         && processing::without_depth(&scene.views) == scene.views.len()
     {
         problems.push(format!(
-            "{}: depth={source} was asked for, but there is none for any picture",
+            "{}: depth={source} was asked for, but no picture has any",
             scene.id
         ));
     }

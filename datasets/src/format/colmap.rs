@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::colmap_records::{Camera, Image, Point};
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint};
 use super::{FormatError, colmap_binary, colmap_text};
 use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::lens::Lens;
 
 /// Cameras by their ids.
-pub type Cameras = BTreeMap<u32, Camera>;
+pub type Cameras = BTreeMap<u32, ColmapCamera>;
 
 /// A model without its points.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub struct Model {
     /// The cameras that images name.
     pub cameras: Cameras,
     /// In the file's order.
-    pub images: Vec<Image>,
+    pub images: Vec<ColmapImage>,
     /// The files that were read: of the cameras, then of the images.
     pub files: Vec<PathBuf>,
     /// True when a text model lay beside the binary one that was read.
@@ -32,15 +32,15 @@ impl Model {
     }
 
     /// The camera of an image with its lens.
-    pub(crate) fn lens(&self, image: &Image) -> Result<Lens, DatasetError> {
+    pub(crate) fn lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
         let id = image.camera_id;
-        let malformed = |reason: String| {
-            DatasetError::malformed(&self.files[0], format!("camera {id}: {reason}"))
-        };
-        let camera = self.cameras.get(&id);
-        let camera = camera
-            .ok_or_else(|| malformed(format!("does not exist, but '{}' names it", image.name)))?;
-        camera.lens().map_err(|error| malformed(error.to_string()))
+        let camera = self.cameras.get(&id).ok_or_else(|| {
+            let reason = format!("'{}' has camera {id}, which does not exist", image.name);
+            DatasetError::malformed(self.images_file(), reason)
+        })?;
+        camera.lens().map_err(|error| {
+            DatasetError::malformed(&self.files[0], format!("camera {id}: {error}"))
+        })
     }
 }
 
@@ -122,7 +122,7 @@ pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, Dataset
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<Point>)>, DatasetError> {
+pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>, DatasetError> {
     read_either(
         folder,
         "points3D",

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::FormatError;
-use super::colmap_records::{Camera, Image, Point, pose, size};
-use crate::lens::colmap_parameters;
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
+use crate::lens::{LensError, colmap_parameters};
 
 /// Model names by COLMAP's id.
 const MODELS: [&str; 12] = [
@@ -28,7 +28,7 @@ const MODELS: [&str; 12] = [
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold, or an unknown camera model.
-pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, FormatError> {
+pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(24)?;
     let mut cameras = BTreeMap::new();
@@ -41,9 +41,10 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, FormatError> {
             .and_then(|i| MODELS.get(i))
             .ok_or_else(|| invalid!("camera {id} is of unknown model {model_id}"))?;
         // The file does not say how many follow, so a model we do not know ends the reading.
-        let params = colmap_parameters(model)
-            .ok_or_else(|| invalid!("camera model '{model}' is not supported"))?;
-        let camera = Camera {
+        let params = colmap_parameters(model).ok_or_else(|| LensError::UnsupportedModel {
+            model: (*model).to_owned(),
+        })?;
+        let camera = ColmapCamera {
             model: (*model).to_owned(),
             size: size(width, height)?,
             params: (0..params)
@@ -59,7 +60,7 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, FormatError> {
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold.
-pub fn images(bytes: &[u8]) -> Result<Vec<Image>, FormatError> {
+pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(73)?;
     (0..count)
@@ -74,7 +75,7 @@ pub fn images(bytes: &[u8]) -> Result<Vec<Image>, FormatError> {
             let name = reader.name()?;
             let observations = reader.count(24)?;
             reader.take(24 * observations)?;
-            Ok(Image {
+            Ok(ColmapImage {
                 id,
                 camera_id,
                 name,
@@ -88,7 +89,7 @@ pub fn images(bytes: &[u8]) -> Result<Vec<Image>, FormatError> {
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold.
-pub fn points(bytes: &[u8]) -> Result<Vec<Point>, FormatError> {
+pub fn points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(51)?;
     (0..count)
@@ -104,7 +105,7 @@ pub fn points(bytes: &[u8]) -> Result<Vec<Point>, FormatError> {
                     Ok(image)
                 })
                 .collect::<Result<_, FormatError>>()?;
-            Ok(Point { position, seen_by })
+            Ok(ColmapPoint { position, seen_by })
         })
         .collect()
 }

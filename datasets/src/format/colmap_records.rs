@@ -8,14 +8,14 @@ use crate::lens::{Lens, LensError};
 
 /// A camera as stored.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Camera {
+pub struct ColmapCamera {
     pub model: String,
     pub size: (u32, u32),
     /// In COLMAP's order.
     pub params: Vec<f64>,
 }
 
-impl Camera {
+impl ColmapCamera {
     /// The camera with its lens; pixel centres are ours.
     ///
     /// # Errors
@@ -27,7 +27,7 @@ impl Camera {
 
 /// An image as stored.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Image {
+pub struct ColmapImage {
     pub id: u32,
     pub camera_id: u32,
     /// Relative to the folder of the pictures; may hold `/` and blanks.
@@ -38,7 +38,7 @@ pub struct Image {
 
 /// A triangulated point.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Point {
+pub struct ColmapPoint {
     pub position: DVec3,
     /// Ids of the images that see it.
     pub seen_by: Vec<u32>,
@@ -55,7 +55,7 @@ pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransfo
     RigidTransform::new(DMat3::from_quat(q), DVec3::from(translation)).ok()
 }
 
-/// Refuses a size that is no picture's.
+/// Refuses a size of zero and one beyond 32 bits.
 pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), FormatError> {
     let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     side(width)

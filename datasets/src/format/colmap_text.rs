@@ -6,18 +6,18 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use super::FormatError;
-use super::colmap_records::{Camera, Image, Point, pose, size};
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 
 /// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, FormatError> {
+pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
-        let mut line = Line::new(number, line);
+        let mut line = RecordLine::new(number, line);
         let id = line.next("camera id")?;
-        let camera = Camera {
+        let camera = ColmapCamera {
             model: line.word("camera model")?.to_owned(),
             size: size(line.next("width")?, line.next("height")?)?,
             params: line.rest("parameter")?,
@@ -31,14 +31,14 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, FormatError> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn images(text: &str) -> Result<Vec<Image>, FormatError> {
+pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         if is_void(line) {
             continue;
         }
-        let mut line = Line::new(number, line);
+        let mut line = RecordLine::new(number, line);
         let id = line.next("image id")?;
         let mut values = [0.0; 7];
         for value in &mut values {
@@ -50,7 +50,7 @@ pub fn images(text: &str) -> Result<Vec<Image>, FormatError> {
         if name.is_empty() {
             return Err(invalid!("line {}: the image has no name", number + 1));
         }
-        images.push(Image {
+        images.push(ColmapImage {
             id,
             camera_id,
             name: name.to_owned(),
@@ -66,10 +66,10 @@ pub fn images(text: &str) -> Result<Vec<Image>, FormatError> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn points(text: &str) -> Result<Vec<Point>, FormatError> {
+pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {
-            let mut line = Line::new(number, line);
+            let mut line = RecordLine::new(number, line);
             line.word("point id")?;
             let position = DVec3::new(
                 line.next("coordinate")?,
@@ -80,7 +80,7 @@ pub fn points(text: &str) -> Result<Vec<Point>, FormatError> {
                 line.word(what)?;
             }
             let track: Vec<u32> = line.rest("track entry")?;
-            Ok(Point {
+            Ok(ColmapPoint {
                 position,
                 seen_by: track.into_iter().step_by(2).collect(),
             })
@@ -98,12 +98,12 @@ fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 /// One line, word by word; errors carry its number.
-struct Line<'a> {
+struct RecordLine<'a> {
     number: usize,
     rest: &'a str,
 }
 
-impl<'a> Line<'a> {
+impl<'a> RecordLine<'a> {
     fn new(number: usize, text: &'a str) -> Self {
         Self { number, rest: text }
     }

@@ -8,7 +8,7 @@ use super::FormatError;
 /// embedded thumbnail does not count), entropy-coded data is passed over to the next marker.
 ///
 /// # Errors
-/// The reason, when the stream ends early or a segment makes no sense.
+/// When the stream ends early or a segment is malformed.
 pub(super) fn check_complete(bytes: &[u8]) -> Result<(), FormatError> {
     const TRUNCATED: &str = "the JPEG stream ends before its end marker (truncated?)";
     let mut at = 2;

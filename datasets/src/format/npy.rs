@@ -139,17 +139,14 @@ fn parse_array(bytes: &[u8]) -> Result<NpyArray, FormatError> {
         _ => return Err("the header has no 'fortran_order'".into()),
     };
     let shape = shape_of(&header).ok_or("the header has no 'shape'")?;
-    let element = Element::parse(kind)?;
-    let count = shape
-        .iter()
-        .try_fold(1_usize, |n, side| n.checked_mul(*side));
-    let size = count.and_then(|n| n.checked_mul(element.size));
-    let data = size.and_then(|size| data.get(..size)).ok_or_else(|| {
-        invalid!(
-            "an array of shape {shape:?} and type '{kind}' does not fit the {} bytes that follow \
-             the header (truncated?)",
-            data.len()
-        )
+    let element = NpyType::parse(kind)?;
+    let sizes = shape.iter().chain([&element.size]);
+    let needed = sizes.fold(1_u128, |n, side| n.saturating_mul(*side as u128));
+    let fits = usize::try_from(needed).ok().and_then(|n| data.get(..n));
+    let data = fits.ok_or_else(|| FormatError::Truncated {
+        what: format!("an array of shape {shape:?} and type '{kind}'"),
+        needed,
+        available: data.len(),
     })?;
     let values: Vec<f32> = data
         .chunks_exact(element.size)
@@ -214,15 +211,15 @@ fn shape_of(header: &str) -> Option<Vec<usize>> {
 }
 
 #[derive(Clone, Copy)]
-struct Element {
+struct NpyType {
     kind: u8,
     size: usize,
     big_endian: bool,
 }
 
-impl Element {
+impl NpyType {
     fn parse(text: &str) -> Result<Self, FormatError> {
-        let unknown = || invalid!("arrays of type '{text}' are not read");
+        let unknown = || FormatError::Unsupported(format!("arrays of type '{text}' are not read"));
         let (order, rest) = text.split_at_checked(1).ok_or_else(unknown)?;
         let (kind, size) = rest.split_at_checked(1).ok_or_else(unknown)?;
         if kind == "O" || text == "O" {

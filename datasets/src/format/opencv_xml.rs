@@ -7,7 +7,7 @@ use super::FormatError;
 use crate::{DatasetError, files};
 
 /// The top level of a storage: element name to what it holds.
-pub type Storage = BTreeMap<String, Node>;
+pub type FileStorage = BTreeMap<String, Node>;
 
 /// A value in a storage.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,12 +28,12 @@ pub enum Node {
 /// # Errors
 /// Names the file: not well-formed XML, a document type (nothing in a camera file needs one), a
 /// matrix whose entries do not match its size.
-pub fn read(path: &Path) -> Result<Storage, DatasetError> {
+pub fn read(path: &Path) -> Result<FileStorage, DatasetError> {
     files::parse_text(path, parse)
 }
 
 /// As [`read`], from text, and with the same errors.
-pub fn parse(text: &str) -> Result<Storage, FormatError> {
+pub fn parse(text: &str) -> Result<FileStorage, FormatError> {
     if text.trim_start().starts_with("%YAML") {
         let reason = "this is OpenCV's YAML form; only the XML form is read";
         return Err(FormatError::Unsupported(reason.to_owned()));

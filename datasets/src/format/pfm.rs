@@ -18,7 +18,7 @@ pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
 
 /// As [`read`], from bytes, and with the same errors.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
-    let mut header = Header { bytes, at: 0 };
+    let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {
         Some("Pf") => 1,
         Some("PF") => 3,
@@ -44,12 +44,11 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let needed = values.checked_mul(4).and_then(|n| usize::try_from(n).ok());
     let data = header.data(needed);
     let Some(data) = needed.and_then(|needed| data.get(..needed)) else {
-        return Err(invalid!(
-            "a {width}x{height} map of {channels} channel(s) takes {} bytes; only {} follow the \
-             header (truncated?)",
-            u128::from(values) * 4,
-            data.len()
-        ));
+        return Err(FormatError::Truncated {
+            what: format!("a {width}x{height} map of {channels} channel(s)"),
+            needed: u128::from(values) * 4,
+            available: data.len(),
+        });
     };
     let read = if scale < 0.0 {
         f32::from_le_bytes
@@ -92,12 +91,12 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
 }
 
-struct Header<'a> {
+struct PfmHeader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
-impl<'a> Header<'a> {
+impl<'a> PfmHeader<'a> {
     /// The next run of printable characters, after white space and `#` comments.
     fn token(&mut self) -> Option<String> {
         loop {
@@ -204,7 +203,6 @@ mod tests {
             (b"Pf\n2 -2\n-1\n", "height in the header is '-2'"),
             (b"Pf\n0 2\n-1\n", "without a pixel"),
             (b"Pf\n2 2\n0\n", "byte order"),
-            (b"Pf\n4000000000 4000000000\n-1\n", "truncated"),
             (
                 b"PF\n1 1\n-1\n\0\0\0\0\0\0\x80\x3f\0\0\0\0",
                 "channels differ",
@@ -213,5 +211,13 @@ mod tests {
             let error = parse(bytes).unwrap_err();
             assert!(error.to_string().contains(reason), "{error}");
         }
+        assert_eq!(
+            parse(b"Pf\n4000000000 4000000000\n-1\n"),
+            Err(FormatError::Truncated {
+                what: "a 4000000000x4000000000 map of 1 channel(s)".to_owned(),
+                needed: 64_000_000_000_000_000_000,
+                available: 0,
+            })
+        );
     }
 }

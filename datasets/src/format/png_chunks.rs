@@ -3,11 +3,11 @@
 use super::FormatError;
 use flate2::Crc;
 
-/// Checks every chunk's checksum up to the end chunk; what follows that does not matter. Checks the palette's length
-/// too.
+/// Checks every chunk's checksum up to the end chunk, after which anything may follow, and the length
+/// of the palette.
 ///
 /// # Errors
-/// The reason, when the file ends early, a checksum is wrong, or the palette is none.
+/// When the file ends early, a checksum is wrong, or the palette is not a list of colours.
 pub(super) fn check_complete(bytes: &[u8]) -> Result<(), FormatError> {
     const SIGNATURE_LENGTH: usize = 8;
     let mut rest = bytes.get(SIGNATURE_LENGTH..).unwrap_or_default();
@@ -28,7 +28,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), FormatError> {
         // A palette is triples; the decoder takes that for granted.
         if name == "PLTE" && (!length.is_multiple_of(3) || !(3..=768).contains(&length)) {
             return Err(invalid!(
-                "its palette has {length} bytes, which is no list of colours"
+                "its palette has {length} bytes, which is not a list of colours"
             ));
         }
         if name == "IEND" {

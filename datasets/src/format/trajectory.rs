@@ -9,7 +9,7 @@ use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
 use super::FormatError;
 use crate::{DatasetError, files};
 
-/// A pose by frame number, camera to world in OpenCV's axes; or why it is none.
+/// A pose by frame number, camera to world in OpenCV's axes, or why it is invalid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedPose {
     /// As written.
@@ -29,8 +29,8 @@ pub struct Log {
 }
 
 /// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix; blanks and tabs do not matter.
-/// The first of the three numbers is the block's index. Where all blocks have the same one it says
-/// nothing, and the position of the block, 0 for the first, counts.
+/// The first of the three numbers is the block's index. Where all blocks state the same one, it is
+/// ignored and their positions, from 0, are the indices.
 ///
 /// # Errors
 /// Names the file: a block that ends early, something that is not a number, an index that is
@@ -61,7 +61,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let mut by_index = BTreeMap::new();
     for (i, block) in blocks.iter().enumerate() {
         let index = if says_nothing { i as f64 } else { block[0] };
-        // Beyond 2^53 not every whole number is one of its own.
+        // Beyond 2^53 an f64 cannot hold every whole number.
         if !(0.0..=9e15).contains(&index) {
             return Err(invalid!("block {i} states the index {index}"));
         }
@@ -114,13 +114,13 @@ pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
 
 /// A similarity between two worlds: `x' = scale · rotation · x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Similarity {
+pub struct SimilarityTransform {
     /// Metres of one unit.
     pub scale: f64,
     affine: DAffine3,
 }
 
-impl Similarity {
+impl SimilarityTransform {
     /// Takes a row-major 4×4 matrix.
     ///
     /// # Errors
@@ -160,11 +160,11 @@ impl Similarity {
 ///
 /// # Errors
 /// Names the file: not 16 numbers, no similarity.
-pub fn read_similarity(path: &Path) -> Result<Similarity, DatasetError> {
+pub fn read_similarity(path: &Path) -> Result<SimilarityTransform, DatasetError> {
     files::parse_text(path, |text| {
         let row = <[f64; 16]>::try_from(numbers(text)?);
         let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
-        Similarity::from_row_major(&row)
+        SimilarityTransform::from_row_major(&row)
     })
 }
 
@@ -191,7 +191,7 @@ mod tests {
         let m = [
             0.0, -2.0, 0.0, 10.0, 2.0, 0.0, 0.0, 20.0, 0.0, 0.0, 2.0, 30.0, 0.0, 0.0, 0.0, 1.0,
         ];
-        let similarity = Similarity::from_row_major(&m).unwrap();
+        let similarity = SimilarityTransform::from_row_major(&m).unwrap();
         assert!((similarity.scale - 2.0).abs() < 1e-15);
         let camera = RigidTransform {
             rotation: DMat3::IDENTITY,
@@ -202,10 +202,10 @@ mod tests {
         assert!((moved.rotation.x_axis - DVec3::Y).length() < 1e-15);
         let mut mirrored = m;
         mirrored[10] = -2.0;
-        assert!(Similarity::from_row_major(&mirrored).is_err());
+        assert!(SimilarityTransform::from_row_major(&mirrored).is_err());
         let mut sheared = m;
         sheared[0] = 1.0;
-        assert!(Similarity::from_row_major(&sheared).is_err());
+        assert!(SimilarityTransform::from_row_major(&sheared).is_err());
     }
 
     #[test]

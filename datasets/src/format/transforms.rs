@@ -9,36 +9,36 @@ use serde_json::{Map, Value};
 use sharp::camera::{CameraError, RigidTransform};
 
 use super::{FormatError, lenient_json};
-use crate::lens::{Distortion, Lens};
+use crate::lens::{Distortion, Lens, LensError};
 use crate::{DatasetError, files};
 
 /// A `transforms.json`.
 #[derive(Debug)]
 pub struct Transforms {
     /// `frames`, in the file's order.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<JsonFrame>,
     /// `test_frames` (ScanNet++), in the file's order.
-    pub test_frames: Vec<Frame>,
+    pub test_frames: Vec<JsonFrame>,
     /// `applied_scale`: what translations were multiplied by; 1 when absent.
     pub applied_scale: f64,
 }
 
 /// One picture.
 #[derive(Debug)]
-pub struct Frame {
+pub struct JsonFrame {
     /// As written; may begin with `./` and lack its extension.
     pub file_path: String,
     pub depth_file_path: Option<String>,
     pub mask_path: Option<String>,
     /// ScanNet++: the pose is unreliable.
     pub is_bad: bool,
-    /// Camera to world in OpenCV's axes, translation as written; or why it is none.
+    /// Camera to world in OpenCV's axes, translation as written, or why it is invalid.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
     /// What the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True when the frame states intrinsics that differ from the file's. Its own count, unless
-    /// [`Frame::prefer_file`] is called.
+    /// True when the frame states intrinsics that differ from the file's. Its own win unless
+    /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
 
@@ -73,7 +73,7 @@ const INTRINSIC_KEYS: [&str; 18] = [
 ///
 /// # Errors
 /// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
-/// A pose that is not finite or not rigid is no error here: it stays in its frame.
+/// A pose that is not finite or not rigid is kept in its frame as an error.
 pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
     files::parse_text(path, parse)
 }
@@ -110,7 +110,7 @@ pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     })
 }
 
-fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, FormatError> {
+fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<JsonFrame, FormatError> {
     let object = value.as_object().ok_or("is not an object")?;
     let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
     let file_path = text("file_path").ok_or("has no 'file_path'")?;
@@ -119,7 +119,7 @@ fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, FormatE
         .ok_or("has no 'transform_matrix'")?;
     let rows = matrix(written).ok_or("its 'transform_matrix' is neither 4x4 nor 3x4")?;
     let own = RawIntrinsics::of(object);
-    Ok(Frame {
+    Ok(JsonFrame {
         contradicts_file: own
             .numbers
             .iter()
@@ -193,8 +193,8 @@ impl RawIntrinsics {
     }
 }
 
-impl Frame {
-    /// From now on what the file states counts before what the frame states: nerfstudio's rule.
+impl JsonFrame {
+    /// Lets the file's intrinsics override the frame's: nerfstudio's rule.
     pub fn prefer_file(&mut self) {
         self.intrinsics = self.intrinsics.overridden_by(&self.shared);
     }
@@ -217,7 +217,8 @@ impl Frame {
     /// The camera of a picture of this size.
     ///
     /// # Errors
-    /// The reason: no focal length, an unknown camera model, degenerate intrinsics.
+    /// [`FormatError::Lens`] for an unknown camera model or degenerate intrinsics,
+    /// [`FormatError::Invalid`] without a focal length.
     pub fn lens(&self, size: (u32, u32)) -> Result<Lens, FormatError> {
         let raw = &self.intrinsics;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
@@ -226,9 +227,8 @@ impl Frame {
                 .number(key)?
                 .map(|angle| 0.5 * side / (0.5 * angle).tan()))
         };
-        let first = |a: Option<f64>, b: Option<f64>| a.or(b);
-        let fx = first(raw.number("fl_x")?, from_angle("camera_angle_x", w)?);
-        let fy = first(raw.number("fl_y")?, from_angle("camera_angle_y", h)?);
+        let fx = raw.number("fl_x")?.or(from_angle("camera_angle_x", w)?);
+        let fy = raw.number("fl_y")?.or(from_angle("camera_angle_y", h)?);
         let (fx, fy) = match (fx, fy) {
             (Some(fx), Some(fy)) => (fx, fy),
             (Some(f), None) | (None, Some(f)) => (f, f),
@@ -240,7 +240,8 @@ impl Frame {
             raw.number("cx")?.unwrap_or(w / 2.0),
             raw.number("cy")?.unwrap_or(h / 2.0),
         );
-        Lens::new((fx, fy), center, size, self.distortion()?).map_err(|e| invalid!("{e}"))
+        let lens = Lens::new((fx, fy), center, size, self.distortion()?);
+        Ok(lens.map_err(LensError::from)?)
     }
 
     fn distortion(&self) -> Result<Distortion, FormatError> {
@@ -275,7 +276,10 @@ impl Frame {
             "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
                 k: [k1, k2, k3, k4],
             },
-            other => return Err(invalid!("camera model '{other}' is not supported")),
+            other => {
+                let model = other.to_owned();
+                return Err(LensError::UnsupportedModel { model }.into());
+            }
         };
         let all = [k1, k2, k3, k4, p[0], p[1]];
         if all.iter().all(|v| v.is_finite()) {
@@ -378,7 +382,7 @@ mod tests {
         let mut file = one("\"fl_x\": 5,", "\"fl_x\": 6, \"cx\": 3,");
         let frame = &mut file.frames[0];
         assert!(frame.contradicts_file);
-        let numbers = |frame: &Frame| {
+        let numbers = |frame: &JsonFrame| {
             let k = frame.lens((8, 8)).unwrap().intrinsics();
             (k.fx, k.cx, k.cy)
         };

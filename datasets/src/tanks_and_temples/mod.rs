@@ -14,16 +14,16 @@ mod photographs;
 use std::path::Path;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::entry::{Choice, DatasetEntry, PaperOverlap, Setting};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
 use crate::format::trajectory;
-use crate::required_files::{Photograph, RequiredFile};
-use crate::scan_depth::{Scan, ScanCache};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 use cameras::SceneCameras;
-use photographs::Photographs;
+use photographs::ScenePhotographs;
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "tanks-and-temples",
@@ -43,12 +43,12 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "intrinsics",
             "where focal length and principal point come from",
             &[
-                Choice::new("auto", "a COLMAP model if there is one, else 0.7w"),
-                Choice::new(
+                SettingChoice::new("auto", "a COLMAP model if there is one, else 0.7w"),
+                SettingChoice::new(
                     "0.7w",
                     "0.7 of the width: the download page's recommendation",
                 ),
-                Choice::new("0.6w", "0.6 of the width: what COLMAP itself arrives at"),
+                SettingChoice::new("0.6w", "0.6 of the width: what COLMAP itself arrives at"),
             ],
         ),
         Setting::free(
@@ -68,7 +68,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     },
 };
 
-fn required_files(photo: &Photograph<'_>) -> Vec<RequiredFile> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let file = |end: &str| format!("{0}/{0}{end}", photo.scene);
     vec![
         RequiredFile::camera(file(LOG)),
@@ -93,7 +93,7 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let mut scenes = Vec::new();
     for folder in &found.folders {
         for log in logs_in(folder) {
-            let reader = SceneReader {
+            let reader = TanksReader {
                 spec,
                 root: &root,
                 folder,
@@ -112,21 +112,21 @@ fn logs_in(folder: &Path) -> Vec<String> {
     names.filter(|name| name.ends_with(LOG)).collect()
 }
 
-struct SceneReader<'a> {
+struct TanksReader<'a> {
     spec: &'a DatasetSpec,
     root: &'a Root,
     folder: &'a Path,
     name: &'a str,
 }
 
-impl SceneReader<'_> {
+impl TanksReader<'_> {
     fn read(&self, splat_radius: u32, cache: &ScanCache) -> Result<Scene, DatasetError> {
         let name = self.name;
         let file = |end: &str| self.root.resolve(self.folder, &format!("{name}{end}"));
         let (log, trans, scan) = (file(LOG)?, file("_trans.txt")?, file(".ply")?);
         let poses = trajectory::read_log(&log)?;
         let metric = trajectory::read_similarity(&trans)?;
-        let photos = Photographs::find(self.root, self.folder, name, poses.blocks.len())?;
+        let photos = ScenePhotographs::find(self.root, self.folder, name, poses.blocks.len())?;
         let by_block = photos
             .by_block(&poses)
             .map_err(|reason| DatasetError::malformed(&log, reason))?;
@@ -142,7 +142,7 @@ impl SceneReader<'_> {
         let cameras = self.cameras(first.unwrap_or(&photos.files[0]), &mut scene.notes)?;
         let camera_files = [&[log.clone(), trans], cameras.files.as_slice()].concat();
         scene.sizes.cameras_from(cameras.files.first());
-        let scan = scan.is_file().then(|| Scan {
+        let scan = scan.is_file().then(|| ScanFile {
             file: scan.clone(),
             cache: cache.clone(),
             splat_radius,

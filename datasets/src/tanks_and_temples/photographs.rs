@@ -14,7 +14,7 @@ use crate::scene_builder::is_picture_extension;
 
 /// The pictures of a scene.
 #[derive(Debug)]
-pub(super) struct Photographs {
+pub(super) struct ScenePhotographs {
     pub(super) folder: PathBuf,
     /// In natural order; there is at least one.
     pub(super) files: Vec<PathBuf>,
@@ -22,13 +22,13 @@ pub(super) struct Photographs {
     pub(super) notes: Vec<String>,
 }
 
-impl Photographs {
+impl ScenePhotographs {
     /// Looks where pictures may be: `images/` and `<name>/` beside the log, beside the log itself,
     /// then `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. The first folder with
-    /// as many pictures as there are blocks counts, else the first with any.
+    /// as many pictures as there are blocks is taken, else the first with any.
     ///
     /// # Errors
-    /// When there is no picture, or one that is read leads out of the root.
+    /// When there is no picture, or one of them leads out of the root.
     pub(super) fn find(
         root: &Root,
         beside: &Path,
@@ -101,8 +101,8 @@ impl Photographs {
     ///
     /// Where any name is a number, block i belongs to the picture numbered i + 1; to the one
     /// numbered i only if the pictures' numbers begin with 0 and end with the last block; pictures
-    /// without a number have no block. Where none is, there must be as many pictures as blocks, and
-    /// their order counts.
+    /// without a number have no block. Where no name is a number, there must be as many pictures as
+    /// blocks, and their order decides.
     ///
     /// # Errors
     /// The reason why it cannot be told which picture a pose belongs to.
@@ -157,7 +157,7 @@ impl Photographs {
         Ok(by_block)
     }
 
-    /// The pictures by their numbers, and those whose names are none.
+    /// The pictures by their numbers, and those whose names are not numbers.
     fn numbered(&self) -> Result<Numbered<'_>, String> {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
@@ -190,7 +190,7 @@ impl Photographs {
             return Err(format!(
                 "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: no \
                  picture is named by a number ({}), so that it cannot be told which pose belongs \
-                 to which; take away what does not belong there, or name the pictures 000001, \
+                 to which; remove what does not belong there, or name the pictures 000001, \
                  000002 and so on, block 0 being that of 000001",
                 self.folder.display(),
                 first_few(&names)
@@ -245,8 +245,8 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 mod tests {
     use super::*;
 
-    fn pictures(names: &[&str]) -> Photographs {
-        Photographs {
+    fn pictures(names: &[&str]) -> ScenePhotographs {
+        ScenePhotographs {
             folder: PathBuf::from("images"),
             files: names.iter().map(PathBuf::from).collect(),
             notes: Vec::new(),
@@ -286,7 +286,7 @@ mod tests {
                 "0:1 2:3",
                 2,
             ),
-            // A log whose first block lacks.
+            // A log without its first block.
             (&["1.jpg", "2.jpg", "3.jpg"], &[1, 2], "1:2 2:3", 1),
         ] {
             let pictures = pictures(names);

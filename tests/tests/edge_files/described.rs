@@ -93,7 +93,7 @@ fn the_rig(name: &str) -> Outcome {
 }
 
 /// The images of a text model whose `images.txt` is the fixture.
-fn images(name: &str) -> Result<Vec<colmap_records::Image>, DatasetError> {
+fn images(name: &str) -> Result<Vec<colmap_records::ColmapImage>, DatasetError> {
     let folder = TempDir::new().unwrap();
     let camera = "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n";
     std::fs::write(folder.path().join("cameras.txt"), camera).unwrap();
