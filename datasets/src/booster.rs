@@ -11,65 +11,87 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
-use crate::format::opencv_xml::{self, Node, Storage};
-use crate::format::picture;
-use crate::rig::Side;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene};
+use crate::format::opencv_xml::{self, FileStorage, Node};
+use crate::format::{FormatError, picture};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::spec::SceneResults;
+use crate::stereo_pair::{self, Side};
+use crate::{DatasetError, DatasetSpec};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "booster",
-    summary: "Booster stereo: train/balanced/<Scene> with camera_00, camera_02, calib_00-02.xml",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "booster",
+    display_name: "Booster",
+    title: "Booster",
+    page: "https://cvlab-unibo.github.io/booster-web/",
+    terms: "research use; do not redistribute",
+    download: "booster_gt.zip; only the training set has ground truth",
+    size: "19.3 GB (8.3 GB unpacked for train/balanced)",
+    layout: "train/balanced/<Scene>/{camera_00/*.png, camera_02/*.png, disp_00.npy, \
+             disp_02.npy, calib_00-02.xml}",
+    paper_column: "Booster",
+    paper_overlap: PaperOverlap::Stereo,
+    caveat: "the paper does not say whether every illumination counts (228 pairs) or one (38)",
     settings: &[
         Setting::choice(
             "split",
             "which part, by the folder's name; a folder that is neither always counts",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "train",
                     "with ground truth: the paper's privileged depth needs it",
                 ),
-                Choice::proxy("test", "without ground truth"),
+                SettingChoice::proxy("test", "without ground truth"),
             ],
         ),
         Setting::choice(
             "set",
             "balanced or unbalanced cameras, by the folder's name",
             &[
-                Choice::new("balanced", "two cameras of the same kind"),
-                Choice::proxy("unbalanced", "the second camera is smaller"),
+                SettingChoice::new("balanced", "two cameras of the same kind"),
+                SettingChoice::proxy("unbalanced", "the second camera is smaller"),
             ],
         ),
         Setting::choice(
             "illuminations",
             "which pictures of a scene make pairs",
             &[
-                Choice::new("all", "every illumination: 228 pairs of the train set"),
-                Choice::new("first", "only the first: 38 pairs of the train set"),
+                SettingChoice::new("all", "every illumination: 228 pairs of the train set"),
+                SettingChoice::new("first", "only the first: 38 pairs of the train set"),
             ],
         ),
     ],
     open,
+    required_files,
+    archives: |_| vec!["booster_gt.zip".to_owned()],
 };
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let calibration = RequiredFile::camera(photo.above("calib_00-02.xml"));
+    let mut files = vec![calibration.or(photo.above("calib_00-01.xml"))];
+    if photo.folder.ends_with("camera_00") {
+        files.push(RequiredFile::depth(photo.above("disp_00.npy")));
+    }
+    files
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
-    let found_folders = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
+    let found = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
     let mut scenes = Vec::new();
-    for folder in found_folders.folders {
+    for folder in found.folders {
         if is_wanted(&folder, spec.setting("split"), spec.setting("set")) {
-            let found = scenes.len();
+            let before = scenes.len();
             if let Err(error) = read_scene(spec, &root, &folder, &mut scenes) {
-                scenes.truncate(found);
+                scenes.truncate(before);
                 scenes.push(Err(error));
             }
         }
     }
     let expected = "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml; or \
                     split= and set= rule out what is there";
-    conclude(spec, scenes, expected, &[&found_folders.passed_over])
+    spec.conclude(scenes, expected, &[&found.left_out])
 }
 
 /// Looks at the folders above the scene, also those above the dataset's root.
@@ -94,7 +116,7 @@ fn read_scene(
     spec: &DatasetSpec,
     root: &Root,
     folder: &Path,
-    scenes: &mut Attempts,
+    scenes: &mut SceneResults,
 ) -> Result<(), DatasetError> {
     let (number, calibration) = ["02", "01"]
         .iter()
@@ -102,9 +124,10 @@ fn read_scene(
         .find(|(_, path)| path.is_file())
         .ok_or_else(|| DatasetError::malformed(folder, "no calib_00-02.xml or calib_00-01.xml"))?;
     root.check(&calibration)?;
-    let rig = Rig::read(&calibration)?;
+    let storage = opencv_xml::read(&calibration)?;
+    let rig = BoosterRig::parse(&storage).map_err(|e| DatasetError::format(&calibration, e))?;
     let id = root.id_of(folder);
-    let cluster = id.rsplit('/').next().unwrap_or(&id).to_owned();
+    let cluster = id.rsplit('/').next().unwrap_or(&id);
     let left_folder = root.resolve(folder, "camera_00")?;
     let right_folder = root.resolve(folder, &format!("camera_{number}"))?;
     for (name, left) in files::list(&left_folder)? {
@@ -125,25 +148,9 @@ fn read_scene(
                 "{id}: no disp_00.npy, so the left view has no depth"
             ));
         }
-        let mut views = Vec::new();
-        for (side, geometry) in sides.into_iter().zip(rig.geometry) {
-            let view = side.into_view(geometry, vec![calibration.clone()]);
-            views.push(view.map_err(|source| DatasetError::Camera {
-                path: calibration.clone(),
-                source,
-            })?);
-        }
-        scenes.push(Ok(Scene {
-            dataset: spec.name.clone(),
-            id: format!("{id}/{stem}"),
-            cluster: cluster.clone(),
-            views,
-            pairing: Pairing::Stereo {
-                source: 0,
-                target: 1,
-            },
-            notes,
-        }));
+        let (id, cluster) = (format!("{id}/{stem}"), cluster.to_owned());
+        let scene = stereo_pair::scene(&spec.name, id, cluster, sides, &calibration, notes)?;
+        scenes.push(Ok(scene));
         if spec.setting("illuminations") == "first" {
             break;
         }
@@ -152,20 +159,14 @@ fn read_scene(
 }
 
 /// The two cameras of a scene.
-struct Rig {
+struct BoosterRig {
     /// Focal lengths and principal points of the left and right camera, integer-centred.
     cameras: [[f64; 4]; 2],
-    baseline_m: f64,
     geometry: [StereoGeometry; 2],
 }
 
-impl Rig {
-    fn read(path: &Path) -> Result<Self, DatasetError> {
-        let storage = opencv_xml::read(path)?;
-        Self::parse(&storage).map_err(|reason| DatasetError::malformed(path, reason))
-    }
-
-    fn parse(storage: &Storage) -> Result<Self, String> {
+impl BoosterRig {
+    fn parse(storage: &FileStorage) -> Result<Self, FormatError> {
         let left = camera(storage, "proj_matL", "mtxL")?;
         let right = camera(storage, "proj_matR", "mtxR")?;
         // The right camera's matrix holds −f·B in its fourth column.
@@ -182,10 +183,8 @@ impl Rig {
                 if other
                     .is_some_and(|o| o.is_finite() && o != 0.0 && (o - b).abs() > 0.01 * b.abs())
                 {
-                    return Err(format!(
-                        "baselineLR is {b}, but proj_matR says {}",
-                        other.unwrap_or_default()
-                    ));
+                    let other = other.unwrap_or_default();
+                    return Err(format!("baselineLR is {b}, but proj_matR says {other}").into());
                 }
                 *b
             }
@@ -193,7 +192,7 @@ impl Rig {
             _ => return Err("neither baselineLR nor a 3x4 proj_matR".into()),
         };
         if !baseline_mm.is_finite() || baseline_mm <= 0.0 {
-            return Err(format!("the baseline is {baseline_mm} mm"));
+            return Err(format!("the baseline is {baseline_mm} mm").into());
         }
         let baseline_m = baseline_mm / 1000.0;
         let geometry = [left[0], right[0]].map(|focal| StereoGeometry {
@@ -203,7 +202,6 @@ impl Rig {
         });
         Ok(Self {
             cameras: [left, right],
-            baseline_m,
             geometry,
         })
     }
@@ -226,13 +224,17 @@ impl Rig {
             disparity: disparity.is_file().then_some((disparity, 1.0)),
             focal: (fx, fy),
             center: (cx + 0.5, cy + 0.5),
-            x_m: if index == 0 { 0.0 } else { self.baseline_m },
+            geometry: self.geometry[index],
         })
     }
 }
 
 /// fx, fy, cx, cy of the first matrix there is.
-fn camera(storage: &Storage, projection: &str, intrinsic: &str) -> Result<[f64; 4], String> {
+fn camera(
+    storage: &FileStorage,
+    projection: &str,
+    intrinsic: &str,
+) -> Result<[f64; 4], FormatError> {
     for (name, columns) in [(projection, 4), (intrinsic, 3)] {
         if let Some(Node::Matrix {
             rows: 3,
@@ -243,19 +245,19 @@ fn camera(storage: &Storage, projection: &str, intrinsic: &str) -> Result<[f64; 
         {
             let found = [data[0], data[columns + 1], data[2], data[columns + 2]];
             if !found.iter().all(|v| v.is_finite()) {
-                return Err(format!("{name} holds a value that is not finite"));
+                return Err(format!("{name} holds a value that is not finite").into());
             }
             return Ok(found);
         }
     }
-    Err(format!("neither {projection} (3x4) nor {intrinsic} (3x3)"))
+    Err(format!("neither {projection} (3x4) nor {intrinsic} (3x3)").into())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn storage(baseline: &str, right_fourth: &str) -> Storage {
+    fn storage(baseline: &str, right_fourth: &str) -> FileStorage {
         let matrix = |name: &str, data: &str| {
             format!("<{name}><rows>3</rows><cols>4</cols><dt>d</dt><data>{data}</data></{name}>")
         };
@@ -273,8 +275,8 @@ mod tests {
     #[test]
     fn the_baseline_is_millimetres_and_may_come_from_the_matrix() {
         for baseline in ["<baselineLR>8.0e+01</baselineLR>", ""] {
-            let rig = Rig::parse(&storage(baseline, "-80000.")).unwrap();
-            assert!((rig.baseline_m - 0.08).abs() < 1e-15);
+            let rig = BoosterRig::parse(&storage(baseline, "-80000.")).unwrap();
+            assert!((rig.geometry[1].baseline_m - 0.08).abs() < 1e-15);
             assert_eq!(rig.geometry[0].doffs, 30.0);
         }
         for (baseline, fourth, reason) in [
@@ -286,8 +288,8 @@ mod tests {
             ("<baselineLR>.Nan</baselineLR>", "0.", "NaN"),
             ("", "0.", "baseline is"),
         ] {
-            let error = Rig::parse(&storage(baseline, fourth)).err().unwrap();
-            assert!(error.contains(reason), "{error}");
+            let error = BoosterRig::parse(&storage(baseline, fourth)).err().unwrap();
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 

@@ -37,7 +37,7 @@ const FILES: [BundledFile; 4] = [
 
 /// Writes the bundled scene below `folder` and returns the path to give to the `middlebury`
 /// reader. Files that are there and whole are left alone, others are replaced; each is written
-/// beside its place and then moved, so that none is ever half there.
+/// beside its place and then moved, so that no file is ever incomplete.
 ///
 /// # Errors
 /// [`DatasetError::Io`]; [`DatasetError::Malformed`] when what was written does not have the

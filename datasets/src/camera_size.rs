@@ -1,20 +1,20 @@
 //! Pictures of another size than their camera is for: refused, or the camera scaled on request.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use crate::entry::{Setting, SettingChoice};
 use crate::format::picture;
 use crate::lens::Lens;
-use crate::spec::{Choice, DatasetSpec, Setting};
-use crate::{DatasetError, mask};
+use crate::{DatasetError, DatasetSpec, mask};
 
 /// What becomes of pictures whose size is not their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
     &[
-        Choice::new("exact", "are an error"),
-        Choice::new(
+        SettingChoice::new("exact", "are an error"),
+        SettingChoice::new(
             "scaled",
             "have their camera scaled, where the ratio is the same in both axes; else are an error",
         ),
@@ -22,21 +22,31 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
 );
 
 /// Width and height, pixels.
-type Size = (u32, u32);
+type PixelSize = (u32, u32);
 
 /// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.
 #[derive(Debug)]
 pub(crate) struct CameraSizes {
+    /// Where the cameras are from, for notes.
+    file: PathBuf,
     scale: bool,
     /// From the camera's size to the picture's, and how often.
-    scaled: BTreeMap<(Size, Size), usize>,
+    scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
 
 impl CameraSizes {
-    pub(crate) fn new(spec: &DatasetSpec) -> Self {
+    pub(crate) fn new(spec: &DatasetSpec, file: &Path) -> Self {
         Self {
+            file: file.to_owned(),
             scale: spec.setting(CAMERA_SIZE.key) == "scaled",
             scaled: BTreeMap::new(),
+        }
+    }
+
+    /// Sets the file that notes name.
+    pub(crate) fn cameras_from(&mut self, file: Option<&PathBuf>) {
+        if let Some(file) = file {
+            self.file.clone_from(file);
         }
     }
 
@@ -45,7 +55,7 @@ impl CameraSizes {
     /// distortion acts on coordinates without a unit and stays.
     ///
     /// # Errors
-    /// Names a picture whose scaled camera is none.
+    /// Names a picture whose scaled camera is invalid.
     pub(crate) fn fit(&mut self, lens: Lens, image: &Path) -> Result<Lens, DatasetError> {
         let k = lens.intrinsics();
         let from = (k.width, k.height);
@@ -62,21 +72,19 @@ impl CameraSizes {
         let x = f64::from(to.0) / f64::from(from.0);
         let y = f64::from(to.1) / f64::from(from.1);
         let (focal, center) = ((k.fx * x, k.fy * y), (k.cx * x, k.cy * y));
-        Lens::new(focal, center, to, lens.distortion()).map_err(|source| DatasetError::Camera {
-            path: image.to_owned(),
-            source,
-        })
+        Lens::new(focal, center, to, lens.distortion())
+            .map_err(|source| DatasetError::camera(image, source))
     }
 
-    /// A note a pair of sizes; `file` is where the cameras are from.
-    pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
+    /// A note a pair of sizes.
+    pub(crate) fn notes(&self) -> Vec<String> {
         self.scaled
             .iter()
             .map(|((from, to), count)| {
                 format!(
                     "{}: the cameras of {count} picture(s) are for {}x{} and were scaled to the \
                      pictures' {}x{}",
-                    file.display(),
+                    self.file.display(),
                     from.0,
                     from.1,
                     to.0,
@@ -87,8 +95,12 @@ impl CameraSizes {
     }
 }
 
-/// Refuses a picture whose size is not its camera's, and says so where [`CAMERA_SIZE`] would help.
-pub(crate) fn check_size(path: &Path, found: Size, expected: Size) -> Result<(), DatasetError> {
+/// Refuses a picture whose size is not its camera's; the error mentions [`CAMERA_SIZE`] where it would help.
+pub(crate) fn check_size(
+    path: &Path,
+    found: PixelSize,
+    expected: PixelSize,
+) -> Result<(), DatasetError> {
     mask::check_size(path, found, expected).map_err(|error| match error {
         DatasetError::Malformed { path, reason } if is_same_ratio(expected, found) => {
             let hint = "the ratio is the same in both axes: camera-size=scaled scales the camera \
@@ -101,7 +113,7 @@ pub(crate) fn check_size(path: &Path, found: Size, expected: Size) -> Result<(),
 
 /// Whether one factor leads from one size to the other, where both of the new sides were rounded
 /// to whole pixels in the same way: down, or to the nearest.
-fn is_same_ratio(from: Size, to: Size) -> bool {
+fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
     let ([w, h], [v, u]) = (
         [from.0, from.1].map(i128::from),
         [to.0, to.1].map(i128::from),
@@ -151,13 +163,14 @@ mod tests {
             .unwrap()
         };
         let spec = |settings: &str| {
-            CameraSizes::new(&DatasetSpec::parse(&format!("colmap=x{settings}")).unwrap())
+            let spec = DatasetSpec::parse(&format!("colmap=x{settings}")).unwrap();
+            CameraSizes::new(&spec, Path::new("c.txt"))
         };
         let mut scaled = spec(",camera-size=scaled");
         let found = scaled.fit(lens(1.0, (160, 120)), &image).unwrap();
         assert_eq!(found, lens(0.5, (80, 60)));
         assert_eq!(
-            scaled.notes(Path::new("c.txt")),
+            scaled.notes(),
             [
                 "c.txt: the cameras of 1 picture(s) are for 160x120 and were scaled to the pictures' 80x60"
             ]
@@ -167,7 +180,7 @@ mod tests {
         let mut exact = spec("");
         let large = lens(1.0, (160, 120));
         assert_eq!(exact.fit(large, &image).unwrap(), large);
-        assert!(exact.notes(Path::new("c.txt")).is_empty());
+        assert!(exact.notes().is_empty());
     }
 
     #[test]

@@ -9,20 +9,23 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::camera_size::{CAMERA_SIZE, CameraSizes};
-use crate::depth::{Encoding, Resampling};
+use crate::camera_size::CAMERA_SIZE;
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
 use crate::files::Root;
-use crate::finder::Finder;
 use crate::format::colmap;
-use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Scene};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "colmap",
-    summary: "your own pictures with a COLMAP model, text or binary: images/ and sparse/0/",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "colmap",
+    display_name: "COLMAP",
+    title: "your own pictures with a COLMAP model",
+    page: "https://colmap.github.io/format.html",
+    layout: "images/, sparse/0/{cameras, images}.{bin or txt}; depth/ if there is any",
+    caveat: "the model's unit is taken as metres; say scale= if it is not",
     settings: &[
         Setting::free("scale", "metres of one unit of the model", "1"),
         Setting::free(
@@ -34,15 +37,15 @@ pub(crate) const FORMAT: Format = Format {
             "depth",
             "where depth comes from",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "folder",
                     "maps named as the pictures, in depth/, if it is there",
                 ),
-                Choice::new(
+                SettingChoice::new(
                     "points",
                     "the triangulated points that each picture sees: sparse",
                 ),
-                Choice::new("none", "nowhere"),
+                SettingChoice::new("none", "nowhere"),
             ],
         ),
         Setting::free(
@@ -54,6 +57,8 @@ pub(crate) const FORMAT: Format = Format {
         OUTSIDE,
     ],
     open,
+    required_files,
+    ..DatasetEntry::OWN
 };
 
 /// Where a model may lie, seen from a scene's folder.
@@ -63,35 +68,31 @@ const MODELS: [&str; 6] = [
     "colmap/sparse/0",
     "colmap/sparse",
     "colmap",
-    ".",
+    "",
 ];
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let file = |list: &str, extension: &str| photo.above(&format!("sparse/0/{list}.{extension}"));
+    ["cameras", "images"]
+        .map(|list| RequiredFile::camera(file(list, "bin")).or(file(list, "txt")))
+        .into()
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
     // Asked once, before any scene: a wrong value is no scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
+    let model_of = |folder: &Path| {
+        let mut places = MODELS.iter().map(|place| folder.join(place));
+        places.find(|place| colmap::is_model(place))
+    };
     let found = root.find_folders(3, &|folder| model_of(folder).is_some())?;
-    let mut scenes = Vec::new();
-    for folder in &found.folders {
-        if let Some(model) = model_of(folder) {
-            scenes.push(read_scene(spec, &root, folder, &model, units));
-        }
-    }
+    let folders = found.folders.iter();
+    let scenes = folders
+        .filter_map(|folder| Some(read_scene(spec, &root, folder, &model_of(folder)?, units)))
+        .collect();
     let expected = "images/ and sparse/0/ with cameras and images (.bin or .txt)";
-    conclude(spec, scenes, expected, &[&found.passed_over])
-}
-
-fn model_of(folder: &Path) -> Option<PathBuf> {
-    MODELS
-        .iter()
-        .map(|m| {
-            if *m == "." {
-                folder.to_owned()
-            } else {
-                folder.join(m)
-            }
-        })
-        .find(|m| colmap::is_model(m))
+    spec.conclude(scenes, expected, &[&found.left_out])
 }
 
 fn read_scene(
@@ -101,114 +102,64 @@ fn read_scene(
     model_folder: &Path,
     (scale, unit): (f64, f64),
 ) -> Result<Scene, DatasetError> {
-    colmap::check_inside(root, model_folder)?;
-    let model = colmap::read_model(model_folder)?;
-    let images_file = model.files.last().cloned().unwrap_or_default();
+    let model = colmap::read_model_in(root, model_folder)?;
     let pictures = root.resolve(folder, spec.setting("images"))?;
     let maps = root.resolve(folder, "depth")?;
     let from_folder = spec.setting("depth") == "folder" && maps.is_dir();
     let tracks = if spec.setting("depth") == "points" {
-        Some(Tracks::read(model_folder, scale)?)
+        Some(PointTracks::read(model_folder, scale)?)
     } else {
         None
     };
-
-    let mut finder = Finder::new(root, &images_file);
-    let mut skipped = Skipped::default();
-    let mut sizes = CameraSizes::new(spec);
-    let mut views = Vec::new();
+    let mut scene = SceneBuilder::new(spec, root, model.images_file());
     for image in &model.images {
-        let found = finder.picture(&pictures, &image.name)?;
-        let Some(mut pose) = image.camera_from_world else {
-            skipped.add(
-                "the pose is not finite or its quaternion is zero",
-                &image.name,
-            );
+        let found = scene.finder.picture(&pictures, &image.name)?;
+        let Some((path, mut pose)) = scene.usable(&image.name, found, image.camera_from_world)
+        else {
             continue;
         };
-        let Some(path) = found else {
-            skipped.add("the picture does not exist", &image.name);
-            continue;
-        };
-        let malformed = |reason: String| {
-            DatasetError::malformed(
-                &model.files[0],
-                format!("camera {}: {reason}", image.camera_id),
-            )
-        };
-        let lens = model
-            .cameras
-            .get(&image.camera_id)
-            .ok_or_else(|| malformed(format!("does not exist, but '{}' names it", image.name)))?
-            .lens()
-            .map_err(malformed)?;
-        let lens = sizes.fit(lens, &path)?;
         pose.translation *= scale;
         let id = frame_id(&image.name);
         let map = if from_folder {
-            finder.map(&maps, &id)?
+            scene.finder.map(&maps, &id)?
         } else {
             None
         };
         let depth = match (&tracks, map) {
-            (Some(tracks), _) => tracks.of(image.id),
-            (None, Some(map)) => Depth::Map(map, Encoding::Units(unit), Resampling::Nearest),
-            (None, None) => Depth::None,
-        };
-        views.push(
-            Posed {
-                id,
-                image: path,
-                lens,
-                pinhole: Pinhole::WithoutBlankPixels,
-                camera_from_world: pose,
-                mask: None,
-                depth,
-                cameras: model.files.clone(),
+            (Some(tracks), _) => tracks.depth_of(image.id),
+            (None, Some(map)) => {
+                FrameDepth::Map(map, DepthEncoding::Units(unit), Resampling::Nearest)
             }
-            .into_view()?,
-        );
+            (None, None) => FrameDepth::None,
+        };
+        scene.add(PosedFrame {
+            id,
+            image: path,
+            lens: model.lens(image)?,
+            pinhole: Pinhole::WithoutBlankPixels,
+            camera_from_world: pose,
+            mask: None,
+            depth,
+            cameras: model.files.clone(),
+        })?;
     }
-    posed::finish(&mut views);
-    let mut notes = skipped.notes(&images_file);
-    notes.extend(finder.notes());
-    notes.extend(sizes.notes(&images_file));
     if model.text_ignored {
-        notes.push(format!(
+        scene.notes.push(format!(
             "{}: the binary model was read, the text model beside it was not",
             model_folder.display()
         ));
     }
-    if views.is_empty() {
-        return Err(DatasetError::malformed(
-            images_file,
-            format!(
-                "no usable picture in {}; {}",
-                pictures.display(),
-                notes.join("; ")
-            ),
-        ));
-    }
-    let id = root.id_of(folder);
-    Ok(Scene {
-        dataset: spec.name.clone(),
-        cluster: id.clone(),
-        id,
-        views,
-        pairing: Pairing::MultiView,
-        notes,
-    })
+    let hint = format!("; pictures are looked for in {}", pictures.display());
+    scene.finish_with_views(root.id_of(folder), &hint)
 }
 
-/// The points that each image sees.
-pub(crate) struct Tracks {
+/// The triangulated points that each image sees.
+pub(crate) struct PointTracks {
     file: PathBuf,
     points: BTreeMap<u32, Vec<DVec3>>,
 }
 
-impl Tracks {
-    /// Reads a model's points.
-    ///
+impl PointTracks {
     /// # Errors
     /// Names the file, also when there is none.
     pub(crate) fn read(model_folder: &Path, scale: f64) -> Result<Self, DatasetError> {
@@ -218,20 +169,15 @@ impl Tracks {
         let mut points: BTreeMap<u32, Vec<DVec3>> = BTreeMap::new();
         for point in list {
             for image in point.seen_by {
-                points
-                    .entry(image)
-                    .or_default()
-                    .push(point.position * scale);
+                let seen = points.entry(image).or_default();
+                seen.push(point.position * scale);
             }
         }
         Ok(Self { file, points })
     }
 
-    /// The depth of one image.
-    pub(crate) fn of(&self, image: u32) -> Depth {
-        Depth::Points(
-            self.file.clone(),
-            self.points.get(&image).cloned().unwrap_or_default(),
-        )
+    pub(crate) fn depth_of(&self, image: u32) -> FrameDepth {
+        let points = self.points.get(&image).cloned().unwrap_or_default();
+        FrameDepth::Points(self.file.clone(), points)
     }
 }

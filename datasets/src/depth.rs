@@ -2,17 +2,16 @@
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use image::Luma;
 
 use crate::format::{self, FloatMap, raw_floats};
-use crate::mask::{Mask, check_size};
+use crate::mask::check_size;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap};
 
 /// Where a view's depth comes from.
-pub(crate) trait DepthSource: Send + Sync + Debug {
+pub(crate) trait ViewDepth: Send + Sync + Debug {
     /// Reads the depth map; it has the size that the view's intrinsics state.
     fn load(&self) -> Result<DepthMap, DatasetError>;
 
@@ -87,7 +86,7 @@ pub(crate) struct Disparity {
     pub(crate) unit: f64,
 }
 
-impl DepthSource for Disparity {
+impl ViewDepth for Disparity {
     fn load(&self) -> Result<DepthMap, DatasetError> {
         let mut disparity = format::read_map(&self.file)?;
         check_size(&self.file, disparity.dimensions(), self.size)?;
@@ -106,7 +105,7 @@ impl DepthSource for Disparity {
 
 /// How a stored depth map is encoded.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Encoding {
+pub(crate) enum DepthEncoding {
     /// A self-describing file; one unit is this many metres. 65535 in a whole-numbered map means
     /// no depth, as 0 does.
     Units(f64),
@@ -127,18 +126,18 @@ pub(crate) enum Resampling {
 #[derive(Debug)]
 pub(crate) struct StoredDepth {
     pub(crate) file: PathBuf,
-    pub(crate) encoding: Encoding,
+    pub(crate) encoding: DepthEncoding,
     /// Size of the photograph as stored. A map of another size but the same shape is resized to
     /// the nearest value (phones store depth at a fraction of the picture's size).
     pub(crate) size: (u32, u32),
     pub(crate) undistortion: Option<(Undistortion, Resampling)>,
 }
 
-impl DepthSource for StoredDepth {
+impl ViewDepth for StoredDepth {
     fn load(&self) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self.encoding {
-            Encoding::Units(unit_m) => (format::read_map(&self.file)?, unit_m),
-            Encoding::RawFloats => (raw_floats::read(&self.file, self.size)?, 1.0),
+            DepthEncoding::Units(unit_m) => (format::read_map(&self.file)?, unit_m),
+            DepthEncoding::RawFloats => (raw_floats::read(&self.file, self.size)?, 1.0),
         };
         let whole_numbered = stored.iter().all(|v| *v >= 0.0 && v.fract() == 0.0);
         let mut depth = fit(&self.file, stored, self.size)?;
@@ -159,34 +158,6 @@ impl DepthSource for StoredDepth {
 
     fn files(&self) -> Vec<PathBuf> {
         vec![self.file.clone()]
-    }
-}
-
-/// Depth without the pixels that are black in the view because of its mask.
-#[derive(Debug)]
-pub(crate) struct MaskedDepth {
-    pub(crate) depth: Arc<dyn DepthSource>,
-    pub(crate) mask: Mask,
-    /// Size of the photograph as stored.
-    pub(crate) size: (u32, u32),
-    pub(crate) undistortion: Option<Undistortion>,
-}
-
-impl DepthSource for MaskedDepth {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let mut depth = self.depth.load()?;
-        let mask = self.mask.read(self.size, self.undistortion.as_ref())?;
-        for (z, keep) in depth.iter_mut().zip(mask.iter()) {
-            if *keep == 0 {
-                *z = 0.0;
-            }
-        }
-        Ok(depth)
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        // The mask is the view's own.
-        self.depth.files()
     }
 }
 
@@ -302,7 +273,7 @@ mod tests {
     fn stored(file: PathBuf, size: (u32, u32)) -> StoredDepth {
         StoredDepth {
             file,
-            encoding: Encoding::Units(0.001),
+            encoding: DepthEncoding::Units(0.001),
             size,
             undistortion: None,
         }

@@ -6,48 +6,94 @@
 //! one by one instead of being looked up.
 
 use std::path::Path;
-use std::sync::Arc;
 
-use crate::depth::{Encoding, Resampling, StoredDepth};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::Root;
-use crate::finder::Finder;
-use crate::format::colmap::{self, Model};
-use crate::format::colmap_records::Image;
-use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::undistort::Undistortion;
-use crate::{DatasetError, Pairing, Scene, processing};
+use crate::format::colmap;
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Scene};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "eth3d",
-    summary: "ETH3D high-resolution multi-view: <scene>/images/dslr_images, dslr_calibration_jpg, \
-              ground_truth_depth",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "eth3d",
+    display_name: "ETH3D",
+    title: "ETH3D high-resolution multi-view, training set",
+    page: "https://www.eth3d.net/datasets",
+    terms: "CC BY-NC-SA 4.0",
+    download: "<scene>_dslr_jpg.7z and _dslr_depth.7z of 13 scenes; _dslr_undistorted.7z for images=undistorted",
+    size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
+    layout: "<scene>/{images/dslr_images, dslr_calibration_jpg, ground_truth_depth/dslr_images}; \
+             or images/dslr_images_undistorted and dslr_calibration_undistorted beside them",
+    paper_column: "ETH3D",
+    paper_overlap: PaperOverlap::Sparse,
+    caveat: "depth is semi-sparse; the paper estimates overlap from monocular depth",
     settings: &[Setting::choice(
         "images",
         "which photographs",
         &[
-            Choice::new(
+            SettingChoice::new(
                 "distorted",
                 "as taken, 6048x4032 as the paper states, undistorted by us at that size",
             ),
-            Choice::proxy(
+            SettingChoice::proxy(
                 "undistorted",
                 "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
             ),
         ],
     )],
     open,
+    required_files,
+    archives,
 };
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+const DISTORTED: &str = "dslr_calibration_jpg";
+const UNDISTORTED: &str = "dslr_calibration_undistorted";
+const DEPTH: &str = "ground_truth_depth/dslr_images";
+
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let top = photo.picture.split("/images/").next();
+    let top = top.unwrap_or(photo.scene);
+    // Depth lies in the geometry of the distorted pictures.
+    let models: &[&str] = if photo.folder.ends_with("undistorted") {
+        &[UNDISTORTED, DISTORTED]
+    } else {
+        &[DISTORTED]
+    };
+    let lists = models.iter().flat_map(|model| {
+        ["cameras.txt", "images.txt"]
+            .map(|list| RequiredFile::camera(format!("{top}/{model}/{list}")))
+    });
+    let map = format!("{top}/{DEPTH}/{}", photo.name);
+    let depth = RequiredFile::depth(map.clone()).or(map + ".gz");
+    lists.chain([depth]).collect()
+}
+
+fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
+    let undistorted = photo.picture.contains("/dslr_images_undistorted/");
+    // Depth lies in the geometry of the distorted pictures.
+    let parts = ["dslr_jpg", "dslr_depth"].into_iter();
+    parts
+        .chain(undistorted.then_some("dslr_undistorted"))
+        .map(|part| format!("{}_{part}.7z", photo.scene_name()))
+        .collect()
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
     let distorted = spec.setting("images") == "distorted";
-    let calibration = if distorted {
-        "dslr_calibration_jpg"
+    let (calibration, expected) = if distorted {
+        (
+            DISTORTED,
+            "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
+             without distortion say images=undistorted",
+        )
     } else {
-        "dslr_calibration_undistorted"
+        (
+            UNDISTORTED,
+            "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted",
+        )
     };
     let found = root.find_folders(3, &|folder| colmap::is_model(&folder.join(calibration)))?;
     let scenes = found
@@ -55,13 +101,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         .iter()
         .map(|folder| read_scene(spec, &root, folder, calibration, distorted))
         .collect();
-    let expected = if distorted {
-        "<scene>/dslr_calibration_jpg and <scene>/images/dslr_images; for the pictures published \
-         without distortion say images=undistorted"
-    } else {
-        "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted"
-    };
-    conclude(spec, scenes, expected, &[&found.passed_over])
+    spec.conclude(scenes, expected, &[&found.left_out])
 }
 
 fn read_scene(
@@ -71,135 +111,70 @@ fn read_scene(
     calibration: &str,
     distorted: bool,
 ) -> Result<Scene, DatasetError> {
-    let model_folder = root.resolve(folder, calibration)?;
-    colmap::check_inside(root, &model_folder)?;
-    let model = colmap::read_model(&model_folder)?;
+    let model = colmap::read_model_in(root, &root.resolve(folder, calibration)?)?;
     let id = root.id_of(folder);
-    let mut notes = Vec::new();
+    let mut scene = SceneBuilder::new(spec, root, model.images_file());
     // Only the distorted cameras say where a depth sample lies.
-    let stored_folder = root.resolve(folder, "dslr_calibration_jpg")?;
+    let stored_folder = root.resolve(folder, DISTORTED)?;
     let stored = if colmap::is_model(&stored_folder) {
-        colmap::check_inside(root, &stored_folder)?;
-        Some(colmap::read_model(&stored_folder)?)
+        Some(colmap::read_model_in(root, &stored_folder)?)
     } else {
-        notes.push(format!(
+        scene.notes.push(format!(
             "{id}: no dslr_calibration_jpg, without which the published depth cannot be placed"
         ));
         None
     };
     let pictures = root.resolve(folder, "images")?;
-    let maps = root.resolve(folder, "ground_truth_depth/dslr_images")?;
-    let images_file = model.files.last().map_or(model_folder.as_path(), |f| f);
-    let mut finder = Finder::new(root, images_file);
-    let mut skipped = Skipped::default();
-    let mut views = Vec::new();
+    let maps = root.resolve(folder, DEPTH)?;
     for image in &model.images {
-        let Some(camera_from_world) = image.camera_from_world else {
-            skipped.add(
-                "the pose is not finite or its quaternion is zero",
-                &image.name,
-            );
+        let found = scene.finder.picture(&pictures, &image.name)?;
+        let Some((path, camera_from_world)) =
+            scene.usable(&image.name, found, image.camera_from_world)
+        else {
             continue;
         };
-        let Some(path) = finder.picture(&pictures, &image.name)? else {
-            skipped.add("the picture does not exist", &image.name);
-            continue;
-        };
-        let lens = lens_of(&model, image)?;
         let name = image.name.rsplit('/').next().unwrap_or(&image.name);
-        let plain = maps.join(name);
-        let map = [plain.clone(), maps.join(format!("{name}.gz"))]
+        let map = [maps.join(name), maps.join(format!("{name}.gz"))]
             .into_iter()
             .find(|p| p.is_file());
         let depth = match (map, &stored) {
             (Some(map), Some(stored)) => {
                 root.check(&map)?;
-                let stored_lens = lens_of(stored, &same_picture(stored, image, name))?;
-                let k = stored_lens.intrinsics();
-                if distorted {
-                    Depth::Map(map, Encoding::RawFloats, Resampling::Splat)
-                } else {
-                    let undistortion = Undistortion::new(stored_lens, lens.intrinsics());
-                    Depth::Ready(Arc::new(StoredDepth {
-                        file: map,
-                        encoding: Encoding::RawFloats,
-                        size: (k.width, k.height),
-                        undistortion: Some((undistortion, Resampling::Splat)),
-                    }))
-                }
+                // The entry of the same photograph: by file name, else as if by camera id.
+                let mut entries = stored.images.iter();
+                let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
+                let lens = stored.lens(entry.unwrap_or(image))?;
+                FrameDepth::MapOf(map, DepthEncoding::RawFloats, Resampling::Splat, lens)
             }
-            _ => Depth::None,
+            _ => FrameDepth::None,
         };
-        views.push(
-            Posed {
-                id: frame_id(&image.name),
-                image: path,
-                lens,
-                pinhole: Pinhole::WithoutBlankPixels,
-                camera_from_world,
-                mask: None,
-                depth,
-                cameras: model.files.clone(),
-            }
-            .into_view()?,
-        );
+        scene.add(PosedFrame {
+            id: frame_id(&image.name),
+            image: path,
+            lens: model.lens(image)?,
+            pinhole: Pinhole::WithoutBlankPixels,
+            camera_from_world,
+            mask: None,
+            depth,
+            cameras: model.files.clone(),
+        })?;
     }
-    posed::finish(&mut views);
     if !distorted {
-        notes.push("pictures: dslr_images_undistorted, as published".to_owned());
+        let note = "pictures: dslr_images_undistorted, as published";
+        scene.notes.push(note.to_owned());
     }
     if stored.is_some() {
-        let said = if processing::without_depth(&views) == views.len() {
-            "depth: none in ground_truth_depth/dslr_images"
-        } else {
+        let note = if scene.has_depth() {
             "depth: ground_truth_depth/dslr_images, each sample carried by us to the pinhole camera"
-        };
-        notes.push(said.to_owned());
-    }
-    notes.extend(skipped.notes(&model_folder));
-    notes.extend(finder.notes());
-    if views.is_empty() {
-        let other = if distorted {
-            "; images=undistorted reads those published without distortion"
         } else {
-            ""
+            "depth: none in ground_truth_depth/dslr_images"
         };
-        return Err(DatasetError::malformed(
-            model_folder,
-            format!("no usable picture; {}{other}", notes.join("; ")),
-        ));
+        scene.notes.push(note.to_owned());
     }
-    Ok(Scene {
-        dataset: spec.name.clone(),
-        cluster: id.clone(),
-        id,
-        views,
-        pairing: Pairing::MultiView,
-        notes,
-    })
-}
-
-/// The entry of the same photograph in another model: by file name, else as if by camera id.
-fn same_picture(stored: &Model, image: &Image, name: &str) -> Image {
-    stored
-        .images
-        .iter()
-        .find(|other| other.name.rsplit('/').next() == Some(name))
-        .unwrap_or(image)
-        .clone()
-}
-
-fn lens_of(model: &Model, image: &Image) -> Result<crate::lens::Lens, DatasetError> {
-    let malformed = |reason: String| {
-        DatasetError::malformed(
-            model.files[0].clone(),
-            format!("camera {}: {reason}", image.camera_id),
-        )
+    let hint = if distorted {
+        "; images=undistorted reads those published without distortion"
+    } else {
+        ""
     };
-    model
-        .cameras
-        .get(&image.camera_id)
-        .ok_or_else(|| malformed(format!("does not exist, but '{}' names it", image.name)))?
-        .lens()
-        .map_err(malformed)
+    scene.finish_with_views(id, hint)
 }

@@ -7,7 +7,8 @@ use std::path::{Component, Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::{DatasetError, natural};
+use crate::format::FormatError;
+use crate::{DatasetError, natural_order};
 
 /// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
 /// nor a symbolic link may lead elsewhere, because file lists and JSON come from strangers.
@@ -163,7 +164,7 @@ pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
             entries.push((name, entry.path()));
         }
     }
-    entries.sort_by(|a, b| natural::compare(&a.0, &b.0).then_with(|| a.1.cmp(&b.1)));
+    entries.sort_by(|a, b| natural_order::compare(&a.0, &b.0).then_with(|| a.1.cmp(&b.1)));
     Ok(entries)
 }
 
@@ -190,6 +191,22 @@ pub fn read_text(path: &Path) -> Result<String, DatasetError> {
         .strip_prefix('\u{feff}')
         .map(str::to_owned)
         .unwrap_or(text))
+}
+
+/// Reads a file whole and parses it.
+pub(crate) fn parse<T>(
+    path: &Path,
+    parse: impl FnOnce(&[u8]) -> Result<T, FormatError>,
+) -> Result<T, DatasetError> {
+    parse(&read(path)?).map_err(|error| DatasetError::format(path, error))
+}
+
+/// Reads a text file and parses it.
+pub(crate) fn parse_text<T>(
+    path: &Path,
+    parse: impl FnOnce(&str) -> Result<T, FormatError>,
+) -> Result<T, DatasetError> {
+    parse(&read_text(path)?).map_err(|error| DatasetError::format(path, error))
 }
 
 /// Opens a regular file.

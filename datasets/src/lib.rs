@@ -5,58 +5,57 @@
 //! conventions of the crate `sharp`.
 //!
 //! # Contents
+//! * [`entry`](mod@entry): what each dataset is and what can be set, from one entry beside each reader.
+//! * [`spec`]: a dataset as asked for on a command line, and how it is opened.
 //! * [`view`]: what every reader produces.
 //! * [`processing`]: what readers do on the way from files to pixels, for the record.
-//! * [`spec`]: what a format is and what can be set; [`catalog`]: the formats by name, and how one is
-//!   asked for and opened.
-//! * [`facts`]: what each dataset is and where to get it.
-//! * [`needed`]: the files that a photograph needs beside it.
-//! * [`check`](mod@check): what is there, what is broken, whether poses make sense.
+//! * [`required_files`]: the files that a photograph needs beside it.
+//! * [`check`](mod@check): what is present, what is broken, whether poses are plausible.
 //! * [`synthetic`]: procedural scenes with exact depth and exact visibility.
 //! * [`bundled`]: the dataset that comes with the program.
-//! * [`format`](mod@format): file formats, one a file.
+//! * [`format`](mod@format): file formats, one a file; the decoder of photographs is
+//!   [`format::picture`].
 //! * [`files`]: bounded reads and listings that cannot leave a dataset's folder.
 //! * [`lens`]: camera models with distortion.
 //! * [`undistort`]: pictures and depth resampled to a pinhole camera.
-//! * [`natural`]: the order of frames.
+//! * [`natural_order`]: the order of frames.
 //! * [`error`]: what every reader may fail with.
 
 mod booster;
 pub mod bundled;
 mod camera_size;
-pub mod catalog;
 pub mod check;
 mod colmap;
-mod content;
 mod depth;
+pub mod entry;
 pub mod error;
 mod eth3d;
-pub mod facts;
+mod file_content;
+mod file_finder;
 pub mod files;
-mod finder;
 pub mod format;
+mod left_out;
 pub mod lens;
 mod mask;
 mod middlebury;
-pub mod natural;
-pub mod needed;
+pub mod natural_order;
 mod nerfstudio;
-mod posed;
 pub mod processing;
-mod rig;
-mod scan;
+pub mod required_files;
+mod scan_depth;
 mod scannetpp;
-mod search;
-mod skipped;
+mod scene_builder;
+mod scene_search;
 pub mod spec;
 mod stereo;
+mod stereo_pair;
 pub mod synthetic;
 mod tanks_and_temples;
 pub mod undistort;
 pub mod view;
 mod wildrgbd;
 
-pub use catalog::open;
+pub use entry::DatasetEntry;
 pub use error::DatasetError;
-pub use spec::DatasetSpec;
+pub use spec::{DatasetSpec, open};
 pub use view::{DepthMap, Pairing, Scene, View, ViewContent};

@@ -8,14 +8,14 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// A gray picture that says which pixels count: those at full brightness.
+/// A gray picture in which pixels at full brightness are valid.
 #[derive(Debug, Clone)]
-pub(crate) struct Mask {
+pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
 }
 
-impl Mask {
-    /// Reads it as the view needs it: 255 where a pixel counts, else 0. `size` is that of the stored
+impl MaskFile {
+    /// Reads it for a view: 255 where a pixel is valid, else 0. `size` is that of the stored
     /// picture, which the mask must have; `undistortion` is the picture's.
     pub(crate) fn read(
         &self,

@@ -11,71 +11,100 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::Root;
 use crate::format::{calib, picture};
-use crate::rig::Side;
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene, View};
+use crate::left_out::LeftOut;
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::spec::SceneResults;
+use crate::stereo_pair::{self, Side};
+use crate::{DatasetError, DatasetSpec, Scene};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "middlebury",
-    summary: "Middlebury 2014 stereo (scenes2014 or MiddEval3): folders with im0.png, im1.png, calib.txt",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "middlebury",
+    display_name: "Middlebury",
+    title: "Middlebury Stereo 2014",
+    page: "https://vision.middlebury.edu/stereo/data/scenes2014/",
+    terms: "free to use and publish; cite Scharstein et al., GCPR 2014",
+    download: "zip/<Scene>-perfect.zip and -imperfect.zip (23 scenes each), or MiddEval3-data-F.zip \
+               with MiddEval3-GT0-F.zip",
+    size: "46 archives; pictures of 5 to 6 megapixels, disparity maps of 24 MB each; one scene is bundled at a \
+           quarter of the size",
+    layout: "<Scene>/{im0.png, im1.png, calib.txt, disp0.pfm or disp0GT.pfm}",
+    paper_column: "Middlebury",
+    paper_overlap: PaperOverlap::Stereo,
+    caveat: "the paper says neither which scenes nor which rectification it used",
     settings: &[
         Setting::choice(
             "scenes",
             "which scenes, by the folder's name without -perfect or -imperfect",
             &[
-                Choice::new("found", "every scene folder found"),
-                Choice::new("training15", "the 15 of MiddEval3's training set"),
+                SettingChoice::new("found", "every scene folder found"),
+                SettingChoice::new("training15", "the 15 of MiddEval3's training set"),
             ],
         ),
         Setting::choice(
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
             &[
-                Choice::new("any", "every scene folder found"),
-                Choice::new("perfect", "only <Scene>-perfect"),
-                Choice::new("imperfect", "only <Scene>-imperfect"),
+                SettingChoice::new("any", "every scene folder found"),
+                SettingChoice::new("perfect", "only <Scene>-perfect"),
+                SettingChoice::new("imperfect", "only <Scene>-imperfect"),
             ],
         ),
         Setting::choice(
             "right",
             "which right picture is the target",
             &[
-                Choice::new("im1", "the default exposure and lighting"),
-                Choice::proxy("im1E", "another exposure, where there is one"),
-                Choice::proxy("im1L", "another lighting, where there is one"),
+                SettingChoice::new("im1", "the default exposure and lighting"),
+                SettingChoice::proxy("im1E", "another exposure, where there is one"),
+                SettingChoice::proxy("im1L", "another lighting, where there is one"),
             ],
         ),
     ],
     open,
+    required_files,
+    archives,
 };
 
-/// Reads every scene below the folder, left view first.
-///
-/// # Errors
-/// [`DatasetError::NoScene`] when nothing is found; errors of the files otherwise.
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let mut files = vec![RequiredFile::camera(photo.beside("calib.txt"))];
+    if photo.stem == "im0" {
+        let map = RequiredFile::depth(photo.beside("disp0.pfm"));
+        files.push(map.or(photo.beside("disp0GT.pfm")));
+    }
+    files
+}
+
+fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
+    if photo.scene_name().ends_with("perfect") {
+        return vec![format!("zip/{}.zip", photo.scene_name())];
+    }
+    let sizes = ["F", "H", "Q"].into_iter();
+    sizes
+        .filter(|size| photo.scene.contains(&format!("training{size}")))
+        .flat_map(|size| ["data", "GT0"].map(|part| format!("MiddEval3-{part}-{size}.zip")))
+        .collect()
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
     let right = spec.setting("right");
     let right_name = format!("{right}.png");
-    let rectification = spec.setting("rectification");
+    let other = match spec.setting("rectification") {
+        "perfect" => "-imperfect",
+        "imperfect" => "-perfect",
+        _ => "/",
+    };
     let found = root.find_folders(4, &|folder| {
         ["im0.png", "im1.png", "calib.txt"]
             .iter()
             .all(|name| folder.join(name).is_file())
     })?;
     let mut scenes = Vec::new();
-    let mut without_right = Skipped::of("scene");
+    let mut without_right = LeftOut::of("scene");
     for folder in &found.folders {
         let id = root.id_of(folder);
-        let other = match rectification {
-            "perfect" => "-imperfect",
-            "imperfect" => "-perfect",
-            _ => "/",
-        };
         let listed = spec.setting("scenes") == "found" || is_training15(&id);
         if !listed || id.ends_with(other) {
             continue;
@@ -87,7 +116,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
                 "im1E" => "there is no im1E.png, which right=im1E asks for",
                 _ => "there is no im1L.png, which right=im1L asks for",
             };
-            without_right.add(reason, &id);
+            without_right.add(reason, id);
         }
     }
     let expected = if found.folders.is_empty() {
@@ -96,12 +125,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         "folders that scenes=, rectification= and right= do not rule out: some have im0.png, \
          im1.png and calib.txt, but none has all that these settings ask for"
     };
-    conclude(
-        spec,
-        scenes,
-        expected,
-        &[&found.passed_over, &without_right],
-    )
+    spec.conclude(scenes, expected, &[&found.left_out, &without_right])
 }
 
 fn read_scene(
@@ -118,49 +142,33 @@ fn read_scene(
         baseline_m: rig.baseline_m,
         doffs: rig.doffs,
     };
-    let view = |side: usize, name: &str| -> Result<View, DatasetError> {
+    let side = |number: usize, name: &str, center: (f64, f64)| -> Result<Side, DatasetError> {
         let image = root.resolve(folder, &format!("{name}.png"))?;
-        let (center, x_m) = match side {
-            0 => (rig.left_center, 0.0),
-            _ => (rig.right_center, rig.baseline_m),
-        };
-        let size = match rig.size {
-            Some(size) => size,
-            None => picture::dimensions(&image)?,
-        };
-        let side = Side {
+        Ok(Side {
             id: name.to_owned(),
+            size: match rig.size {
+                Some(size) => size,
+                None => picture::dimensions(&image)?,
+            },
             image,
-            disparity: find_disparity(root, folder, side)?.map(|file| (file, 1.0)),
+            disparity: find_disparity(root, folder, number)?.map(|file| (file, 1.0)),
             focal: (rig.focal, rig.focal),
             center: (center.0 + 0.5, center.1 + 0.5),
-            size,
-            x_m,
-        };
-        side.into_view(geometry, vec![calibration.clone()])
-            .map_err(|source| DatasetError::Camera {
-                path: calibration.clone(),
-                source,
-            })
+            geometry,
+        })
     };
-    let views = vec![view(0, "im0")?, view(1, right)?];
+    let sides = [
+        side(0, "im0", rig.left_center)?,
+        side(1, right, rig.right_center)?,
+    ];
     let mut notes = Vec::new();
-    if find_disparity(root, folder, 0)?.is_none() {
+    if sides[0].disparity.is_none() {
         notes.push(format!(
             "{id}: no disp0.pfm or disp0GT.pfm, so the left view has no depth"
         ));
     }
-    Ok(Scene {
-        dataset: dataset.to_owned(),
-        cluster: physical_scene(&id),
-        id,
-        views,
-        pairing: Pairing::Stereo {
-            source: 0,
-            target: 1,
-        },
-        notes,
-    })
+    let cluster = physical_scene(&id);
+    stereo_pair::scene(dataset, id, cluster, sides, &calibration, notes)
 }
 
 /// The disparity of the left (0) or right (1) view, in either layout's name.

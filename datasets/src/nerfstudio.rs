@@ -9,22 +9,25 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
-use crate::camera_size::{CAMERA_SIZE, CameraSizes};
-use crate::depth::{Encoding, Resampling};
+use crate::camera_size::CAMERA_SIZE;
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
 use crate::files::Root;
-use crate::finder::Finder;
 use crate::format::picture;
-use crate::format::transforms::{self, Frame};
-use crate::mask::Mask;
-use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, OUTSIDE, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene};
+use crate::format::transforms::{self, JsonFrame};
+use crate::mask::MaskFile;
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Scene};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "nerfstudio",
-    summary: "your own pictures with a transforms.json (nerfstudio, instant-ngp, Blender)",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "nerfstudio",
+    display_name: "nerfstudio",
+    title: "your own pictures with transforms.json (nerfstudio, instant-ngp, Blender)",
+    page: "https://docs.nerf.studio/quickstart/data_conventions.html",
+    layout: "transforms.json (or transforms_train.json) and the pictures it names",
+    caveat: "the poses' unit is taken as metres; say scale= if it is not",
     settings: &[
         Setting::free("scale", "metres of one unit of the poses", "1"),
         Setting::free(
@@ -36,16 +39,16 @@ pub(crate) const FORMAT: Format = Format {
             "intrinsics",
             "whose count where a frame and the file state different ones",
             &[
-                Choice::new("frame", "the frame's own"),
-                Choice::new("file", "the file's, as in nerfstudio"),
+                SettingChoice::new("frame", "the frame's own"),
+                SettingChoice::new("file", "the file's, as in nerfstudio"),
             ],
         ),
         Setting::choice(
             "masks",
             "what becomes of pixels that a mask excludes",
             &[
-                Choice::new("ignore", "masks are not read"),
-                Choice::new(
+                SettingChoice::new("ignore", "masks are not read"),
+                SettingChoice::new(
                     "apply",
                     "the picture is black and the depth invalid there, and scores leave them out",
                 ),
@@ -55,14 +58,20 @@ pub(crate) const FORMAT: Format = Format {
         OUTSIDE,
     ],
     open,
+    required_files,
+    ..DatasetEntry::OWN
 };
+
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    vec![RequiredFile::camera(photo.above("transforms.json"))]
+}
 
 /// The names a folder is searched for, the first that is there being read.
 const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 /// Names of the same kind, which are only read when given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let (folder, only) = if spec.path.is_file() {
         let folder = spec.path.parent().filter(|p| !p.as_os_str().is_empty());
         (folder.unwrap_or(Path::new(".")), Some(spec.path.clone()))
@@ -91,7 +100,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     }
     let expected = "transforms.json or transforms_train.json, up to three levels down; a file of \
                     another name can be given itself as the path";
-    conclude(spec, scenes, expected, &[&found.passed_over])
+    spec.conclude(scenes, expected, &[&found.left_out])
 }
 
 /// Which of a folder's files was read, where there is more than the usual one.
@@ -122,44 +131,36 @@ fn read_scene(
     let mut file = transforms::read(json)?;
     let by_file = spec.setting("intrinsics") == "file";
     if by_file {
-        file.frames.iter_mut().for_each(Frame::prefer_file);
+        file.frames.iter_mut().for_each(JsonFrame::prefer_file);
     }
     let folder = json.parent().unwrap_or(Path::new("."));
-    let mut reader = Reader {
+    let reader = FrameReader {
+        json,
+        folder,
         metres: scale / file.applied_scale,
         depth_unit,
         masks: spec.setting("masks") == "apply",
-        sizes: CameraSizes::new(spec),
     };
-    let mut finder = Finder::new(root, json);
-    let (mut skipped, mut seen) = (Skipped::default(), BTreeSet::new());
-    let mut views = Vec::new();
+    let mut scene = SceneBuilder::new(spec, root, json);
+    let mut seen = BTreeSet::new();
     for frame in &file.frames {
         let name = &frame.file_path;
         // Names that leave the folder are refused before anything else is made of them.
-        let image = finder.picture(folder, name)?;
-        let Ok(world_from_camera) = &frame.world_from_camera else {
-            skipped.add("the pose is not finite or not rigid", name);
-            continue;
-        };
-        let Some(image) = image else {
-            skipped.add("the picture does not exist", name);
+        let image = scene.finder.picture(folder, name)?;
+        let pose = frame.world_from_camera.as_ref().ok();
+        let Some((image, world_from_camera)) = scene.usable(name, image, pose) else {
             continue;
         };
         if !seen.insert(image.clone()) {
-            skipped.add("the picture was listed before", name);
+            scene.leave_out("the picture was listed before", name);
             continue;
         }
-        let posed = reader.posed(frame, image, world_from_camera, json, folder, &mut finder)?;
-        views.push(posed.into_view()?);
+        let posed = reader.posed(frame, image, world_from_camera, &mut scene)?;
+        scene.add(posed)?;
     }
-    posed::finish(&mut views);
-    let mut notes = skipped.notes(json);
-    notes.extend(finder.notes());
-    notes.extend(reader.sizes.notes(json));
     let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
     if contradicting > 0 {
-        notes.push(format!(
+        scene.notes.push(format!(
             "{}: {contradicting} frame(s) state intrinsics that differ from the file's; {} count",
             json.display(),
             if by_file {
@@ -169,76 +170,62 @@ fn read_scene(
             }
         ));
     }
-    if views.is_empty() {
-        return Err(DatasetError::malformed(
-            json,
-            format!("no usable frame; {}", notes.join("; ")),
-        ));
-    }
-    let id = root.id_of(folder);
-    Ok(Scene {
-        dataset: spec.name.clone(),
-        cluster: id.clone(),
-        id,
-        views,
-        pairing: Pairing::MultiView,
-        notes,
-    })
+    scene.finish_with_views(root.id_of(folder), "")
 }
 
-struct Reader {
+struct FrameReader<'a> {
+    json: &'a Path,
+    folder: &'a Path,
     metres: f64,
     depth_unit: f64,
     masks: bool,
-    sizes: CameraSizes,
 }
 
-impl Reader {
+impl FrameReader<'_> {
     fn posed(
-        &mut self,
-        frame: &Frame,
+        &self,
+        frame: &JsonFrame,
         image: PathBuf,
         world_from_camera: &RigidTransform,
-        json: &Path,
-        folder: &Path,
-        finder: &mut Finder<'_>,
-    ) -> Result<Posed, DatasetError> {
-        let malformed = |reason: String| {
-            DatasetError::malformed(json, format!("frame '{}': {reason}", frame.file_path))
+        scene: &mut SceneBuilder<'_>,
+    ) -> Result<PosedFrame, DatasetError> {
+        let in_frame = |reason: String| {
+            let name = &frame.file_path;
+            DatasetError::malformed(self.json, format!("frame '{name}': {reason}"))
         };
-        let size = match frame.size().map_err(malformed)? {
+        let size = match frame.size().map_err(|e| in_frame(e.to_string()))? {
             Some(size) => size,
             None => picture::dimensions(&image)?,
         };
-        let mut named = |name: &Option<String>, what: &str| match name {
-            None => Ok(None),
-            Some(name) => match finder.map(folder, name)? {
-                Some(path) => Ok(Some(path)),
-                None => Err(malformed(format!("its {what} '{name}' does not exist"))),
-            },
+        let mut named = |name: &str, what: &str| match scene.finder.map(self.folder, name)? {
+            Some(path) => Ok(path),
+            None => Err(in_frame(format!("its {what} '{name}' does not exist"))),
         };
-        let depth = match named(&frame.depth_file_path, "depth map")? {
-            Some(path) => Depth::Map(path, Encoding::Units(self.depth_unit), Resampling::Nearest),
-            None => Depth::None,
+        let depth = match &frame.depth_file_path {
+            Some(name) => FrameDepth::Map(
+                named(name, "depth map")?,
+                DepthEncoding::Units(self.depth_unit),
+                Resampling::Nearest,
+            ),
+            None => FrameDepth::None,
         };
-        let mask = if self.masks {
-            named(&frame.mask_path, "mask")?.map(|file| Mask { file })
-        } else {
-            None
+        let mask = match &frame.mask_path {
+            Some(name) if self.masks => Some(MaskFile {
+                file: named(name, "mask")?,
+            }),
+            _ => None,
         };
-        let lens = frame.lens(size).map_err(malformed)?;
-        let lens = self.sizes.fit(lens, &image)?;
         let mut pose = *world_from_camera;
         pose.translation *= self.metres;
-        Ok(Posed {
+        Ok(PosedFrame {
             id: frame_id(&frame.file_path),
             image,
-            lens,
+            lens: frame.lens(size).map_err(|e| in_frame(e.to_string()))?,
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: pose.inverse(),
             mask,
             depth,
-            cameras: vec![json.to_owned()],
+            cameras: vec![self.json.to_owned()],
         })
     }
 }

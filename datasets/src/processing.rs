@@ -1,9 +1,10 @@
-//! What readers do on the way from files to pixels, said in one line each for a scene.
+//! What readers do on the way from files to pixels, with one note a scene for each.
 
 use std::collections::BTreeMap;
 
 use sharp::camera::Intrinsics;
 
+use crate::left_out::first_few;
 use crate::{Pairing, Scene, View};
 
 /// What becomes of one view's files on the way to its pixels.
@@ -22,7 +23,7 @@ pub struct Processing {
 pub struct Undistorted {
     /// COLMAP's name of the lens model.
     pub model: &'static str,
-    /// How the pinhole camera was chosen, in words.
+    /// How the pinhole camera was chosen.
     pub camera: &'static str,
 }
 
@@ -79,15 +80,9 @@ pub(crate) fn notes(scene: &Scene) -> Vec<String> {
 /// The file names of the first pictures without depth.
 fn first_without_depth(views: &[View]) -> String {
     let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
-    let mut names: Vec<String> = lacking
-        .take(4)
-        .map(|view| {
-            let file = view.content.image_file().and_then(|path| path.file_name());
-            file.map_or(view.id.clone(), |name| name.to_string_lossy().into_owned())
-        })
-        .collect();
-    if let Some(more) = names.get_mut(3) {
-        *more = "…".to_owned();
-    }
-    names.join(", ")
+    let names = lacking.map(|view| {
+        let file = view.content.image_file().and_then(|path| path.file_name());
+        file.map_or(view.id.clone(), |name| name.to_string_lossy().into_owned())
+    });
+    first_few(&names.collect::<Vec<_>>())
 }

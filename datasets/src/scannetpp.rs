@@ -6,58 +6,67 @@
 //! their way into the JSON; it is undone, so that the views share the world of `scans/`. Metres.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
-use crate::colmap::Tracks;
-use crate::depth::{Encoding, Resampling, StoredDepth};
+use crate::colmap::PointTracks;
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
-use crate::finder::Finder;
-use crate::format::transforms::{self, Frame, Transforms, undo_colmap_axes};
+use crate::format::transforms::{self, JsonFrame, Transforms, undo_colmap_axes};
 use crate::format::{colmap, picture};
+use crate::left_out::LeftOut;
 use crate::lens::Lens;
-use crate::mask::Mask;
-use crate::posed::{self, Depth, Pinhole, Posed, frame_id};
-use crate::scan::{Scan, ScanCache};
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::undistort::Undistortion;
-use crate::{DatasetError, Pairing, Scene, View, processing};
+use crate::mask::MaskFile;
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scan_depth::{ScanCache, ScanFile};
+use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Scene};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "scannetpp",
-    summary: "ScanNet++ (v1, v2) DSLR: splits/<split>.txt and data/<scene>/dslr",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "scannetpp",
+    display_name: "ScanNet++",
+    title: "ScanNet++ (v1, v2), DSLR pictures",
+    page: "https://kaldir.vc.in.tum.de/scannetpp/",
+    terms: "non-commercial research after application; no redistribution",
+    download: "DSLR pictures, nerfstudio/ cameras, splits/, and scans/ for depth",
+    size: "371 GB of DSLR pictures for all 1,006 scenes of v2",
+    layout: "splits/<split>.txt, data/<scene>/dslr/{resized_images, nerfstudio/transforms.json}, \
+             data/<scene>/scans/mesh_aligned_0.05.ply",
+    paper_column: "ScanNet++",
+    paper_overlap: PaperOverlap::Dense,
+    caveat: "the paper names nvs_test, whose test pictures and meshes are withheld; \
+             split=nvs_sem_val has both",
     settings: &[
         Setting::named(
             "split",
             "a list in splits/, or every scene",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "nvs_test",
                     "the one the paper names: it has neither mesh nor test pictures, so that \
                      frames=train and depth=points are what is left of it",
                 ),
-                Choice::proxy("nvs_sem_val", "has meshes and test pictures"),
-                Choice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                Choice::proxy("all", "every scene that is there"),
+                SettingChoice::proxy("nvs_sem_val", "has meshes and test pictures"),
+                SettingChoice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
+                SettingChoice::proxy("all", "every scene that is there"),
             ],
         ),
         Setting::choice(
             "frames",
             "which pictures of a scene",
             &[
-                Choice::new("train", "'frames': all that is there of nvs_test"),
-                Choice::new("test", "'test_frames'"),
-                Choice::new("all", "both"),
+                SettingChoice::new("train", "'frames': all that is there of nvs_test"),
+                SettingChoice::new("test", "'test_frames'"),
+                SettingChoice::new("all", "both"),
             ],
         ),
         Setting::choice(
             "images",
             "which photographs",
             &[
-                Choice::new("auto", "undistorted if they are there, else fisheye"),
-                Choice::new("undistorted", "as the toolbox undistorts them"),
-                Choice::new(
+                SettingChoice::new("auto", "undistorted if they are there, else fisheye"),
+                SettingChoice::new("undistorted", "as the toolbox undistorts them"),
+                SettingChoice::new(
                     "fisheye",
                     "as taken, undistorted by us to the toolbox's camera",
                 ),
@@ -67,40 +76,70 @@ pub(crate) const FORMAT: Format = Format {
             "depth",
             "where depth comes from",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "auto",
                     "rendered if it is there, else the mesh if it is there",
                 ),
-                Choice::new("rendered", "the toolbox's dslr/render_depth, millimetres"),
-                Choice::new("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
-                Choice::proxy("points", "COLMAP's points that each picture sees: sparse"),
-                Choice::new("none", "nowhere"),
+                SettingChoice::new("rendered", "the toolbox's dslr/render_depth, millimetres"),
+                SettingChoice::new("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
+                SettingChoice::proxy("points", "COLMAP's points that each picture sees: sparse"),
+                SettingChoice::new("none", "nowhere"),
             ],
         ),
         Setting::choice(
             "bad",
             "pictures whose pose ScanNet++ calls bad",
             &[
-                Choice::new("drop", "are left out"),
-                Choice::proxy("keep", "are used"),
+                SettingChoice::new("drop", "are left out"),
+                SettingChoice::proxy("keep", "are used"),
             ],
         ),
         Setting::choice(
             "masks",
             "what becomes of anonymised pixels",
             &[
-                Choice::new(
+                SettingChoice::new(
                     "apply",
                     "black, without depth, left out of scores by ScanNet++'s own rule",
                 ),
-                Choice::new("ignore", "as stored"),
+                SettingChoice::new("ignore", "as stored"),
             ],
         ),
     ],
     open,
+    required_files,
+    archives: |photo| vec![format!("scene {}", photo.scene_name())],
 };
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+const MESH: &str = "scans/mesh_aligned_0.05.ply";
+
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let undistorted = photo.folder.contains("undistorted");
+    let (json, masks) = if undistorted {
+        ("transforms_undistorted.json", "resized_undistorted_masks")
+    } else {
+        ("transforms.json", "resized_anon_masks")
+    };
+    let mut files = vec![RequiredFile::camera(
+        photo.above(&format!("nerfstudio/{json}")),
+    )];
+    if undistorted {
+        // Depth is rendered in the fisheye camera.
+        let fisheye = photo.above("nerfstudio/transforms.json");
+        files.push(RequiredFile::camera(fisheye));
+    }
+    files.push(RequiredFile::list("splits/nvs_test.txt"));
+    let stem = photo.stem;
+    files.push(RequiredFile::mask(
+        photo.above(&format!("{masks}/{stem}.png")),
+    ));
+    let rendered = RequiredFile::depth(photo.above(&format!("render_depth/{stem}.png")));
+    let scene = photo.up().strip_suffix("/dslr").unwrap_or(photo.up());
+    files.push(rendered.or(format!("{scene}/{MESH}")));
+    files
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
     let data = root.resolve(root.path(), "data")?;
     let data = if data.is_dir() {
@@ -121,7 +160,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
     };
     let cache = ScanCache::default();
     let mut scenes = Vec::new();
-    let mut missing = Skipped::of("scene");
+    let mut missing = LeftOut::of("scene");
     for name in names {
         // A name that leads out must not hide the other scenes.
         let folders = root
@@ -130,7 +169,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         match folders {
             Err(error) => scenes.push(Err(error)),
             Ok((scene, dslr)) if dslr.is_dir() => {
-                let reader = Reader {
+                let reader = ScanNetPpReader {
                     spec,
                     root: &root,
                     scene,
@@ -140,14 +179,14 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
                 scenes.push(reader.read(&name));
             }
             Ok(_) if split == "all" => {}
-            Ok(_) => missing.add("the split names scenes that are not there", &name),
+            Ok(_) => missing.add("the split names scenes that are not there", name),
         }
     }
     let expected = "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all";
-    conclude(spec, scenes, expected, &[&missing])
+    spec.conclude(scenes, expected, &[&missing])
 }
 
-struct Reader<'a> {
+struct ScanNetPpReader<'a> {
     spec: &'a DatasetSpec,
     root: &'a Root,
     scene: PathBuf,
@@ -155,8 +194,8 @@ struct Reader<'a> {
     cache: &'a ScanCache,
 }
 
-/// The pictures of a scene: where they, their masks and their cameras are.
-struct Pictures {
+/// Where a scene's photographs, their masks and their cameras are.
+struct DslrPhotographs {
     json: PathBuf,
     file: Transforms,
     images: PathBuf,
@@ -167,94 +206,84 @@ struct Pictures {
     fisheye: Option<Transforms>,
 }
 
-impl Reader<'_> {
+impl ScanNetPpReader<'_> {
     fn read(&self, name: &str) -> Result<Scene, DatasetError> {
-        let pictures = self.pictures()?;
-        let source = self.depth_source()?;
-        let mut notes = Vec::new();
-        if let Some(published) = &pictures.published {
-            notes.push(format!("pictures: {published}, undistorted by the toolbox"));
-        }
+        let photos = self.photographs()?;
+        let depth_from = self.depth_from()?;
         let choice = self.spec.setting("frames");
-        let chosen: Vec<&Frame> = [
-            (choice != "test", &pictures.file.frames),
-            (choice != "train", &pictures.file.test_frames),
+        let chosen: Vec<&JsonFrame> = [
+            (choice != "test", &photos.file.frames),
+            (choice != "train", &photos.file.test_frames),
         ]
         .into_iter()
         .filter(|(wanted, _)| *wanted)
         .flat_map(|(_, frames)| frames)
         .collect();
-        let mut finder = Finder::new(self.root, &pictures.json);
-        let mut skipped = Skipped::default();
-        let mut views = Vec::new();
+        let mut scene = SceneBuilder::new(self.spec, self.root, &photos.json);
         for frame in chosen {
             let file_name = &frame.file_path;
             if frame.is_bad && self.spec.setting("bad") == "drop" {
-                skipped.add("ScanNet++ calls the pose bad", file_name);
+                scene.leave_out("ScanNet++ calls the pose bad", file_name);
                 continue;
             }
-            let Ok(pose) = &frame.world_from_camera else {
-                skipped.add("the pose is not finite or not rigid", file_name);
+            let image = scene.finder.picture(&photos.images, file_name)?;
+            let pose = frame.world_from_camera.as_ref().ok();
+            let Some((image, pose)) = scene.usable(file_name, image, pose) else {
                 continue;
             };
-            let Some(image) = finder.picture(&pictures.images, file_name)? else {
-                skipped.add("the picture does not exist", file_name);
-                continue;
+            let in_json = |error| DatasetError::format(&photos.json, error);
+            let size = match frame.size().map_err(in_json)? {
+                Some(size) => size,
+                None => picture::dimensions(&image)?,
             };
-            let size = match frame.size() {
-                Ok(Some(size)) => size,
-                Ok(None) => picture::dimensions(&image)?,
-                Err(reason) => return Err(DatasetError::malformed(&pictures.json, reason)),
-            };
-            let lens = frame
-                .lens(size)
-                .map_err(|reason| DatasetError::malformed(&pictures.json, reason))?;
+            let lens = frame.lens(size).map_err(in_json)?;
             let id = frame_id(file_name);
+            let png = format!("{id}.png");
             let mask = if self.spec.setting("masks") == "apply" {
-                finder
-                    .find(&pictures.masks, &format!("{id}.png"), &["png"])?
-                    .map(|file| Mask { file })
+                let file = scene.finder.find(&photos.masks, &png, &["png"])?;
+                file.map(|file| MaskFile { file })
             } else {
                 None
             };
-            let depth = self.depth(&source, &pictures, &id, lens, &mut finder)?;
-            views.push(
-                Posed {
-                    id,
-                    image,
-                    lens,
-                    pinhole: Pinhole::LikeScanNetPp,
-                    camera_from_world: undo_colmap_axes(pose).inverse(),
-                    mask,
-                    depth,
-                    cameras: vec![pictures.json.clone()],
+            let depth = match &depth_from {
+                DepthFrom::None => FrameDepth::None,
+                DepthFrom::Mesh(scan) => FrameDepth::Scan(scan.clone()),
+                DepthFrom::Points(tracks, ids) => {
+                    let image = ids.iter().find(|(name, _)| *name == id);
+                    image.map_or(FrameDepth::None, |(_, image)| tracks.depth_of(*image))
                 }
-                .into_view()?,
-            );
+                DepthFrom::Rendered(folder) => match scene.finder.find(folder, &png, &["png"])? {
+                    Some(map) => rendered_depth(map, &photos, &id, lens)?,
+                    None => FrameDepth::None,
+                },
+            };
+            scene.add(PosedFrame {
+                id,
+                image,
+                lens,
+                pinhole: Pinhole::LikeScanNetPp,
+                camera_from_world: undo_colmap_axes(pose).inverse(),
+                mask,
+                depth,
+                cameras: vec![photos.json.clone()],
+            })?;
         }
-        posed::finish(&mut views);
-        let has_depth = processing::without_depth(&views) < views.len();
-        if let Some(said) = source.said(has_depth, self.spec.setting("depth")) {
-            notes.push(format!("depth: {said}"));
+        if let Some(published) = &photos.published {
+            let note = format!("pictures: {published}, undistorted by the toolbox");
+            scene.notes.push(note);
         }
-        let masked = |view: &View| view.content.processing().masked;
-        if self.spec.setting("masks") == "apply" && !views.iter().any(masked) {
-            let folder = pictures.masks.file_name().unwrap_or_default();
-            notes.push(format!("masks: none in dslr/{}", folder.display()));
+        if let Some(note) = depth_from.note(scene.has_depth(), self.spec.setting("depth")) {
+            scene.notes.push(format!("depth: {note}"));
         }
-        notes.extend(skipped.notes(&pictures.json));
-        notes.extend(finder.notes());
-        Ok(Scene {
-            dataset: self.spec.name.clone(),
-            id: name.to_owned(),
-            cluster: name.to_owned(),
-            views,
-            pairing: Pairing::MultiView,
-            notes,
-        })
+        if self.spec.setting("masks") == "apply" && !scene.has_masks() {
+            let folder = photos.masks.file_name().unwrap_or_default();
+            let note = format!("masks: none in dslr/{}", folder.display());
+            scene.notes.push(note);
+        }
+        Ok(scene.finish(name.to_owned()))
     }
 
-    fn pictures(&self) -> Result<Pictures, DatasetError> {
+    fn photographs(&self) -> Result<DslrPhotographs, DatasetError> {
         let inside = |name: &str| self.root.resolve(&self.dslr, name);
         // The toolbox's own default differs from the published folder's name.
         let first = |names: [&str; 2]| -> Result<PathBuf, DatasetError> {
@@ -278,7 +307,7 @@ impl Reader<'_> {
                 .is_file()
                 .then(|| transforms::read(&fisheye_json));
             let folder = undistorted.file_name().unwrap_or_default();
-            Ok(Pictures {
+            Ok(DslrPhotographs {
                 published: Some(format!("dslr/{}", folder.display())),
                 file: transforms::read(&pinhole_json)?,
                 json: pinhole_json,
@@ -287,7 +316,7 @@ impl Reader<'_> {
                 fisheye: fisheye.transpose()?,
             })
         } else {
-            Ok(Pictures {
+            Ok(DslrPhotographs {
                 file: transforms::read(&fisheye_json)?,
                 json: fisheye_json,
                 images: inside("resized_images")?,
@@ -298,95 +327,74 @@ impl Reader<'_> {
         }
     }
 
-    fn depth_source(&self) -> Result<Source, DatasetError> {
+    fn depth_from(&self) -> Result<DepthFrom, DatasetError> {
         let rendered = self.root.resolve(&self.dslr, "render_depth")?;
-        let mesh = self
-            .root
-            .resolve(&self.scene, "scans/mesh_aligned_0.05.ply")?;
-        let scan = Scan {
-            file: mesh.clone(),
+        let mesh = self.root.resolve(&self.scene, MESH)?;
+        let (has_rendered, has_mesh) = (rendered.is_dir(), mesh.is_file());
+        let mesh = ScanFile {
+            file: mesh,
             cache: self.cache.clone(),
             splat_radius: 0,
         };
         Ok(match self.spec.setting("depth") {
-            "rendered" if rendered.is_dir() => Source::Rendered(rendered),
-            "mesh" => Source::Mesh(scan),
+            "auto" | "rendered" if has_rendered => DepthFrom::Rendered(rendered),
+            "auto" if has_mesh => DepthFrom::Mesh(mesh),
+            "mesh" => DepthFrom::Mesh(mesh),
             "points" => {
                 let folder = self.root.resolve(&self.dslr, "colmap")?;
-                colmap::check_inside(self.root, &folder)?;
-                let ids = colmap::read_model(&folder)?
-                    .images
-                    .into_iter()
-                    .map(|image| (frame_id(&image.name), image.id))
-                    .collect();
-                Source::Points(Tracks::read(&folder, 1.0)?, ids)
+                let model = colmap::read_model_in(self.root, &folder)?;
+                let images = model.images.into_iter();
+                let ids = images.map(|image| (frame_id(&image.name), image.id));
+                DepthFrom::Points(PointTracks::read(&folder, 1.0)?, ids.collect())
             }
-            "auto" if rendered.is_dir() => Source::Rendered(rendered),
-            "auto" if mesh.is_file() => Source::Mesh(scan),
-            _ => Source::None,
+            _ => DepthFrom::None,
         })
     }
-
-    fn depth(
-        &self,
-        source: &Source,
-        pictures: &Pictures,
-        id: &str,
-        lens: Lens,
-        finder: &mut Finder<'_>,
-    ) -> Result<Depth, DatasetError> {
-        let rendered = match source {
-            Source::None => return Ok(Depth::None),
-            Source::Mesh(scan) => return Ok(Depth::Scan(scan.clone())),
-            Source::Points(tracks, ids) => {
-                let image = ids.iter().find(|(name, _)| name == id);
-                return Ok(image.map_or(Depth::None, |(_, image)| tracks.of(*image)));
-            }
-            Source::Rendered(folder) => finder.find(folder, &format!("{id}.png"), &["png"])?,
-        };
-        let Some(map) = rendered else {
-            return Ok(Depth::None);
-        };
-        let millimetres = Encoding::Units(0.001);
-        if !lens.is_pinhole() {
-            return Ok(Depth::Map(map, millimetres, Resampling::Nearest));
-        }
-        // Rendered in the fisheye camera, needed in the pinhole one.
-        let malformed = |reason: &str| DatasetError::malformed(&map, reason.to_owned());
-        let frame = pictures
-            .fisheye
-            .iter()
-            .flat_map(|f| f.frames.iter().chain(&f.test_frames))
-            .find(|f| frame_id(&f.file_path) == id)
-            .ok_or_else(|| {
-                malformed("nerfstudio/transforms.json lacks this picture's fisheye camera")
-            })?;
-        let size = frame
-            .size()
-            .ok()
-            .flatten()
-            .ok_or_else(|| malformed("nerfstudio/transforms.json lacks the pictures' size"))?;
-        let fisheye = frame.lens(size).map_err(|reason| malformed(&reason))?;
-        let undistortion = Undistortion::new(fisheye, lens.intrinsics());
-        Ok(Depth::Ready(Arc::new(StoredDepth {
-            file: map,
-            encoding: millimetres,
-            size,
-            undistortion: Some((undistortion, Resampling::Nearest)),
-        })))
-    }
 }
 
-enum Source {
+/// A map that the toolbox rendered in the fisheye camera.
+fn rendered_depth(
+    map: PathBuf,
+    photos: &DslrPhotographs,
+    id: &str,
+    lens: Lens,
+) -> Result<FrameDepth, DatasetError> {
+    let millimetres = DepthEncoding::Units(0.001);
+    if !lens.is_pinhole() {
+        return Ok(FrameDepth::Map(map, millimetres, Resampling::Nearest));
+    }
+    let lacks = |what: &str| {
+        DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
+    };
+    let frame = photos
+        .fisheye
+        .iter()
+        .flat_map(|f| f.frames.iter().chain(&f.test_frames))
+        .find(|f| frame_id(&f.file_path) == id)
+        .ok_or_else(|| lacks("this picture's fisheye camera"))?;
+    let size = frame.size().ok().flatten();
+    let size = size.ok_or_else(|| lacks("the pictures' size"))?;
+    let fisheye = frame.lens(size);
+    let fisheye = fisheye.map_err(|error| DatasetError::format(&map, error))?;
+    Ok(FrameDepth::MapOf(
+        map,
+        millimetres,
+        Resampling::Nearest,
+        fisheye,
+    ))
+}
+
+enum DepthFrom {
     None,
     Rendered(PathBuf),
-    Mesh(Scan),
-    Points(Tracks, Vec<(String, u32)>),
+    Mesh(ScanFile),
+    /// With the ids of the model's images by their names.
+    Points(PointTracks, Vec<(String, u32)>),
 }
 
-impl Source {
+impl DepthFrom {
     /// What was read under a value of the setting `depth`, or why nothing was.
-    fn said(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
+    fn note(&self, has_depth: bool, setting: &str) -> Option<&'static str> {
         Some(match (self, setting) {
             (Self::Rendered(_), _) if has_depth => "dslr/render_depth, rendered by the toolbox",
             (Self::Rendered(_), _) => "none, no map of these pictures in dslr/render_depth",

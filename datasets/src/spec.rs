@@ -1,189 +1,135 @@
-//! What a dataset format is, what can be set about it, and a dataset as asked for.
+//! A dataset as asked for on a command line, and the scenes it opens to.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::skipped::Skipped;
-use crate::{DatasetError, Scene};
+use serde::Serialize;
 
-/// One dataset format.
-#[derive(Debug)]
-pub struct Format {
-    /// As written in `FORMAT=PATH`.
-    pub name: &'static str,
-    /// One line: what it is and what it looks for.
-    pub summary: &'static str,
-    /// What can be chosen, for instance between readings of the paper.
-    pub settings: &'static [Setting],
-    pub(crate) open: fn(&DatasetSpec) -> Result<Attempts, DatasetError>,
-}
-
-/// The scenes found, in order; one that cannot be read does not hide the others.
-pub(crate) type Attempts = Vec<Result<Scene, DatasetError>>;
-
-/// The scenes that a reader found below a folder, with a note on what it left out.
-///
-/// # Errors
-/// [`DatasetError::NoScene`] when there is none; `expected` is the layout that was looked for.
-pub(crate) fn conclude(
-    spec: &DatasetSpec,
-    mut scenes: Attempts,
-    expected: &'static str,
-    left_out: &[&Skipped],
-) -> Result<Attempts, DatasetError> {
-    let notes = left_out
-        .iter()
-        .flat_map(|skipped| skipped.notes(&spec.path));
-    if scenes.is_empty() {
-        return Err(DatasetError::NoScene {
-            path: spec.path.clone(),
-            format: spec.format,
-            expected,
-            note: notes.map(|note| format!("; {note}")).collect(),
-        });
-    }
-    if let Some(first) = scenes.iter_mut().flatten().next() {
-        first.notes.extend(notes);
-    }
-    Ok(scenes)
-}
-
-/// Something that can be chosen when a dataset is opened, as `key=value`.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Setting {
-    /// The key.
-    pub key: &'static str,
-    /// What it decides.
-    pub meaning: &'static str,
-    /// The values that have a meaning of their own, the default first; empty when none has.
-    pub choices: &'static [Choice],
-    /// Whether other values are allowed too.
-    pub any: bool,
-    /// The default.
-    pub default: &'static str,
-}
-
-impl Setting {
-    pub(crate) const fn choice(
-        key: &'static str,
-        meaning: &'static str,
-        choices: &'static [Choice],
-    ) -> Self {
-        Self {
-            key,
-            meaning,
-            choices,
-            any: false,
-            default: choices[0].value,
-        }
-    }
-
-    /// Any value, of which some are described; the others count as proxies.
-    pub(crate) const fn named(
-        key: &'static str,
-        meaning: &'static str,
-        choices: &'static [Choice],
-    ) -> Self {
-        Self {
-            any: true,
-            ..Self::choice(key, meaning, choices)
-        }
-    }
-
-    pub(crate) const fn free(
-        key: &'static str,
-        meaning: &'static str,
-        default: &'static str,
-    ) -> Self {
-        Self {
-            key,
-            meaning,
-            choices: &[],
-            any: true,
-            default,
-        }
-    }
-}
-
-/// One value of a [`Setting`].
-#[derive(Debug, PartialEq, Eq)]
-pub struct Choice {
-    /// As written.
-    pub value: &'static str,
-    /// What it means.
-    pub meaning: &'static str,
-    /// True where it is known to differ from what the paper did: reports then say "proxy".
-    pub proxy: bool,
-}
-
-impl Choice {
-    pub(crate) const fn new(value: &'static str, meaning: &'static str) -> Self {
-        Self {
-            value,
-            meaning,
-            proxy: false,
-        }
-    }
-
-    pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Self {
-        Self {
-            value,
-            meaning,
-            proxy: true,
-        }
-    }
-}
-
-/// Whether files outside the dataset's folder may be named.
-pub(crate) const OUTSIDE: Setting = Setting::choice(
-    "outside",
-    "files that `..`, an absolute path or a symbolic link puts outside the folder",
-    &[
-        Choice::new("refuse", "are an error"),
-        Choice::new("allow", "are read; only for files you trust"),
-    ],
-);
+use crate::entry::{DatasetEntry, entry};
+use crate::left_out::LeftOut;
+use crate::{DatasetError, Scene, processing, synthetic};
 
 /// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
 /// `synthetic` or `synthetic=seed=7,size=320x240`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct DatasetSpec {
     /// Name of this instance: a column group of the tables. The format's name unless given.
     pub name: String,
-    /// The format's name.
-    pub format: &'static str,
+    pub entry: &'static DatasetEntry,
     /// The dataset's folder; empty for a procedural one.
     pub path: PathBuf,
     /// Only what was asked for; [`DatasetSpec::setting`] knows the defaults.
     pub settings: BTreeMap<&'static str, String>,
-    /// What can be set.
-    pub(crate) known: &'static [Setting],
+}
+
+/// A setting in force; displays as `key=value`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SettingInForce {
+    pub key: &'static str,
+    pub value: String,
+    /// True where the value is known to differ from what the paper did.
+    pub proxy: bool,
+}
+
+impl fmt::Display for SettingInForce {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.key, self.value)
+    }
 }
 
 impl DatasetSpec {
+    /// Parses `[NAME:]FORMAT=PATH[,key=value…]`. A path may hold `:`, `=` and commas, but not a
+    /// comma followed by something with `=`: that is a setting.
+    ///
+    /// # Errors
+    /// [`DatasetError::UnknownFormat`]; [`DatasetError::Spec`] for a missing path, an unknown key
+    /// or a value that is not among its choices.
+    pub fn parse(text: &str) -> Result<Self, DatasetError> {
+        let error = |reason: String| DatasetError::Spec {
+            text: text.to_owned(),
+            reason,
+        };
+        // Without a path the settings may follow the format at once: `synthetic,views=4`.
+        let (head, mut path) = match text.find(['=', ',']) {
+            Some(at) => (&text[..at], &text[at + 1..]),
+            None => (text, ""),
+        };
+        let (name, format) = match head.rsplit_once(':') {
+            Some(("", _)) => return Err(error("the name before ':' is empty".into())),
+            Some((name, format)) => (name, format),
+            None => (head, head),
+        };
+        let entry = entry(format)?;
+        let procedural = format == synthetic::ENTRY.format;
+        let no_folder = || error(format!("no folder: write {format}=FOLDER"));
+        if !procedural && text[head.len()..].starts_with(',') {
+            return Err(no_folder());
+        }
+        // Settings are taken from the end, so that a path may hold commas and equal signs.
+        let mut settings = BTreeMap::new();
+        while !path.is_empty() {
+            let (before, last) = match path.rsplit_once(',') {
+                Some(parts) => parts,
+                None if procedural => ("", path),
+                None => break,
+            };
+            let Some((key, value)) = last.split_once('=') else {
+                if procedural {
+                    return Err(error(format!("'{last}' is not key=value")));
+                }
+                break;
+            };
+            let Some(setting) = entry.settings.iter().find(|s| s.key == key) else {
+                let known: Vec<_> = entry.settings.iter().map(|s| s.key).collect();
+                return Err(error(format!(
+                    "{format} has no setting '{key}'; there are: {}",
+                    known.join(", ")
+                )));
+            };
+            if !setting.any && setting.choices.iter().all(|c| c.value != value) {
+                let known: Vec<_> = setting.choices.iter().map(|c| c.value).collect();
+                return Err(error(format!(
+                    "'{key}' cannot be '{value}'; it is one of: {}",
+                    known.join(", ")
+                )));
+            }
+            if settings.insert(setting.key, value.to_owned()).is_some() {
+                return Err(error(format!("'{key}' is given twice")));
+            }
+            path = before;
+        }
+        if path.is_empty() && !procedural {
+            return Err(no_folder());
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            entry,
+            path: PathBuf::from(path),
+            settings,
+        })
+    }
+
     /// The value of a setting: as asked for, or the default. Empty for a key the format lacks.
     pub fn setting(&self, key: &str) -> &str {
+        let default = || self.entry.settings.iter().find(|s| s.key == key);
         match self.settings.get(key) {
             Some(value) => value,
-            None => self
-                .known
-                .iter()
-                .find(|s| s.key == key)
-                .map_or("", |s| s.default),
+            None => default().map_or("", |setting| setting.default),
         }
     }
 
-    /// Every setting with its effective value, and whether that value is known to differ from
-    /// what the paper did.
-    pub fn readings(&self) -> Vec<(&'static str, String, bool)> {
-        self.known
-            .iter()
-            .map(|s| {
-                let value = self.setting(s.key);
-                let chosen = s.choices.iter().find(|c| c.value == value);
-                let proxy = chosen.map_or(!s.choices.is_empty(), |c| c.proxy);
-                (s.key, value.to_owned(), proxy)
+    /// Every setting with its effective value.
+    pub fn readings(&self) -> Vec<SettingInForce> {
+        let settings = self.entry.settings.iter();
+        settings
+            .map(|setting| {
+                let value = self.setting(setting.key).to_owned();
+                SettingInForce {
+                    key: setting.key,
+                    proxy: setting.is_proxy(&value),
+                    value,
+                }
             })
             .collect()
     }
@@ -193,20 +139,51 @@ impl DatasetSpec {
         let text = self.setting(key);
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-            _ => Err(DatasetError::Spec {
-                text: self.to_string(),
-                reason: format!("'{key}' cannot be '{text}'; it is a number above zero"),
-            }),
+            _ => Err(self.refused(format!(
+                "'{key}' cannot be '{text}'; it is a number above zero"
+            ))),
         }
+    }
+
+    pub(crate) fn refused(&self, reason: String) -> DatasetError {
+        DatasetError::Spec {
+            text: self.to_string(),
+            reason,
+        }
+    }
+
+    /// The scenes that a reader found below the folder; what it left out is noted in the first.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoScene`] when there is none; `expected` is the layout that was looked for.
+    pub(crate) fn conclude(
+        &self,
+        mut scenes: SceneResults,
+        expected: &'static str,
+        left_out: &[&LeftOut],
+    ) -> Result<SceneResults, DatasetError> {
+        let notes = left_out.iter().flat_map(|left| left.notes(&self.path));
+        if scenes.is_empty() {
+            return Err(DatasetError::NoScene {
+                path: self.path.clone(),
+                format: self.entry.format,
+                expected,
+                note: notes.map(|note| format!("; {note}")).collect(),
+            });
+        }
+        if let Some(first) = scenes.iter_mut().flatten().next() {
+            first.notes.extend(notes);
+        }
+        Ok(scenes)
     }
 }
 
 impl fmt::Display for DatasetSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.name != self.format {
+        if self.name != self.entry.format {
             write!(f, "{}:", self.name)?;
         }
-        f.write_str(self.format)?;
+        f.write_str(self.entry.format)?;
         let path = self.path.display().to_string();
         let parts = (!path.is_empty())
             .then_some(path)
@@ -216,5 +193,69 @@ impl fmt::Display for DatasetSpec {
             write!(f, "{}{part}", if i == 0 { '=' } else { ',' })?;
         }
         Ok(())
+    }
+}
+
+/// The scenes found, in order; one that cannot be read does not hide the others.
+pub(crate) type SceneResults = Vec<Result<Scene, DatasetError>>;
+
+/// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes come in natural
+/// order of their ids.
+///
+/// # Errors
+/// Names the file or folder and what is wrong with it; the first one, if several are.
+pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
+    open_each(spec)?.into_iter().collect()
+}
+
+/// As [`open`], with an error in the place of each scene that cannot be read.
+///
+/// # Errors
+/// When there is no scene at all, or the dataset's own lists cannot be read.
+pub(crate) fn open_each(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+    let mut scenes = (spec.entry.open)(spec)?;
+    for scene in scenes.iter_mut().flatten() {
+        scene.notes.extend(processing::notes(scene));
+    }
+    Ok(scenes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_parsed_is_written_back() {
+        for text in [
+            "middlebury=/data/middlebury",
+            "mine:middlebury=a:b/c=d",
+            "middlebury=/data,rectification=perfect,right=im1E",
+            "synthetic",
+            "rings:synthetic=seed=7,size=320x240,views=24",
+        ] {
+            assert_eq!(DatasetSpec::parse(text).unwrap().to_string(), text);
+        }
+        let spec = DatasetSpec::parse("synthetic,views=4").unwrap();
+        assert_eq!(spec.to_string(), "synthetic=views=4");
+        let spec = DatasetSpec::parse("middlebury=./a,b").unwrap();
+        assert_eq!(spec.path, PathBuf::from("./a,b"));
+        assert_eq!(spec.setting("right"), "im1");
+    }
+
+    #[test]
+    fn mistakes_are_explained() {
+        for (text, reason) in [
+            ("kitti=/x", "known: middlebury"),
+            ("middlebury", "middlebury=FOLDER"),
+            ("middlebury,right=im1E", "middlebury=FOLDER"),
+            (":middlebury=/x", "empty"),
+            ("middlebury=/x,right=im2", "one of: im1, im1E, im1L"),
+            ("middlebury=/x,left=im0", "no setting 'left'"),
+            ("synthetic=seed=1,seed=2", "twice"),
+            ("synthetic=/x", "not key=value"),
+        ] {
+            let error = DatasetSpec::parse(text).unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
     }
 }

@@ -10,49 +10,56 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
+use crate::entry::{DatasetEntry, PaperOverlap};
 use crate::files::{self, Root};
-use crate::format::picture;
-use crate::rig::Side;
-use crate::spec::{Attempts, DatasetSpec, Format, conclude};
-use crate::{DatasetError, Pairing, Scene};
+use crate::format::{FormatError, picture};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::spec::SceneResults;
+use crate::stereo_pair::{self, Side};
+use crate::{DatasetError, DatasetSpec, Scene};
 
 const MAPS: &[&str] = &["pfm", "npy", "npz", "exr", "png"];
 const PICTURES: &[&str] = &["png", "jpg", "jpeg"];
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "stereo",
-    summary: "your own rectified pairs: folders with left.png, right.png, rig.txt, and \
-              disparity_left.pfm if there is one",
-    settings: &[],
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "stereo",
+    display_name: "stereo",
+    title: "your own rectified pairs",
+    layout: "<pair>/{left.png, right.png, rig.txt}; disparity_left.pfm if there is any",
+    paper_overlap: PaperOverlap::Stereo,
     open,
+    required_files,
+    ..DatasetEntry::OWN
 };
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    let mut files = vec![RequiredFile::camera(photo.beside("rig.txt"))];
+    if photo.stem == "left" {
+        files.push(RequiredFile::depth(photo.beside("disparity_left.pfm")));
+    }
+    files
+}
+
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
     let found = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
-    let scenes = found
-        .folders
-        .iter()
+    let folders = found.folders.iter();
+    let scenes = folders
         .map(|folder| read_scene(&spec.name, &root, folder))
         .collect();
     let expected = "folders with left.png, right.png and rig.txt, up to four levels down";
-    conclude(spec, scenes, expected, &[&found.passed_over])
+    spec.conclude(scenes, expected, &[&found.left_out])
 }
 
 fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {
     let file = root.resolve(folder, "rig.txt")?;
-    let rig = Rig::parse(&files::read_text(&file)?)
-        .map_err(|reason| DatasetError::malformed(&file, reason))?;
-    let mut views = Vec::new();
-    for (name, cx, x_m) in [
-        ("left", rig.cx_left, 0.0),
-        ("right", rig.cx_right, rig.baseline_m),
-    ] {
+    let rig = StereoRig::parse(&files::read_text(&file)?)
+        .map_err(|error| DatasetError::format(&file, error))?;
+    let side = |name: &str, cx: f64| -> Result<Side, DatasetError> {
         let image = find(root, folder, name, PICTURES)?.ok_or_else(|| {
             DatasetError::malformed(folder, format!("no {name}.png, .jpg or .jpeg"))
         })?;
-        let side = Side {
+        Ok(Side {
             id: name.to_owned(),
             size: picture::dimensions(&image)?,
             image,
@@ -60,31 +67,16 @@ fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, Datase
                 .map(|path| (path, rig.disparity_unit)),
             focal: (rig.fx, rig.fy),
             center: (cx, rig.cy),
-            x_m,
-        };
-        let geometry = StereoGeometry {
-            focal: rig.fx,
-            baseline_m: rig.baseline_m,
-            doffs: rig.cx_right - rig.cx_left,
-        };
-        let view = side.into_view(geometry, vec![file.clone()]);
-        views.push(view.map_err(|source| DatasetError::Camera {
-            path: file.clone(),
-            source,
-        })?);
-    }
+            geometry: StereoGeometry {
+                focal: rig.fx,
+                baseline_m: rig.baseline_m,
+                doffs: rig.cx_right - rig.cx_left,
+            },
+        })
+    };
+    let sides = [side("left", rig.cx_left)?, side("right", rig.cx_right)?];
     let id = root.id_of(folder);
-    Ok(Scene {
-        dataset: dataset.to_owned(),
-        cluster: id.clone(),
-        id,
-        views,
-        pairing: Pairing::Stereo {
-            source: 0,
-            target: 1,
-        },
-        notes: Vec::new(),
-    })
+    stereo_pair::scene(dataset, id.clone(), id, sides, &file, Vec::new())
 }
 
 /// The file of that stem, whatever the case of its extension.
@@ -107,7 +99,7 @@ fn find(
 }
 
 #[derive(Debug)]
-struct Rig {
+struct StereoRig {
     fx: f64,
     fy: f64,
     cx_left: f64,
@@ -117,8 +109,8 @@ struct Rig {
     disparity_unit: f64,
 }
 
-impl Rig {
-    fn parse(text: &str) -> Result<Self, String> {
+impl StereoRig {
+    fn parse(text: &str) -> Result<Self, FormatError> {
         const KEYS: [&str; 7] = [
             "fx",
             "fy",
@@ -138,11 +130,11 @@ impl Rig {
                 .ok_or_else(|| format!("'{line}' is not key=value"))?;
             let (key, value) = (key.trim(), value.trim());
             if !KEYS.contains(&key) {
-                return Err(format!("unknown key '{key}'; known: {}", KEYS.join(", ")));
+                return Err(format!("unknown key '{key}'; known: {}", KEYS.join(", ")).into());
             }
             match value.parse::<f64>() {
                 Ok(number) if number.is_finite() => values.insert(key, number),
-                _ => return Err(format!("{key} is '{value}', not a finite number")),
+                _ => return Err(format!("{key} is '{value}', not a finite number").into()),
             };
         }
         let needed = |key: &str| {
@@ -175,7 +167,8 @@ mod tests {
 
     #[test]
     fn rigs_have_defaults_and_mistakes_are_named() {
-        let rig = Rig::parse("fx=500\n# left\ncx_left = 320\ncy=240\nbaseline_m=0.1\n").unwrap();
+        let rig =
+            StereoRig::parse("fx=500\n# left\ncx_left = 320\ncy=240\nbaseline_m=0.1\n").unwrap();
         assert_eq!(
             (rig.fy, rig.cx_right, rig.disparity_unit),
             (500.0, 320.0, 1.0)
@@ -187,8 +180,8 @@ mod tests {
             ("fx", "not key=value"),
             ("fx=1\ncx_left=1\ncy=1\nbaseline_m=0", "above zero"),
         ] {
-            let error = Rig::parse(text).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            let error = StereoRig::parse(text).unwrap_err();
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

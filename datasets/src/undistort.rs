@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use sharp::camera::Intrinsics;
 
 use crate::DepthMap;
-use crate::lens::Lens;
+use crate::lens::{Lens, LensError};
 
 /// A lens and the pinhole camera its pictures are resampled to; both look along the same axis.
 #[derive(Debug, Clone, Copy)]
@@ -32,8 +32,8 @@ impl Undistortion {
     /// of view that shows nothing beyond the stored picture (COLMAP's `blank_pixels = 0`).
     ///
     /// # Errors
-    /// The reason, when no field of view is narrow enough.
-    pub fn without_blank_pixels(lens: Lens) -> Result<Self, String> {
+    /// [`LensError::NoWholePinhole`].
+    pub fn without_blank_pixels(lens: Lens) -> Result<Self, LensError> {
         let scaled = |zoom: f64| Intrinsics {
             fx: lens.intrinsics().fx * zoom,
             fy: lens.intrinsics().fy * zoom,
@@ -42,7 +42,7 @@ impl Undistortion {
         // In steps of 1/4096, so that the last bits of atan do not reach the result.
         let (mut narrow, mut wide) = (16 * 4096_u32, 512_u32);
         if !shows_only_the_picture(&lens, &scaled(f64::from(narrow) / 4096.0)) {
-            return Err("the lens distorts so strongly that no pinhole view of it is whole".into());
+            return Err(LensError::NoWholePinhole);
         }
         while narrow - wide > 1 {
             let middle = wide.midpoint(narrow);
@@ -64,8 +64,8 @@ impl Undistortion {
     /// to the middle of the picture.
     ///
     /// # Errors
-    /// The reason, when the lens does not see the middles of the picture's edges.
-    pub fn like_scannetpp(lens: Lens) -> Result<Self, String> {
+    /// [`LensError::EdgesUnseen`].
+    pub fn like_scannetpp(lens: Lens) -> Result<Self, LensError> {
         let k = lens.intrinsics();
         let (w, h) = (f64::from(k.width), f64::from(k.height));
         // OpenCV halves the size in whole numbers.
@@ -78,9 +78,7 @@ impl Undistortion {
             DVec2::new(middle_x, h),
             DVec2::new(0.0, middle_y),
         ]) {
-            let ray = lens
-                .unproject(pixel)
-                .ok_or("the lens does not see the middles of the picture's edges")?;
+            let ray = lens.unproject(pixel).ok_or(LensError::EdgesUnseen)?;
             *edge = DVec2::new(ray.x, ray.y * aspect);
         }
         let center = edges.iter().sum::<DVec2>() / 4.0;
@@ -94,8 +92,7 @@ impl Undistortion {
             (focal, focal / aspect),
             (w / 2.0, h / 2.0),
             (k.width, k.height),
-        )
-        .map_err(|e| e.to_string())?;
+        )?;
         Ok(Self {
             lens,
             pinhole,
@@ -108,7 +105,7 @@ impl Undistortion {
         &self.pinhole
     }
 
-    /// How that camera was chosen, in words.
+    /// How that camera was chosen, for notes.
     pub fn rule(&self) -> &'static str {
         self.rule
     }

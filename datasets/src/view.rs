@@ -7,8 +7,8 @@ use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::DatasetError;
-use crate::needed::Role;
 use crate::processing::Processing;
+use crate::required_files::FileRole;
 
 /// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
 /// finite and positive.
@@ -22,8 +22,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// Names the file and why it cannot be read, or that its size disagrees with the intrinsics.
     fn image(&self) -> Result<RgbImage, DatasetError>;
 
-    /// Which pixels of the photograph count: 255 where they do, of its size; `None` where the dataset
-    /// excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
+    /// 255 where a pixel of the photograph is valid; `None` where the dataset excludes none. Excluded pixels are black in [`ViewContent::image`] and have no depth.
     ///
     /// # Errors
     /// Names the file and why it cannot be read.
@@ -40,7 +39,7 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
 
     /// Every file that the view is made of and what it is for, sorted; a file that serves twice is
     /// listed twice. Empty for a procedural view.
-    fn files_by_role(&self) -> Vec<(Role, PathBuf)>;
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)>;
 
     /// [`ViewContent::files_by_role`] without the roles, each file once, sorted.
     fn files(&self) -> Vec<PathBuf> {
@@ -72,7 +71,6 @@ pub struct View {
     pub intrinsics: Intrinsics,
     /// Extrinsics, metres.
     pub camera_from_world: RigidTransform,
-    /// Pixels on demand.
     pub content: Arc<dyn ViewContent>,
 }
 
@@ -80,12 +78,7 @@ pub struct View {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Pairing {
     /// Exactly one pair: the paper's stereo protocol, left to right.
-    Stereo {
-        /// Index of the source (left) view.
-        source: usize,
-        /// Index of the target (right) view.
-        target: usize,
-    },
+    Stereo { source: usize, target: usize },
     /// Pairs come from sets of consecutive views and their overlap.
     MultiView,
 }
@@ -102,9 +95,7 @@ pub struct Scene {
     pub cluster: String,
     /// In natural order of their ids.
     pub views: Vec<View>,
-    /// Which pairs the scene stands for.
     pub pairing: Pairing,
-    /// What a reader had to assume or to leave out: a line each, shown before a run and kept in
-    /// its manifest.
+    /// What the reader assumed or left out: lines shown before a run and kept in its manifest.
     pub notes: Vec<String>,
 }

@@ -10,38 +10,60 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::depth::{Encoding, Resampling};
+use crate::depth::{DepthEncoding, Resampling};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
+use crate::left_out::LeftOut;
 use crate::lens::{Distortion, Lens};
-use crate::posed::{self, Depth, Pinhole, Posed};
-use crate::skipped::Skipped;
-use crate::spec::{Attempts, Choice, DatasetSpec, Format, Setting, conclude};
-use crate::{DatasetError, Pairing, Scene, processing};
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "wildrgbd",
-    summary: "WildRGB-D: <category>/nvs_list.json and <category>/scenes/scene_*",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "wildrgbd",
+    display_name: "WildRGB-D",
+    title: "WildRGB-D",
+    page: "https://github.com/wildrgbd/wildrgbd",
+    terms: "MIT (the repository's licence; no separate terms for the data)",
+    download: "one archive in parts a category; join the parts before unpacking",
+    size: "3.37 TB for all 46 categories, 4 TB unpacked",
+    layout: "<category>/nvs_list.json, <category>/scenes/scene_*/{rgb, depth, metadata, \
+             cam_poses.txt}",
+    paper_column: "WildRGBD",
+    paper_overlap: PaperOverlap::Dense,
+    caveat: "'validation split from nvs list in each scene' reads as scenes or as frames",
     settings: &[Setting::choice(
         "split",
         "which scenes and frames of the nvs list",
         &[
-            Choice::new("val-scenes", "all frames of the scenes in 'val'"),
-            Choice::new(
+            SettingChoice::new("val-scenes", "all frames of the scenes in 'val'"),
+            SettingChoice::new(
                 "val-frames",
                 "the frames in 'val' of a nvs_list.json inside each scene's own folder",
             ),
-            Choice::proxy("train-scenes", "all frames of the scenes in 'train'"),
-            Choice::proxy("all-scenes", "every scene folder, without a list"),
+            SettingChoice::proxy("train-scenes", "all frames of the scenes in 'train'"),
+            SettingChoice::proxy("all-scenes", "every scene folder, without a list"),
         ],
     )],
     open,
+    required_files,
+    archives: |photo| vec![format!("category {}", photo.top())],
 };
+
+fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
+    vec![
+        RequiredFile::camera(photo.above("metadata")),
+        RequiredFile::camera(photo.above("cam_poses.txt")),
+        RequiredFile::list(format!("{}/{LIST}", photo.top())),
+        RequiredFile::depth(photo.above(&format!("depth/{}.png", photo.stem))),
+    ]
+}
 
 const LIST: &str = "nvs_list.json";
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(&spec.path)?;
     let split = spec.setting("split");
     let by_list = matches!(split, "val-scenes" | "train-scenes");
@@ -49,7 +71,7 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         folder.join(LIST).is_file() || folder.join("scenes").is_dir()
     })?;
     let mut scenes = Vec::new();
-    let mut missing = Skipped::of("scene");
+    let mut missing = LeftOut::of("scene");
     for category in &categories.folders {
         let folders = if by_list {
             listed_scenes(&root, category, split, &mut missing)
@@ -63,10 +85,10 @@ fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
         }
     }
     let expected = "<category>/nvs_list.json and the scenes that it names, or split=all-scenes";
-    conclude(spec, scenes, expected, &[&categories.passed_over, &missing])
+    spec.conclude(scenes, expected, &[&categories.left_out, &missing])
 }
 
-/// The folders of a category's scenes, or why a name is none.
+/// The folders of a category's scenes, or why a name is not one.
 type Folders = Vec<Result<PathBuf, DatasetError>>;
 
 /// The folders of the scenes that the category's list names, in natural order.
@@ -74,12 +96,12 @@ fn listed_scenes(
     root: &Root,
     category: &Path,
     split: &str,
-    missing: &mut Skipped,
+    missing: &mut LeftOut,
 ) -> Result<Folders, DatasetError> {
     let file = root.resolve(category, LIST)?;
     let key = split.trim_end_matches("-scenes");
     let mut names = names_in(&file, key)?;
-    names.sort_by(|a, b| crate::natural::compare(a, b));
+    names.sort_by(|a, b| natural_order::compare(a, b));
     let mut folders = Vec::new();
     for name in names {
         let direct = root.resolve_listed(&file, category, &name);
@@ -90,7 +112,7 @@ fn listed_scenes(
                 Some(folder) => folders.push(Ok(folder)),
                 None => missing.add(
                     "the list names scenes that are not there",
-                    &format!("{}/{name}", root.id_of(category)),
+                    format!("{}/{name}", root.id_of(category)),
                 ),
             },
         }
@@ -101,7 +123,7 @@ fn listed_scenes(
 /// A list of names in a JSON object; numbers count as names.
 fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let list = lenient_json::parse(&files::read_text(file)?).map_err(malformed)?;
+    let list = lenient_json::read(file)?;
     let names = list
         .get(key)
         .and_then(Value::as_array)
@@ -140,25 +162,18 @@ fn read_scene(
     let lens = read_lens(&metadata)?;
     let poses_file = root.resolve(folder, "cam_poses.txt")?;
     let poses = trajectory::read_rows(&poses_file)?;
-    let wanted = if by_frame {
+    let wanted: Option<Vec<i64>> = if by_frame {
         let frames = names_in(&root.resolve(folder, LIST)?, "val")?;
-        Some(
-            frames
-                .iter()
-                .filter_map(|n| number_of(n))
-                .collect::<Vec<_>>(),
-        )
+        Some(frames.iter().filter_map(|name| number_of(name)).collect())
     } else {
         None
     };
-    let mut linked = Skipped::of("file");
+    let mut linked = LeftOut::of("file");
     let mut by_number = |name: &str| -> Result<Vec<(i64, PathBuf)>, DatasetError> {
-        let folder = root.resolve(folder, name)?;
-        let mut files: Vec<_> = root
-            .files_in(&folder, &mut linked)
-            .into_iter()
-            .filter_map(|(name, path)| Some((number_of(&name)?, path)))
-            .collect();
+        let files = root.files_in(&root.resolve(folder, name)?, &mut linked);
+        let numbered = files.into_iter();
+        let numbered = numbered.filter_map(|(name, path)| Some((number_of(&name)?, path)));
+        let mut files: Vec<_> = numbered.collect();
         files.sort();
         Ok(files)
     };
@@ -167,56 +182,40 @@ fn read_scene(
         let i = files.binary_search_by_key(&frame, |f| f.0).ok()?;
         Some(files[i].1.clone())
     };
-    let mut skipped = Skipped::default();
-    let mut views = Vec::new();
+    let mut scene = SceneBuilder::new(spec, root, &poses_file);
     for pose in &poses {
-        let id = format!("{:05}", pose.frame);
         if wanted.as_ref().is_some_and(|w| !w.contains(&pose.frame)) {
             continue;
         }
-        let Some(image) = find(&pictures, pose.frame) else {
-            skipped.add("the picture does not exist", &id);
+        let id = format!("{:05}", pose.frame);
+        let picture = find(&pictures, pose.frame);
+        let world_from_camera = pose.world_from_camera.as_ref().ok();
+        let Some((image, world_from_camera)) = scene.usable(&id, picture, world_from_camera) else {
             continue;
         };
-        let Ok(world_from_camera) = &pose.world_from_camera else {
-            skipped.add("the pose is not finite or not rigid", &id);
-            continue;
-        };
-        let depth = find(&maps, pose.frame).map_or(Depth::None, |map| {
-            Depth::Map(map, Encoding::Units(0.001), Resampling::Nearest)
+        let depth = find(&maps, pose.frame).map_or(FrameDepth::None, |map| {
+            FrameDepth::Map(map, DepthEncoding::Units(0.001), Resampling::Nearest)
         });
-        views.push(
-            Posed {
-                id,
-                image,
-                lens,
-                pinhole: Pinhole::WithoutBlankPixels,
-                camera_from_world: world_from_camera.inverse(),
-                mask: None,
-                depth,
-                cameras: vec![metadata.clone(), poses_file.clone()],
-            }
-            .into_view()?,
-        );
+        scene.add(PosedFrame {
+            id,
+            image,
+            lens,
+            pinhole: Pinhole::WithoutBlankPixels,
+            camera_from_world: world_from_camera.inverse(),
+            mask: None,
+            depth,
+            cameras: vec![metadata.clone(), poses_file.clone()],
+        })?;
     }
-    posed::finish(&mut views);
-    let mut notes = skipped.notes(&poses_file);
-    notes.extend(linked.notes(folder));
-    let id = root.id_of(folder);
-    if processing::without_depth(&views) == views.len() {
-        notes.push("depth: no map of these frames in depth/".to_owned());
+    scene.notes.extend(linked.notes(folder));
+    if !scene.has_depth() {
+        let note = "depth: no map of these frames in depth/";
+        scene.notes.push(note.to_owned());
     }
-    Ok(Scene {
-        dataset: spec.name.clone(),
-        cluster: id.clone(),
-        id,
-        views,
-        pairing: Pairing::MultiView,
-        notes,
-    })
+    Ok(scene.finish(root.id_of(folder)))
 }
 
-/// The number that a frame's name is, with or without an extension.
+/// The number that names a frame, with or without an extension.
 fn number_of(name: &str) -> Option<i64> {
     let stem = name.rsplit('/').next().unwrap_or(name);
     stem.split('.').next()?.parse().ok()
@@ -224,7 +223,7 @@ fn number_of(name: &str) -> Option<i64> {
 
 fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let metadata = lenient_json::parse(&files::read_text(file)?).map_err(malformed)?;
+    let metadata = lenient_json::read(file)?;
     let side = |key: &str| {
         metadata
             .get(key)
@@ -250,8 +249,5 @@ fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
         (side("w")?, side("h")?),
         Distortion::None,
     )
-    .map_err(|source| DatasetError::Camera {
-        path: file.to_owned(),
-        source,
-    })
+    .map_err(|source| DatasetError::camera(file, source))
 }

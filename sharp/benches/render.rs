@@ -53,7 +53,7 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
         let scene = speed_scene::scene(sigma);
         let view = speed_scene::view(width, height);
         for simd in Simd::available() {
-            if simd.level().name() == "portable" && simd != Simd::detect() {
+            if simd.instruction_set().name() == "portable" && simd != Simd::detect() {
                 continue;
             }
             let mut renderer = CpuRenderer::with_simd(simd);

@@ -120,9 +120,9 @@ impl DatasetArgs {
 /// The formats of `--dataset` with their settings, for `--help`.
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
-    for format in sharp_datasets::catalog::formats() {
-        text += &format!("  {:<18} {}\n", format.name, format.summary);
-        for setting in format.settings {
+    for entry in sharp_datasets::entry::ENTRIES {
+        text += &format!("  {:<18} {}: {}\n", entry.format, entry.title, entry.layout);
+        for setting in entry.settings {
             text += &format!(
                 "    {}={}  {}\n",
                 setting.key, setting.default, setting.meaning

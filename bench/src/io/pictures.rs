@@ -63,8 +63,8 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
     let picture = match extension(path).as_deref() {
         Some("exr") => Picture::RgbF32(read_exr(path)?),
         Some("npy") => {
-            let array =
-                npy::parse(&files::read(path)?).map_err(|reason| malformed(path, reason))?;
+            let array = npy::parse(&files::read(path)?)
+                .map_err(|error| malformed(path, error.to_string()))?;
             from_floats(path, &array.shape, array.values)?
         }
         Some("safetensors") => read_safetensors(path)?,

@@ -81,7 +81,7 @@ fn without_depth(spec: &str, options: &PairOptions) -> String {
     let spec = DatasetSpec::parse(spec).ok();
     let (format, split) = spec
         .as_ref()
-        .map_or(("", ""), |spec| (spec.format, spec.setting("split")));
+        .map_or(("", ""), |spec| (spec.entry.format, spec.setting("split")));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
             "no view has depth; split={split} comes without meshes and hides its targets; take split=nvs_sem_val, which \

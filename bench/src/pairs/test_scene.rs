@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::{DMat3, DVec3};
 use image::{GrayImage, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_datasets::needed::Role;
+use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 
 /// What a view's depth is.
@@ -50,8 +50,8 @@ impl ViewContent for Wall {
         Some(&self.file)
     }
 
-    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
-        vec![(Role::Picture, self.file.clone())]
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
+        vec![(FileRole::Picture, self.file.clone())]
     }
 
     fn image_sha256(&self) -> Result<String, DatasetError> {

@@ -14,15 +14,15 @@ const TOLERANCE: f64 = 0.05;
 const ENOUGH: f64 = 0.05;
 
 /// A view with its pixels.
-pub(super) struct Loaded<'a> {
+pub(super) struct LoadedView<'a> {
     view: &'a View,
     depth: DepthMap,
     picture: RgbImage,
-    /// 255 where a pixel counts; `None` where all do.
+    /// 255 where a pixel is valid; `None` where all are.
     valid: Option<GrayImage>,
 }
 
-impl<'a> Loaded<'a> {
+impl<'a> LoadedView<'a> {
     /// `None` for a view without depth, or of which something cannot be read.
     pub(super) fn new(view: &'a View) -> Option<Self> {
         Some(Self {
@@ -64,7 +64,6 @@ impl<'a> Loaded<'a> {
 /// What became of one view's depth values in another view.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Carried {
-    /// How many were carried.
     pub(super) samples: usize,
     /// The other view's depth over the one carried there, where it has any.
     ratios: Vec<f64>,
@@ -77,8 +76,8 @@ pub(super) struct Carried {
 impl Carried {
     /// Carries a's sampled depth values into b; `None` when a has none.
     pub(super) fn between(
-        a: &Loaded<'_>,
-        b: &Loaded<'_>,
+        a: &LoadedView<'_>,
+        b: &LoadedView<'_>,
         b_from_a: &RigidTransform,
     ) -> Option<Self> {
         let valid = a.depth.iter().filter(|z| **z > 0.0).count();

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use super::carried::{Carried, Loaded};
+use super::carried::{Carried, LoadedView};
 use super::convention::CONVENTIONS;
 use super::evenly_spaced;
 use crate::View;
@@ -23,14 +23,13 @@ const LESS_COLOUR: f64 = 0.5;
 /// How well neighbouring views fit together under one convention for poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fit {
-    /// What would have been mistaken for what; `as read` for what the reader took.
+    /// The mistake that the reader would have made; `as read` for none.
     pub convention: &'static str,
     /// The share of depth values that agree within 5 %, 0..1.
     pub depth: f64,
     /// Root mean square difference of the colours of the values that land inside the other picture and meet no other
     /// depth there, 8-bit levels; `None` if none does.
     pub colour_levels: Option<f64>,
-    /// How many colours were compared.
     pub colours: usize,
 }
 
@@ -54,7 +53,7 @@ pub struct Consistency {
 
 impl Consistency {
     /// What looks wrong, if anything does. A scene whose neighbouring views hardly overlap fits badly under every
-    /// convention and is no reason to complain.
+    /// convention, which is not reported.
     pub fn complaint(&self) -> Option<String> {
         let by_depth = self
             .otherwise
@@ -117,7 +116,8 @@ pub fn of(views: &[View]) -> Option<Consistency> {
     let mut best: Option<(f64, f64)> = None;
     let mut pairs = 0;
     for i in evenly_spaced(views.len().saturating_sub(1), PAIRS) {
-        let (Some(a), Some(b)) = (Loaded::new(&views[i]), Loaded::new(&views[i + 1])) else {
+        let (Some(a), Some(b)) = (LoadedView::new(&views[i]), LoadedView::new(&views[i + 1]))
+        else {
             continue;
         };
         let carried = CONVENTIONS.iter().map(|convention| {
@@ -183,7 +183,7 @@ impl Sum {
 mod tests {
     use super::*;
     use crate::check::convention::flip;
-    use crate::needed::Role;
+    use crate::required_files::FileRole;
     use crate::synthetic::{SyntheticOptions, SyntheticScene};
     use crate::{DatasetError, DepthMap, ViewContent};
     use glam::{DMat3, DVec3};
@@ -303,7 +303,7 @@ mod tests {
             None
         }
 
-        fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+        fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
             Vec::new()
         }
 

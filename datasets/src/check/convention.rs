@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 use sharp::camera::RigidTransform;
 
-/// Poses taken otherwise than a reader did.
+/// Another way to interpret the poses.
 pub(super) struct Convention {
-    /// What would have been mistaken for what.
+    /// The mistake that the reader would have made.
     pub(super) name: &'static str,
     /// The world-to-camera pose under it.
     pub(super) take: fn(&RigidTransform) -> RigidTransform,

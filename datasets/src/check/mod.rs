@@ -1,5 +1,5 @@
-//! Looks at a dataset before a long run starts: what is there, what is broken and why, and whether
-//! the poses agree with the depth.
+//! Checks a dataset before a long run: what is present, what is broken and why, and whether the
+//! poses agree with the depth.
 //!
 //! * `convention`: how poses are commonly mistaken.
 //! * `carried`: depth and colours carried from view to view by a pose.
@@ -14,9 +14,8 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::catalog;
-use crate::spec::DatasetSpec;
-use crate::{DatasetError, Scene, View, processing};
+use crate::spec::{SettingInForce, open_each};
+use crate::{DatasetError, DatasetSpec, Scene, View, processing};
 use consistency::Consistency;
 
 /// How thoroughly to look.
@@ -38,37 +37,21 @@ impl Default for CheckOptions {
 /// What was found in a dataset.
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
-    /// As asked for.
     pub dataset: String,
-    /// The settings in force, and whether each is known to differ from what the paper did.
-    pub readings: Vec<Reading>,
+    pub readings: Vec<SettingInForce>,
     /// In the reader's order.
     pub scenes: Vec<SceneReport>,
-    /// Scenes that could not be read at all, a line each, naming the file.
+    /// One line for each scene that could not be read, naming the file.
     pub unreadable: Vec<String>,
     /// Number of problems in all scenes, unreadable ones included.
     pub problems: usize,
 }
 
-/// One setting in force.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Reading {
-    /// The setting.
-    pub key: String,
-    /// Its value.
-    pub value: String,
-    /// True where it is known to differ from what the paper did.
-    pub proxy: bool,
-}
-
 /// What was found in a scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct SceneReport {
-    /// The scene.
     pub id: String,
-    /// Number of its views.
     pub views: usize,
-    /// Number of views that were decoded.
     pub decoded: usize,
     /// Sizes of the pictures, `WIDTHxHEIGHT`, in order.
     pub sizes: Vec<String>,
@@ -80,7 +63,7 @@ pub struct SceneReport {
     pub consistency: Option<Consistency>,
     /// What the reader assumed or left out.
     pub notes: Vec<String>,
-    /// What is broken, a line each, naming the file; nothing twice.
+    /// What is broken: distinct lines that name the file.
     pub problems: Vec<String>,
 }
 
@@ -94,7 +77,7 @@ pub fn check(
     options: &CheckOptions,
     done: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<DatasetReport, DatasetError> {
-    let attempts = catalog::open_each(spec)?;
+    let attempts = open_each(spec)?;
     let total = attempts.len();
     let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
     for (i, attempt) in attempts.into_iter().enumerate() {
@@ -106,15 +89,7 @@ pub fn check(
     }
     Ok(DatasetReport {
         dataset: spec.to_string(),
-        readings: spec
-            .readings()
-            .into_iter()
-            .map(|(key, value, proxy)| Reading {
-                key: key.to_owned(),
-                value,
-                proxy,
-            })
-            .collect(),
+        readings: spec.readings(),
         problems: unreadable.len() + reports.iter().map(|r| r.problems.len()).sum::<usize>(),
         scenes: reports,
         unreadable,
@@ -163,7 +138,7 @@ fn check_scene(scene: &Scene, options: &CheckOptions, depth: Option<&str>) -> Sc
         && processing::without_depth(&scene.views) == scene.views.len()
     {
         problems.push(format!(
-            "{}: depth={source} was asked for, but there is none for any picture",
+            "{}: depth={source} was asked for, but no picture has any",
             scene.id
         ));
     }

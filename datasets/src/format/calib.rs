@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::FormatError;
 use crate::{DatasetError, files};
 
 /// A rectified pair of cameras as Middlebury 2014 and MiddEval3 describe it.
@@ -30,14 +31,11 @@ pub struct StereoCalibration {
 /// # Errors
 /// Names the file and the key that is missing, not a finite number, or contradicts another.
 pub fn read(path: &Path) -> Result<StereoCalibration, DatasetError> {
-    parse(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse_text(path, parse)
 }
 
-/// As [`read`], from text; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(text: &str) -> Result<StereoCalibration, String> {
+/// As [`read`], from text, and with the same errors.
+pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {
         if let Some((key, value)) = line.split_once('=') {
@@ -48,22 +46,24 @@ pub fn parse(text: &str) -> Result<StereoCalibration, String> {
         entries
             .get(key)
             .copied()
-            .ok_or_else(|| format!("the key '{key}' is missing"))
+            .ok_or_else(|| invalid!("the key '{key}' is missing"))
     };
     let left = matrix("cam0", text_of("cam0")?)?;
     let right = matrix("cam1", text_of("cam1")?)?;
     for (name, m) in [("cam0", left), ("cam1", right)] {
         if m[0] <= 0.0 || (m[0] - m[4]).abs() > 1e-6 * m[0] {
-            return Err(format!(
+            return Err(invalid!(
                 "{name} has focal lengths {} and {}; a rectified pair has one, above zero",
-                m[0], m[4]
+                m[0],
+                m[4]
             ));
         }
     }
     if (left[0] - right[0]).abs() > 1e-6 * left[0] {
-        return Err(format!(
+        return Err(invalid!(
             "cam0 has focal length {} and cam1 {}; a rectified pair has one",
-            left[0], right[0]
+            left[0],
+            right[0]
         ));
     }
     let center_offset = right[2] - left[2];
@@ -73,13 +73,13 @@ pub fn parse(text: &str) -> Result<StereoCalibration, String> {
     };
     // Both are rounded to three decimals in published files, and again when they are rescaled.
     if (doffs - center_offset).abs() > 0.01 {
-        return Err(format!(
+        return Err(invalid!(
             "doffs is {doffs}, but cx1 - cx0 is {center_offset}"
         ));
     }
     let baseline_mm = number("baseline", text_of("baseline")?)?;
     if baseline_mm <= 0.0 {
-        return Err(format!("baseline is {baseline_mm} mm"));
+        return Err(invalid!("baseline is {baseline_mm} mm"));
     }
     let size = match (entries.get("width"), entries.get("height")) {
         (Some(width), Some(height)) => Some((pixels("width", width)?, pixels("height", height)?)),
@@ -96,31 +96,31 @@ pub fn parse(text: &str) -> Result<StereoCalibration, String> {
 }
 
 /// `[a b c; d e f; g h i]`, row by row.
-fn matrix(key: &str, text: &str) -> Result<[f64; 9], String> {
+fn matrix(key: &str, text: &str) -> Result<[f64; 9], FormatError> {
     let inner = text
         .strip_prefix('[')
         .and_then(|t| t.strip_suffix(']'))
-        .ok_or_else(|| format!("{key} is '{text}', not a matrix in brackets"))?;
+        .ok_or_else(|| invalid!("{key} is '{text}', not a matrix in brackets"))?;
     let values = inner
         .split([' ', '\t', ';', ','])
         .filter(|t| !t.is_empty())
         .map(|t| number(key, t))
         .collect::<Result<Vec<_>, _>>()?;
     <[f64; 9]>::try_from(values)
-        .map_err(|values| format!("{key} has {} entries instead of 9", values.len()))
+        .map_err(|values| invalid!("{key} has {} entries instead of 9", values.len()))
 }
 
-fn number(key: &str, text: &str) -> Result<f64, String> {
+fn number(key: &str, text: &str) -> Result<f64, FormatError> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        _ => Err(format!("{key} is '{text}', not a finite number")),
+        _ => Err(invalid!("{key} is '{text}', not a finite number")),
     }
 }
 
-fn pixels(key: &str, text: &str) -> Result<u32, String> {
+fn pixels(key: &str, text: &str) -> Result<u32, FormatError> {
     match text.parse::<u32>() {
         Ok(value) if value > 0 => Ok(value),
-        _ => Err(format!("{key} is '{text}', not a number of pixels")),
+        _ => Err(invalid!("{key} is '{text}', not a number of pixels")),
     }
 }
 
@@ -155,7 +155,7 @@ mod tests {
             ("; 0 0 1]\ncam1", "; 0 0]\ncam1", "8 entries"),
         ] {
             let error = parse(&PLAIN.replace(from, to)).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

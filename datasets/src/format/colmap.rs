@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::colmap_records::{Camera, Image, Point};
-use super::{colmap_binary, colmap_text};
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint};
+use super::{FormatError, colmap_binary, colmap_text};
 use crate::DatasetError;
 use crate::files::{self, Root};
+use crate::lens::Lens;
 
 /// Cameras by their ids.
-pub type Cameras = BTreeMap<u32, Camera>;
+pub type Cameras = BTreeMap<u32, ColmapCamera>;
 
 /// A model without its points.
 #[derive(Debug)]
@@ -17,27 +18,58 @@ pub struct Model {
     /// The cameras that images name.
     pub cameras: Cameras,
     /// In the file's order.
-    pub images: Vec<Image>,
-    /// The files that were read.
+    pub images: Vec<ColmapImage>,
+    /// The files that were read: of the cameras, then of the images.
     pub files: Vec<PathBuf>,
     /// True when a text model lay beside the binary one that was read.
     pub text_ignored: bool,
 }
 
-/// True when a folder holds a model, text or binary.
-pub fn is_model(folder: &Path) -> bool {
-    ["bin", "txt"].iter().any(|extension| {
-        ["cameras", "images"]
-            .iter()
-            .all(|name| folder.join(format!("{name}.{extension}")).is_file())
-    })
+impl Model {
+    /// The file that names the pictures.
+    pub(crate) fn images_file(&self) -> &Path {
+        &self.files[1]
+    }
+
+    /// The camera of an image with its lens.
+    pub(crate) fn lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
+        let id = image.camera_id;
+        let camera = self.cameras.get(&id).ok_or_else(|| {
+            let reason = format!("'{}' has camera {id}, which does not exist", image.name);
+            DatasetError::malformed(self.images_file(), reason)
+        })?;
+        camera.lens().map_err(|error| {
+            DatasetError::malformed(&self.files[0], format!("camera {id}: {error}"))
+        })
+    }
 }
 
-/// Checks that no file of a model leads out of the dataset's folder.
-///
-/// # Errors
-/// As [`Root::check`].
-pub(crate) fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
+/// True when a folder holds a model, text or binary.
+pub fn is_model(folder: &Path) -> bool {
+    has_model(folder, "bin") || has_model(folder, "txt")
+}
+
+fn has_model(folder: &Path, extension: &str) -> bool {
+    let mut names = ["cameras", "images"].iter();
+    names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
+}
+
+/// As [`read_model`], refusing files that lead out of the dataset's folder.
+pub(crate) fn read_model_in(root: &Root, folder: &Path) -> Result<Model, DatasetError> {
+    check_inside(root, folder)?;
+    read_model(folder)
+}
+
+/// As [`read_cameras`], refusing files that lead out of the dataset's folder.
+pub(crate) fn read_cameras_in(
+    root: &Root,
+    folder: &Path,
+) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
+    check_inside(root, folder)?;
+    read_cameras(folder)
+}
+
+fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
     root.check(folder)?;
     for name in ["cameras", "images", "points3D"] {
         for extension in ["bin", "txt"] {
@@ -52,27 +84,24 @@ pub(crate) fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetErro
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read_model(folder: &Path) -> Result<Model, DatasetError> {
-    let file = |name: &str, extension: &str| folder.join(format!("{name}.{extension}"));
-    let has = |extension| {
-        ["cameras", "images"]
-            .iter()
-            .all(|name| file(name, extension).is_file())
-    };
-    let extension = if has("bin") { "bin" } else { "txt" };
-    let images_file = file("images", extension);
-    let images = if extension == "bin" {
-        colmap_binary::images(&files::read(&images_file)?)
+    let extension = if has_model(folder, "bin") {
+        "bin"
     } else {
-        colmap_text::images(&files::read_text(&images_file)?)
+        "txt"
     };
-    let images = images.map_err(|reason| DatasetError::malformed(&images_file, reason))?;
+    let images_file = folder.join(format!("images.{extension}"));
+    let images = if extension == "bin" {
+        files::parse(&images_file, colmap_binary::images)?
+    } else {
+        files::parse_text(&images_file, colmap_text::images)?
+    };
     let (cameras_file, cameras) = read_cameras(folder)?
         .ok_or_else(|| DatasetError::malformed(folder, "no cameras.bin or cameras.txt"))?;
     Ok(Model {
         cameras,
         images,
         files: vec![cameras_file, images_file],
-        text_ignored: extension == "bin" && has("txt"),
+        text_ignored: extension == "bin" && has_model(folder, "txt"),
     })
 }
 
@@ -81,39 +110,42 @@ pub fn read_model(folder: &Path) -> Result<Model, DatasetError> {
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
-    let (binary, text) = (folder.join("cameras.bin"), folder.join("cameras.txt"));
-    let (path, cameras) = if binary.is_file() {
-        let cameras = colmap_binary::cameras(&files::read(&binary)?);
-        (binary, cameras)
-    } else if text.is_file() {
-        let cameras = colmap_text::cameras(&files::read_text(&text)?);
-        (text, cameras)
-    } else {
-        return Ok(None);
-    };
-    match cameras {
-        Ok(cameras) => Ok(Some((path, cameras))),
-        Err(reason) => Err(DatasetError::malformed(path, reason)),
-    }
+    read_either(
+        folder,
+        "cameras",
+        colmap_binary::cameras,
+        colmap_text::cameras,
+    )
 }
 
 /// Reads the points of a model, of the same kind as its other files; `None` when there are none.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<Point>)>, DatasetError> {
-    let (binary, text) = (folder.join("points3D.bin"), folder.join("points3D.txt"));
-    let (path, points) = if binary.is_file() {
-        let points = colmap_binary::points(&files::read(&binary)?);
-        (binary, points)
-    } else if text.is_file() {
-        let points = colmap_text::points(&files::read_text(&text)?);
-        (text, points)
+pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>, DatasetError> {
+    read_either(
+        folder,
+        "points3D",
+        colmap_binary::points,
+        colmap_text::points,
+    )
+}
+
+fn read_either<T>(
+    folder: &Path,
+    name: &str,
+    binary: fn(&[u8]) -> Result<T, FormatError>,
+    text: fn(&str) -> Result<T, FormatError>,
+) -> Result<Option<(PathBuf, T)>, DatasetError> {
+    let file = |extension: &str| folder.join(format!("{name}.{extension}"));
+    let (in_binary, in_text) = (file("bin"), file("txt"));
+    Ok(if in_binary.is_file() {
+        let content = files::parse(&in_binary, binary)?;
+        Some((in_binary, content))
+    } else if in_text.is_file() {
+        let content = files::parse_text(&in_text, text)?;
+        Some((in_text, content))
     } else {
-        return Ok(None);
-    };
-    match points {
-        Ok(points) => Ok(Some((path, points))),
-        Err(reason) => Err(DatasetError::malformed(path, reason)),
-    }
+        None
+    })
 }

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::colmap_records::{Camera, Image, Point, pose, size};
-use crate::lens::colmap_parameters;
+use super::FormatError;
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
+use crate::lens::{LensError, colmap_parameters};
 
 /// Model names by COLMAP's id.
 const MODELS: [&str; 12] = [
@@ -27,8 +28,8 @@ const MODELS: [&str; 12] = [
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold, or an unknown camera model.
-pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
-    let mut reader = Reader { rest: bytes };
+pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
+    let mut reader = RecordReader { rest: bytes };
     let count = reader.count(24)?;
     let mut cameras = BTreeMap::new();
     for _ in 0..count {
@@ -38,11 +39,12 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
         let model = usize::try_from(model_id)
             .ok()
             .and_then(|i| MODELS.get(i))
-            .ok_or_else(|| format!("camera {id} is of unknown model {model_id}"))?;
+            .ok_or_else(|| invalid!("camera {id} is of unknown model {model_id}"))?;
         // The file does not say how many follow, so a model we do not know ends the reading.
-        let params = colmap_parameters(model)
-            .ok_or_else(|| format!("camera model '{model}' is not supported"))?;
-        let camera = Camera {
+        let params = colmap_parameters(model).ok_or_else(|| LensError::UnsupportedModel {
+            model: (*model).to_owned(),
+        })?;
+        let camera = ColmapCamera {
             model: (*model).to_owned(),
             size: size(width, height)?,
             params: (0..params)
@@ -58,8 +60,8 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, Camera>, String> {
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold.
-pub fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
-    let mut reader = Reader { rest: bytes };
+pub fn images(bytes: &[u8]) -> Result<Vec<ColmapImage>, FormatError> {
+    let mut reader = RecordReader { rest: bytes };
     let count = reader.count(73)?;
     (0..count)
         .map(|_| {
@@ -73,7 +75,7 @@ pub fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
             let name = reader.name()?;
             let observations = reader.count(24)?;
             reader.take(24 * observations)?;
-            Ok(Image {
+            Ok(ColmapImage {
                 id,
                 camera_id,
                 name,
@@ -87,8 +89,8 @@ pub fn images(bytes: &[u8]) -> Result<Vec<Image>, String> {
 ///
 /// # Errors
 /// Truncated, or more records than the bytes can hold.
-pub fn points(bytes: &[u8]) -> Result<Vec<Point>, String> {
-    let mut reader = Reader { rest: bytes };
+pub fn points(bytes: &[u8]) -> Result<Vec<ColmapPoint>, FormatError> {
+    let mut reader = RecordReader { rest: bytes };
     let count = reader.count(51)?;
     (0..count)
         .map(|_| {
@@ -102,56 +104,57 @@ pub fn points(bytes: &[u8]) -> Result<Vec<Point>, String> {
                     reader.u32()?;
                     Ok(image)
                 })
-                .collect::<Result<_, String>>()?;
-            Ok(Point { position, seen_by })
+                .collect::<Result<_, FormatError>>()?;
+            Ok(ColmapPoint { position, seen_by })
         })
         .collect()
 }
 
-struct Reader<'a> {
+const TRUNCATED: &str = "the file ends early (truncated?)";
+
+struct RecordReader<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Reader<'a> {
-    fn take(&mut self, n: usize) -> Result<&'a [u8], String> {
-        let (taken, rest) = self
-            .rest
-            .split_at_checked(n)
-            .ok_or("the file ends early (truncated?)")?;
+impl<'a> RecordReader<'a> {
+    fn take(&mut self, n: usize) -> Result<&'a [u8], FormatError> {
+        let (taken, rest) = self.rest.split_at_checked(n).ok_or(TRUNCATED)?;
         self.rest = rest;
         Ok(taken)
     }
 
     /// A count of records of at least `smallest` bytes, which the rest of the file must hold.
-    fn count(&mut self, smallest: usize) -> Result<usize, String> {
+    fn count(&mut self, smallest: usize) -> Result<usize, FormatError> {
         let n = self.u64()?;
         match usize::try_from(n) {
             Ok(count) if count <= self.rest.len() / smallest => Ok(count),
-            _ => Err(format!(
+            _ => Err(invalid!(
                 "{n} records do not fit the {} bytes that follow",
                 self.rest.len()
             )),
         }
     }
 
-    fn u32(&mut self) -> Result<u32, String> {
-        let b = self.take(4)?;
-        Ok(u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    fn chunk<const N: usize>(&mut self) -> Result<[u8; N], FormatError> {
+        let (chunk, rest) = self.rest.split_first_chunk().ok_or(TRUNCATED)?;
+        self.rest = rest;
+        Ok(*chunk)
     }
 
-    fn u64(&mut self) -> Result<u64, String> {
-        let b = self.take(8)?;
-        Ok(u64::from_le_bytes([
-            b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7],
-        ]))
+    fn u32(&mut self) -> Result<u32, FormatError> {
+        self.chunk().map(u32::from_le_bytes)
     }
 
-    fn f64(&mut self) -> Result<f64, String> {
-        self.u64().map(f64::from_bits)
+    fn u64(&mut self) -> Result<u64, FormatError> {
+        self.chunk().map(u64::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Result<f64, FormatError> {
+        self.chunk().map(f64::from_le_bytes)
     }
 
     /// A name that ends with a zero byte.
-    fn name(&mut self) -> Result<String, String> {
+    fn name(&mut self) -> Result<String, FormatError> {
         let end = self
             .rest
             .iter()
@@ -197,9 +200,24 @@ mod tests {
     #[test]
     fn huge_counts_allocate_nothing() {
         let bytes = [u64::MAX.to_le_bytes().as_slice(), &[0; 100]].concat();
-        assert!(cameras(&bytes).unwrap_err().contains("do not fit"));
-        assert!(images(&bytes).unwrap_err().contains("do not fit"));
-        assert!(points(&bytes).unwrap_err().contains("do not fit"));
+        assert!(
+            cameras(&bytes)
+                .unwrap_err()
+                .to_string()
+                .contains("do not fit")
+        );
+        assert!(
+            images(&bytes)
+                .unwrap_err()
+                .to_string()
+                .contains("do not fit")
+        );
+        assert!(
+            points(&bytes)
+                .unwrap_err()
+                .to_string()
+                .contains("do not fit")
+        );
     }
 
     #[test]
@@ -213,8 +231,18 @@ mod tests {
             b.extend([0; 96]);
             b
         };
-        assert!(cameras(&camera(7)).unwrap_err().contains("'FOV'"));
-        assert!(cameras(&camera(-1)).unwrap_err().contains("model -1"));
+        assert!(
+            cameras(&camera(7))
+                .unwrap_err()
+                .to_string()
+                .contains("'FOV'")
+        );
+        assert!(
+            cameras(&camera(-1))
+                .unwrap_err()
+                .to_string()
+                .contains("model -1")
+        );
         assert_eq!(cameras(&camera(10)).unwrap()[&1].params.len(), 12);
     }
 }

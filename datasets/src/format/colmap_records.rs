@@ -3,35 +3,32 @@
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;
 
-use crate::lens::Lens;
+use super::FormatError;
+use crate::lens::{Lens, LensError};
 
 /// A camera as stored.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Camera {
-    /// COLMAP's name of the model.
+pub struct ColmapCamera {
     pub model: String,
-    /// Width and height, pixels.
     pub size: (u32, u32),
     /// In COLMAP's order.
     pub params: Vec<f64>,
 }
 
-impl Camera {
+impl ColmapCamera {
     /// The camera with its lens; pixel centres are ours.
     ///
     /// # Errors
-    /// The reason: an unsupported model, or parameters that are no camera's.
-    pub fn lens(&self) -> Result<Lens, String> {
+    /// As [`Lens::from_colmap`].
+    pub fn lens(&self) -> Result<Lens, LensError> {
         Lens::from_colmap(&self.model, self.size, &self.params)
     }
 }
 
 /// An image as stored.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Image {
-    /// COLMAP's id.
+pub struct ColmapImage {
     pub id: u32,
-    /// Id of its camera.
     pub camera_id: u32,
     /// Relative to the folder of the pictures; may hold `/` and blanks.
     pub name: String,
@@ -41,8 +38,7 @@ pub struct Image {
 
 /// A triangulated point.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Point {
-    /// World position.
+pub struct ColmapPoint {
     pub position: DVec3,
     /// Ids of the images that see it.
     pub seen_by: Vec<u32>,
@@ -59,10 +55,10 @@ pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3]) -> Option<RigidTransfo
     RigidTransform::new(DMat3::from_quat(q), DVec3::from(translation)).ok()
 }
 
-/// Refuses a size that is no picture's.
-pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), String> {
+/// Refuses a size of zero and one beyond 32 bits.
+pub(super) fn size(width: u64, height: u64) -> Result<(u32, u32), FormatError> {
     let side = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     side(width)
         .zip(side(height))
-        .ok_or_else(|| format!("a camera is {width}x{height} pixels"))
+        .ok_or_else(|| invalid!("a camera is {width}x{height} pixels"))
 }

@@ -5,18 +5,19 @@ use std::str::FromStr;
 
 use glam::DVec3;
 
-use super::colmap_records::{Camera, Image, Point, pose, size};
+use super::FormatError;
+use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 
 /// `cameras.txt`: `ID MODEL WIDTH HEIGHT PARAMS…`.
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
+pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut cameras = BTreeMap::new();
     for (number, line) in records(text) {
-        let mut line = Line::new(number, line);
+        let mut line = RecordLine::new(number, line);
         let id = line.next("camera id")?;
-        let camera = Camera {
+        let camera = ColmapCamera {
             model: line.word("camera model")?.to_owned(),
             size: size(line.next("width")?, line.next("height")?)?,
             params: line.rest("parameter")?,
@@ -30,14 +31,14 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, Camera>, String> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn images(text: &str) -> Result<Vec<Image>, String> {
+pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
         if is_void(line) {
             continue;
         }
-        let mut line = Line::new(number, line);
+        let mut line = RecordLine::new(number, line);
         let id = line.next("image id")?;
         let mut values = [0.0; 7];
         for value in &mut values {
@@ -47,9 +48,9 @@ pub fn images(text: &str) -> Result<Vec<Image>, String> {
         let camera_id = line.next("camera id")?;
         let name = line.remainder();
         if name.is_empty() {
-            return Err(format!("line {}: the image has no name", number + 1));
+            return Err(invalid!("line {}: the image has no name", number + 1));
         }
-        images.push(Image {
+        images.push(ColmapImage {
             id,
             camera_id,
             name: name.to_owned(),
@@ -65,10 +66,10 @@ pub fn images(text: &str) -> Result<Vec<Image>, String> {
 ///
 /// # Errors
 /// The line and what is wrong with it.
-pub fn points(text: &str) -> Result<Vec<Point>, String> {
+pub fn points(text: &str) -> Result<Vec<ColmapPoint>, FormatError> {
     records(text)
         .map(|(number, line)| {
-            let mut line = Line::new(number, line);
+            let mut line = RecordLine::new(number, line);
             line.word("point id")?;
             let position = DVec3::new(
                 line.next("coordinate")?,
@@ -79,7 +80,7 @@ pub fn points(text: &str) -> Result<Vec<Point>, String> {
                 line.word(what)?;
             }
             let track: Vec<u32> = line.rest("track entry")?;
-            Ok(Point {
+            Ok(ColmapPoint {
                 position,
                 seen_by: track.into_iter().step_by(2).collect(),
             })
@@ -97,34 +98,34 @@ fn records(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 /// One line, word by word; errors carry its number.
-struct Line<'a> {
+struct RecordLine<'a> {
     number: usize,
     rest: &'a str,
 }
 
-impl<'a> Line<'a> {
+impl<'a> RecordLine<'a> {
     fn new(number: usize, text: &'a str) -> Self {
         Self { number, rest: text }
     }
 
-    fn word(&mut self, what: &str) -> Result<&'a str, String> {
+    fn word(&mut self, what: &str) -> Result<&'a str, FormatError> {
         let rest = self.rest.trim_start();
         let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
         let (word, rest) = rest.split_at(end);
         self.rest = rest;
         if word.is_empty() {
-            return Err(format!("line {}: no {what}", self.number + 1));
+            return Err(invalid!("line {}: no {what}", self.number + 1));
         }
         Ok(word)
     }
 
-    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, FormatError> {
         let word = self.word(what)?;
         word.parse()
-            .map_err(|_| format!("line {}: {what} is '{word}'", self.number + 1))
+            .map_err(|_| invalid!("line {}: {what} is '{word}'", self.number + 1))
     }
 
-    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, String> {
+    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, FormatError> {
         let mut values = Vec::new();
         while !self.rest.trim().is_empty() {
             values.push(self.next(what)?);
@@ -162,7 +163,7 @@ mod tests {
             ),
             (points("1 2 3").unwrap_err(), "no coordinate"),
         ] {
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::DynamicImage;
 
-use super::{FloatMap, picture};
+use super::{FloatMap, FormatError, picture};
 use crate::{DatasetError, files};
 
 /// Reads a 16-bit gray PNG as it is: 0 to 65535, never rescaled.
@@ -12,21 +12,18 @@ use crate::{DatasetError, files};
 /// # Errors
 /// Names the file: as for a picture, or not 16-bit gray.
 pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, parse)
 }
 
-/// As [`read`], from bytes; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
+/// As [`read`], from bytes, and with the same errors.
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     match picture::decode(bytes)? {
         DynamicImage::ImageLuma16(map) => {
             let (width, height) = map.dimensions();
             let values = map.iter().map(|v| f32::from(*v)).collect();
             FloatMap::from_vec(width, height, values).ok_or_else(|| "too large".into())
         }
-        other => Err(format!(
+        other => Err(invalid!(
             "a depth map must be 16-bit gray; this picture's pixels are {:?}",
             other.color()
         )),

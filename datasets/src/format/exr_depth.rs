@@ -7,7 +7,7 @@ use exr::prelude::{
     FlatSamples, MetaData, ReadChannels as _, ReadLayers as _, f16, read as exr_reader,
 };
 
-use super::FloatMap;
+use super::{FloatMap, FormatError};
 use crate::{DatasetError, files};
 
 /// Reads the first layer that has a depth channel, values as stored.
@@ -15,15 +15,13 @@ use crate::{DatasetError, files};
 /// # Errors
 /// Names the file: not EXR, no such channel, damaged, larger than a file of its length can hold.
 pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, parse)
 }
 
-/// As [`read`], from bytes; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| e.to_string())?;
+/// As [`read`], from bytes, and with the same errors.
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;
     for header in &meta.headers {
         let (width, height) = (header.layer_size.width(), header.layer_size.height());
         let samples = width
@@ -31,7 +29,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
             .saturating_mul(header.channels.list.len());
         // The strongest of its compressions is deflate's.
         if samples / 1032 > bytes.len() {
-            return Err(format!(
+            return Err(invalid!(
                 "the header promises {width}x{height} pixels, which {} bytes cannot hold",
                 bytes.len()
             ));
@@ -45,7 +43,7 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
-        .map_err(|e| e.to_string())?;
+        .map_err(|e| invalid!("{e}"))?;
     for layer in &image.layer_data {
         let channels = &layer.channel_data.list;
         let named = |name: &str| {

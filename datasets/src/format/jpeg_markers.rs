@@ -1,19 +1,21 @@
 //! The marker segments of a JPEG stream, walked to see that it ends where it should.
 
+use super::FormatError;
+
 /// Checks that a JPEG stream runs from its start marker to its end marker.
 ///
 /// Only the structure is looked at: segments are skipped by their length (so the end marker of an
 /// embedded thumbnail does not count), entropy-coded data is passed over to the next marker.
 ///
 /// # Errors
-/// The reason, when the stream ends early or a segment makes no sense.
-pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
+/// When the stream ends early or a segment is malformed.
+pub(super) fn check_complete(bytes: &[u8]) -> Result<(), FormatError> {
     const TRUNCATED: &str = "the JPEG stream ends before its end marker (truncated?)";
     let mut at = 2;
     loop {
         // A marker is FF and a code; any number of FF may come before the code.
         if bytes.get(at).ok_or(TRUNCATED)? != &0xFF {
-            return Err(format!("no JPEG marker where one is due, at byte {at}"));
+            return Err(invalid!("no JPEG marker where one is due, at byte {at}"));
         }
         while bytes.get(at).ok_or(TRUNCATED)? == &0xFF {
             at += 1;
@@ -29,7 +31,7 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
         let length = bytes.get(at..at + 2).ok_or(TRUNCATED)?;
         let length = usize::from(u16::from_be_bytes([length[0], length[1]]));
         if length < 2 {
-            return Err(format!("a JPEG segment of {length} bytes, at byte {at}"));
+            return Err(invalid!("a JPEG segment of {length} bytes, at byte {at}"));
         }
         at += length;
         if code == 0xDA {

@@ -1,14 +1,25 @@
-//! JSON as Python and people write it: bare `NaN` and `Infinity`, trailing commas.
+//! JSON as Python and people write it: bare `NaN` and `Infinity`, trailing commas. A pass before
+//! `serde_json`, which limits nesting; JSON5 would accept far more than these files contain.
+
+use std::path::Path;
 
 use serde_json::Value;
+
+use super::FormatError;
+use crate::{DatasetError, files};
+
+/// Reads a document as [`parse`] does.
+pub(crate) fn read(path: &Path) -> Result<Value, DatasetError> {
+    files::parse_text(path, parse)
+}
 
 /// Parses JSON in which `NaN`, `Infinity` and `-Infinity` become `null`, and a comma before a
 /// closing bracket does not matter.
 ///
 /// # Errors
 /// What is wrong and where (line and column).
-pub fn parse(text: &str) -> Result<Value, String> {
-    serde_json::from_str(&strict(text)).map_err(|e| format!("not JSON: {e}"))
+pub fn parse(text: &str) -> Result<Value, FormatError> {
+    serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }
 
 /// The same document in strict JSON, of the same length up to the replaced words.

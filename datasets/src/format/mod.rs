@@ -14,6 +14,13 @@
 //! * [`trajectory`]: poses by frame number.
 //! * [`transforms`][]: `transforms.json`.
 
+/// [`FormatError::Invalid`] with a formatted reason.
+macro_rules! invalid {
+    ($($reason:tt)*) => {
+        $crate::format::FormatError::Invalid(format!($($reason)*))
+    };
+}
+
 pub mod calib;
 pub mod colmap;
 pub mod colmap_binary;
@@ -32,13 +39,49 @@ mod png_chunks;
 pub mod raw_floats;
 pub mod trajectory;
 pub mod transforms;
-mod zip;
 
 use std::path::Path;
 
 use image::{ImageBuffer, Luma};
+use sharp::ply::table::TableError;
 
+use crate::lens::LensError;
 use crate::{DatasetError, files};
+
+/// Why bytes are not a file of a format.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FormatError {
+    /// The header promises more than follows it.
+    #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
+    Truncated {
+        /// What the header promises.
+        what: String,
+        needed: u128,
+        available: usize,
+    },
+    /// Well-formed, but of a kind that is not read.
+    #[error("{0}")]
+    Unsupported(String),
+    /// Anything else: what is wrong and where.
+    #[error("{0}")]
+    Invalid(String),
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    #[error(transparent)]
+    Ply(#[from] TableError),
+}
+
+impl From<String> for FormatError {
+    fn from(reason: String) -> Self {
+        Self::Invalid(reason)
+    }
+}
+
+impl From<&str> for FormatError {
+    fn from(reason: &str) -> Self {
+        Self::Invalid(reason.to_owned())
+    }
+}
 
 /// A map of raw values, top row first; invalid pixels are whatever the file holds (NaN, ±inf, 0).
 pub type FloatMap = ImageBuffer<Luma<f32>, Vec<f32>>;
@@ -49,15 +92,15 @@ pub type FloatMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 /// # Errors
 /// Names the file and why it cannot be read.
 pub fn read_map(path: &Path) -> Result<FloatMap, DatasetError> {
-    let bytes = files::read(path)?;
-    let map = if bytes.starts_with(b"\x93NUMPY") || bytes.starts_with(b"PK") {
-        npy::parse(&bytes).and_then(npy::NpyArray::into_map)
-    } else if bytes.starts_with(&[0x76, 0x2F, 0x31, 0x01]) {
-        exr_depth::parse(&bytes)
-    } else if bytes.starts_with(b"Pf") || bytes.starts_with(b"PF") {
-        pfm::parse(&bytes)
-    } else {
-        depth_png::parse(&bytes)
-    };
-    map.map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, |bytes| {
+        if bytes.starts_with(b"\x93NUMPY") || bytes.starts_with(b"PK") {
+            npy::parse(bytes).and_then(npy::NpyArray::into_map)
+        } else if bytes.starts_with(&[0x76, 0x2F, 0x31, 0x01]) {
+            exr_depth::parse(bytes)
+        } else if bytes.starts_with(b"Pf") || bytes.starts_with(b"PF") {
+            pfm::parse(bytes)
+        } else {
+            depth_png::parse(bytes)
+        }
+    })
 }

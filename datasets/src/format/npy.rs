@@ -1,10 +1,18 @@
 //! NumPy's `.npy` arrays and `.npz` archives of them, numeric types only.
+//!
+//! Read by ourselves: the crate `npyz` allocates whatever length a header claims (4 GiB from 14
+//! bytes), and `ndarray-npy` would bring `ndarray` in.
 
+use std::borrow::Cow;
+use std::fmt::Display;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 use half::f16;
+use zip::ZipArchive;
+use zip::result::ZipError;
 
-use super::{FloatMap, zip};
+use super::{FloatMap, FormatError};
 use crate::{DatasetError, files};
 
 /// An array in row-major (C) order, whatever order and type the file has.
@@ -21,7 +29,7 @@ impl NpyArray {
     ///
     /// # Errors
     /// The reason, when more than two dimensions are left, or a side is zero or too large.
-    pub fn into_map(self) -> Result<FloatMap, String> {
+    pub fn into_map(self) -> Result<FloatMap, FormatError> {
         let mut sides = self.shape.as_slice();
         while sides.len() > 2 && sides.first() == Some(&1) {
             sides = &sides[1..];
@@ -30,7 +38,7 @@ impl NpyArray {
             sides = &sides[..sides.len() - 1];
         }
         let &[height, width] = sides else {
-            return Err(format!(
+            return Err(invalid!(
                 "the array's shape is {:?}; a map has height and width",
                 self.shape
             ));
@@ -39,7 +47,7 @@ impl NpyArray {
         side(width)
             .zip(side(height))
             .and_then(|(w, h)| FloatMap::from_vec(w, h, self.values))
-            .ok_or_else(|| format!("the array's shape is {:?}, without a pixel", self.shape))
+            .ok_or_else(|| invalid!("the array's shape is {:?}, without a pixel", self.shape))
     }
 }
 
@@ -50,9 +58,7 @@ impl NpyArray {
 /// Names the file: unreadable, not NumPy's format, an object array (which would have to be
 /// unpickled and is never read), fewer values than the shape promises, not a map.
 pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    parse(&files::read(path)?)
-        .and_then(NpyArray::into_map)
-        .map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, |bytes| parse(bytes)?.into_map())
 }
 
 /// Reads an array of any shape from the bytes of an `.npy` or `.npz`; the error is the bare
@@ -60,7 +66,7 @@ pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
 ///
 /// # Errors
 /// See [`read`].
-pub fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
+pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_archive(bytes)
     } else {
@@ -68,28 +74,42 @@ pub fn parse(bytes: &[u8]) -> Result<NpyArray, String> {
     }
 }
 
-fn parse_archive(bytes: &[u8]) -> Result<NpyArray, String> {
-    let archive = zip::Archive::open(bytes)?;
-    let arrays: Vec<_> = archive
-        .entries()
-        .iter()
-        .filter(|e| e.name.ends_with(".npy"))
-        .collect();
-    let chosen = match arrays.as_slice() {
+fn parse_archive(bytes: &[u8]) -> Result<NpyArray, FormatError> {
+    let refused = |error: ZipError| invalid!("not a readable ZIP archive: {error}");
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(refused)?;
+    let names = archive.file_names().filter_map(Result::ok);
+    let names = names.filter(|name| name.ends_with(".npy"));
+    let names: Vec<String> = names.map(Cow::into_owned).collect();
+    let usual = ["arr_0.npy", "depth.npy", "disp.npy"].map(str::to_owned);
+    let name = match names.as_slice() {
         [] => return Err("the archive holds no array".into()),
-        [only] => *only,
-        several => *["arr_0.npy", "depth.npy", "disp.npy"]
+        [only] => only,
+        several => usual
             .iter()
-            .find_map(|name| several.iter().find(|e| e.name == *name))
+            .find(|name| several.contains(name))
             .ok_or_else(|| {
-                let names: Vec<_> = several.iter().take(8).map(|e| e.name.as_str()).collect();
-                format!("the archive holds several arrays: {}", names.join(", "))
+                let first = several[..several.len().min(8)].join(", ");
+                invalid!("the archive holds several arrays: {first}")
             })?,
     };
-    parse_array(&archive.extract(chosen)?)
+    let member = archive.by_name(name).map_err(refused)?;
+    let (packed, size) = (member.compressed_size(), member.size());
+    let damaged = |why: &dyn Display| invalid!("the archive's member '{name}' is damaged: {why}");
+    // Deflate cannot expand further than this.
+    if size / 1032 > packed.min(bytes.len() as u64) {
+        return Err(damaged(&format_args!("{packed} bytes cannot hold {size}")));
+    }
+    let mut array = Vec::new();
+    // The checksum is compared at the end.
+    let read = member.take(size + 1).read_to_end(&mut array);
+    read.map_err(|error| damaged(&error))?;
+    if array.len() as u64 != size {
+        return Err(damaged(&format_args!("it should have {size} bytes")));
+    }
+    parse_array(&array)
 }
 
-fn parse_array(bytes: &[u8]) -> Result<NpyArray, String> {
+fn parse_array(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     let rest = bytes
         .strip_prefix(b"\x93NUMPY")
         .ok_or("not a NumPy array: the first bytes are not its magic")?;
@@ -103,7 +123,7 @@ fn parse_array(bytes: &[u8]) -> Result<NpyArray, String> {
             let b = rest.get(2..6).ok_or_else(short)?;
             (u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize, 6)
         }
-        other => return Err(format!("version {other} of NumPy's format is not known")),
+        other => return Err(invalid!("version {other} of NumPy's format is not known")),
     };
     let header = rest
         .get(start..)
@@ -119,17 +139,14 @@ fn parse_array(bytes: &[u8]) -> Result<NpyArray, String> {
         _ => return Err("the header has no 'fortran_order'".into()),
     };
     let shape = shape_of(&header).ok_or("the header has no 'shape'")?;
-    let element = Element::parse(kind)?;
-    let count = shape
-        .iter()
-        .try_fold(1_usize, |n, side| n.checked_mul(*side));
-    let size = count.and_then(|n| n.checked_mul(element.size));
-    let data = size.and_then(|size| data.get(..size)).ok_or_else(|| {
-        format!(
-            "an array of shape {shape:?} and type '{kind}' does not fit the {} bytes that follow \
-             the header (truncated?)",
-            data.len()
-        )
+    let element = NpyType::parse(kind)?;
+    let sizes = shape.iter().chain([&element.size]);
+    let needed = sizes.fold(1_u128, |n, side| n.saturating_mul(*side as u128));
+    let fits = usize::try_from(needed).ok().and_then(|n| data.get(..n));
+    let data = fits.ok_or_else(|| FormatError::Truncated {
+        what: format!("an array of shape {shape:?} and type '{kind}'"),
+        needed,
+        available: data.len(),
     })?;
     let values: Vec<f32> = data
         .chunks_exact(element.size)
@@ -194,15 +211,15 @@ fn shape_of(header: &str) -> Option<Vec<usize>> {
 }
 
 #[derive(Clone, Copy)]
-struct Element {
+struct NpyType {
     kind: u8,
     size: usize,
     big_endian: bool,
 }
 
-impl Element {
-    fn parse(text: &str) -> Result<Self, String> {
-        let unknown = || format!("arrays of type '{text}' are not read");
+impl NpyType {
+    fn parse(text: &str) -> Result<Self, FormatError> {
+        let unknown = || FormatError::Unsupported(format!("arrays of type '{text}' are not read"));
         let (order, rest) = text.split_at_checked(1).ok_or_else(unknown)?;
         let (kind, size) = rest.split_at_checked(1).ok_or_else(unknown)?;
         if kind == "O" || text == "O" {
@@ -333,7 +350,7 @@ mod tests {
             (array("'é'", false, "(1,)", &[0; 8]), "not read"),
         ] {
             let error = parse(&bytes).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
         let cube = parse(&array("'|u1'", false, "(2, 1, 2)", &[0; 4])).unwrap();
         assert!(cube.into_map().is_err());

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::FloatMap;
+use super::{FloatMap, FormatError};
 use crate::{DatasetError, files};
 
 /// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values come out as stored,
@@ -13,21 +13,18 @@ use crate::{DatasetError, files};
 /// Names the file: unreadable, a header that is not PFM, fewer bytes than the header promises,
 /// three different channels.
 pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, parse)
 }
 
-/// As [`read`], from bytes; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
-    let mut header = Header { bytes, at: 0 };
+/// As [`read`], from bytes, and with the same errors.
+pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
+    let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {
         Some("Pf") => 1,
         Some("PF") => 3,
         None => return Err("the file is empty".into()),
         Some(other) => {
-            return Err(format!(
+            return Err(invalid!(
                 "not a PFM file: it starts with '{}' instead of 'Pf' or 'PF'",
                 other.chars().take(16).collect::<String>()
             ));
@@ -37,22 +34,21 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, String> {
     let height: u32 = header.number("height")?;
     let scale: f64 = header.number("scale")?;
     if width == 0 || height == 0 {
-        return Err(format!("the map is {width}x{height}, without a pixel"));
+        return Err(invalid!("the map is {width}x{height}, without a pixel"));
     }
     if scale == 0.0 || !scale.is_finite() {
-        return Err(format!("the scale is {scale}; its sign is the byte order"));
+        return Err(invalid!("the scale is {scale}; its sign is the byte order"));
     }
 
     let values = u64::from(width) * u64::from(height) * channels as u64;
     let needed = values.checked_mul(4).and_then(|n| usize::try_from(n).ok());
     let data = header.data(needed);
     let Some(data) = needed.and_then(|needed| data.get(..needed)) else {
-        return Err(format!(
-            "a {width}x{height} map of {channels} channel(s) takes {} bytes; only {} follow the \
-             header (truncated?)",
-            u128::from(values) * 4,
-            data.len()
-        ));
+        return Err(FormatError::Truncated {
+            what: format!("a {width}x{height} map of {channels} channel(s)"),
+            needed: u128::from(values) * 4,
+            available: data.len(),
+        });
     };
     let read = if scale < 0.0 {
         f32::from_le_bytes
@@ -95,12 +91,12 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, bytes).map_err(|e| DatasetError::io(path, e))
 }
 
-struct Header<'a> {
+struct PfmHeader<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
-impl<'a> Header<'a> {
+impl<'a> PfmHeader<'a> {
     /// The next run of printable characters, after white space and `#` comments.
     fn token(&mut self) -> Option<String> {
         loop {
@@ -125,13 +121,13 @@ impl<'a> Header<'a> {
         Some(String::from_utf8_lossy(&rest[..end]).into_owned())
     }
 
-    fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, String> {
+    fn number<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, FormatError> {
         let token = self
             .token()
-            .ok_or_else(|| format!("the header ends before the {what}"))?;
+            .ok_or_else(|| invalid!("the header ends before the {what}"))?;
         token
             .parse()
-            .map_err(|_| format!("the {what} in the header is '{token}'"))
+            .map_err(|_| invalid!("the {what} in the header is '{token}'"))
     }
 
     /// What follows the header: one byte of white space ends it, or CR LF. A data byte that
@@ -207,14 +203,21 @@ mod tests {
             (b"Pf\n2 -2\n-1\n", "height in the header is '-2'"),
             (b"Pf\n0 2\n-1\n", "without a pixel"),
             (b"Pf\n2 2\n0\n", "byte order"),
-            (b"Pf\n4000000000 4000000000\n-1\n", "truncated"),
             (
                 b"PF\n1 1\n-1\n\0\0\0\0\0\0\x80\x3f\0\0\0\0",
                 "channels differ",
             ),
         ] {
             let error = parse(bytes).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
+        assert_eq!(
+            parse(b"Pf\n4000000000 4000000000\n-1\n"),
+            Err(FormatError::Truncated {
+                what: "a 4000000000x4000000000 map of 1 channel(s)".to_owned(),
+                needed: 64_000_000_000_000_000_000,
+                available: 0,
+            })
+        );
     }
 }

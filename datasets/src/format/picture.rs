@@ -1,16 +1,27 @@
-//! Photographs: PNG or JPEG, told apart by their first bytes, as 8-bit RGB.
+//! The decoder of photographs: PNG or JPEG, told apart by their first bytes.
 //!
-//! Gray is replicated, palettes are expanded, CMYK is converted, alpha is dropped (not composited:
-//! datasets use it as a mask, if at all), 16 bits become 8 by v / 257, rounded. Pixels are taken
-//! as sRGB whatever profile is embedded, and an EXIF orientation is not applied, because the
-//! intrinsics of COLMAP, nerfstudio and ETH3D describe the picture as stored.
+//! Whoever turns a photograph into pixels should call this, so that damaged files are refused
+//! everywhere and a picture has the same pixels for every purpose:
+//!
+//! | function | gives | for |
+//! |---|---|---|
+//! | [`read`], [`parse`] | 8-bit RGB | datasets and scoring |
+//! | [`decode`] | the stored samples, up to 16 bits and with alpha | whoever needs more than 8 bits |
+//! | [`read_mask`] | 8-bit gray | masks |
+//! | [`dimensions`] | the size, from the header | checks before decoding |
+//!
+//! In 8-bit RGB, gray is replicated, palettes are expanded, CMYK is converted, alpha is dropped (not
+//! composited: datasets use it as a mask, if at all), 16 bits become 8 by v / 257, rounded. Pixels
+//! are taken as sRGB whatever profile is embedded. An EXIF orientation is never applied here, because
+//! the intrinsics of COLMAP, nerfstudio and ETH3D describe the picture as stored; a caller without
+//! intrinsics turns the picture itself.
 
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
 use image::{DynamicImage, GrayImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
 
-use super::{jpeg_markers, png_chunks};
+use super::{FormatError, jpeg_markers, png_chunks};
 use crate::{DatasetError, files};
 
 /// Decodes a photograph.
@@ -20,33 +31,42 @@ use crate::{DatasetError, files};
 /// image's name is recognised), truncated, failing its checksum, or promising more pixels than a
 /// file of its length can hold.
 pub fn read(path: &Path) -> Result<RgbImage, DatasetError> {
-    parse(&files::read(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, parse)
 }
 
-/// As [`read`], from bytes; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(bytes: &[u8]) -> Result<RgbImage, String> {
-    Ok(match decode(bytes)? {
-        DynamicImage::ImageRgb8(image) => image,
-        DynamicImage::ImageLuma8(image) => expand(image.width(), image.height(), &image, 1, |v| v),
-        DynamicImage::ImageLumaA8(image) => expand(image.width(), image.height(), &image, 2, |v| v),
-        DynamicImage::ImageRgba8(image) => expand(image.width(), image.height(), &image, 4, |v| v),
-        DynamicImage::ImageLuma16(image) => {
-            expand(image.width(), image.height(), &image, 1, eight_bits)
+/// As [`read`], from bytes, and with the same errors.
+pub fn parse(bytes: &[u8]) -> Result<RgbImage, FormatError> {
+    let image = match decode(bytes)? {
+        DynamicImage::ImageRgb8(image) => return Ok(image),
+        other => other,
+    };
+    let color = image.color();
+    let channels = usize::from(color.channel_count());
+    let bytes_per_sample = usize::from(color.bytes_per_pixel()) / channels;
+    let level: fn(&[u8]) -> u8 = match bytes_per_sample {
+        1 => |sample| sample[0],
+        // v / 257 to the nearest level: 65535 becomes 255, and v · 257 comes back as v.
+        2 => |v| ((u32::from(u16::from_ne_bytes([v[0], v[1]])) + 128) / 257) as u8,
+        _ => {
+            return Err(FormatError::Unsupported(format!(
+                "pixels of kind {color:?}"
+            )));
         }
-        DynamicImage::ImageLumaA16(image) => {
-            expand(image.width(), image.height(), &image, 2, eight_bits)
+    };
+    let mut rgb = RgbImage::new(image.width(), image.height());
+    let pixels = image.as_bytes().chunks_exact(channels * bytes_per_sample);
+    for (into, pixel) in rgb.chunks_exact_mut(3).zip(pixels) {
+        let samples = pixel.chunks_exact(bytes_per_sample);
+        // One or two channels are gray (and alpha), three or four colour.
+        match channels {
+            1 | 2 => into.fill(level(&pixel[..bytes_per_sample])),
+            _ => into
+                .iter_mut()
+                .zip(samples)
+                .for_each(|(value, sample)| *value = level(sample)),
         }
-        DynamicImage::ImageRgb16(image) => {
-            expand(image.width(), image.height(), &image, 3, eight_bits)
-        }
-        DynamicImage::ImageRgba16(image) => {
-            expand(image.width(), image.height(), &image, 4, eight_bits)
-        }
-        other => return Err(format!("pixels of kind {:?} are not read", other.color())),
-    })
+    }
+    Ok(rgb)
 }
 
 /// Decodes a mask: 8-bit gray, whatever the file has.
@@ -54,13 +74,14 @@ pub fn parse(bytes: &[u8]) -> Result<RgbImage, String> {
 /// # Errors
 /// As [`read`].
 pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
-    decode(&files::read(path)?)
-        .map(|image| image.into_luma8())
-        .map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, |bytes| Ok(decode(bytes)?.into_luma8()))
 }
 
-/// Decodes PNG or JPEG without converting the pixels.
-pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+/// Decodes a photograph without converting its samples.
+///
+/// # Errors
+/// As [`read`], without the file's name.
+pub fn decode(bytes: &[u8]) -> Result<DynamicImage, FormatError> {
     let format = sniff(bytes)?;
     if format == ImageFormat::Jpeg {
         // The decoder fills what is missing with gray; a truncated file must not be scored.
@@ -71,10 +92,10 @@ pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     // The bound below is tighter than any fixed limit, and lets a 50-megapixel picture pass.
     reader.no_limits();
-    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let decoder = reader.into_decoder().map_err(|e| invalid!("{e}"))?;
     let (width, height) = decoder.dimensions();
     check_size(width, height, bytes.len() as u64, bits_per_pixel(bytes))?;
-    DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())
+    DynamicImage::from_decoder(decoder).map_err(|e| invalid!("{e}"))
 }
 
 /// Width and height of a photograph, from its header.
@@ -92,7 +113,7 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
             Err(e) => return Err(DatasetError::io(path, e)),
         }
     }
-    let malformed = |reason: String| DatasetError::malformed(path, reason);
+    let malformed = |error: FormatError| DatasetError::format(path, error);
     let format = sniff(&start[..filled]).map_err(malformed)?;
     let length = file
         .metadata()
@@ -100,13 +121,13 @@ pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
         .len();
     let (width, height) = ImageReader::with_format(BufReader::new(files::open(path)?), format)
         .into_dimensions()
-        .map_err(|e| malformed(e.to_string()))?;
+        .map_err(|e| malformed(invalid!("{e}")))?;
     let bits = bits_per_pixel(&start[..filled]);
     check_size(width, height, length, bits).map_err(malformed)?;
     Ok((width, height))
 }
 
-fn sniff(bytes: &[u8]) -> Result<ImageFormat, String> {
+fn sniff(bytes: &[u8]) -> Result<ImageFormat, FormatError> {
     const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
     let text = text.trim_start();
@@ -157,48 +178,23 @@ fn check_size(
     height: u32,
     file_bytes: u64,
     bits_per_pixel: Option<u64>,
-) -> Result<(), String> {
+) -> Result<(), FormatError> {
     const DEFLATE: u64 = 1032;
     const BLOCKS_PER_BYTE: u64 = 8;
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 {
-        return Err(format!("the picture is {width}x{height}, without a pixel"));
+        return Err(invalid!("the picture is {width}x{height}, without a pixel"));
     }
     let least = match bits_per_pixel {
         Some(bits) => u128::from(pixels) * u128::from(bits) / 8 / u128::from(DEFLATE),
         None => u128::from(pixels) / 64 / u128::from(BLOCKS_PER_BYTE),
     };
     if least > u128::from(file_bytes) {
-        return Err(format!(
+        return Err(invalid!(
             "the header promises {width}x{height} pixels, which {file_bytes} bytes cannot hold"
         ));
     }
     Ok(())
-}
-
-/// RGB from interleaved samples: one or two channels are gray (and alpha), three or four colour.
-fn expand<T: Copy>(
-    width: u32,
-    height: u32,
-    samples: &[T],
-    channels: usize,
-    eight_bits: impl Fn(T) -> u8,
-) -> RgbImage {
-    let mut image = RgbImage::new(width, height);
-    for (rgb, pixel) in image
-        .chunks_exact_mut(3)
-        .zip(samples.chunks_exact(channels))
-    {
-        for (c, value) in rgb.iter_mut().enumerate() {
-            *value = eight_bits(pixel[if channels < 3 { 0 } else { c }]);
-        }
-    }
-    image
-}
-
-/// v / 257 to the nearest level: 65535 becomes 255, and v · 257 comes back as v.
-fn eight_bits(v: u16) -> u8 {
-    ((u32::from(v) + 128) / 257) as u8
 }
 
 #[cfg(test)]
@@ -243,7 +239,7 @@ mod tests {
             (b"hello", "neither"),
         ] {
             let error = parse(bytes).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 
@@ -255,7 +251,7 @@ mod tests {
         let crc = crc32(&bytes[12..29]);
         bytes[29..33].copy_from_slice(&crc.to_be_bytes());
         let error = parse(&bytes).unwrap_err();
-        assert!(error.contains("cannot hold"), "{error}");
+        assert!(error.to_string().contains("cannot hold"), "{error}");
     }
 
     #[test]

@@ -4,7 +4,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::FloatMap;
+use super::{FloatMap, FormatError};
 use crate::{DatasetError, files};
 
 /// Reads `width · height` values; a gzip-packed file is unpacked. +inf means no depth.
@@ -12,27 +12,24 @@ use crate::{DatasetError, files};
 /// # Errors
 /// Names the file and the expected length when it has another one.
 pub fn read(path: &Path, size: (u32, u32)) -> Result<FloatMap, DatasetError> {
-    parse(&files::read(path)?, size).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse(path, |bytes| parse(bytes, size))
 }
 
-/// As [`read`], from bytes; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, String> {
+/// As [`read`], from bytes, and with the same errors.
+pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();
     let bytes = if bytes.starts_with(&[0x1F, 0x8B]) && bytes.len() as u64 != expected {
         flate2::read::GzDecoder::new(bytes)
             .take(expected + 1)
             .read_to_end(&mut unpacked)
-            .map_err(|e| format!("cannot be unpacked: {e}"))?;
+            .map_err(|e| invalid!("cannot be unpacked: {e}"))?;
         &unpacked
     } else {
         bytes
     };
     if bytes.len() as u64 != expected {
-        return Err(format!(
+        return Err(invalid!(
             "holds {} bytes; the depth of a {width}x{height} picture takes exactly {expected}",
             bytes.len()
         ));

@@ -6,9 +6,10 @@ use std::path::Path;
 use glam::{DAffine3, DMat3};
 use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
 
+use super::FormatError;
 use crate::{DatasetError, files};
 
-/// A pose by frame number, camera to world in OpenCV's axes; or why it is none.
+/// A pose by frame number, camera to world in OpenCV's axes, or why it is invalid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberedPose {
     /// As written.
@@ -28,32 +29,31 @@ pub struct Log {
 }
 
 /// Reads a `.log`: blocks of three whole numbers and a 4×4 matrix; blanks and tabs do not matter.
-/// The first of the three numbers is the block's index. Where all blocks have the same one it says
-/// nothing, and the position of the block, 0 for the first, counts.
+/// The first of the three numbers is the block's index. Where all blocks state the same one, it is
+/// ignored and their positions, from 0, are the indices.
 ///
 /// # Errors
 /// Names the file: a block that ends early, something that is not a number, an index that is
 /// negative or stated twice.
 pub fn read_log(path: &Path) -> Result<Log, DatasetError> {
-    parse_log(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse_text(path, parse_log)
 }
 
-/// As [`read_log`], from text; the error is the bare reason.
-///
-/// # Errors
-/// See [`read_log`].
-pub fn parse_log(text: &str) -> Result<Log, String> {
+/// As [`read_log`], from text, and with the same errors.
+pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let numbers = numbers(text)?;
     let mut blocks = Vec::new();
     for (i, block) in numbers.chunks(19).enumerate() {
         let block = <[f64; 19]>::try_from(block).map_err(|_| {
-            format!(
+            invalid!(
                 "block {i} has {} numbers instead of 19 (truncated?)",
                 block.len()
             )
         })?;
         if block[..3].iter().any(|n| n.fract() != 0.0) {
-            return Err(format!("block {i} does not begin with three whole numbers"));
+            return Err(invalid!(
+                "block {i} does not begin with three whole numbers"
+            ));
         }
         blocks.push(block);
     }
@@ -61,12 +61,12 @@ pub fn parse_log(text: &str) -> Result<Log, String> {
     let mut by_index = BTreeMap::new();
     for (i, block) in blocks.iter().enumerate() {
         let index = if says_nothing { i as f64 } else { block[0] };
-        // Beyond 2^53 not every whole number is one of its own.
+        // Beyond 2^53 an f64 cannot hold every whole number.
         if !(0.0..=9e15).contains(&index) {
-            return Err(format!("block {i} states the index {index}"));
+            return Err(invalid!("block {i} states the index {index}"));
         }
         if by_index.insert(index as i64, block).is_some() {
-            return Err(format!("two blocks state the index {index}"));
+            return Err(invalid!("two blocks state the index {index}"));
         }
     }
     Ok(Log {
@@ -87,21 +87,18 @@ pub fn parse_log(text: &str) -> Result<Log, String> {
 /// # Errors
 /// Names the file and the row that has not 17 numbers.
 pub fn read_rows(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
-    parse_rows(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse_text(path, parse_rows)
 }
 
-/// As [`read_rows`], from text; the error is the bare reason.
-///
-/// # Errors
-/// See [`read_rows`].
-pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, String> {
+/// As [`read_rows`], from text, and with the same errors.
+pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
     text.lines()
         .enumerate()
         .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
         .map(|(i, line)| {
-            let row = numbers(line).map_err(|e| format!("row {}: {e}", i + 1))?;
+            let row = numbers(line).map_err(|e| invalid!("row {}: {e}", i + 1))?;
             if row.len() != 17 || row[0].fract() != 0.0 {
-                return Err(format!(
+                return Err(invalid!(
                     "row {} has {} numbers; expected a frame number and 16 of its pose",
                     i + 1,
                     row.len()
@@ -115,46 +112,30 @@ pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, String> {
         .collect()
 }
 
-/// Reads one 4×4 pose on its own (`pose.txt` of ScanNet and 7-Scenes).
-///
-/// # Errors
-/// Names the file: not 16 numbers, or no rigid pose (ScanNet marks lost frames by −inf).
-pub fn read_pose(path: &Path) -> Result<RigidTransform, DatasetError> {
-    let malformed = |reason: String| DatasetError::malformed(path, reason);
-    let row = numbers(&files::read_text(path)?).map_err(malformed)?;
-    if row.len() != 16 {
-        return Err(malformed(format!("{} numbers instead of 16", row.len())));
-    }
-    pose(&row).map_err(|source| DatasetError::Camera {
-        path: path.to_owned(),
-        source,
-    })
-}
-
 /// A similarity between two worlds: `x' = scale · rotation · x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Similarity {
+pub struct SimilarityTransform {
     /// Metres of one unit.
     pub scale: f64,
     affine: DAffine3,
 }
 
-impl Similarity {
+impl SimilarityTransform {
     /// Takes a row-major 4×4 matrix.
     ///
     /// # Errors
     /// The reason: not finite, not affine, mirroring, or not a rotation times a scale.
-    pub fn from_row_major(m: &[f64; 16]) -> Result<Self, String> {
-        let affine = affine_from_row_major(m).map_err(|e| e.to_string())?;
+    pub fn from_row_major(m: &[f64; 16]) -> Result<Self, FormatError> {
+        let affine = affine_from_row_major(m).map_err(|e| invalid!("{e}"))?;
         let determinant = affine.matrix3.determinant();
         if determinant <= 0.0 || !determinant.is_finite() {
-            return Err(format!(
+            return Err(invalid!(
                 "the determinant of the similarity is {determinant}, not above zero"
             ));
         }
         let scale = determinant.cbrt();
         RigidTransform::new(affine.matrix3 * (1.0 / scale), affine.translation)
-            .map_err(|e| e.to_string())?;
+            .map_err(|e| invalid!("{e}"))?;
         Ok(Self { scale, affine })
     }
 
@@ -179,12 +160,12 @@ impl Similarity {
 ///
 /// # Errors
 /// Names the file: not 16 numbers, no similarity.
-pub fn read_similarity(path: &Path) -> Result<Similarity, DatasetError> {
-    let malformed = |reason: String| DatasetError::malformed(path, reason);
-    let row = numbers(&files::read_text(path)?).map_err(malformed)?;
-    let row = <[f64; 16]>::try_from(row)
-        .map_err(|row| malformed(format!("{} numbers instead of 16", row.len())))?;
-    Similarity::from_row_major(&row).map_err(malformed)
+pub fn read_similarity(path: &Path) -> Result<SimilarityTransform, DatasetError> {
+    files::parse_text(path, |text| {
+        let row = <[f64; 16]>::try_from(numbers(text)?);
+        let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
+        SimilarityTransform::from_row_major(&row)
+    })
 }
 
 fn pose(row: &[f64]) -> Result<RigidTransform, CameraError> {
@@ -193,9 +174,9 @@ fn pose(row: &[f64]) -> Result<RigidTransform, CameraError> {
     RigidTransform::from_row_major(&m)
 }
 
-fn numbers(text: &str) -> Result<Vec<f64>, String> {
+fn numbers(text: &str) -> Result<Vec<f64>, FormatError> {
     text.split_ascii_whitespace()
-        .map(|t| t.parse().map_err(|_| format!("'{t}' is not a number")))
+        .map(|t| t.parse().map_err(|_| invalid!("'{t}' is not a number")))
         .collect()
 }
 
@@ -210,7 +191,7 @@ mod tests {
         let m = [
             0.0, -2.0, 0.0, 10.0, 2.0, 0.0, 0.0, 20.0, 0.0, 0.0, 2.0, 30.0, 0.0, 0.0, 0.0, 1.0,
         ];
-        let similarity = Similarity::from_row_major(&m).unwrap();
+        let similarity = SimilarityTransform::from_row_major(&m).unwrap();
         assert!((similarity.scale - 2.0).abs() < 1e-15);
         let camera = RigidTransform {
             rotation: DMat3::IDENTITY,
@@ -221,10 +202,10 @@ mod tests {
         assert!((moved.rotation.x_axis - DVec3::Y).length() < 1e-15);
         let mut mirrored = m;
         mirrored[10] = -2.0;
-        assert!(Similarity::from_row_major(&mirrored).is_err());
+        assert!(SimilarityTransform::from_row_major(&mirrored).is_err());
         let mut sheared = m;
         sheared[0] = 1.0;
-        assert!(Similarity::from_row_major(&sheared).is_err());
+        assert!(SimilarityTransform::from_row_major(&sheared).is_err());
     }
 
     #[test]
@@ -255,7 +236,7 @@ mod tests {
             (["0 0 0", "1 0.5 0", "2 1 0"], "block 1 does not begin"),
         ] {
             let error = parse(&heads).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 
@@ -264,7 +245,12 @@ mod tests {
         let identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
         let poses = parse_rows(&format!("5 {identity}\n\n7 {identity}\n")).unwrap();
         assert_eq!(poses.iter().map(|p| p.frame).collect::<Vec<_>>(), [5, 7]);
-        assert!(parse_rows("5 1 0 0").unwrap_err().contains("row 1 has 4"));
+        assert!(
+            parse_rows("5 1 0 0")
+                .unwrap_err()
+                .to_string()
+                .contains("row 1 has 4")
+        );
         assert!(parse_rows(&format!("x {identity}")).is_err());
     }
 }

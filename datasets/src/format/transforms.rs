@@ -8,42 +8,37 @@ use glam::DVec3;
 use serde_json::{Map, Value};
 use sharp::camera::{CameraError, RigidTransform};
 
-use super::lenient_json;
-use crate::lens::{Distortion, Lens};
+use super::{FormatError, lenient_json};
+use crate::lens::{Distortion, Lens, LensError};
 use crate::{DatasetError, files};
 
 /// A `transforms.json`.
 #[derive(Debug)]
 pub struct Transforms {
     /// `frames`, in the file's order.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<JsonFrame>,
     /// `test_frames` (ScanNet++), in the file's order.
-    pub test_frames: Vec<Frame>,
+    pub test_frames: Vec<JsonFrame>,
     /// `applied_scale`: what translations were multiplied by; 1 when absent.
     pub applied_scale: f64,
-    /// `applied_transform`, row by row, when it is there: the change of world axes that the
-    /// poses went through.
-    pub applied_transform: Option<[f64; 12]>,
 }
 
 /// One picture.
 #[derive(Debug)]
-pub struct Frame {
+pub struct JsonFrame {
     /// As written; may begin with `./` and lack its extension.
     pub file_path: String,
-    /// As written.
     pub depth_file_path: Option<String>,
-    /// As written.
     pub mask_path: Option<String>,
     /// ScanNet++: the pose is unreliable.
     pub is_bad: bool,
-    /// Camera to world in OpenCV's axes, translation as written; or why it is none.
+    /// Camera to world in OpenCV's axes, translation as written, or why it is invalid.
     pub world_from_camera: Result<RigidTransform, CameraError>,
     intrinsics: RawIntrinsics,
     /// What the file states for all its frames.
     shared: Arc<RawIntrinsics>,
-    /// True when the frame states intrinsics that differ from the file's. Its own count, unless
-    /// [`Frame::prefer_file`] is called.
+    /// True when the frame states intrinsics that differ from the file's. Its own win unless
+    /// [`JsonFrame::prefer_file`] is called.
     pub contradicts_file: bool,
 }
 
@@ -78,16 +73,13 @@ const INTRINSIC_KEYS: [&str; 18] = [
 ///
 /// # Errors
 /// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
-/// A pose that is not finite or not rigid is no error here: it stays in its frame.
+/// A pose that is not finite or not rigid is kept in its frame as an error.
 pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
-    parse(&files::read_text(path)?).map_err(|reason| DatasetError::malformed(path, reason))
+    files::parse_text(path, parse)
 }
 
-/// As [`read`], from text; the error is the bare reason.
-///
-/// # Errors
-/// See [`read`].
-pub fn parse(text: &str) -> Result<Transforms, String> {
+/// As [`read`], from text, and with the same errors.
+pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
         .as_object()
@@ -101,7 +93,7 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
     let read = |list: &[Value]| {
         list.iter()
             .enumerate()
-            .map(|(i, frame)| frame_of(frame, &shared).map_err(|e| format!("frame {i}: {e}")))
+            .map(|(i, frame)| frame_of(frame, &shared).map_err(|e| invalid!("frame {i}: {e}")))
             .collect::<Result<Vec<_>, _>>()
     };
     let applied_scale = match top.get("applied_scale") {
@@ -109,24 +101,16 @@ pub fn parse(text: &str) -> Result<Transforms, String> {
         Some(value) => value
             .as_f64()
             .filter(|s| *s > 0.0)
-            .ok_or_else(|| format!("applied_scale is {value}"))?,
-    };
-    let applied_transform = match top.get("applied_transform") {
-        None | Some(Value::Null) => None,
-        Some(value) => {
-            let rows = matrix(value).ok_or("applied_transform is no 3x4 matrix")?;
-            rows[..12].try_into().ok()
-        }
+            .ok_or_else(|| invalid!("applied_scale is {value}"))?,
     };
     Ok(Transforms {
         frames: read(frames)?,
         test_frames: read(test_frames.map_or(&[], Vec::as_slice))?,
         applied_scale,
-        applied_transform,
     })
 }
 
-fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, String> {
+fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<JsonFrame, FormatError> {
     let object = value.as_object().ok_or("is not an object")?;
     let text = |key: &str| object.get(key).and_then(Value::as_str).map(str::to_owned);
     let file_path = text("file_path").ok_or("has no 'file_path'")?;
@@ -135,7 +119,7 @@ fn frame_of(value: &Value, shared: &Arc<RawIntrinsics>) -> Result<Frame, String>
         .ok_or("has no 'transform_matrix'")?;
     let rows = matrix(written).ok_or("its 'transform_matrix' is neither 4x4 nor 3x4")?;
     let own = RawIntrinsics::of(object);
-    Ok(Frame {
+    Ok(JsonFrame {
         contradicts_file: own
             .numbers
             .iter()
@@ -198,19 +182,19 @@ impl RawIntrinsics {
         Self { numbers }
     }
 
-    fn number(&self, key: &str) -> Result<Option<f64>, String> {
+    fn number(&self, key: &str) -> Result<Option<f64>, FormatError> {
         match self.numbers.get(key) {
             None => Ok(None),
             Some(value) => match value.as_f64() {
                 Some(number) => Ok(Some(number)),
-                None => Err(format!("'{key}' is {value}, not a number")),
+                None => Err(invalid!("'{key}' is {value}, not a number")),
             },
         }
     }
 }
 
-impl Frame {
-    /// From now on what the file states counts before what the frame states: nerfstudio's rule.
+impl JsonFrame {
+    /// Lets the file's intrinsics override the frame's: nerfstudio's rule.
     pub fn prefer_file(&mut self) {
         self.intrinsics = self.intrinsics.overridden_by(&self.shared);
     }
@@ -219,13 +203,13 @@ impl Frame {
     ///
     /// # Errors
     /// The reason, when they are no numbers of pixels (whole numbers may be written as floats).
-    pub fn size(&self) -> Result<Option<(u32, u32)>, String> {
+    pub fn size(&self) -> Result<Option<(u32, u32)>, FormatError> {
         let side = |key: &str| match self.intrinsics.number(key)? {
             None => Ok(None),
             Some(n) if n >= 1.0 && n <= f64::from(u32::MAX) && n.fract() == 0.0 => {
                 Ok(Some(n as u32))
             }
-            Some(n) => Err(format!("'{key}' is {n}, not a number of pixels")),
+            Some(n) => Err(invalid!("'{key}' is {n}, not a number of pixels")),
         };
         Ok(side("w")?.zip(side("h")?))
     }
@@ -233,18 +217,18 @@ impl Frame {
     /// The camera of a picture of this size.
     ///
     /// # Errors
-    /// The reason: no focal length, an unknown camera model, degenerate intrinsics.
-    pub fn lens(&self, size: (u32, u32)) -> Result<Lens, String> {
+    /// [`FormatError::Lens`] for an unknown camera model or degenerate intrinsics,
+    /// [`FormatError::Invalid`] without a focal length.
+    pub fn lens(&self, size: (u32, u32)) -> Result<Lens, FormatError> {
         let raw = &self.intrinsics;
         let (w, h) = (f64::from(size.0), f64::from(size.1));
-        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, String> {
+        let from_angle = |key: &str, side: f64| -> Result<Option<f64>, FormatError> {
             Ok(raw
                 .number(key)?
                 .map(|angle| 0.5 * side / (0.5 * angle).tan()))
         };
-        let first = |a: Option<f64>, b: Option<f64>| a.or(b);
-        let fx = first(raw.number("fl_x")?, from_angle("camera_angle_x", w)?);
-        let fy = first(raw.number("fl_y")?, from_angle("camera_angle_y", h)?);
+        let fx = raw.number("fl_x")?.or(from_angle("camera_angle_x", w)?);
+        let fy = raw.number("fl_y")?.or(from_angle("camera_angle_y", h)?);
         let (fx, fy) = match (fx, fy) {
             (Some(fx), Some(fy)) => (fx, fy),
             (Some(f), None) | (None, Some(f)) => (f, f),
@@ -256,11 +240,12 @@ impl Frame {
             raw.number("cx")?.unwrap_or(w / 2.0),
             raw.number("cy")?.unwrap_or(h / 2.0),
         );
-        Lens::new((fx, fy), center, size, self.distortion()?).map_err(|e| e.to_string())
+        let lens = Lens::new((fx, fy), center, size, self.distortion()?);
+        Ok(lens.map_err(LensError::from)?)
     }
 
-    fn distortion(&self) -> Result<Distortion, String> {
-        let k = |key: &str| Ok::<f64, String>(self.intrinsics.number(key)?.unwrap_or(0.0));
+    fn distortion(&self) -> Result<Distortion, FormatError> {
+        let k = |key: &str| Ok::<f64, FormatError>(self.intrinsics.number(key)?.unwrap_or(0.0));
         let [k1, k2, k3, k4] = [k("k1")?, k("k2")?, k("k3")?, k("k4")?];
         let p = [k("p1")?, k("p2")?];
         let fisheye = self.intrinsics.numbers.get("is_fisheye") == Some(&Value::Bool(true));
@@ -291,7 +276,10 @@ impl Frame {
             "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
                 k: [k1, k2, k3, k4],
             },
-            other => return Err(format!("camera model '{other}' is not supported")),
+            other => {
+                let model = other.to_owned();
+                return Err(LensError::UnsupportedModel { model }.into());
+            }
         };
         let all = [k1, k2, k3, k4, p[0], p[1]];
         if all.iter().all(|v| v.is_finite()) {
@@ -394,7 +382,7 @@ mod tests {
         let mut file = one("\"fl_x\": 5,", "\"fl_x\": 6, \"cx\": 3,");
         let frame = &mut file.frames[0];
         assert!(frame.contradicts_file);
-        let numbers = |frame: &Frame| {
+        let numbers = |frame: &JsonFrame| {
             let k = frame.lens((8, 8)).unwrap().intrinsics();
             (k.fx, k.cx, k.cy)
         };
@@ -435,7 +423,7 @@ mod tests {
             ),
         ] {
             let error = parse(text).unwrap_err();
-            assert!(error.contains(reason), "{error}");
+            assert!(error.to_string().contains(reason), "{error}");
         }
     }
 }

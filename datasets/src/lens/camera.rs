@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use sharp::camera::{CameraError, Intrinsics};
 
-use super::Distortion;
+use super::{Distortion, LensError};
 
 /// A camera with its lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,21 +18,21 @@ impl Lens {
     /// A camera by COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
-    /// The reason, in words: an unknown or unsupported model, the wrong number of parameters,
-    /// degenerate intrinsics, a parameter that is not finite.
-    pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, String> {
-        let count = colmap_parameters(model)
-            .ok_or_else(|| format!("camera model '{model}' is not supported"))?;
+    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`],
+    /// [`LensError::Camera`] for degenerate intrinsics.
+    pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
+        let name = || model.to_owned();
+        let count = colmap_parameters(model);
+        let count = count.ok_or_else(|| LensError::UnsupportedModel { model: name() })?;
         if params.len() != count {
-            return Err(format!(
-                "camera model {model} takes {count} parameters, not {}",
-                params.len()
-            ));
+            return Err(LensError::ParameterCount {
+                model: name(),
+                expected: count,
+                found: params.len(),
+            });
         }
         if !params.iter().all(|p| p.is_finite()) {
-            return Err(format!(
-                "camera model {model} has a parameter that is not finite"
-            ));
+            return Err(LensError::NotFinite { model: name() });
         }
         // Models with a single focal length are named after their simplicity.
         let single = count <= 5 && model != "PINHOLE";
@@ -64,7 +64,7 @@ impl Lens {
             },
             _ => Distortion::None,
         };
-        Self::new(focal, center, size, distortion).map_err(|e| e.to_string())
+        Ok(Self::new(focal, center, size, distortion)?)
     }
 
     /// A camera from its parts. Perspective distortion without a coefficient becomes a pinhole.
@@ -103,7 +103,6 @@ impl Lens {
         self.intrinsics
     }
 
-    /// What the lens does.
     pub fn distortion(&self) -> Distortion {
         self.distortion
     }
@@ -250,15 +249,30 @@ mod tests {
 
     #[test]
     fn wrong_parameters_are_refused_by_name() {
-        for (model, params, reason) in [
-            ("FOV", vec![1.0; 5], "'FOV' is not supported"),
-            ("OPENCV", vec![1.0; 7], "takes 8 parameters, not 7"),
-            ("PINHOLE", vec![1.0, f64::NAN, 1.0, 1.0], "not finite"),
-            ("PINHOLE", vec![0.0, 1.0, 1.0, 1.0], "degenerate"),
-        ] {
-            let error = Lens::from_colmap(model, SIZE, &params).unwrap_err();
-            assert!(error.contains(reason), "{error}");
-        }
+        let refused = |model: &str, params: &[f64]| Lens::from_colmap(model, SIZE, params);
+        let model = |name: &str| name.to_owned();
+        assert_eq!(
+            refused("FOV", &[1.0; 5]),
+            Err(LensError::UnsupportedModel {
+                model: model("FOV")
+            })
+        );
+        assert_eq!(
+            refused("OPENCV", &[1.0; 7]),
+            Err(LensError::ParameterCount {
+                model: model("OPENCV"),
+                expected: 8,
+                found: 7
+            })
+        );
+        assert_eq!(
+            refused("PINHOLE", &[1.0, f64::NAN, 1.0, 1.0]),
+            Err(LensError::NotFinite {
+                model: model("PINHOLE")
+            })
+        );
+        let degenerate = refused("PINHOLE", &[0.0, 1.0, 1.0, 1.0]);
+        assert!(matches!(degenerate, Err(LensError::Camera(_))));
         let opencv = [500.0, 500.0, 320.0, 240.0, 0.0, 0.0, 0.0, 0.0];
         assert!(
             Lens::from_colmap("OPENCV", SIZE, &opencv)

@@ -12,37 +12,19 @@ pub enum Distortion {
     /// Nothing: a pinhole camera.
     None,
     /// COLMAP's SIMPLE_RADIAL (k2 = 0) and RADIAL: `(u, v)(1 + k1 r² + k2 r⁴)`.
-    Radial {
-        /// k1, k2.
-        k: [f64; 2],
-    },
+    Radial { k: [f64; 2] },
     /// OPENCV: radial k1, k2 and tangential p1, p2.
-    OpenCv {
-        /// k1, k2.
-        k: [f64; 2],
-        /// p1, p2.
-        p: [f64; 2],
-    },
+    OpenCv { k: [f64; 2], p: [f64; 2] },
     /// FULL_OPENCV: rational radial `(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`.
-    FullOpenCv {
-        /// k1 … k6.
-        k: [f64; 6],
-        /// p1, p2.
-        p: [f64; 2],
-    },
+    FullOpenCv { k: [f64; 6], p: [f64; 2] },
     /// OPENCV_FISHEYE: with θ = atan r, `(u, v) θ/r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`.
-    OpenCvFisheye {
-        /// k1 … k4.
-        k: [f64; 4],
-    },
+    OpenCvFisheye { k: [f64; 4] },
     /// THIN_PRISM_FISHEYE: `(a, b) = (u, v) θ/r`, then radial k1 … k4, tangential and thin-prism
     /// terms in r² = a² + b².
     ThinPrismFisheye {
         /// k1 … k4; the file's order is k1, k2, p1, p2, k3, k4, sx1, sy1.
         k: [f64; 4],
-        /// p1, p2.
         p: [f64; 2],
-        /// sx1, sy1.
         s: [f64; 2],
     },
 }

@@ -7,5 +7,29 @@ mod camera;
 mod distortion;
 mod inverse;
 
+use sharp::camera::CameraError;
+
 pub use camera::{Lens, colmap_parameters};
 pub use distortion::Distortion;
+
+/// Why there is no lens, or no pinhole camera for one.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LensError {
+    #[error("camera model '{model}' is not supported")]
+    UnsupportedModel { model: String },
+    #[error("camera model {model} takes {expected} parameters, not {found}")]
+    ParameterCount {
+        model: String,
+        expected: usize,
+        found: usize,
+    },
+    #[error("camera model {model} has a parameter that is not finite")]
+    NotFinite { model: String },
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// No field of view is narrow enough for a pinhole view without blank pixels.
+    #[error("the lens distorts so strongly that no pinhole view of it is whole")]
+    NoWholePinhole,
+    #[error("the lens does not see the middles of the picture's edges")]
+    EdgesUnseen,
+}

@@ -58,9 +58,9 @@ fn cube_root(a: f64) -> f64 {
 
 /// A stream of random numbers (splitmix64).
 #[derive(Debug)]
-pub(super) struct Random(u64);
+pub(super) struct SplitMix64(u64);
 
-impl Random {
+impl SplitMix64 {
     pub(super) fn new(seed: u64) -> Self {
         Self(seed)
     }

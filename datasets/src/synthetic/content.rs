@@ -11,7 +11,7 @@ use sharp::camera::RigidTransform;
 use super::arithmetic::srgb_level;
 use super::world::World;
 use crate::lens::Lens;
-use crate::needed::Role;
+use crate::required_files::FileRole;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
 /// Rays a pixel and side: colour is averaged over 3×3 in linear light, depth is that of the one
@@ -117,7 +117,7 @@ impl ViewContent for ProceduralContent {
         None
     }
 
-    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
         Vec::new()
     }
 

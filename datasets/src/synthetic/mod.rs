@@ -27,34 +27,36 @@ use std::sync::Arc;
 use glam::DVec2;
 use sharp::camera::RigidTransform;
 
+use crate::entry::{DatasetEntry, Setting};
 use crate::lens::{Distortion, Lens};
-use crate::spec::{Attempts, DatasetSpec, Format, Setting};
-use crate::{DatasetError, Pairing, Scene, View};
+use crate::spec::SceneResults;
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use content::ProceduralContent;
 use world::World;
 
-/// The catalogue's entry.
-pub(crate) const FORMAT: Format = Format {
-    name: "synthetic",
-    summary: "a procedural multi-view scene with exact depth; no folder, nothing to download",
+pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
+    format: "synthetic",
+    display_name: "synthetic",
+    title: "a procedural multi-view scene with exact depth and visibility",
+    terms: "part of this program",
+    size: "computed",
+    layout: "no folder: synthetic or synthetic=seed=7,size=320x240,views=24",
+    caveat: "no photograph",
     settings: &[
         Setting::free("seed", "places and colours the objects", "0"),
         Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
         Setting::free("views", "number of cameras, at least 2", "24"),
     ],
     open,
+    ..DatasetEntry::OWN
 };
 
 /// What determines a procedural scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyntheticOptions {
-    /// Places and colours the objects.
     pub seed: u64,
-    /// Image width, pixels.
     pub width: u32,
-    /// Image height, pixels.
     pub height: u32,
-    /// Number of cameras, at least 2.
     pub views: usize,
 }
 
@@ -85,7 +87,7 @@ impl SyntheticScene {
     /// than 2 views or more than 10,000.
     pub fn new(options: SyntheticOptions) -> Result<Self, DatasetError> {
         let refuse = |reason: String| DatasetError::Spec {
-            text: FORMAT.name.to_owned(),
+            text: ENTRY.format.to_owned(),
             reason,
         };
         let pixels = u64::from(options.width) * u64::from(options.height);
@@ -208,11 +210,8 @@ fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidT
     }
 }
 
-fn open(spec: &DatasetSpec) -> Result<Attempts, DatasetError> {
-    let wrong = |key: &str, value: &str| DatasetError::Spec {
-        text: spec.to_string(),
-        reason: format!("'{key}' cannot be '{value}'"),
-    };
+fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+    let wrong = |key: &str, value: &str| spec.refused(format!("'{key}' cannot be '{value}'"));
     let number = |key: &str| {
         let text = spec.setting(key);
         text.parse::<u64>().map_err(|_| wrong(key, text))

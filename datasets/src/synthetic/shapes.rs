@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 /// A surface that rays can meet.
 #[derive(Debug, Clone)]
-pub(super) enum Shape {
+pub(super) enum SurfaceShape {
     /// A flat rectangle seen from both sides. `axes` are its two half edges' directions and its
     /// normal, orthonormal.
     Rectangle {
@@ -35,7 +35,7 @@ pub(super) struct Meeting {
     pub(super) across: usize,
 }
 
-impl Shape {
+impl SurfaceShape {
     /// A ball around the shape: its centre and the square of its radius, a little enlarged so that
     /// rounding cannot cut anything off.
     pub(super) fn bounds(&self) -> (DVec3, f64) {
@@ -150,17 +150,17 @@ mod tests {
         assert_eq!(axes, DMat3::IDENTITY);
         let center = DVec3::new(0.0, 0.0, 5.0);
         let forward = DVec3::new(0.0, 0.0, 2.0);
-        let rectangle = Shape::Rectangle {
+        let rectangle = SurfaceShape::Rectangle {
             center,
             axes,
             half: (1.0, 1.0),
         };
-        let cube = Shape::Box {
+        let cube = SurfaceShape::Box {
             center,
             axes,
             half: DVec3::splat(1.0),
         };
-        let ball = Shape::Sphere {
+        let ball = SurfaceShape::Sphere {
             center,
             radius: 1.0,
         };

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::arithmetic::{Random, mix, unit};
+use super::arithmetic::{SplitMix64, mix, unit};
 use super::shapes::Meeting;
 
 /// How a surface is painted.
@@ -25,7 +25,7 @@ enum Pattern {
 
 impl Texture {
     /// A random texture whose elements measure about `scale` metres.
-    pub(super) fn random(random: &mut Random, scale: f64) -> Self {
+    pub(super) fn random(random: &mut SplitMix64, scale: f64) -> Self {
         let mut color = |low, high| {
             let color = DVec3::new(
                 random.between(low, high),
@@ -99,7 +99,7 @@ fn fractal_noise(seed: u64, point: DVec3, octaves: u32) -> f64 {
     sum / total
 }
 
-/// Random values on the integer lattice, blended smoothly in between; 0..1.
+/// SplitMix64 values on the integer lattice, blended smoothly in between; 0..1.
 fn value_noise(seed: u64, point: DVec3) -> f64 {
     let cell = point.floor();
     let f = point - cell;

@@ -4,8 +4,8 @@
 
 use glam::{DMat3, DVec3};
 
-use super::arithmetic::Random;
-use super::shapes::{Meeting, Shape, turned};
+use super::arithmetic::SplitMix64;
+use super::shapes::{Meeting, SurfaceShape, turned};
 use super::texture::{Texture, sky};
 
 /// Distance of the ground below the central camera, metres.
@@ -16,7 +16,7 @@ const SUN: f64 = 0.72;
 
 #[derive(Debug)]
 struct Object {
-    shape: Shape,
+    shape: SurfaceShape,
     /// Centre and squared radius of a ball around it.
     bounds: (DVec3, f64),
     texture: Texture,
@@ -40,9 +40,8 @@ pub(super) struct Hit {
 }
 
 impl World {
-    /// Places and paints everything.
     pub(super) fn new(seed: u64) -> Self {
-        let mut random = Random::new(seed);
+        let mut random = SplitMix64::new(seed);
         let mut world = Self {
             objects: Vec::new(),
             to_sun: DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize(),
@@ -55,7 +54,7 @@ impl World {
         world
     }
 
-    fn add(&mut self, random: &mut Random, scale: f64, shape: Shape) {
+    fn add(&mut self, random: &mut SplitMix64, scale: f64, shape: SurfaceShape) {
         self.objects.push(Object {
             bounds: shape.bounds(),
             shape,
@@ -64,15 +63,15 @@ impl World {
     }
 
     /// The ground, a wall at the back that leaves a strip of sky above and beside it, and a slanted wall.
-    fn add_planes(&mut self, random: &mut Random) {
-        let ground = Shape::Rectangle {
+    fn add_planes(&mut self, random: &mut SplitMix64) {
+        let ground = SurfaceShape::Rectangle {
             center: DVec3::new(0.0, GROUND_Y, 5.0),
             axes: DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y),
             half: (9.0, 5.5),
         };
         self.add(random, 0.6, ground);
         let height = random.between(1.75, 1.95);
-        let back = Shape::Rectangle {
+        let back = SurfaceShape::Rectangle {
             center: DVec3::new(
                 random.between(-1.6, -1.0),
                 GROUND_Y - height,
@@ -83,7 +82,7 @@ impl World {
         };
         self.add(random, 0.5, back);
         let slant = turned(0.0, random.between(-0.48, -0.38), 0.0, 1.0);
-        let side = Shape::Rectangle {
+        let side = SurfaceShape::Rectangle {
             center: DVec3::new(random.between(2.6, 3.1), 0.2, 5.0),
             axes: slant,
             half: (1.7, 1.1),
@@ -92,7 +91,7 @@ impl World {
     }
 
     /// Boxes and balls on the ground between 2 and 6 metres away, and a ball in the air.
-    fn add_solids(&mut self, random: &mut Random) {
+    fn add_solids(&mut self, random: &mut SplitMix64) {
         for i in 0..4 {
             let half = DVec3::new(
                 random.between(0.18, 0.4),
@@ -100,7 +99,7 @@ impl World {
                 random.between(0.18, 0.4),
             );
             let x = -1.5 + f64::from(i) + random.between(-0.3, 0.3);
-            let shape = Shape::Box {
+            let shape = SurfaceShape::Box {
                 center: DVec3::new(x, GROUND_Y - half.y, random.between(2.4, 5.5)),
                 axes: turned(0.0, random.between(-0.5, 0.5), 0.0, 1.0),
                 half,
@@ -110,18 +109,18 @@ impl World {
         for i in 0..3 {
             let radius = random.between(0.15, 0.32);
             let x = -1.1 + 1.1 * f64::from(i) + random.between(-0.25, 0.25);
-            let shape = Shape::Sphere {
+            let shape = SurfaceShape::Sphere {
                 center: DVec3::new(x, GROUND_Y - radius, random.between(2.2, 4.5)),
                 radius,
             };
             self.add(random, 0.15, shape);
         }
-        let floating = Shape::Sphere {
+        let floating = SurfaceShape::Sphere {
             center: DVec3::new(random.between(-0.8, 0.8), -0.5, random.between(3.0, 5.0)),
             radius: random.between(0.2, 0.35),
         };
         self.add(random, 0.15, floating);
-        let tilted = Shape::Box {
+        let tilted = SurfaceShape::Box {
             center: DVec3::new(random.between(-1.2, -0.4), -0.1, random.between(3.0, 4.0)),
             axes: turned(0.3, random.between(-0.4, 0.4), 0.25, 1.0),
             half: DVec3::new(0.25, 0.12, 0.2),
@@ -130,10 +129,10 @@ impl World {
     }
 
     /// Poles of 2 to 3 centimetres and wires of 1 centimetre.
-    fn add_thin_structures(&mut self, random: &mut Random) {
+    fn add_thin_structures(&mut self, random: &mut SplitMix64) {
         for i in 0..4 {
             let half = random.between(0.01, 0.016);
-            let shape = Shape::Box {
+            let shape = SurfaceShape::Box {
                 center: DVec3::new(
                     -0.9 + 0.6 * f64::from(i) + random.between(-0.15, 0.15),
                     0.35,
@@ -145,7 +144,7 @@ impl World {
             self.add(random, 0.1, shape);
         }
         for _ in 0..2 {
-            let shape = Shape::Box {
+            let shape = SurfaceShape::Box {
                 center: DVec3::new(0.0, random.between(-0.75, -0.35), random.between(2.2, 3.0)),
                 axes: turned(
                     0.0,
@@ -160,13 +159,13 @@ impl World {
     }
 
     /// A slab close to the cameras, off centre, which hides much of what lies behind it.
-    fn add_occluder(&mut self, random: &mut Random) {
+    fn add_occluder(&mut self, random: &mut SplitMix64) {
         let side = if random.next().is_multiple_of(2) {
             1.0
         } else {
             -1.0
         };
-        let shape = Shape::Box {
+        let shape = SurfaceShape::Box {
             center: DVec3::new(
                 side * random.between(0.3, 0.4),
                 0.25,

@@ -5,14 +5,12 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::Root;
-use crate::format::colmap::{self, Cameras as Models};
-use crate::format::picture;
+use crate::format::{colmap, picture};
 use crate::lens::{Distortion, Lens};
-use crate::posed::frame_id;
+use crate::scene_builder::frame_id;
 
-/// The cameras of a scene's pictures.
 #[derive(Debug)]
-pub(super) struct Cameras {
+pub(super) struct SceneCameras {
     kind: Kind,
     /// The files they are from; none for recommended ones.
     pub(super) files: Vec<PathBuf>,
@@ -25,7 +23,7 @@ enum Kind {
     Each(BTreeMap<String, Lens>),
 }
 
-impl Cameras {
+impl SceneCameras {
     /// The cameras of the first COLMAP model beside the log, in `sparse/0` or in `sparse`; `None`
     /// when there is none. A single camera is that of all pictures; of several each picture has
     /// the one that the model's `images` names.
@@ -35,17 +33,13 @@ impl Cameras {
     pub(super) fn of_model(root: &Root, folder: &Path) -> Result<Option<Self>, DatasetError> {
         for place in [".", "sparse/0", "sparse"] {
             let model = root.resolve(folder, place)?;
-            colmap::check_inside(root, &model)?;
-            let Some((file, cameras)) = colmap::read_cameras(&model)? else {
+            let Some((file, cameras)) = colmap::read_cameras_in(root, &model)? else {
                 continue;
             };
-            let mut values = cameras.values();
-            if let (Some(camera), None) = (values.next(), values.next()) {
-                let lens = camera
-                    .lens()
-                    .map_err(|reason| DatasetError::malformed(&file, reason))?;
+            if let (1, Some(camera)) = (cameras.len(), cameras.values().next()) {
+                let lens = camera.lens();
                 return Ok(Some(Self {
-                    kind: Kind::One(lens),
+                    kind: Kind::One(lens.map_err(|e| DatasetError::format(&file, e))?),
                     files: vec![file],
                 }));
             }
@@ -60,34 +54,21 @@ impl Cameras {
                     ),
                 ));
             }
-            return Self::by_name(&model, &cameras).map(Some);
+            return Self::by_name(colmap::read_model_in(root, &model)?).map(Some);
         }
         Ok(None)
     }
 
-    fn by_name(folder: &Path, cameras: &Models) -> Result<Self, DatasetError> {
-        let model = colmap::read_model(folder)?;
-        let images = model.files.last().map_or(folder, PathBuf::as_path);
-        let malformed = |reason: String| DatasetError::malformed(images, reason);
+    fn by_name(model: colmap::Model) -> Result<Self, DatasetError> {
+        let mut lenses = BTreeMap::new();
         let mut ids = BTreeMap::new();
         for image in &model.images {
             let name = key_of(&image.name);
-            let other = ids.insert(name.clone(), image.camera_id);
-            if other.is_some_and(|other| other != image.camera_id) {
-                return Err(malformed(format!(
-                    "gives pictures named {name} different cameras"
-                )));
+            if *ids.entry(name.clone()).or_insert(image.camera_id) != image.camera_id {
+                let reason = format!("gives pictures named {name} different cameras");
+                return Err(DatasetError::malformed(model.images_file(), reason));
             }
-        }
-        let mut lenses = BTreeMap::new();
-        for (name, id) in ids {
-            let camera = cameras.get(&id).ok_or_else(|| {
-                malformed(format!("'{name}' has camera {id}, which does not exist"))
-            })?;
-            let lens = camera.lens().map_err(|reason| {
-                DatasetError::malformed(&model.files[0], format!("camera {id}: {reason}"))
-            })?;
-            lenses.insert(name, lens);
+            lenses.insert(name, model.lens(image)?);
         }
         Ok(Self {
             kind: Kind::Each(lenses),
@@ -110,10 +91,7 @@ impl Cameras {
             Distortion::None,
         );
         Ok(Self {
-            kind: Kind::One(lens.map_err(|source| DatasetError::Camera {
-                path: picture.to_owned(),
-                source,
-            })?),
+            kind: Kind::One(lens.map_err(|source| DatasetError::camera(picture, source))?),
             files: Vec::new(),
         })
     }

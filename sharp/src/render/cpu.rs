@@ -77,7 +77,7 @@ impl CpuRenderer {
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        format!("cpu-{}", self.simd.level().name())
+        format!("cpu-{}", self.simd.instruction_set())
     }
 
     fn load<'a>(

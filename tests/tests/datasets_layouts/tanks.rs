@@ -253,7 +253,7 @@ fn several_cameras_that_nothing_assigns_are_refused_with_the_way_out() {
     write::text(&at, "images.txt", &images.replace(" 98 ", " 7 "));
     let error = refusal(FORMAT, folder.path());
     assert!(
-        error.contains("images.txt: '000002' has camera 7"),
+        error.contains("images.txt: 'Barn/000002.png' has camera 7"),
         "{error}"
     );
     std::fs::remove_file(at.join("images.txt")).unwrap();

@@ -51,7 +51,8 @@ pub(crate) fn trials() -> Vec<Trial> {
         check(frames == [0, 2], || format!("{frames:?}"))
     });
     add("pose_inf.txt", |name| {
-        refused(trajectory::read_pose(&fixture(name)), name, "not finite")
+        let read = trajectory::read_similarity(&fixture(name));
+        refused(read, name, "not finite")
     });
 
     add("transforms_3x4.json", |name| {
@@ -92,7 +93,7 @@ fn the_rig(name: &str) -> Outcome {
 }
 
 /// The images of a text model whose `images.txt` is the fixture.
-fn images(name: &str) -> Result<Vec<colmap_records::Image>, DatasetError> {
+fn images(name: &str) -> Result<Vec<colmap_records::ColmapImage>, DatasetError> {
     let folder = TempDir::new().unwrap();
     let camera = "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 500 500 320 240\n";
     std::fs::write(folder.path().join("cameras.txt"), camera).unwrap();

@@ -1,27 +1,18 @@
 //! `datasets list`.
 
-use serde_json::{Value, json};
-use sharp_datasets::facts::{Facts, facts};
-use sharp_datasets::{catalog, spec::Setting};
+use sharp_datasets::DatasetEntry;
+use sharp_datasets::entry::ENTRIES;
 
 use crate::cli::{Outcome, output};
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
-    let described = facts().iter().zip(catalog::formats());
     if json {
-        let all: Vec<Value> = described
-            .map(|(facts, format)| {
-                let mut entry = json!(facts);
-                entry["readings"] = format.settings.iter().map(reading).collect();
-                entry
-            })
-            .collect();
-        output::json(&all)?;
+        output::json(&ENTRIES)?;
         return Ok(Outcome::Done);
     }
-    for (facts, format) in described {
-        print(facts)?;
-        for setting in format.settings {
+    for entry in ENTRIES {
+        print(entry)?;
+        for setting in entry.settings {
             output::line(format!(
                 "  reading   {}={} unless given: {}",
                 setting.key, setting.default, setting.meaning
@@ -40,33 +31,20 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn print(facts: &Facts) -> anyhow::Result<()> {
-    output::line(format!("{}  {}", facts.format, facts.title))?;
+fn print(entry: &DatasetEntry) -> anyhow::Result<()> {
+    output::line(format!("{}  {}", entry.format, entry.title))?;
     for (what, text) in [
-        ("page", facts.page),
-        ("terms", facts.terms),
-        ("download", facts.download),
-        ("size", facts.size),
-        ("layout", facts.layout),
-        ("feeds", facts.table_column),
-        ("unclear", facts.caveat),
+        ("page", entry.page),
+        ("terms", entry.terms),
+        ("download", entry.download),
+        ("size", entry.size),
+        ("layout", entry.layout),
+        ("feeds", entry.paper_column),
+        ("unclear", entry.caveat),
     ] {
         if !text.is_empty() {
             output::line(format!("  {what:<9} {text}"))?;
         }
     }
     Ok(())
-}
-
-fn reading(setting: &Setting) -> Value {
-    let choices = setting.choices.iter();
-    json!({
-        "key": setting.key,
-        "meaning": setting.meaning,
-        "default": setting.default,
-        "other_values": setting.any,
-        "choices": choices
-            .map(|c| json!({ "value": c.value, "meaning": c.meaning, "proxy": c.proxy }))
-            .collect::<Vec<_>>(),
-    })
 }

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::json;
-use sharp_datasets::needed::{NeededFile, Role, archives_for, files_for, files_of};
-use sharp_datasets::{DatasetSpec, Pairing, Scene, View, catalog};
+use sharp_datasets::entry::ENTRIES;
+use sharp_datasets::required_files::{self, FileRole, RequiredFile};
+use sharp_datasets::{DatasetEntry, DatasetSpec, Pairing, Scene, View};
 
 use crate::cli::{Outcome, output};
 use crate::io::counts::counted;
@@ -31,7 +32,7 @@ struct Needed {
 #[derive(Debug, Serialize)]
 struct Listed {
     #[serde(flatten)]
-    file: NeededFile,
+    file: RequiredFile,
     /// Whether it is there, under one of its names.
     present: Option<bool>,
 }
@@ -70,10 +71,10 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
 
 fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
     let named = || {
-        let mut formats = catalog::formats().iter().map(|format| format.name);
-        formats.find(|format| format.eq_ignore_ascii_case(name))
+        let mut entries = ENTRIES.into_iter();
+        entries.find(|entry| entry.format.eq_ignore_ascii_case(name))
     };
-    let format = spec.as_ref().map(|spec| spec.format).or_else(named);
+    let entry: Option<&DatasetEntry> = spec.as_ref().map(|spec| spec.entry).or_else(named);
     let (mut archives, mut files, mut pairs) = (BTreeSet::new(), BTreeSet::new(), 0);
     let root = spec.as_ref().map(|spec| folder_of(&spec.path));
     let scenes = spec
@@ -93,8 +94,13 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
         ];
         // A procedural view has no file.
         for (view, picture) in views.into_iter().filter(|(_, picture)| !picture.is_empty()) {
-            archives.extend(archives_for(format.unwrap_or(""), &pair.scene, picture));
-            let by_layout = files_for(format.unwrap_or(""), &pair.scene, picture);
+            let by_layout = match entry {
+                Some(entry) => {
+                    archives.extend(entry.archives(&pair.scene, picture));
+                    entry.required_files(&pair.scene, picture)
+                }
+                None => vec![RequiredFile::picture(picture)],
+            };
             let by_layout = by_layout
                 .into_iter()
                 .filter_map(|file| of_split(file, split));
@@ -102,8 +108,8 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
                 // The reader knows; of the layout's names only the lists are not among its files.
                 Some(view) => {
                     let folder = root.as_deref().unwrap_or(Path::new(""));
-                    files.extend(files_of(view, folder));
-                    files.extend(by_layout.filter(|file| file.role == Role::List));
+                    files.extend(required_files::of_view(view, folder));
+                    files.extend(by_layout.filter(|file| file.role == FileRole::List));
                 }
                 None => files.extend(by_layout),
             }
@@ -122,12 +128,12 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
         .collect();
     let lacking = |listed: &&Listed| {
         // Not every picture has a mask, and a list is not needed once the pairs are known.
-        let counts = !matches!(listed.file.role, Role::Mask | Role::List);
+        let counts = !matches!(listed.file.role, FileRole::Mask | FileRole::List);
         counts && listed.present == Some(false)
     };
     Needed {
         dataset: name.to_owned(),
-        format,
+        format: entry.map(|entry| entry.format),
         pairs,
         archives,
         missing: root.as_ref().map(|_| files.iter().filter(lacking).count()),
@@ -158,8 +164,8 @@ fn found_views(scenes: &[Scene]) -> BTreeMap<(&str, &str), &View> {
 }
 
 /// A list of ScanNet++'s is that of the split as asked for; a whole dataset needs none.
-fn of_split(mut file: NeededFile, split: Option<&str>) -> Option<NeededFile> {
-    if let (Role::List, Some(split)) = (file.role, split)
+fn of_split(mut file: RequiredFile, split: Option<&str>) -> Option<RequiredFile> {
+    if let (FileRole::List, Some(split)) = (file.role, split)
         && file.path.starts_with("splits/")
     {
         if split == "all" {
@@ -187,11 +193,11 @@ fn print(needed: &Needed) -> anyhow::Result<()> {
     }
     for listed in &needed.files {
         let role = match listed.file.role {
-            Role::Picture => "picture",
-            Role::Camera => "camera",
-            Role::List => "list",
-            Role::Mask => "mask",
-            Role::Depth => "depth",
+            FileRole::Picture => "picture",
+            FileRole::Camera => "camera",
+            FileRole::List => "list",
+            FileRole::Mask => "mask",
+            FileRole::Depth => "depth",
         };
         let names = std::iter::once(&listed.file.path).chain(&listed.file.or);
         let names: Vec<&str> = names.map(String::as_str).collect();

@@ -3,39 +3,19 @@
 //! It states: sets of ten views, depth overlap above 60 %, predicted depth scaled to the dataset's where that is sparse,
 //! min(512, all) pairs, and for stereo datasets every left frame to its right one.
 
+pub use sharp_datasets::entry::PaperOverlap;
+
 use super::{MissingDepth, OverlapDepth, PairOptions};
 use crate::pairs::sets::Grouping;
 
 /// How readings that are known to differ from the paper are marked wherever they are shown.
 pub const PROXY: &str = "proxy: differs from the paper";
 
-/// What overlap rests on in the paper, for a kind of dataset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PaperOverlap {
-    /// Nothing: stereo pairs are not chosen by overlap.
-    None,
-    /// The dataset's own depth.
-    Dense,
-    /// Predicted depth, scaled to the dataset's sparse one.
-    Sparse,
-}
-
-impl PaperOverlap {
-    /// Of a dataset format by its name; a multi-view format that the paper does not use counts as dense.
-    pub fn of_format(format: &str) -> Self {
-        match format {
-            "middlebury" | "booster" | "stereo" => Self::None,
-            "eth3d" | "tanks-and-temples" => Self::Sparse,
-            _ => Self::Dense,
-        }
-    }
-
-    fn is_papers(self, depth: OverlapDepth) -> bool {
-        match self {
-            Self::None => true,
-            Self::Dense => depth == OverlapDepth::GroundTruth,
-            Self::Sparse => depth == OverlapDepth::Given,
-        }
+fn is_papers(kind: PaperOverlap, depth: OverlapDepth) -> bool {
+    match kind {
+        PaperOverlap::Stereo => true,
+        PaperOverlap::Dense => depth == OverlapDepth::GroundTruth,
+        PaperOverlap::Sparse => depth == OverlapDepth::Given,
     }
 }
 
@@ -45,7 +25,7 @@ const LIMIT: usize = 512;
 /// Keys whose values are known to differ from the paper on some kinds of datasets, of which so many pairs were selected; in
 /// the order of the text form.
 fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec<&'static str> {
-    let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::None);
+    let stereo = kinds.iter().all(|kind| *kind == PaperOverlap::Stereo);
     // A limit that nothing was cut by is as good as any other.
     let cut_otherwise = match options.sampling.limit {
         Some(limit) if limit < LIMIT => pairs >= limit,
@@ -61,7 +41,7 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
         ),
         (
             "overlap",
-            !kinds.iter().any(|kind| kind.is_papers(options.depth)),
+            !kinds.iter().any(|kind| is_papers(*kind, options.depth)),
         ),
         ("threshold", options.threshold != 0.6),
         ("at-threshold", options.threshold_qualifies),
@@ -102,6 +82,8 @@ impl PairOptions {
 
 #[cfg(test)]
 mod tests {
+    use sharp_datasets::entry::entry;
+
     use super::*;
 
     fn proxies(text: &str) -> String {
@@ -140,7 +122,7 @@ mod tests {
         let on = |text: &str, format: &str| {
             let options: PairOptions = text.parse().unwrap();
             options
-                .proxies_on(PaperOverlap::of_format(format), 24)
+                .proxies_on(entry(format).unwrap().paper_overlap, 24)
                 .join(",")
         };
         assert_eq!(on("", "eth3d"), "overlap=ground-truth");

@@ -17,7 +17,7 @@ pub(super) use avx2::Avx2;
 pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
 // The network's kernels and this renderer detect, and are pinned, together.
-pub(super) use sharp_kernels::{Level, Simd};
+pub(super) use sharp_kernels::{InstructionSet, Simd};
 
 /// Sixteen f32 values, one for each pixel of a 4×4 block.
 ///
@@ -110,13 +110,13 @@ macro_rules! per_level {
             fn avx2($($arg: $kind),*) {
                 $avx2
             }
-            match simd.level() {
+            match simd.instruction_set() {
                 // SAFETY: a Simd of this level exists only where the features were detected.
                 #[cfg(target_arch = "x86_64")]
-                $crate::render::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
+                $crate::render::simd::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
-                $crate::render::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
+                $crate::render::simd::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
                 _ => $portable,
             }
         }

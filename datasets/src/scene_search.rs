@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{Root, list};
-use crate::skipped::Skipped;
+use crate::left_out::LeftOut;
 
 const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
 const LINK_NOWHERE: &str = "a symbolic link leads nowhere";
@@ -14,18 +14,18 @@ const UNREADABLE: &str = "the system does not let it be listed";
 
 /// What a search found.
 #[derive(Debug)]
-pub(crate) struct Found {
+pub(crate) struct FoundFolders {
     /// The scenes' folders, in natural order.
     pub(crate) folders: Vec<PathBuf>,
     /// Folders that could not be looked into.
-    pub(crate) passed_over: Skipped,
+    pub(crate) left_out: LeftOut,
 }
 
 impl Root {
     /// Folders at most `depth` levels below the root (and the root itself) for which `is_scene`
     /// holds, in natural order; folders inside a scene are not searched. What could not be searched
     /// is counted: links that lead out of the root or nowhere, and folders that cannot be listed.
-    /// Of folders that several links name the first counts.
+    /// A folder that several links lead to is found once, under its first name.
     ///
     /// # Errors
     /// [`DatasetError::Io`] when the root cannot be listed.
@@ -33,14 +33,14 @@ impl Root {
         &self,
         depth: usize,
         is_scene: &dyn Fn(&Path) -> bool,
-    ) -> Result<Found, DatasetError> {
+    ) -> Result<FoundFolders, DatasetError> {
         let mut search = Search {
             root: self,
             is_scene,
             seen: BTreeSet::new(),
-            found: Found {
+            found: FoundFolders {
                 folders: Vec::new(),
-                passed_over: Skipped::of("folder"),
+                left_out: LeftOut::of("folder"),
             },
         };
         search.walk(self.path(), depth)?;
@@ -53,13 +53,13 @@ impl Root {
     pub(crate) fn files_in(
         &self,
         folder: &Path,
-        passed_over: &mut Skipped,
+        left_out: &mut LeftOut,
     ) -> BTreeMap<String, PathBuf> {
         let entries = match std::fs::read_dir(folder) {
             Ok(entries) => entries,
             Err(error) => {
                 if error.kind() != ErrorKind::NotFound {
-                    passed_over.add(UNREADABLE, &format!("{} ({error})", self.id_of(folder)));
+                    left_out.add(UNREADABLE, format!("{} ({error})", self.id_of(folder)));
                 }
                 return BTreeMap::new();
             }
@@ -75,7 +75,7 @@ impl Root {
             }
             let is_link = entry.file_type().is_ok_and(|kind| kind.is_symlink());
             if is_link && self.check(&path).is_err() {
-                passed_over.add(LINK_OUT, &self.id_of(&path));
+                left_out.add(LINK_OUT, self.id_of(&path));
             } else {
                 files.insert(name, path);
             }
@@ -88,7 +88,7 @@ struct Search<'a> {
     root: &'a Root,
     is_scene: &'a dyn Fn(&Path) -> bool,
     seen: BTreeSet<PathBuf>,
-    found: Found,
+    found: FoundFolders,
 }
 
 impl Search<'_> {
@@ -98,7 +98,7 @@ impl Search<'_> {
             .map_err(|e| DatasetError::io(folder, e))?;
         if !self.root.outside_allowed && !canonical.starts_with(&self.root.canonical) {
             let name = self.root.id_of(folder);
-            self.found.passed_over.add(LINK_OUT, &name);
+            self.found.left_out.add(LINK_OUT, name);
             return Ok(());
         }
         if !self.seen.insert(canonical) {
@@ -116,14 +116,14 @@ impl Search<'_> {
                 Ok(found) if found.is_dir() => {
                     // An unreadable folder somewhere below must not hide the scenes beside it.
                     if let Err(error) = self.walk(&path, depth - 1) {
-                        self.found.passed_over.add(UNREADABLE, &error.to_string());
+                        self.found.left_out.add(UNREADABLE, error.to_string());
                     }
                 }
                 // It was listed a moment ago.
                 Err(error) if error.kind() == ErrorKind::NotFound => {
                     self.found
-                        .passed_over
-                        .add(LINK_NOWHERE, &self.root.id_of(&path));
+                        .left_out
+                        .add(LINK_NOWHERE, self.root.id_of(&path));
                 }
                 _ => {}
             }
@@ -158,7 +158,7 @@ mod tests {
         let root = Root::open(&set).unwrap();
         let found = root.find_folders(9, &is_scene).unwrap();
         assert_eq!(found.folders, [set.join("a/scene")]);
-        let notes = found.passed_over.notes(Path::new("set"));
+        let notes = found.left_out.notes(Path::new("set"));
         assert_eq!(
             notes,
             [
@@ -166,7 +166,7 @@ mod tests {
                 format!("set: 1 folder(s) left out, {LINK_OUT}: b"),
             ]
         );
-        let mut linked = Skipped::of("file");
+        let mut linked = LeftOut::of("file");
         let files = root.files_in(&set.join("a/scene"), &mut linked);
         assert_eq!(files.keys().collect::<Vec<_>>(), ["1.png"]);
         assert_eq!(

@@ -1,28 +1,27 @@
-//! Files whose names in lists and on disk do not quite agree: another case, another extension, none
-//! at all.
+//! Files whose names on disk differ from a list's in case or extension, or lack the extension.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{self, Root};
-use crate::posed::is_picture_extension;
-use crate::skipped::first_few;
+use crate::left_out::first_few;
+use crate::scene_builder::is_picture_extension;
 
 /// Lower-case stems of a folder's files, and the files that have them, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
 
 /// Finds the files that one list names. Each folder is listed once.
 #[derive(Debug)]
-pub(crate) struct Finder<'a> {
+pub(crate) struct FileFinder<'a> {
     root: &'a Root,
     list: PathBuf,
     listed: BTreeMap<PathBuf, Stems>,
-    /// What was chosen, and the files that would have done as well.
+    /// What was chosen, and the other files that fit.
     passed_over: BTreeMap<PathBuf, Vec<String>>,
 }
 
-impl<'a> Finder<'a> {
+impl<'a> FileFinder<'a> {
     /// `list` is the file that the names are from.
     pub(crate) fn new(root: &'a Root, list: &Path) -> Self {
         Self {
@@ -35,8 +34,8 @@ impl<'a> Finder<'a> {
 
     /// The file of that name below `base`: exactly; else of the same name in another case; else of
     /// the same stem with one of the extensions, the stem's own case first, then in the extensions'
-    /// order. Where several files would do in either of the last two ways, [`Self::notes`] says so.
-    /// `None` when there is none or no such folder.
+    /// order. [`Self::notes`] reports where several files fit in either of the last two ways. `None`
+    /// when no file fits or the folder is missing.
     ///
     /// # Errors
     /// When the name leads out of the dataset's folder; names the list.
@@ -97,7 +96,7 @@ impl<'a> Finder<'a> {
     /// A picture: PNG, which is lossless, before JPEG.
     ///
     /// # Errors
-    /// See [`Finder::find`].
+    /// See [`FileFinder::find`].
     pub(crate) fn picture(
         &mut self,
         base: &Path,
@@ -109,7 +108,7 @@ impl<'a> Finder<'a> {
     /// A depth map of any kind.
     ///
     /// # Errors
-    /// See [`Finder::find`].
+    /// See [`FileFinder::find`].
     pub(crate) fn map(&mut self, base: &Path, name: &str) -> Result<Option<PathBuf>, DatasetError> {
         self.find(base, name, &["png", "npy", "npz", "exr", "pfm"])
     }
@@ -153,7 +152,7 @@ fn split(name: &str) -> (&str, &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::posed::frame_id;
+    use crate::scene_builder::frame_id;
 
     #[test]
     fn names_are_found_in_another_case_and_without_extension() {
@@ -162,7 +161,7 @@ mod tests {
         std::fs::write(folder.path().join("images/DSC_1.JPG"), "").unwrap();
         std::fs::write(folder.path().join("images/r_0.png"), "").unwrap();
         let root = Root::open(folder.path()).unwrap();
-        let mut finder = Finder::new(&root, Path::new("list.txt"));
+        let mut finder = FileFinder::new(&root, Path::new("list.txt"));
         for (name, found) in [
             ("images/DSC_1.JPG", Some("images/DSC_1.JPG")),
             ("./images/dsc_1.jpg", Some("images/DSC_1.JPG")),
@@ -208,7 +207,7 @@ mod tests {
             // A folder is no picture.
             ("e", "e.jpg", None),
         ] {
-            let mut finder = Finder::new(&root, Path::new("list.txt"));
+            let mut finder = FileFinder::new(&root, Path::new("list.txt"));
             let path = finder.picture(root.path(), name).unwrap();
             assert_eq!(path, Some(folder.path().join(found)), "{name}");
             let notes = finder.notes();

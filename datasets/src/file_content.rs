@@ -6,27 +6,24 @@ use std::sync::Arc;
 use image::{GrayImage, RgbImage};
 
 use crate::camera_size::check_size;
-use crate::depth::DepthSource;
+use crate::depth::ViewDepth;
 use crate::format::picture;
-use crate::mask::Mask;
-use crate::needed::Role;
+use crate::mask::MaskFile;
 use crate::processing::{Processing, Undistorted};
+use crate::required_files::FileRole;
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
 /// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
 #[derive(Debug)]
 pub(crate) struct FileContent {
-    /// The photograph.
     pub(crate) image: PathBuf,
     /// Its size as stored, according to the camera.
     pub(crate) size: (u32, u32),
-    /// Pixels to black out.
-    pub(crate) mask: Option<Mask>,
+    pub(crate) mask: Option<MaskFile>,
     /// From the lens to the pinhole camera of the view.
     pub(crate) undistortion: Option<Undistortion>,
-    /// Depth, where the dataset has it.
-    pub(crate) depth: Option<Arc<dyn DepthSource>>,
+    pub(crate) depth: Option<Arc<dyn ViewDepth>>,
     /// The files that the camera was read from.
     pub(crate) cameras: Vec<PathBuf>,
 }
@@ -35,26 +32,21 @@ impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
         let mut image = picture::read(&self.image)?;
         check_size(&self.image, image.dimensions(), self.size)?;
-        let undistortion = self.undistortion.as_ref();
-        if let Some(undistortion) = undistortion {
+        if let Some(undistortion) = &self.undistortion {
             image = undistortion.image(&image);
         }
         // The picture is resampled first: black would else run into its neighbours.
-        if let Some(mask) = &self.mask {
-            let mask = mask.read(self.size, undistortion)?;
-            for (pixel, keep) in image.chunks_exact_mut(3).zip(mask.iter()) {
-                if *keep == 0 {
-                    pixel.fill(0);
-                }
-            }
+        if let Some(mask) = self.valid_pixels()? {
+            let pixels = image.chunks_exact_mut(3).zip(mask.iter());
+            let excluded = pixels.filter(|(_, keep)| **keep == 0);
+            excluded.for_each(|(pixel, _)| pixel.fill(0));
         }
         Ok(image)
     }
 
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
         let mask = self.mask.as_ref();
-        let undistortion = self.undistortion.as_ref();
-        mask.map(|mask| mask.read(self.size, undistortion))
+        mask.map(|mask| mask.read(self.size, self.undistortion.as_ref()))
             .transpose()
     }
 
@@ -65,20 +57,30 @@ impl ViewContent for FileContent {
         // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
         // for any amount of memory.
         check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
-        depth.load().map(Some)
+        let mut depth = depth.load()?;
+        if let Some(mask) = self.valid_pixels()? {
+            let excluded = depth.iter_mut().zip(mask.iter());
+            let excluded = excluded.filter(|(_, keep)| **keep == 0);
+            excluded.for_each(|(z, _)| *z = 0.0);
+        }
+        Ok(Some(depth))
     }
 
     fn image_file(&self) -> Option<&Path> {
         Some(&self.image)
     }
 
-    fn files_by_role(&self) -> Vec<(Role, PathBuf)> {
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
         let mask = self.mask.iter().map(|mask| mask.file.clone());
         let depth = self.depth.iter().flat_map(|depth| depth.files());
-        let mut files = vec![(Role::Picture, self.image.clone())];
-        files.extend(self.cameras.iter().map(|file| (Role::Camera, file.clone())));
-        files.extend(mask.map(|file| (Role::Mask, file)));
-        files.extend(depth.map(|file| (Role::Depth, file)));
+        let mut files = vec![(FileRole::Picture, self.image.clone())];
+        files.extend(
+            self.cameras
+                .iter()
+                .map(|file| (FileRole::Camera, file.clone())),
+        );
+        files.extend(mask.map(|file| (FileRole::Mask, file)));
+        files.extend(depth.map(|file| (FileRole::Depth, file)));
         files.sort();
         files.dedup();
         files

@@ -1,6 +1,6 @@
 //! Which pictures a scene has, and which block of its log belongs to which of them.
 //!
-//! A picture that lacks, or one too many, must not shift the poses of all that follow: pictures are
+//! A missing picture, or one too many, must not shift the poses of all that follow: pictures are
 //! matched by their numbers, and by their order only where every block has its picture.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::format::trajectory::Log;
-use crate::skipped::first_few;
+use crate::left_out::first_few;
+use crate::scene_builder::is_picture_extension;
 
 /// The pictures of a scene.
 #[derive(Debug)]
-pub(super) struct Pictures {
-    /// Where they are.
+pub(super) struct ScenePhotographs {
     pub(super) folder: PathBuf,
     /// In natural order; there is at least one.
     pub(super) files: Vec<PathBuf>,
@@ -22,13 +22,13 @@ pub(super) struct Pictures {
     pub(super) notes: Vec<String>,
 }
 
-impl Pictures {
+impl ScenePhotographs {
     /// Looks where pictures may be: `images/` and `<name>/` beside the log, beside the log itself,
     /// then `image_sets/<name>/`, `images/<name>/` and `<name>/` in the root. The first folder with
-    /// as many pictures as there are blocks counts, else the first with any.
+    /// as many pictures as there are blocks is taken, else the first with any.
     ///
     /// # Errors
-    /// When there is no picture, or one that is read leads out of the root.
+    /// When there is no picture, or one of them leads out of the root.
     pub(super) fn find(
         root: &Root,
         beside: &Path,
@@ -101,8 +101,8 @@ impl Pictures {
     ///
     /// Where any name is a number, block i belongs to the picture numbered i + 1; to the one
     /// numbered i only if the pictures' numbers begin with 0 and end with the last block; pictures
-    /// without a number have no block. Where none is, there must be as many pictures as blocks, and
-    /// their order counts.
+    /// without a number have no block. Where no name is a number, there must be as many pictures as
+    /// blocks, and their order decides.
     ///
     /// # Errors
     /// The reason why it cannot be told which picture a pose belongs to.
@@ -157,7 +157,7 @@ impl Pictures {
         Ok(by_block)
     }
 
-    /// The pictures by their numbers, and those whose names are none.
+    /// The pictures by their numbers, and those whose names are not numbers.
     fn numbered(&self) -> Result<Numbered<'_>, String> {
         let (mut numbered, mut others) = (BTreeMap::new(), Vec::new());
         for file in &self.files {
@@ -190,7 +190,7 @@ impl Pictures {
             return Err(format!(
                 "{count} pictures in {}, but {blocks} blocks, the last with the index {last}: no \
                  picture is named by a number ({}), so that it cannot be told which pose belongs \
-                 to which; take away what does not belong there, or name the pictures 000001, \
+                 to which; remove what does not belong there, or name the pictures 000001, \
                  000002 and so on, block 0 being that of 000001",
                 self.folder.display(),
                 first_few(&names)
@@ -204,15 +204,15 @@ impl Pictures {
     }
 }
 
-/// Pictures by number, and those without one.
+/// Photographs by number, and those without one.
 type Numbered<'a> = (BTreeMap<i64, &'a Path>, Vec<&'a Path>);
 
-/// Pictures by the blocks of a log.
+/// Photographs by the blocks of a log.
 #[derive(Debug, Default)]
 pub(super) struct ByBlock<'a> {
     /// By the blocks' indices.
     pub(super) files: BTreeMap<i64, &'a Path>,
-    /// Pictures that no block belongs to.
+    /// Photographs that no block belongs to.
     pub(super) left_over: Vec<&'a Path>,
     /// The number of block 0's picture, where numbers counted.
     pub(super) first_number: Option<i64>,
@@ -231,8 +231,8 @@ impl ByBlock<'_> {
 /// The pictures of a folder in natural order, by their extensions.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let is_picture = |name: &str| {
-        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
-        ["jpg", "jpeg", "png"].contains(&extension.to_ascii_lowercase().as_str())
+        let extension = name.rsplit_once('.');
+        extension.is_some_and(|(_, extension)| is_picture_extension(extension))
     };
     Ok(files::list(folder)?
         .into_iter()
@@ -245,8 +245,8 @@ fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 mod tests {
     use super::*;
 
-    fn pictures(names: &[&str]) -> Pictures {
-        Pictures {
+    fn pictures(names: &[&str]) -> ScenePhotographs {
+        ScenePhotographs {
             folder: PathBuf::from("images"),
             files: names.iter().map(PathBuf::from).collect(),
             notes: Vec::new(),
@@ -286,7 +286,7 @@ mod tests {
                 "0:1 2:3",
                 2,
             ),
-            // A log whose first block lacks.
+            // A log without its first block.
             (&["1.jpg", "2.jpg", "3.jpg"], &[1, 2], "1:2 2:3", 1),
         ] {
             let pictures = pictures(names);

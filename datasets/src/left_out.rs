@@ -3,21 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Frames, scenes or folders that were left out, by reason, as one note a reason.
+/// Frames, scenes, folders or files that were left out, by reason.
 #[derive(Debug)]
-pub(crate) struct Skipped {
+pub(crate) struct LeftOut {
     what: &'static str,
     by_reason: BTreeMap<&'static str, Vec<String>>,
 }
 
-impl Default for Skipped {
-    fn default() -> Self {
-        Self::of("frame")
-    }
-}
-
-impl Skipped {
-    /// For things of that name, in the singular.
+impl LeftOut {
+    /// `what` is the singular of the things that are left out.
     pub(crate) fn of(what: &'static str) -> Self {
         Self {
             what,
@@ -25,16 +19,14 @@ impl Skipped {
         }
     }
 
-    pub(crate) fn add(&mut self, reason: &'static str, name: &str) {
-        self.by_reason
-            .entry(reason)
-            .or_default()
-            .push(name.to_owned());
+    pub(crate) fn add(&mut self, reason: &'static str, name: impl Into<String>) {
+        self.by_reason.entry(reason).or_default().push(name.into());
     }
 
+    /// One note a reason; `file` says where the names are from.
     pub(crate) fn notes(&self, file: &Path) -> Vec<String> {
-        self.by_reason
-            .iter()
+        let reasons = self.by_reason.iter();
+        reasons
             .map(|(reason, names)| {
                 format!(
                     "{}: {} {}(s) left out, {reason}: {}",

@@ -1,4 +1,5 @@
-//! Natural order: `frame2` before `frame10`.
+//! Natural order: `frame2` before `frame10`. Our own, because published pair lists rest on it and
+//! the crates at hand (`natord`) skip blanks and call different names equal.
 
 use std::cmp::Ordering;
 

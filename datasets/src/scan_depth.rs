@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use crate::depth::{DepthSource, valid_depth, z_buffer};
+use crate::depth::{ViewDepth, valid_depth, z_buffer};
 use crate::format::ply_points::{self, Geometry};
 use crate::{DatasetError, DepthMap};
 
@@ -16,10 +16,10 @@ const NEAR_M: f64 = 0.05;
 /// The scan that was used last, so that the views of a scene read it once; shared by the scenes of
 /// a dataset, of which only one is in memory at a time.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct ScanCache(Arc<Mutex<Option<Held>>>);
+pub(crate) struct ScanCache(Arc<Mutex<Option<CachedScan>>>);
 
 #[derive(Debug)]
-struct Held {
+struct CachedScan {
     file: PathBuf,
     geometry: Arc<Geometry>,
 }
@@ -33,7 +33,7 @@ impl ScanCache {
             _ => {
                 *slot = None;
                 let geometry = Arc::new(ply_points::read(file)?);
-                *slot = Some(Held {
+                *slot = Some(CachedScan {
                     file: file.to_owned(),
                     geometry: Arc::clone(&geometry),
                 });
@@ -45,7 +45,7 @@ impl ScanCache {
 
 /// A scan or mesh in world coordinates, metres.
 #[derive(Debug, Clone)]
-pub(crate) struct Scan {
+pub(crate) struct ScanFile {
     pub(crate) file: PathBuf,
     pub(crate) cache: ScanCache,
     /// Points mark the pixels within this distance; triangles are filled and need none.
@@ -55,12 +55,12 @@ pub(crate) struct Scan {
 /// A scan as one view sees it.
 #[derive(Debug)]
 pub(crate) struct ScanDepth {
-    pub(crate) scan: Scan,
+    pub(crate) scan: ScanFile,
     pub(crate) pinhole: Intrinsics,
     pub(crate) camera_from_world: RigidTransform,
 }
 
-impl DepthSource for ScanDepth {
+impl ViewDepth for ScanDepth {
     fn load(&self) -> Result<DepthMap, DatasetError> {
         let geometry = self.scan.cache.get(&self.scan.file)?;
         let camera = |p: &glam::Vec3| self.camera_from_world.apply(p.as_dvec3());
@@ -97,7 +97,7 @@ pub(crate) struct PointDepth {
     pub(crate) camera_from_world: RigidTransform,
 }
 
-impl DepthSource for PointDepth {
+impl ViewDepth for PointDepth {
     fn load(&self) -> Result<DepthMap, DatasetError> {
         let places = self
             .points

@@ -1,0 +1,217 @@
+//! What a dataset is: one entry each, kept beside its reader and listed here.
+
+use serde::Serialize;
+
+use crate::required_files::{PhotographPath, RequiredFile};
+use crate::spec::SceneResults;
+use crate::{
+    DatasetError, DatasetSpec, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
+    synthetic, tanks_and_temples, wildrgbd,
+};
+
+/// Every dataset, in the order of the paper's tables, then one's own data, then the procedural scene.
+pub static ENTRIES: [&DatasetEntry; 10] = [
+    &middlebury::ENTRY,
+    &booster::ENTRY,
+    &scannetpp::ENTRY,
+    &wildrgbd::ENTRY,
+    &tanks_and_temples::ENTRY,
+    &eth3d::ENTRY,
+    &nerfstudio::ENTRY,
+    &colmap::ENTRY,
+    &stereo::ENTRY,
+    &synthetic::ENTRY,
+];
+
+/// The entry of a format.
+///
+/// # Errors
+/// [`DatasetError::UnknownFormat`].
+pub fn entry(format: &str) -> Result<&'static DatasetEntry, DatasetError> {
+    let found = ENTRIES.into_iter().find(|entry| entry.format == format);
+    found.ok_or_else(|| DatasetError::UnknownFormat {
+        name: format.to_owned(),
+    })
+}
+
+/// All that is known about a dataset without its files, as its authors state it. Serialises to what
+/// `datasets list --json` prints.
+#[derive(Debug, Serialize)]
+pub struct DatasetEntry {
+    /// As written in `FORMAT=PATH`.
+    pub format: &'static str,
+    /// As printed in tables and plots.
+    pub display_name: &'static str,
+    /// In a few words, with the part or version that is read.
+    pub title: &'static str,
+    /// Official page; empty for one's own data.
+    pub page: &'static str,
+    /// Terms of use in brief; the page is authoritative.
+    pub terms: &'static str,
+    pub download: &'static str,
+    pub size: &'static str,
+    /// The files that the reader looks for.
+    pub layout: &'static str,
+    /// Column group of the paper's tables; empty for data that the paper does not use.
+    #[serde(rename = "table_column")]
+    pub paper_column: &'static str,
+    /// What the paper chooses pairs by; for other data, what its rule for such data would be.
+    #[serde(skip)]
+    pub paper_overlap: PaperOverlap,
+    /// What remains uncertain.
+    pub caveat: &'static str,
+    /// What can be chosen, for instance between readings of the paper.
+    #[serde(rename = "readings")]
+    pub settings: &'static [Setting],
+    #[serde(skip)]
+    pub(crate) open: fn(&DatasetSpec) -> Result<SceneResults, DatasetError>,
+    #[serde(skip)]
+    pub(crate) required_files: fn(&PhotographPath<'_>) -> Vec<RequiredFile>,
+    #[serde(skip)]
+    pub(crate) archives: fn(&PhotographPath<'_>) -> Vec<String>,
+}
+
+impl DatasetEntry {
+    /// One's own data: no page, no terms, nothing to download.
+    pub(crate) const OWN: Self = Self {
+        format: "",
+        display_name: "",
+        title: "",
+        page: "",
+        terms: "yours",
+        download: "nothing",
+        size: "any",
+        layout: "",
+        paper_column: "",
+        paper_overlap: PaperOverlap::Dense,
+        caveat: "",
+        settings: &[],
+        open: |_| Ok(Vec::new()),
+        required_files: |_| Vec::new(),
+        archives: |_| Vec::new(),
+    };
+
+    /// The photograph of a scene and what the dataset keeps beside it, in order of
+    /// [`FileRole`](crate::required_files::FileRole), by the layout alone; of a stereo pair only the source's (left) depth.
+    /// Files that are named in other files (`transforms.json`) or found by their stem are known only
+    /// once those are there: see [`of_view`](crate::required_files::of_view).
+    pub fn required_files(&self, scene: &str, picture: &str) -> Vec<RequiredFile> {
+        let photograph = PhotographPath::new(scene, picture);
+        let mut files = vec![RequiredFile::picture(picture)];
+        files.extend((self.required_files)(&photograph));
+        files
+    }
+
+    /// The archives on the official page that hold a scene; empty where that is not known.
+    pub fn archives(&self, scene: &str, picture: &str) -> Vec<String> {
+        (self.archives)(&PhotographPath::new(scene, picture))
+    }
+}
+
+/// What the paper chooses a dataset's pairs by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PaperOverlap {
+    /// Nothing: each stereo scene is one pair.
+    Stereo,
+    /// Overlap by the dataset's own dense depth.
+    Dense,
+    /// Overlap by predicted depth, scaled to the dataset's sparse depth.
+    Sparse,
+}
+
+/// Something that can be chosen when a dataset is opened, as `key=value`.
+#[derive(Debug, Serialize)]
+pub struct Setting {
+    pub key: &'static str,
+    pub meaning: &'static str,
+    pub default: &'static str,
+    /// Whether values that are not among the choices are allowed.
+    #[serde(rename = "other_values")]
+    pub any: bool,
+    /// The values with a meaning of their own, the default first.
+    pub choices: &'static [SettingChoice],
+}
+
+impl Setting {
+    pub(crate) const fn choice(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [SettingChoice],
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            default: choices[0].value,
+            any: false,
+            choices,
+        }
+    }
+
+    /// Any value, of which some are described; the others count as proxies.
+    pub(crate) const fn named(
+        key: &'static str,
+        meaning: &'static str,
+        choices: &'static [SettingChoice],
+    ) -> Self {
+        Self {
+            any: true,
+            ..Self::choice(key, meaning, choices)
+        }
+    }
+
+    pub(crate) const fn free(
+        key: &'static str,
+        meaning: &'static str,
+        default: &'static str,
+    ) -> Self {
+        Self {
+            key,
+            meaning,
+            default,
+            any: true,
+            choices: &[],
+        }
+    }
+
+    /// Whether a value is known to differ from what the paper did.
+    pub(crate) fn is_proxy(&self, value: &str) -> bool {
+        let chosen = self.choices.iter().find(|choice| choice.value == value);
+        chosen.map_or(!self.choices.is_empty(), |choice| choice.proxy)
+    }
+}
+
+/// One value of a [`Setting`].
+#[derive(Debug, Serialize)]
+pub struct SettingChoice {
+    pub value: &'static str,
+    pub meaning: &'static str,
+    /// True where it is known to differ from what the paper did: reports then say "proxy".
+    pub proxy: bool,
+}
+
+impl SettingChoice {
+    pub(crate) const fn new(value: &'static str, meaning: &'static str) -> Self {
+        Self {
+            value,
+            meaning,
+            proxy: false,
+        }
+    }
+
+    pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Self {
+        Self {
+            proxy: true,
+            ..Self::new(value, meaning)
+        }
+    }
+}
+
+/// Whether files outside the dataset's folder may be named.
+pub(crate) const OUTSIDE: Setting = Setting::choice(
+    "outside",
+    "files that `..`, an absolute path or a symbolic link puts outside the folder",
+    &[
+        SettingChoice::new("refuse", "are an error"),
+        SettingChoice::new("allow", "are read; only for files you trust"),
+    ],
+);

@@ -1,0 +1,271 @@
+//! Multi-view scenes, collected photograph by photograph with what had to be left out.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec3;
+use sharp::camera::RigidTransform;
+
+use crate::camera_size::CameraSizes;
+use crate::depth::{DepthEncoding, Resampling, StoredDepth, ViewDepth};
+use crate::file_content::FileContent;
+use crate::file_finder::FileFinder;
+use crate::files::Root;
+use crate::left_out::LeftOut;
+use crate::lens::Lens;
+use crate::mask::MaskFile;
+use crate::scan_depth::{PointDepth, ScanDepth, ScanFile};
+use crate::undistort::Undistortion;
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order, processing};
+
+/// A scene in the making.
+pub(crate) struct SceneBuilder<'a> {
+    dataset: &'a str,
+    /// The file that names the frames; notes and errors name it.
+    list: PathBuf,
+    pub(crate) finder: FileFinder<'a>,
+    pub(crate) sizes: CameraSizes,
+    left_out: LeftOut,
+    views: Vec<View>,
+    pub(crate) notes: Vec<String>,
+}
+
+impl<'a> SceneBuilder<'a> {
+    pub(crate) fn new(spec: &'a DatasetSpec, root: &'a Root, list: &Path) -> Self {
+        Self {
+            dataset: &spec.name,
+            list: list.to_owned(),
+            finder: FileFinder::new(root, list),
+            sizes: CameraSizes::new(spec, list),
+            left_out: LeftOut::of("frame"),
+            views: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    pub(crate) fn leave_out(&mut self, reason: &'static str, name: &str) {
+        self.left_out.add(reason, name);
+    }
+
+    /// Picture and pose of a frame, if it has both; else the frame is left out.
+    pub(crate) fn usable<P>(
+        &mut self,
+        name: &str,
+        picture: Option<PathBuf>,
+        pose: Option<P>,
+    ) -> Option<(PathBuf, P)> {
+        match (picture, pose) {
+            (Some(picture), Some(pose)) => return Some((picture, pose)),
+            (_, None) => self.leave_out("the pose is not finite or not rigid", name),
+            (None, _) => self.leave_out("the picture does not exist", name),
+        }
+        None
+    }
+
+    /// Adds a view, its camera scaled if the settings ask for it and resampled to a pinhole camera
+    /// if its lens does.
+    ///
+    /// # Errors
+    /// Names the picture, when its lens cannot be resampled to a pinhole.
+    pub(crate) fn add(&mut self, mut frame: PosedFrame) -> Result<(), DatasetError> {
+        frame.lens = self.sizes.fit(frame.lens, &frame.image)?;
+        self.views.push(frame.into_view()?);
+        Ok(())
+    }
+
+    pub(crate) fn has_depth(&self) -> bool {
+        processing::without_depth(&self.views) < self.views.len()
+    }
+
+    pub(crate) fn has_masks(&self) -> bool {
+        let mut views = self.views.iter();
+        views.any(|view| view.content.processing().masked)
+    }
+
+    /// The scene, with its views in natural order and their ids shortened by the folders that all
+    /// share. The id is also its cluster.
+    pub(crate) fn finish(mut self, id: String) -> Scene {
+        shorten_ids(&mut self.views);
+        self.views
+            .sort_by(|a, b| natural_order::compare(&a.id, &b.id));
+        self.notes.extend(self.left_out.notes(&self.list));
+        self.notes.extend(self.finder.notes());
+        self.notes.extend(self.sizes.notes());
+        Scene {
+            dataset: self.dataset.to_owned(),
+            cluster: id.clone(),
+            id,
+            views: self.views,
+            pairing: Pairing::MultiView,
+            notes: self.notes,
+        }
+    }
+
+    /// As [`SceneBuilder::finish`], refusing a scene without views.
+    ///
+    /// # Errors
+    /// Names the list of frames, with the notes and `hint`.
+    pub(crate) fn finish_with_views(self, id: String, hint: &str) -> Result<Scene, DatasetError> {
+        let list = self.list.clone();
+        let scene = self.finish(id);
+        if scene.views.is_empty() {
+            let notes = scene.notes.join("; ");
+            let reason = format!("no usable picture; {notes}{hint}");
+            return Err(DatasetError::malformed(list, reason));
+        }
+        Ok(scene)
+    }
+}
+
+/// Which pinhole camera a picture with lens distortion is resampled to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pinhole {
+    /// The widest that shows nothing beyond the stored picture.
+    WithoutBlankPixels,
+    /// The one ScanNet++'s toolbox uses.
+    LikeScanNetPp,
+}
+
+/// A photograph with its pose, lens and depth.
+#[derive(Debug)]
+pub(crate) struct PosedFrame {
+    pub(crate) id: String,
+    pub(crate) image: PathBuf,
+    pub(crate) lens: Lens,
+    pub(crate) pinhole: Pinhole,
+    pub(crate) camera_from_world: RigidTransform,
+    pub(crate) mask: Option<MaskFile>,
+    pub(crate) depth: FrameDepth,
+    /// The files that lens and pose are from.
+    pub(crate) cameras: Vec<PathBuf>,
+}
+
+/// Where a frame's depth comes from.
+#[derive(Debug)]
+pub(crate) enum FrameDepth {
+    None,
+    /// A map in the geometry of the stored picture.
+    Map(PathBuf, DepthEncoding, Resampling),
+    /// A map in the geometry of another camera than the stored picture's.
+    MapOf(PathBuf, DepthEncoding, Resampling, Lens),
+    /// A laser scan or mesh in world coordinates.
+    Scan(ScanFile),
+    /// Points in world coordinates that this view sees, and the file they are from.
+    Points(PathBuf, Vec<DVec3>),
+}
+
+impl PosedFrame {
+    fn into_view(self) -> Result<View, DatasetError> {
+        let undistortion = if self.lens.is_pinhole() {
+            None
+        } else {
+            let made = match self.pinhole {
+                Pinhole::WithoutBlankPixels => Undistortion::without_blank_pixels(self.lens),
+                Pinhole::LikeScanNetPp => Undistortion::like_scannetpp(self.lens),
+            };
+            Some(made.map_err(|error| DatasetError::malformed(&self.image, error.to_string()))?)
+        };
+        let stored = self.lens.intrinsics();
+        let pinhole = undistortion.map_or(stored, |u| *u.pinhole());
+        let size = (stored.width, stored.height);
+        let camera_from_world = self.camera_from_world;
+        let depth: Option<Arc<dyn ViewDepth>> = match self.depth {
+            FrameDepth::None => None,
+            FrameDepth::Map(file, encoding, resampling) => Some(Arc::new(StoredDepth {
+                file,
+                encoding,
+                size,
+                undistortion: undistortion.map(|u| (u, resampling)),
+            })),
+            FrameDepth::MapOf(file, encoding, resampling, lens) => {
+                let k = lens.intrinsics();
+                let undistortion = Undistortion::new(lens, pinhole);
+                Some(Arc::new(StoredDepth {
+                    file,
+                    encoding,
+                    size: (k.width, k.height),
+                    undistortion: Some((undistortion, resampling)),
+                }))
+            }
+            FrameDepth::Scan(scan) => Some(Arc::new(ScanDepth {
+                scan,
+                pinhole,
+                camera_from_world,
+            })),
+            FrameDepth::Points(file, points) => Some(Arc::new(PointDepth {
+                file,
+                points,
+                pinhole,
+                camera_from_world,
+            })),
+        };
+        Ok(View {
+            id: self.id,
+            intrinsics: pinhole,
+            camera_from_world,
+            content: Arc::new(FileContent {
+                image: self.image,
+                size,
+                mask: self.mask,
+                undistortion,
+                depth,
+                cameras: self.cameras,
+            }),
+        })
+    }
+}
+
+/// Shortens the ids of views by the folders that all share.
+fn shorten_ids(views: &mut [View]) {
+    let shared = views
+        .iter()
+        .map(|v| v.id.rsplit_once('/').map_or("", |(folder, _)| folder))
+        .reduce(common_folders)
+        .unwrap_or("")
+        .len();
+    for view in views.iter_mut() {
+        view.id = view.id[shared..].trim_start_matches('/').to_owned();
+    }
+}
+
+/// The leading path components that two folders share.
+fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {
+    let mut length = 0;
+    for (i, (x, y)) in a.split('/').zip(b.split('/')).enumerate() {
+        if x != y {
+            break;
+        }
+        length += x.len() + usize::from(i > 0);
+    }
+    &a[..length]
+}
+
+/// A picture's name without its extension, `./` and with `/` between folders.
+pub(crate) fn frame_id(name: &str) -> String {
+    let name = name.replace('\\', "/");
+    let name = name.trim_start_matches("./");
+    match name.rsplit_once('.') {
+        Some((stem, extension)) if is_picture_extension(extension) => stem.to_owned(),
+        _ => name.to_owned(),
+    }
+}
+
+pub(crate) fn is_picture_extension(extension: &str) -> bool {
+    matches!(
+        extension.to_ascii_lowercase().as_str(),
+        "png" | "jpg" | "jpeg"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shared_folders_are_counted_by_component() {
+        assert_eq!(common_folders("images/left", "images/left_2"), "images");
+        assert_eq!(common_folders("images", "images"), "images");
+        assert_eq!(common_folders("", "images"), "");
+        assert_eq!(common_folders("a/b/c", "a/b"), "a/b");
+    }
+}

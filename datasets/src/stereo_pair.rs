@@ -1,0 +1,85 @@
+//! A rectified stereo pair as a scene: what Middlebury, Booster and plain pairs share.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use sharp::camera::{CameraError, Intrinsics, RigidTransform};
+
+use crate::depth::{Disparity, StereoGeometry, ViewDepth};
+use crate::file_content::FileContent;
+use crate::{DatasetError, Pairing, Scene, View};
+
+/// One side of a rectified pair.
+#[derive(Debug)]
+pub(crate) struct Side {
+    pub(crate) id: String,
+    pub(crate) image: PathBuf,
+    pub(crate) size: (u32, u32),
+    /// Disparity map of this side, if there is one, and the pixels that one unit stands for.
+    pub(crate) disparity: Option<(PathBuf, f64)>,
+    pub(crate) focal: (f64, f64),
+    /// Principal point; the first pixel's centre is (0.5, 0.5).
+    pub(crate) center: (f64, f64),
+    /// `Z = baseline · f / (d + doffs)` holds for both sides, as disparity is always
+    /// `x_left − x_right`.
+    pub(crate) geometry: StereoGeometry,
+}
+
+impl Side {
+    fn into_view(self, x_m: f64, calibration: &Path) -> Result<View, CameraError> {
+        let (size, geometry) = (self.size, self.geometry);
+        let depth = self.disparity.map(|(file, unit)| {
+            Arc::new(Disparity {
+                file,
+                geometry,
+                size,
+                unit,
+            }) as Arc<dyn ViewDepth>
+        });
+        Ok(View {
+            id: self.id,
+            intrinsics: Intrinsics::new(self.focal, self.center, size)?,
+            camera_from_world: RigidTransform::new(DMat3::IDENTITY, DVec3::X * -x_m)?,
+            content: Arc::new(FileContent {
+                image: self.image,
+                size,
+                mask: None,
+                undistortion: None,
+                depth,
+                cameras: vec![calibration.to_owned()],
+            }),
+        })
+    }
+}
+
+/// The scene of a left and a right side, a baseline apart; `calibration` is the file that their
+/// cameras are from.
+///
+/// # Errors
+/// Names that file when a side's camera is invalid.
+pub(crate) fn scene(
+    dataset: &str,
+    id: String,
+    cluster: String,
+    [left, right]: [Side; 2],
+    calibration: &Path,
+    notes: Vec<String>,
+) -> Result<Scene, DatasetError> {
+    let baseline_m = right.geometry.baseline_m;
+    let views = [(left, 0.0), (right, baseline_m)].map(|(side, x_m)| {
+        let view = side.into_view(x_m, calibration);
+        view.map_err(|source| DatasetError::camera(calibration, source))
+    });
+    Ok(Scene {
+        dataset: dataset.to_owned(),
+        id,
+        cluster,
+        views: views.into_iter().collect::<Result<_, _>>()?,
+        pairing: Pairing::Stereo {
+            source: 0,
+            target: 1,
+        },
+        notes,
+    })
+}
