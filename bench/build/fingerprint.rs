@@ -25,7 +25,11 @@ impl Group {
 }
 
 /// Photographs, cameras and depth as the readers give them.
-const READING: &[&str] = &["datasets/src", "sharp/src/camera.rs"];
+const READING: &[&str] = &[
+    "datasets/src",
+    "sharp/src/camera.rs",
+    "sharp/src/image_file",
+];
 /// From layers and colours to Gaussians.
 const COMPOSING: &[&str] = &[
     "sharp/src/camera.rs",
@@ -54,7 +58,7 @@ const SCORING: &[&str] = &[
 const FEATURES: &[&str] = &[
     "metrics/src/backbone",
     "metrics/src/engines.rs",
-    "metrics/src/spatial.rs",
+    "metrics/src/maps.rs",
     "metrics/src/weights",
     "metrics/weights",
     "sharp/kernels/src",
@@ -197,7 +201,9 @@ impl Code {
             let (Some(name), Some(version)) = (field("name = "), field("version = ")) else {
                 continue;
             };
-            let dependencies = entry.split_once("dependencies = [").map_or("", |(_, list)| list);
+            let dependencies = entry
+                .split_once("dependencies = [")
+                .map_or("", |(_, list)| list);
             let dependencies = dependencies.lines().take_while(|line| *line != "]");
             locked.entry(name).or_default().push(Locked {
                 version,

@@ -26,7 +26,8 @@ fn main() -> io::Result<()> {
         let path = workspace.join(folder);
         println!("cargo::rerun-if-changed={}", path.display());
         if !path.exists() {
-            let reason = format!("{folder}: no such file or folder, named in bench/build/fingerprint.rs");
+            let reason =
+                format!("{folder}: no such file or folder, named in bench/build/fingerprint.rs");
             return Err(io::Error::other(reason));
         }
         collect(workspace, &path, &mut files)?;
@@ -37,7 +38,11 @@ fn main() -> io::Result<()> {
     // The compiler and the target too: functions such as `powf` come from the platform's mathematics.
     let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let version = Command::new(compiler).arg("-vV").output()?.stdout;
-    let compiler = format!("{}{}", String::from_utf8_lossy(&version), variable("TARGET"));
+    let compiler = format!(
+        "{}{}",
+        String::from_utf8_lossy(&version),
+        variable("TARGET")
+    );
     let code = Code::new(files, &lock, compiler);
     let mut all = String::new();
     for group in &GROUPS {
@@ -51,7 +56,10 @@ fn main() -> io::Result<()> {
     );
     let decoders: Vec<String> = DECODERS
         .iter()
-        .flat_map(|name| code.versions(name).map(move |version| format!("{name} {version}")))
+        .flat_map(|name| {
+            code.versions(name)
+                .map(move |version| format!("{name} {version}"))
+        })
         .collect();
     println!(
         "cargo::rustc-env=SHARP_BENCH_DECODERS={}",
@@ -61,11 +69,7 @@ fn main() -> io::Result<()> {
 }
 
 /// All files at or below a path, by their name below the workspace.
-fn collect(
-    workspace: &Path,
-    path: &Path,
-    files: &mut BTreeMap<String, Vec<u8>>,
-) -> io::Result<()> {
+fn collect(workspace: &Path, path: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> io::Result<()> {
     if path.is_dir() {
         for entry in fs::read_dir(path)? {
             collect(workspace, &entry?.path(), files)?;

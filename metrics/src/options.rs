@@ -12,7 +12,6 @@ use sharp_kernels::{Algorithm, InstructionSet, Simd};
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
     /// Where; the next two count on the CPU's kernels only.
-    #[schemars(with = "String")]
     pub device: Device,
     /// Instruction set; by default the fastest of the machine.
     pub simd: Simd,

@@ -14,11 +14,11 @@ use serde_json::Value;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_bench::pairs::alignment::median_scale;
 use sharp_bench::pairs::depth::PosedDepth;
-use sharp_bench::scoring::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
 use sharp_bench::pairs::overlap::{
     Denominator, DepthLookup, OverlapOptions, OverlapTest, overlap, seen_mask,
 };
 use sharp_bench::pairs::valid_depth::is_valid_depth;
+use sharp_bench::scoring::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
 use sharp_datasets::DepthMap;
 
 type Outcome = Result<(), Failed>;

@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
 
+use sharp_bench::pairs::build::{BuildContext, build_pairs};
 use sharp_bench::pairs::depth::PosedDepth;
 use sharp_bench::pairs::overlap::{OverlapOptions, OverlapTest, overlap};
-use sharp_bench::pairs::build::{BuildContext, build_pairs};
 use sharp_bench::pairs::{Pair, PairOptions};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 

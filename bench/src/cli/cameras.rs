@@ -8,8 +8,8 @@ use sharp_datasets::Scene;
 
 use super::data_args::DatasetArgs;
 use super::{Outcome, output, progress};
-use crate::io::counts::counted;
 use crate::export::cameras;
+use crate::io::counts::counted;
 
 /// Write views as files: pictures and cameras
 #[derive(Debug, Args)]

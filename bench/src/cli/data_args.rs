@@ -5,9 +5,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp_metrics::weights::cache_folder;
-use sharp_metrics::{
-    Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights,
-};
+use sharp_metrics::{Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::usage::UsageError;
 use crate::pairs::{OpenDataset, PairError};

@@ -67,8 +67,11 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         common_region: false,
         backend: Backend::Cpu,
     };
-    let finished =
-        prepare(request, &terminal)?.run(&args.out.join("run"), RunOptions::default(), &terminal)?;
+    let finished = prepare(request, &terminal)?.run(
+        &args.out.join("run"),
+        RunOptions::default(),
+        &terminal,
+    )?;
     let outcome = outcome(finished.counts);
     if !args.json {
         print_tables(&finished.results)?;

@@ -8,8 +8,8 @@ use sharp_metrics::weights::{Published, cache_folder};
 
 use super::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
-use crate::io::movie::mp4::ffmpeg_version;
 use crate::io::fingerprints;
+use crate::io::movie::mp4::ffmpeg_version;
 
 /// Show what this machine has, what lacks, and how to get it
 #[derive(Debug, Args)]

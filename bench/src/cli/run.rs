@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 use sharp::render::Backend;
+use sharp_metrics::{InstructionSet, Simd};
 
 use super::data_args::{DatasetArgs, MetricArgs};
 use super::observer::Terminal;
@@ -70,6 +71,10 @@ pub(super) struct RunArgs {
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Class of CPU kernels for everything: avx512, avx2 or portable; the fastest of the machine without it. Results are
+    /// equal bit for bit within one class, so that unlike machines can share a run
+    #[arg(long, value_name = "SET")]
+    simd: Option<InstructionSet>,
     /// Count what is done, failed and missing, and write nothing
     #[arg(long)]
     dry_run: bool,
@@ -119,6 +124,9 @@ pub(super) fn build_methods(
 
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
+    if let Some(set) = args.simd {
+        Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
+    }
     let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
     if backend == Backend::Auto {
         let reason = "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu";

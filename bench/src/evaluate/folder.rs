@@ -67,7 +67,11 @@ impl Plan {
         let mut units = BTreeSet::new();
         for PlanBlock { pairs, methods } in &self.blocks {
             for pair in pairs {
-                units.extend(methods.iter().map(|method| (pair.as_str(), method.as_str())));
+                units.extend(
+                    methods
+                        .iter()
+                        .map(|method| (pair.as_str(), method.as_str())),
+                );
             }
         }
         units

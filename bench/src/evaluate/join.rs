@@ -70,7 +70,12 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     }
     match joined {
         Some((_, results)) => Ok(results),
-        None => Err(FileError::new(Path::new(""), "report")(std::io::Error::other("no run folder is given")).into()),
+        None => Err(
+            FileError::new(Path::new(""), "report")(std::io::Error::other(
+                "no run folder is given",
+            ))
+            .into(),
+        ),
     }
 }
 
@@ -152,12 +157,25 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         return Err("one was scored on the methods' common region (--common-region)".to_owned());
     }
     for metric in b.metrics {
-        match a.metrics.iter().find(|before| before.info.key == metric.info.key) {
+        match a
+            .metrics
+            .iter()
+            .find(|before| before.info.key == metric.info.key)
+        {
             None => a.metrics.push(metric),
             Some(before) => {
                 let (before, metric) = (&before.info, &metric.info);
-                let network = |info: &MetricInfo| info.backbone.as_ref().map(ToString::to_string).unwrap_or_default();
-                differs(&metric.key.to_string(), &before.convention, &metric.convention)?;
+                let network = |info: &MetricInfo| {
+                    info.backbone
+                        .as_ref()
+                        .map(ToString::to_string)
+                        .unwrap_or_default()
+                };
+                differs(
+                    &metric.key.to_string(),
+                    &before.convention,
+                    &metric.convention,
+                )?;
                 differs(
                     &format!("the network of {}", metric.key),
                     &network(before),
@@ -169,7 +187,11 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         }
     }
     for dataset in b.datasets {
-        match a.datasets.iter_mut().find(|before| before.name == dataset.name) {
+        match a
+            .datasets
+            .iter_mut()
+            .find(|before| before.name == dataset.name)
+        {
             None => a.datasets.push(dataset),
             Some(before) if before.identity != dataset.identity => {
                 differs(
@@ -270,7 +292,10 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         let folder = RunFolder::open(path)?;
         let current = Current::read(&folder)?;
         for (key, identity) in current.manifest.metric_identities() {
-            let merged = manifest.metrics.iter().find(|m| m.info.key.to_string() == key);
+            let merged = manifest
+                .metrics
+                .iter()
+                .find(|m| m.info.key.to_string() == key);
             if merged.is_some_and(|m| m.identity != identity) {
                 return Err(EvaluateError::Conflict {
                     a: folders[0].clone(),
@@ -336,4 +361,3 @@ fn copy_unit(
     to_units.save(unit)?;
     Ok(())
 }
-

@@ -54,7 +54,9 @@ pub(super) fn method_identity(identity: &str, privilege: Privilege) -> String {
 
 impl Keys {
     pub(super) fn new(datasets: &[OpenDataset], renderer: &str) -> Self {
-        let identities = datasets.iter().map(|d| (d.name.clone(), dataset_identity(d)));
+        let identities = datasets
+            .iter()
+            .map(|d| (d.name.clone(), dataset_identity(d)));
         Self {
             hashes: ViewHashes::default(),
             datasets: identities.collect(),
@@ -117,7 +119,10 @@ impl Keys {
             picture
                 .add("target camera", &camera(planned.target))
                 .add("renderer", &self.renderer)
-                .add("renderer sources", fingerprints::of_renderer(&self.renderer));
+                .add(
+                    "renderer sources",
+                    fingerprints::of_renderer(&self.renderer),
+                );
             if method.privilege() == Privilege::DepthScale {
                 picture.add("source depth", &self.view(planned.source));
             }

@@ -14,7 +14,6 @@ use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
 
-
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
 
@@ -167,7 +166,11 @@ impl Manifest {
     ///
     /// # Errors
     /// When the folder's renderer, kernels or device are others: results of both would not share a table.
-    pub(super) fn extended(self, new: Self, root: PathBuf) -> Result<(Self, Vec<String>), EvaluateError> {
+    pub(super) fn extended(
+        self,
+        new: Self,
+        root: PathBuf,
+    ) -> Result<(Self, Vec<String>), EvaluateError> {
         let differs = |what: &'static str, before: &str, now: &str| match before == now {
             true => Ok(()),
             false => Err(EvaluateError::OtherMachine {
@@ -183,24 +186,49 @@ impl Manifest {
             &self.metric_networks.device.to_string(),
             &new.metric_networks.device.to_string(),
         )?;
-        differs("class of CPU kernels (--simd)", self.kernels.name(), new.kernels.name())?;
+        differs(
+            "class of CPU kernels (--simd)",
+            self.kernels.name(),
+            new.kernels.name(),
+        )?;
         let mut replaced = Vec::new();
         let mut merged = new;
-        merged.datasets = union(self.datasets, merged.datasets, |d| d.name.clone(), |old, new| {
-            if old.identity != new.identity {
-                replaced.push(format!("dataset '{}' was read with other settings", old.name));
-            }
-        });
-        merged.methods = union(self.methods, merged.methods, |m| m.label.clone(), |old, new| {
-            if (&old.identity, old.privilege) != (&new.identity, new.privilege) {
-                replaced.push(format!("method '{}' was {}", old.label, old.identity));
-            }
-        });
-        merged.metrics = union(self.metrics, merged.metrics, |m| m.info.key.to_string(), |old, new| {
-            if old.identity != new.identity {
-                replaced.push(format!("{} was computed with other weights or code", old.info.key));
-            }
-        });
+        merged.datasets = union(
+            self.datasets,
+            merged.datasets,
+            |d| d.name.clone(),
+            |old, new| {
+                if old.identity != new.identity {
+                    replaced.push(format!(
+                        "dataset '{}' was read with other settings",
+                        old.name
+                    ));
+                }
+            },
+        );
+        merged.methods = union(
+            self.methods,
+            merged.methods,
+            |m| m.label.clone(),
+            |old, new| {
+                if (&old.identity, old.privilege) != (&new.identity, new.privilege) {
+                    replaced.push(format!("method '{}' was {}", old.label, old.identity));
+                }
+            },
+        );
+        merged.metrics = union(
+            self.metrics,
+            merged.metrics,
+            |m| m.info.key.to_string(),
+            |old, new| {
+                if old.identity != new.identity {
+                    replaced.push(format!(
+                        "{} was computed with other weights or code",
+                        old.info.key
+                    ));
+                }
+            },
+        );
         let mut lists = self.pairs.lists;
         lists.retain(|list| !merged.pairs.lists.contains(list));
         lists.append(&mut merged.pairs.lists);

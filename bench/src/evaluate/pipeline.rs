@@ -259,7 +259,9 @@ fn cached<'c, 'a, T>(
     view: &'a View,
     read: impl FnOnce() -> Result<T, MethodError>,
 ) -> Result<&'c T, MethodError> {
-    let is_it = slot.as_ref().is_some_and(|(last, _)| std::ptr::eq(*last, view));
+    let is_it = slot
+        .as_ref()
+        .is_some_and(|(last, _)| std::ptr::eq(*last, view));
     if !is_it {
         *slot = None;
     }
@@ -329,7 +331,9 @@ impl<'a> PairWork<'_, 'a> {
                 if matches!(job.options.stages, Stages::Predict | Stages::Render) {
                     return Ok(Prepared::Waiting);
                 }
-                let Slot { method, pair_id, .. } = &unit.slot;
+                let Slot {
+                    method, pair_id, ..
+                } = &unit.slot;
                 let path = self.folder.prediction_path(method, pair_id, "png");
                 if let Ok(picture) = read_rgb8(&path) {
                     let unscored = Unscored { unit, picture };
@@ -538,18 +542,28 @@ impl<'a> PairWork<'_, 'a> {
         }
         let scale = match method.privilege() {
             Privilege::DepthScale => {
-                if sources.scale.as_ref().is_none_or(|(key, _)| *key != keys.predict) {
+                if sources
+                    .scale
+                    .as_ref()
+                    .is_none_or(|(key, _)| *key != keys.predict)
+                {
                     let scale = depth_scale(&prediction, depth.as_ref());
                     sources.scale = Some((keys.predict.clone(), scale));
                 }
                 let scale = sources.scale.as_ref().map(|(_, scale)| scale.clone());
-                scale.transpose().map_err(|reason| {
-                    Failure::Pair(format!("{}: {reason}", self.source.id))
-                })?
+                scale
+                    .transpose()
+                    .map_err(|reason| Failure::Pair(format!("{}: {reason}", self.source.id)))?
             }
             _ => None,
         };
-        let rendered = render(&prediction, scale, &self.source, &self.target, self.job.renderer);
+        let rendered = render(
+            &prediction,
+            scale,
+            &self.source,
+            &self.target,
+            self.job.renderer,
+        );
         let (picture, output) = rendered.map_err(|error| self.render_failure(method, &error))?;
         self.made.rendered += 1;
         Ok(Some(Made {

@@ -170,7 +170,9 @@ fn check_independence(
     choices: &BTreeMap<String, PairProvenance>,
     methods: &[Box<dyn Method>],
 ) -> Result<(), EvaluateError> {
-    let checkpoints = choices.values().filter_map(|c| c.overlap_checkpoint.as_ref());
+    let checkpoints = choices
+        .values()
+        .filter_map(|c| c.overlap_checkpoint.as_ref());
     for checkpoint in checkpoints {
         let chooser = methods
             .iter()
@@ -336,7 +338,9 @@ impl Evaluation {
         if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
             return Err(EvaluateError::NotKept {
                 folder: out.to_owned(),
-                reason: "--common-region scores kept predictions again: use --keep all and all stages".to_owned(),
+                reason:
+                    "--common-region scores kept predictions again: use --keep all and all stages"
+                        .to_owned(),
             });
         }
         let pairs = self.pairs()?;
@@ -414,7 +418,9 @@ fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
 pub(super) fn joined_list(before: &PairList, new: &PairList) -> PairList {
     let by_id = |list: &PairList| -> BTreeMap<String, Pair> {
         let pairs = list.pairs.iter();
-        pairs.map(|pair| (pair.pair_id.clone(), pair.clone())).collect()
+        pairs
+            .map(|pair| (pair.pair_id.clone(), pair.clone()))
+            .collect()
     };
     let (mut joined, new_pairs) = (by_id(before), by_id(new));
     let covered = |pair: &Pair| {

@@ -117,8 +117,11 @@ impl Record {
     /// Every number besides the scores by the name of its column: what the method reports, and the parts of
     /// [`Self::crop`], [`Self::valid_share`], [`Self::resized_from`] and [`Self::scale`].
     pub fn reported(&self) -> BTreeMap<&str, f64> {
-        let mut columns: BTreeMap<&str, f64> =
-            self.extras.iter().map(|(name, v)| (name.as_str(), *v)).collect();
+        let mut columns: BTreeMap<&str, f64> = self
+            .extras
+            .iter()
+            .map(|(name, v)| (name.as_str(), *v))
+            .collect();
         if let Some(Crop { region, share }) = self.crop {
             for (name, value) in [
                 ("crop_x", region.x),

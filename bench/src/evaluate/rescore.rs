@@ -44,12 +44,17 @@ pub fn rescore(
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
     manifest = extended;
     for what in replaced {
-        observer.warn(&format!("{what} before; units that are not scored now lack it"));
+        observer.warn(&format!(
+            "{what} before; units that are not scored now lack it"
+        ));
     }
     let scenes = scenes_of(&datasets);
     let mut list = PairList::read(&folder.pairs_path())?;
-    let wanted: std::collections::BTreeSet<String> =
-        current.units.iter().map(|unit| unit.slot.pair_id.clone()).collect();
+    let wanted: std::collections::BTreeSet<String> = current
+        .units
+        .iter()
+        .map(|unit| unit.slot.pair_id.clone())
+        .collect();
     list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
     let list = PairList::new("pairs.csv", list.pairs);
     let keys = Keys::new(&datasets, &manifest.renderer.backend);
@@ -58,7 +63,10 @@ pub fn rescore(
 
     let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
     for unit in &current.units {
-        units.entry(&unit.slot.pair_id).or_default().push(unit.clone());
+        units
+            .entry(&unit.slot.pair_id)
+            .or_default()
+            .push(unit.clone());
     }
     let mut counts = Counts::default();
     observer.begin("", current.units.len(), "units");
@@ -66,7 +74,10 @@ pub fn rescore(
     for planned in list.resolve(&scenes)? {
         let truth = PairTruth::new(planned);
         let mut unscored = Vec::new();
-        for unit in units.remove(planned.pair.pair_id.as_str()).unwrap_or_default() {
+        for unit in units
+            .remove(planned.pair.pair_id.as_str())
+            .unwrap_or_default()
+        {
             observer.progress(counts.units, &planned.pair.pair_id);
             counts.units += 1;
             if unit.record.status != Status::Ok {
@@ -102,7 +113,10 @@ pub(super) fn open_datasets(
     let mut datasets = Vec::new();
     for dataset in &manifest.datasets {
         let scenes = dataset.only_scenes.as_deref();
-        datasets.extend(OpenDataset::open_all(std::slice::from_ref(&dataset.spec), scenes)?);
+        datasets.extend(OpenDataset::open_all(
+            std::slice::from_ref(&dataset.spec),
+            scenes,
+        )?);
     }
     Ok(datasets)
 }
@@ -141,7 +155,9 @@ pub(super) fn score_common_region(
     observer.begin("scoring the common region", pairs.len(), "pairs");
     for (done, planned) in pairs.iter().enumerate() {
         observer.progress(done, &planned.pair.pair_id);
-        let of_pair = units.remove(planned.pair.pair_id.as_str()).unwrap_or_default();
+        let of_pair = units
+            .remove(planned.pair.pair_id.as_str())
+            .unwrap_or_default();
         let intrinsics = &planned.target.intrinsics;
         let size = (intrinsics.width, intrinsics.height);
         let regions = of_pair
@@ -196,10 +212,15 @@ fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut
     if unit.record.status != Status::Ok {
         return Cut::Failed(Box::new(unit));
     }
-    let shown = unit.record.crop.map_or(Region::whole(size), |crop| crop.region);
+    let shown = unit
+        .record
+        .crop
+        .map_or(Region::whole(size), |crop| crop.region);
     let cropped = common
         .within(&shown)
-        .ok_or_else(|| format!("the methods' common region is {common}; this prediction shows {shown}"))
+        .ok_or_else(|| {
+            format!("the methods' common region is {common}; this prediction shows {shown}")
+        })
         .and_then(|inside| {
             let picture = kept_picture(folder, &unit).ok_or("the prediction was not kept")?;
             match inside.crop(&Picture::Rgb8(picture)).into_owned() {

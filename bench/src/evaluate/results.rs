@@ -60,7 +60,11 @@ impl Current {
                 (method.label.as_str(), (at, identity))
             })
             .collect();
-        let datasets: BTreeSet<&str> = manifest.datasets.iter().map(|d| d.identity.as_str()).collect();
+        let datasets: BTreeSet<&str> = manifest
+            .datasets
+            .iter()
+            .map(|d| d.identity.as_str())
+            .collect();
         let units_folder = if manifest.common_region {
             folder.common_region()
         } else {
@@ -144,7 +148,9 @@ impl Results {
     pub fn picture_path(&self, record: &Record) -> Option<std::path::PathBuf> {
         let paths = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
-            let path = pictures.folder.prediction_path(label, &record.pair_id, "png");
+            let path = pictures
+                .folder
+                .prediction_path(label, &record.pair_id, "png");
             path.is_file().then_some(path)
         });
         paths.into_iter().next()
@@ -157,7 +163,12 @@ impl Results {
 /// When the folder cannot be read or written.
 pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
     let results = Results::read(folder.root())?;
-    let keys: Vec<String> = results.manifest.metrics.iter().map(|m| m.info.key.to_string()).collect();
+    let keys: Vec<String> = results
+        .manifest
+        .metrics
+        .iter()
+        .map(|m| m.info.key.to_string())
+        .collect();
     let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
     let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
     write_atomic(&folder.scores_path(), &scores)?;
@@ -231,7 +242,11 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
                 .map(|key| optional(record.scores.get(key).and_then(Score::value))),
         );
         let reported = record.reported();
-        row.extend(extras.iter().map(|name| optional(reported.get(name).copied())));
+        row.extend(
+            extras
+                .iter()
+                .map(|name| optional(reported.get(name).copied())),
+        );
         row.push(reason.to_owned());
         out.write_record(&row)?;
     }

@@ -71,7 +71,8 @@ fn grey(
     label: &str,
     level: u8,
     asked: &Arc<AtomicUsize>,
-) -> Closure<impl Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + use<>> {
+) -> Closure<impl Fn(&SourceView, &TargetCamera) -> Result<PicturePrediction, MethodError> + use<>>
+{
     let asked = Arc::clone(asked);
     Closure::new(label, level.to_string(), move |_, target: &TargetCamera| {
         asked.fetch_add(1, Ordering::SeqCst);
@@ -158,7 +159,12 @@ fn another_metric_predicts_and_renders_nothing() {
     assert_eq!((counts.scored, counts.waiting), (3, 0));
     assert_eq!(results.manifest.metrics.len(), 3);
     let whole = dir.path().join("whole");
-    run(&whole, network(Privilege::None), "psnr,ssim-gauss11-valid,lpips-alex", 3);
+    run(
+        &whole,
+        network(Privilege::None),
+        "psnr,ssim-gauss11-valid,lpips-alex",
+        3,
+    );
     assert_eq!(scores(&out), scores(&whole));
     assert!(scores(&out).len() > psnr.len());
     // And fewer metrics hide nothing.
@@ -174,8 +180,14 @@ fn a_network_runs_once_a_source_for_all_targets_and_privileges() {
     for (name, memory_limit_bytes) in [("memory", 1 << 30), ("disk", 0)] {
         asked.store(0, Ordering::SeqCst);
         let methods: Methods = vec![
-            (String::new(), Box::new(Network::new("plain", Privilege::None, &asked))),
-            (String::new(), Box::new(Network::new("aligned", Privilege::DepthScale, &asked))),
+            (
+                String::new(),
+                Box::new(Network::new("plain", Privilege::None, &asked)),
+            ),
+            (
+                String::new(),
+                Box::new(Network::new("aligned", Privilege::DepthScale, &asked)),
+            ),
         ];
         let options = RunOptions {
             memory_limit_bytes,
@@ -189,7 +201,11 @@ fn a_network_runs_once_a_source_for_all_targets_and_privileges() {
         assert_eq!(asked.load(Ordering::SeqCst), sources.len(), "{name}");
         assert_eq!(finished.counts.failed, 0);
         let aligned = records.iter().filter(|r| r.method == "aligned");
-        assert!(aligned.clone().all(|r| r.extras.contains_key("median_scale")));
+        assert!(
+            aligned
+                .clone()
+                .all(|r| r.extras.contains_key("median_scale"))
+        );
         assert!(std::fs::read_dir(&out).unwrap().all(|entry| {
             let name = entry.unwrap().file_name();
             !name.to_string_lossy().starts_with(".spill") && name != "gaussians"
@@ -208,7 +224,10 @@ fn stages_run_apart_and_give_the_same_bytes() {
     let asked = Arc::new(AtomicUsize::new(0));
     let methods = || -> Methods {
         vec![
-            (String::new(), Box::new(Network::new("n", Privilege::DepthScale, &asked))),
+            (
+                String::new(),
+                Box::new(Network::new("n", Privilege::DepthScale, &asked)),
+            ),
             by_spec(&["copy"]).remove(0),
         ]
     };
@@ -229,7 +248,10 @@ fn stages_run_apart_and_give_the_same_bytes() {
     let rendered = stage(Stages::Render);
     assert_eq!((rendered.rendered, rendered.scored), (4, 0));
     let scored = stage(Stages::Score);
-    assert_eq!((scored.scored, scored.predicted, scored.rendered), (8, 0, 0));
+    assert_eq!(
+        (scored.scored, scored.predicted, scored.rendered),
+        (8, 0, 0)
+    );
     assert_eq!(asked.load(Ordering::SeqCst), networks);
     assert_eq!(scores(&whole), scores(&apart));
 }
@@ -252,7 +274,10 @@ fn another_renderer_runs_no_network() {
     let mut manifest = first.results.manifest;
     manifest.renderer.backend = "wgpu:mortal".to_owned();
     drop(first.folder);
-    RunFolder::create(&out).unwrap().write_manifest(&manifest).unwrap();
+    RunFolder::create(&out)
+        .unwrap()
+        .write_manifest(&manifest)
+        .unwrap();
     let other = evaluation.run(&out, options, &Quiet).unwrap();
     assert_eq!((other.counts.rendered, other.counts.predicted), (3, 0));
     assert_eq!(asked.load(Ordering::SeqCst), before);
@@ -269,7 +294,10 @@ fn a_folder_keeps_what_it_has_when_methods_pairs_and_metrics_are_added() {
         let records = finished.results.records.iter();
         records.filter(|r| r.method == label).count()
     };
-    assert_eq!((count("copy"), count("mean"), count("depth-splat")), (3, 5, 2));
+    assert_eq!(
+        (count("copy"), count("mean"), count("depth-splat")),
+        (3, 5, 2)
+    );
     assert_eq!((finished.counts.reused, finished.counts.scored), (0, 5));
     let labels: Vec<&str> = finished
         .results
@@ -318,9 +346,19 @@ fn folders_join_unless_they_contradict_each_other() {
         named(&format!("base={}", path("whole").display())),
     ])
     .unwrap();
-    let labels: Vec<&str> = apart.manifest.methods.iter().map(|m| m.label.as_str()).collect();
+    let labels: Vec<&str> = apart
+        .manifest
+        .methods
+        .iter()
+        .map(|m| m.label.as_str())
+        .collect();
     assert_eq!(labels, ["old", "new", "base/copy", "base/mean"]);
-    assert!(apart.records.iter().all(|r| apart.picture_path(r).is_some()));
+    assert!(
+        apart
+            .records
+            .iter()
+            .all(|r| apart.picture_path(r).is_some())
+    );
 }
 
 #[test]
@@ -354,17 +392,25 @@ fn a_damaged_unit_is_made_again() {
     let out = dir.path().join("r");
     let expected = run(&out, by_spec(&["copy"]), "psnr", 1).results.records;
     let units = std::fs::read_dir(out.join("units")).unwrap().next();
-    let unit = std::fs::read_dir(units.unwrap().unwrap().path()).unwrap().next();
+    let unit = std::fs::read_dir(units.unwrap().unwrap().path())
+        .unwrap()
+        .next();
     let unit = unit.unwrap().unwrap().path();
     let text = std::fs::read_to_string(&unit).unwrap();
     let psnr = expected[0].scores["psnr"].value().unwrap().to_string();
     assert!(text.contains(&psnr));
     let last = if psnr.ends_with('1') { '2' } else { '1' };
     let changed = format!("{}{last}", &psnr[..psnr.len() - 1]);
-    for damaged in [text[..text.len() / 2].to_owned(), text.replace(&psnr, &changed)] {
+    for damaged in [
+        text[..text.len() / 2].to_owned(),
+        text.replace(&psnr, &changed),
+    ] {
         std::fs::write(&unit, damaged).unwrap();
         let again = run(&out, by_spec(&["copy"]), "psnr", 1);
-        assert_eq!((again.counts.reused, &again.results.records), (0, &expected));
+        assert_eq!(
+            (again.counts.reused, &again.results.records),
+            (0, &expected)
+        );
     }
     assert_eq!(run(&out, by_spec(&["copy"]), "psnr", 1).counts.reused, 1);
 }
@@ -425,10 +471,16 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
 
     let resumed = on(mortal(usize::MAX), "cut").unwrap().counts;
     assert_eq!(resumed.reused, 2);
-    assert_eq!(scores(&dir.path().join("cut")), scores(&dir.path().join("whole")));
+    assert_eq!(
+        scores(&dir.path().join("cut")),
+        scores(&dir.path().join("whole"))
+    );
     // Another renderer is another folder.
     let error = on(SharedRenderer::cpu(), "cut").err().unwrap();
-    assert!(matches!(error, EvaluateError::OtherMachine { .. }), "{error}");
+    assert!(
+        matches!(error, EvaluateError::OtherMachine { .. }),
+        "{error}"
+    );
 }
 
 /// Watches how far prediction is when each pair comes to be scored.
@@ -478,7 +530,11 @@ fn pair_options_of_a_dataset_are_its_own() {
     let choices = &manifest.pairs.lists[0].choices;
     assert_eq!(choices["A"].options.threshold, 0.9);
     assert_eq!(choices["B"].options.threshold, 0.6);
-    assert!(choices["A"].proxies("synthetic", 4).contains(&"threshold=0.9".to_owned()));
+    assert!(
+        choices["A"]
+            .proxies("synthetic", 4)
+            .contains(&"threshold=0.9".to_owned())
+    );
     // Read back by the same types.
     let text = serde_json::to_string(&manifest).unwrap();
     assert_eq!(serde_json::from_str::<Manifest>(&text).unwrap(), manifest);

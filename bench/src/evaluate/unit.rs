@@ -33,7 +33,9 @@ pub struct Unit {
 }
 
 /// Which unit a file is: equal slots are the same unit, whatever became of it.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
+)]
 pub struct Slot {
     /// `dataset/scene/source__target`.
     pub pair_id: String,

@@ -9,12 +9,12 @@ use serde::Serialize;
 use sharp_datasets::{Scene, View};
 
 use super::ExportError;
-use crate::pairs::description::{conventions, row_major};
 use super::file::{Hashes, Stamp, write, write_json};
 use super::pairs::{Exported, png};
 use crate::io::hash::sha256_hex;
-use crate::pairs::pair_id::{scene_path, view_name};
 use crate::io::view_hashes::ViewHashes;
+use crate::pairs::description::{conventions, row_major};
+use crate::pairs::pair_id::{scene_path, view_name};
 
 /// A view's camera; the names of its numbers are those of `render --camera`.
 #[derive(Serialize)]

@@ -13,13 +13,13 @@ use sharp_datasets::View;
 use sharp_datasets::format::npy;
 
 use super::ExportError;
-use crate::pairs::description::{FORMAT, PairDescription};
 use super::file::{Hashes, Stamp, write, write_json};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::sha256_hex;
-use crate::pairs::pair_list::ResolvedPair;
 use crate::io::rendering_files::encode_png;
 use crate::io::view_hashes::ViewHashes;
+use crate::pairs::description::{FORMAT, PairDescription};
+use crate::pairs::pair_list::ResolvedPair;
 
 /// What is written besides the source's picture and the cameras, and how the datasets were read.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -156,11 +156,8 @@ fn export_group(
                 remove(&folder.join(name))?;
             }
         }
-        let description = PairDescription::new(
-            &pair.pair.pair_id,
-            &pair.source.into(),
-            &pair.target.into(),
-        );
+        let description =
+            PairDescription::new(&pair.pair.pair_id, &pair.source.into(), &pair.target.into());
         let stamp = Stamp { key, files };
         write_json(
             &folder.join("pair.json"),

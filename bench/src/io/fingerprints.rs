@@ -177,6 +177,13 @@ version = \"0.3.7\"
     }
 
     #[test]
+    fn locked_versions_are_found() {
+        let code = Code::new(Default::default(), LOCK, String::new());
+        assert_eq!(code.versions("half").collect::<Vec<_>>(), ["2.6.0"]);
+        assert_eq!(code.versions("nothing").count(), 0);
+    }
+
+    #[test]
     fn this_build_has_them_all() {
         let all = all();
         assert_eq!(all.len(), GROUPS.len());

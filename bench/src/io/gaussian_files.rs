@@ -123,11 +123,27 @@ pub fn write_prediction(path: &Path, prediction: &GaussianPrediction) -> Result<
     let gaussians = &prediction.gaussians;
     let n = gaussians.len();
     let mut arrays = vec![
-        ("means", vec![n, 3], bytes_of(gaussians.means.as_flattened())),
-        ("quats_wxyz", vec![n, 4], bytes_of(gaussians.quaternions.as_flattened())),
-        ("scales", vec![n, 3], bytes_of(gaussians.scales.as_flattened())),
+        (
+            "means",
+            vec![n, 3],
+            bytes_of(gaussians.means.as_flattened()),
+        ),
+        (
+            "quats_wxyz",
+            vec![n, 4],
+            bytes_of(gaussians.quaternions.as_flattened()),
+        ),
+        (
+            "scales",
+            vec![n, 3],
+            bytes_of(gaussians.scales.as_flattened()),
+        ),
         ("opacities", vec![n], bytes_of(&gaussians.opacities)),
-        ("colors_linear", vec![n, 3], bytes_of(gaussians.colors.as_flattened())),
+        (
+            "colors_linear",
+            vec![n, 3],
+            bytes_of(gaussians.colors.as_flattened()),
+        ),
     ];
     if let Some(layer) = &prediction.first_layer {
         let shape = vec![layer.height() as usize, layer.width() as usize];

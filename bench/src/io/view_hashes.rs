@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use sharp_datasets::needed::Role;
+use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, View};
 
 use crate::io::atomic_files::FileError;
@@ -46,10 +46,14 @@ impl ViewHashes {
     /// # Errors
     /// When a file cannot be read.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
-        self.of_roles(view, |role| role != Role::Depth)
+        self.of_roles(view, |role| role != FileRole::Depth)
     }
 
-    fn of_roles(&self, view: &View, counts: impl Fn(Role) -> bool) -> Result<String, DatasetError> {
+    fn of_roles(
+        &self,
+        view: &View,
+        counts: impl Fn(FileRole) -> bool,
+    ) -> Result<String, DatasetError> {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
         if files.is_empty() {

@@ -225,7 +225,11 @@ impl fmt::Display for MethodIdentity {
         if self.settings.is_empty() {
             return Ok(());
         }
-        let settings: Vec<String> = self.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        let settings: Vec<String> = self
+            .settings
+            .iter()
+            .map(|(k, v)| format!("{k}={v}"))
+            .collect();
         write!(f, "({})", settings.join(","))
     }
 }

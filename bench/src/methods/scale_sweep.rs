@@ -114,7 +114,9 @@ impl Method for ScaleSweep {
     }
 
     fn sources(&self) -> &'static str {
-        self.scales.first().map_or("", |(_, pictures)| pictures.sources())
+        self.scales
+            .first()
+            .map_or("", |(_, pictures)| pictures.sources())
     }
 
     fn input_files(&self, pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {

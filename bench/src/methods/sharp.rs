@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use sharp::model::predictor::Planes;
-use sharp::model::{DeviceChoice, ModelConfig, ModelError, Precision, Predictor, Silent};
+use sharp::model::{
+    DeviceChoice, ModelConfig, ModelError, NetworkIdentity, NetworkSpec, Precision, Predictor,
+};
 use sharp_datasets::DepthMap;
 
 use super::method::{
@@ -13,11 +14,9 @@ use super::method::{
     PredictGaussians, Privilege, SourceView,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::fingerprints;
-use crate::io::hash::{file_sha256, sha256_hex};
-use crate::io::pictures::planes;
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
+use crate::io::fingerprints;
 
 /// The SHARP network.
 ///
@@ -25,14 +24,9 @@ use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file}
 /// (f_x / W). `depth=privileged` is [`Privilege::DepthScale`]; a source without depth is a failure then.
 pub struct Sharp {
     label: String,
-    checkpoint: PathBuf,
-    checkpoint_sha256: String,
-    config: ModelConfig,
-    allow_unused: Vec<String>,
+    network: NetworkSpec,
+    identity: NetworkIdentity,
     privilege: Privilege,
-    device: DeviceChoice,
-    /// What the device turned out to be: `auto` is no identity.
-    engine: String,
     predictor: OnceLock<Result<Predictor, String>>,
 }
 
@@ -58,7 +52,6 @@ impl Sharp {
             .unwrap_or("cpu")
             .parse()
             .map_err(|error: ModelError| refused(&error))?;
-        let engine = device.open(Precision::Fast).map_err(|e| refused(&e))?;
         let checkpoint = match option("checkpoint") {
             Some(file) => PathBuf::from(file),
             None => find_checkpoint().map_err(|error| refused(&error))?,
@@ -67,39 +60,37 @@ impl Sharp {
             Some(file) => ModelConfig::load(file).map_err(|error| refused(&error))?,
             None => ModelConfig::release(),
         };
-        let checkpoint_sha256 = file_sha256(&checkpoint).map_err(|error| refused(&error))?;
-        // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
-        // be written is no reason against it.
-        if let (None, Some(record)) = (option("checkpoint"), record_file()) {
-            match compare_or_record(&checkpoint, &checkpoint_sha256, &record) {
-                Ok(_) | Err(RecordError::File(_)) => {}
-                Err(error) => return Err(refused(&error)),
-            }
-        }
         let prefixes = option("allow_unused").unwrap_or_default().split(',');
-        Ok(Self {
-            label: spec.label.clone(),
+        let network = NetworkSpec {
             checkpoint,
-            checkpoint_sha256,
             config,
             allow_unused: prefixes
                 .filter(|prefix| !prefix.is_empty())
                 .map(str::to_owned)
                 .collect(),
-            privilege,
             device,
-            engine: engine.name(),
+            precision: Precision::Fast,
+        };
+        let identity = network.identity().map_err(|error| refused(&error))?;
+        // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
+        // be written is no reason against it.
+        if let (None, Some(record)) = (option("checkpoint"), record_file()) {
+            match compare_or_record(&network.checkpoint, &identity.checkpoint_sha256, &record) {
+                Ok(_) | Err(RecordError::File(_)) => {}
+                Err(error) => return Err(refused(&error)),
+            }
+        }
+        Ok(Self {
+            label: spec.label.clone(),
+            network,
+            identity,
+            privilege,
             predictor: OnceLock::new(),
         })
     }
 
     fn predictor(&self) -> Result<&Predictor, MethodError> {
-        let load = || {
-            let engine = self.device.open(Precision::Fast);
-            let engine = engine.map_err(|error| error.to_string())?;
-            Predictor::load(&self.config, &self.checkpoint, engine, &self.allow_unused)
-                .map_err(|error| error.to_string())
-        };
+        let load = || Predictor::open(&self.network).map_err(|error| error.to_string());
         self.predictor
             .get_or_init(load)
             .as_ref()
@@ -113,13 +104,18 @@ impl Method for Sharp {
     }
 
     fn identity(&self) -> MethodIdentity {
-        let config = &config_sha256(&self.config)[..16];
+        let NetworkIdentity {
+            checkpoint_sha256,
+            preset,
+            config_sha256,
+            engine,
+        } = &self.identity;
         MethodIdentity::new(
             "sharp",
             [
-                ("checkpoint", self.checkpoint_sha256.clone()),
-                ("config", format!("{}:{config}", self.config.preset)),
-                ("engine", self.engine.clone()),
+                ("checkpoint", checkpoint_sha256.clone()),
+                ("config", format!("{preset}:{}", &config_sha256[..16])),
+                ("engine", engine.clone()),
             ],
         )
     }
@@ -140,20 +136,14 @@ impl Method for Sharp {
 impl PredictGaussians for Sharp {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
         let image = source.image();
-        let values = planes(image);
-        let planes = Planes {
-            values: &values,
-            width: image.width() as usize,
-            height: image.height() as usize,
-        };
         let factor = (source.intrinsics().fx / f64::from(image.width())) as f32;
         let predicted = self
             .predictor()?
-            .predict(planes, factor, &mut Silent)
+            .predict_rgb8(image, factor)
             .map_err(|error| MethodError::Model(error.to_string()))?;
-        let side = predicted.resolution;
-        let layer = predicted.depth[..side * side].to_vec();
-        let Some(first_layer) = DepthMap::from_raw(side as u32, side as u32, layer) else {
+        let side = predicted.resolution as u32;
+        let layer = predicted.first_layer().to_vec();
+        let Some(first_layer) = DepthMap::from_raw(side, side, layer) else {
             return Err(MethodError::Model("a depth layer of the wrong size".into()));
         };
         Ok(GaussianPrediction {
@@ -163,12 +153,6 @@ impl PredictGaussians for Sharp {
             extras: BTreeMap::new(),
         })
     }
-}
-
-/// What the configuration says, whatever file it stands in.
-fn config_sha256(config: &ModelConfig) -> String {
-    // Debug output of numbers, texts and lists of them: as unambiguous as JSON, and it cannot fail.
-    sha256_hex(format!("{config:?}").as_bytes())
 }
 
 #[cfg(test)]
@@ -207,10 +191,7 @@ mod tests {
         let engine = &plain.identity().settings["engine"];
         assert!(engine.starts_with("cpu-"), "{engine}");
         let more = sharp(",allow_unused='ema.,aux.'");
-        assert_eq!(more.allow_unused, ["ema.", "aux."]);
+        assert_eq!(more.network.allow_unused, ["ema.", "aux."]);
         assert_eq!(more.identity(), plain.identity());
-        let mut other = sharp("");
-        other.config.vit.norm_eps = 1e-5;
-        assert_ne!(other.identity(), plain.identity());
     }
 }

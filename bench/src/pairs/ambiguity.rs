@@ -6,13 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use sharp_datasets::{Pairing, Scene};
 
 use sharp_datasets::DatasetSpec;
-use sharp_datasets::catalog::formats;
 
-use super::dataset::OpenDataset;
 use super::PairError;
+use super::build::{BuildContext, PairBuild, build_pairs};
+use super::dataset::OpenDataset;
 use super::options::PairOptions;
 use super::overlap_cache::OverlapCache;
-use super::build::{BuildContext, PairBuild, build_pairs};
 
 /// What the only choices are about that concern stereo datasets too.
 const OF_ALL: &str = "sampling";
@@ -269,9 +268,8 @@ pub fn other_readings(
     let mut readings = Vec::new();
     for dataset in datasets {
         let spec = DatasetSpec::parse(&dataset.spec)?;
-        let format = formats().iter().find(|format| format.name == spec.format);
-        let settings = format.map_or(&[][..], |format| format.settings);
-        let of_paper = settings.iter().filter(|s| !NO_READINGS.contains(&s.key));
+        let settings = spec.entry.settings.iter();
+        let of_paper = settings.filter(|s| !NO_READINGS.contains(&s.key));
         for setting in of_paper {
             let others = setting.choices.iter().map(|choice| choice.value);
             for value in others.filter(|value| *value != spec.setting(setting.key)) {
@@ -282,7 +280,7 @@ pub fn other_readings(
                 readings.push(Reading {
                     dataset: dataset.name.clone(),
                     change: format!("{}={value}", setting.key),
-                    settings: format!("{} {:?}", other.format, other.settings),
+                    settings: format!("{} {:?}", other.entry.format, other.settings),
                     scenes: match opened {
                         Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
                         Err(error) => Err(error.to_string()),

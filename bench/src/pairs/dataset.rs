@@ -56,10 +56,7 @@ impl OpenDataset {
         for text in specs {
             let dataset = Self::open(text, matcher.as_ref())?;
             if open.iter().any(|other| other.name == dataset.name) {
-                let reason = format!(
-                    "the name '{}' is taken; give this one NAME:",
-                    dataset.name
-                );
+                let reason = format!("the name '{}' is taken; give this one NAME:", dataset.name);
                 return Err(PairError::DatasetSpec {
                     spec: text.clone(),
                     reason,
@@ -82,13 +79,13 @@ impl OpenDataset {
         }
         let readings = spec.readings().into_iter();
         Ok(Self {
-            format: spec.format,
-            settings: format!("{} {:?}", spec.format, spec.settings),
+            format: spec.entry.format,
+            settings: format!("{} {:?}", spec.entry.format, spec.settings),
             readings: readings
-                .map(|(key, value, proxy)| DatasetReading {
-                    key: key.to_string(),
-                    value: value.to_string(),
-                    proxy,
+                .map(|setting| DatasetReading {
+                    key: setting.key.to_owned(),
+                    value: setting.value,
+                    proxy: setting.proxy,
                 })
                 .collect(),
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
@@ -168,15 +165,21 @@ mod tests {
         ] {
             assert!(matches(pattern, id), "{pattern} {id}");
         }
-        for (pattern, id) in [("Moto", "Motorcycle"), ("a[1]", "a1"), ("{a,b}", "a"), ("?", "")] {
+        for (pattern, id) in [
+            ("Moto", "Motorcycle"),
+            ("a[1]", "a1"),
+            ("{a,b}", "a"),
+            ("?", ""),
+        ] {
             assert!(!matches(pattern, id), "{pattern} {id}");
         }
     }
 
     #[test]
     fn pair_options_of_a_dataset_are_told_from_its_readings() {
-        let (plain, options) =
-            split_pair_options("E:eth3d=a/b,pairs.overlap=given,depth=points,pairs.overlap-depth=d");
+        let (plain, options) = split_pair_options(
+            "E:eth3d=a/b,pairs.overlap=given,depth=points,pairs.overlap-depth=d",
+        );
         assert_eq!(plain, "E:eth3d=a/b,depth=points");
         assert_eq!(options, "overlap=given,overlap-depth=d");
         let text = "S:synthetic=size=48x36,views=4,pairs.threshold=0.5".to_owned();

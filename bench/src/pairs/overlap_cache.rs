@@ -16,9 +16,9 @@ use serde::{Deserialize, Serialize};
 use sharp_datasets::Scene;
 
 use super::depth::DepthSource;
-use crate::io::fingerprints;
 use super::overlap::OverlapOptions;
 use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::fingerprints;
 use crate::io::hash::sha256_hex;
 use crate::io::view_hashes::ViewHashes;
 

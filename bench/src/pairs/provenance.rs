@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sharp_datasets::entry::{PaperOverlap, entry};
 
 use super::options::PairOptions;
-use super::options::paper::PaperOverlap;
 use super::pair_list::PairList;
 use crate::io::atomic_files::{FileError, write_json};
 
@@ -39,8 +39,8 @@ impl PairProvenance {
     /// The choices that are known to differ from the paper's on a dataset of a format, of which `selected` pairs were
     /// selected, as `key=value`.
     pub fn proxies(&self, format: &str, selected: usize) -> Vec<String> {
-        self.options
-            .proxies_on(PaperOverlap::of_format(format), selected)
+        let kind = entry(format).map_or(PaperOverlap::Dense, |entry| entry.paper_overlap);
+        self.options.proxies_on(kind, selected)
     }
 }
 

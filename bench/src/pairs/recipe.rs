@@ -166,7 +166,11 @@ impl PairRecipe {
         Ok(built)
     }
 
-    fn provenance(&self, dataset: &OpenDataset, depth: &Depth) -> Result<PairProvenance, PairError> {
+    fn provenance(
+        &self,
+        dataset: &OpenDataset,
+        depth: &Depth,
+    ) -> Result<PairProvenance, PairError> {
         let maps = match &depth.given {
             None => None,
             Some(given) => match given.digest(&dataset.scenes)? {
@@ -202,7 +206,8 @@ impl PairRecipe {
         if let Some(own) = datasets.iter().find(|d| !d.pair_options.is_empty()) {
             return Err(PairError::DatasetSpec {
                 spec: format!("{},{}", own.spec, own.pair_options),
-                reason: "--ambiguity changes one list of choices: give them as --pair-options".to_owned(),
+                reason: "--ambiguity changes one list of choices: give them as --pair-options"
+                    .to_owned(),
             });
         }
         let depth = self.depth()?;
@@ -219,7 +224,9 @@ impl PairRecipe {
     fn depth(&self) -> Result<Depth, PairError> {
         let given = || match &self.overlap_depth {
             Some(dir) => GivenDepth::open(dir),
-            None => Err(PairError::Recipe("--overlap-depth DIR is needed".to_owned())),
+            None => Err(PairError::Recipe(
+                "--overlap-depth DIR is needed".to_owned(),
+            )),
         };
         let boxed = |source: Box<dyn DepthSource>| Depth::from(source);
         Ok(match self.options.depth {

@@ -6,7 +6,9 @@ use std::path::Path;
 use image::RgbImage;
 use sharp_datasets::{Scene, View};
 
-use super::input::{Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published, ReportInput};
+use super::input::{
+    Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published, ReportInput,
+};
 use super::{ReportError, ReportFiles, text_tables, write_report};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
@@ -130,7 +132,9 @@ fn method(record: &MethodRecord) -> Method {
         ),
         unranked: (identity.kind == "target").then(|| "it is the ground truth itself".to_owned()),
         // "bicubic [a = -0.75, …]": the name is enough for a footnote.
-        resize_kernel: kernel.and_then(|text| text.split(' ').next()).map(str::to_owned),
+        resize_kernel: kernel
+            .and_then(|text| text.split(' ').next())
+            .map(str::to_owned),
     }
 }
 
@@ -140,7 +144,9 @@ fn proxies(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> 
     let mut proxies: Vec<String> = readings
         .map(|reading| format!("{}={}", reading.key, reading.value))
         .collect();
-    let of_dataset = records.iter().filter(|record| record.dataset == dataset.name);
+    let of_dataset = records
+        .iter()
+        .filter(|record| record.dataset == dataset.name);
     let ids: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
     for list in &manifest.pairs.lists {
         // How many pairs were selected, as the records tell: no number where the run left some out.
@@ -218,7 +224,9 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
             format!("{}={}{mark}", reading.key, reading.value)
         });
         let notes = readings.chain(dataset.notes.iter().cloned());
-        notes.map(|note| (dataset.name.clone(), note)).collect::<Vec<_>>()
+        notes
+            .map(|note| (dataset.name.clone(), note))
+            .collect::<Vec<_>>()
     });
     let notes: Vec<(String, String)> = readings.collect();
     if !notes.is_empty() {
@@ -265,11 +273,17 @@ fn list_facts(list: &ListRecord) -> Vec<(String, String)> {
         text("evaluated", &list.evaluated.to_string()),
     ];
     if let Some(limit) = list.limit {
-        facts.push(text("limit", &format!("{limit} (not all that are selected)")));
+        facts.push(text(
+            "limit",
+            &format!("{limit} (not all that are selected)"),
+        ));
     }
     for (dataset, choices) in &list.choices {
         let proxies = choices.options.proxies();
-        facts.push((format!("{dataset}: overlap depth"), choices.overlap_depth.clone()));
+        facts.push((
+            format!("{dataset}: overlap depth"),
+            choices.overlap_depth.clone(),
+        ));
         if let Some(maps) = &choices.overlap_depth_maps {
             let value = format!("{} maps, sha256 {}", maps.count, maps.sha256);
             facts.push((format!("{dataset}: overlap depth maps"), value));

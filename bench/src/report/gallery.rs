@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
-use crate::scoring::Region;
 use crate::evaluate::record::{Record, Status};
+use crate::scoring::Region;
 
 use super::error_map;
 use super::input::{Better, Metric, Options, Pictures};

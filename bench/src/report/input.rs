@@ -55,17 +55,22 @@ pub struct Metric {
 
 impl From<MetricKey> for Metric {
     fn from(key: MetricKey) -> Self {
-        let info = MetricInfo::new(key, &[]);
+        (&MetricInfo::new(key, &[])).into()
+    }
+}
+
+impl From<&MetricInfo> for Metric {
+    fn from(info: &MetricInfo) -> Self {
         Self {
-            key: key.to_string(),
-            label: info.label,
-            unit: info.unit,
+            key: info.key.to_string(),
+            label: info.label.clone(),
+            unit: info.unit.clone(),
             decimals: info.decimals,
             better: match info.direction {
                 Direction::Higher => Better::Higher,
                 Direction::Lower => Better::Lower,
             },
-            convention: info.convention,
+            convention: info.to_string(),
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::io::counts::counted;
 use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::counts::counted;
 
 use super::error::ReportError;
 use super::gallery::Gallery;

@@ -254,7 +254,10 @@ mod tests {
         }
         assert_eq!(scores(&truth, &other), before);
         // Nor what the target itself shows there.
-        assert_eq!(scores(&GroundTruth::of(black, Some(&valid)), &other), before);
+        assert_eq!(
+            scores(&GroundTruth::of(black, Some(&valid)), &other),
+            before
+        );
         assert_ne!(scores(&GroundTruth::whole(picture(1)), &other), before);
         // The target is equal to itself whatever it is filled with.
         let perfect = scores(&truth, truth.image());

@@ -22,10 +22,7 @@ impl ScaleChooser {
     ///
     /// # Errors
     /// When a weights file cannot be read or is not what it should be.
-    pub fn dists(
-        weights: &Weights,
-        options: ScorerOptions,
-    ) -> Result<Option<Self>, WeightsError> {
+    pub fn dists(weights: &Weights, options: ScorerOptions) -> Result<Option<Self>, WeightsError> {
         let selection = Selection::of(&[MetricKey::DISTS]);
         let scoring = Scoring::with_options(&selection, weights, options)?;
         if !scoring.missing_weights().is_empty() {

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use image::DynamicImage;
 
-use super::{FloatMap, FormatError, picture};
+use sharp::image_file;
+
+use super::{FloatMap, FormatError};
 use crate::{DatasetError, files};
 
 /// Reads a 16-bit gray PNG as it is: 0 to 65535, never rescaled.
@@ -17,7 +19,7 @@ pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
 
 /// As [`read`], from bytes, and with the same errors.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
-    match picture::decode(bytes)? {
+    match image_file::decode(bytes)? {
         DynamicImage::ImageLuma16(map) => {
             let (width, height) = map.dimensions();
             let values = map.iter().map(|v| f32::from(*v)).collect();

@@ -28,14 +28,12 @@ pub mod colmap_records;
 pub mod colmap_text;
 pub mod depth_png;
 pub mod exr_depth;
-mod jpeg_markers;
 pub mod lenient_json;
 pub mod npy;
 pub mod opencv_xml;
 pub mod pfm;
 pub mod picture;
 pub mod ply_points;
-mod png_chunks;
 pub mod raw_floats;
 pub mod trajectory;
 pub mod transforms;
@@ -43,13 +41,14 @@ pub mod transforms;
 use std::path::Path;
 
 use image::{ImageBuffer, Luma};
+use sharp::image_file::ImageFileError;
 use sharp::ply::table::TableError;
 
 use crate::lens::LensError;
 use crate::{DatasetError, files};
 
 /// Why bytes are not a file of a format.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// The header promises more than follows it.
     #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
@@ -69,6 +68,8 @@ pub enum FormatError {
     Lens(#[from] LensError),
     #[error(transparent)]
     Ply(#[from] TableError),
+    #[error(transparent)]
+    Image(#[from] ImageFileError),
 }
 
 impl From<String> for FormatError {

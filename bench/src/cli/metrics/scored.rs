@@ -7,8 +7,8 @@ use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resi
 
 use super::inputs::Input;
 use super::{MetricsArgs, output};
-use crate::pictures::maps::{LocalMap, MapFiles, Scale, write_map};
 use crate::io::{masks, pictures};
+use crate::pictures::maps::{LocalMap, MapFiles, Scale, write_map};
 
 /// Everything about one pair.
 pub(super) struct Scored {

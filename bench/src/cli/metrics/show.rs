@@ -7,10 +7,9 @@ use super::find::Sought;
 use super::output;
 use super::scored::Scored;
 use crate::evaluate::record::finite_or_text;
-use crate::io::fingerprints::DECODERS;
-use sharp_metrics::MetricInfo;
 use crate::evaluate::results::number;
 use crate::io::fingerprints;
+use crate::io::fingerprints::DECODERS;
 
 /// All pairs and what they were scored with.
 pub(super) struct Results<'a> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
-use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor};
+use sharp::model::{DeviceChoice, ModelConfig, NetworkSpec, Precision, Predictor};
 
 use super::super::output;
 use crate::io::checkpoint::find_checkpoint;
@@ -65,24 +65,22 @@ impl ModelArgs {
 
     /// Loads the network.
     pub(crate) fn load(&self) -> anyhow::Result<Predictor> {
-        let config = self.config()?;
         let checkpoint = match &self.checkpoint {
             Some(file) => file.clone(),
             None if self.config.is_some() => bail!("--config needs --checkpoint FILE"),
             None => find_checkpoint()?,
         };
-        let precision = if self.exact {
-            Precision::Exact
-        } else {
-            Precision::Fast
-        };
-        let engine = DeviceChoice::from(self.device).open(precision)?;
-        Ok(Predictor::load(
-            &config,
-            &checkpoint,
-            engine,
-            &self.allow_unused,
-        )?)
+        Ok(Predictor::open(&NetworkSpec {
+            checkpoint,
+            config: self.config()?,
+            allow_unused: self.allow_unused.clone(),
+            device: self.device.into(),
+            precision: if self.exact {
+                Precision::Exact
+            } else {
+                Precision::Fast
+            },
+        })?)
     }
 }
 

@@ -11,12 +11,12 @@ use super::super::observer::Terminal;
 use super::super::pair_args::OverlapArgs;
 use super::super::{Outcome, output};
 use super::ambiguity;
-use crate::pairs::ambiguity::other_readings;
 use crate::io::atomic_files::write_atomic;
-use crate::pairs::options::paper::PROXY;
-use crate::pairs::advice::counted_pairs;
-use crate::pairs::provenance::ListCompanion;
 use crate::pairs::PairOptions;
+use crate::pairs::advice::counted_pairs;
+use crate::pairs::ambiguity::other_readings;
+use crate::pairs::options::paper::PROXY;
+use crate::pairs::provenance::ListCompanion;
 
 /// What `pairs` without a subcommand takes.
 #[derive(Debug, Args)]

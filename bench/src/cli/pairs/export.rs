@@ -8,9 +8,9 @@ use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output, progress};
-use crate::io::counts::counted;
-use crate::io::atomic_files::write_atomic;
 use crate::export::pairs;
+use crate::io::atomic_files::write_atomic;
+use crate::io::counts::counted;
 use crate::pairs::PairList;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under

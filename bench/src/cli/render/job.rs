@@ -16,11 +16,11 @@ use super::args::{BackgroundArg, Layers};
 use super::target::{self, Form, Look, Target};
 use super::{RenderArgs, Seen, Summary, frames};
 use crate::cli::progress;
-use crate::io::hash::file_sha256;
 use crate::export::camera_file::CameraFile;
-use crate::rendering::BatchRenderer;
 use crate::io::fingerprints;
 use crate::io::gaussian_files;
+use crate::io::hash::file_sha256;
+use crate::rendering::BatchRenderer;
 
 /// Everything that is known before a backend is.
 pub(super) struct Job<'a> {

@@ -9,12 +9,12 @@ use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
 use super::super::{Outcome, output};
-use crate::io::hash::file_sha256;
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
 use crate::io::checkpoint::release::{
     LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, licence_text,
 };
+use crate::io::hash::file_sha256;
 
 /// What to fetch, and what was agreed to.
 #[derive(Debug, Args)]

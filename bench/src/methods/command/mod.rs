@@ -21,8 +21,8 @@ use super::method::{
 };
 use super::spec::{MethodSpec, SpecError};
 use crate::io::hash::sha256_hex;
-use crate::io::{fingerprints, pictures};
 use crate::io::rendering_files::write_png;
+use crate::io::{fingerprints, pictures};
 
 /// Runs a program for all pairs of a run.
 ///
@@ -267,10 +267,7 @@ mod tests {
         }
         let spec: MethodSpec = "command:run='a b',version=2".parse().unwrap();
         let command = Command::from_spec(&spec).unwrap();
-        assert_eq!(
-            command.identity().to_string(),
-            "command(run=a b,version=2)"
-        );
+        assert_eq!(command.identity().to_string(), "command(run=a b,version=2)");
         assert_eq!(command.timeout, Duration::from_secs(600));
     }
 

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::pairs::description::PairDescription;
 use crate::methods::{SourceView, TargetCamera};
+use crate::pairs::description::PairDescription;
 
 /// Version of what is said; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
 pub(super) const VERSION: u32 = 1;

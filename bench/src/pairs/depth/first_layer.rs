@@ -1,16 +1,14 @@
 //! Depth that a SHARP checkpoint predicts: its first layer.
 
 use std::path::Path;
-use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use sharp::model::{DeviceChoice, ModelConfig, Precision, Predictor, Silent, predictor::Planes};
+use sharp::model::{ModelConfig, NetworkSpec, Predictor};
 use sharp::resize::nearest;
 use sharp_datasets::{DepthMap, Scene, View};
 
 use super::DepthSource;
 use crate::io::hash::file_sha256;
-use crate::io::pictures::planes;
 use crate::pairs::PairError;
 
 /// The first depth layer of a SHARP network, brought to the picture's size by taking the nearest value.
@@ -18,9 +16,8 @@ use crate::pairs::PairError;
 /// As the release predicts: the photograph resized to the network's square, the disparity factor from the dataset's
 /// focal length over the width. The network runs once a view, on the CPU.
 pub struct FirstLayerDepth {
-    checkpoint: PathBuf,
+    network: NetworkSpec,
     checkpoint_sha256: String,
-    config: ModelConfig,
     name: &'static str,
     predictor: OnceLock<Result<Predictor, String>>,
 }
@@ -38,8 +35,10 @@ impl FirstLayerDepth {
     ) -> Result<Self, PairError> {
         Ok(Self {
             checkpoint_sha256: file_sha256(checkpoint)?,
-            checkpoint: checkpoint.to_owned(),
-            config,
+            network: NetworkSpec {
+                config,
+                ..NetworkSpec::release(checkpoint)
+            },
             name,
             predictor: OnceLock::new(),
         })
@@ -52,18 +51,13 @@ impl FirstLayerDepth {
 
     fn wrong(&self, reason: String) -> PairError {
         PairError::Depth {
-            path: self.checkpoint.clone(),
+            path: self.network.checkpoint.clone(),
             reason,
         }
     }
 
     fn predictor(&self) -> Result<&Predictor, PairError> {
-        let load = || {
-            let engine = DeviceChoice::Cpu.open(Precision::Fast);
-            let engine = engine.map_err(|error| error.to_string())?;
-            Predictor::load(&self.config, &self.checkpoint, engine, &[])
-                .map_err(|error| error.to_string())
-        };
+        let load = || Predictor::open(&self.network).map_err(|error| error.to_string());
         let predictor = self.predictor.get_or_init(load).as_ref();
         predictor.map_err(|reason| self.wrong(reason.clone()))
     }
@@ -73,19 +67,13 @@ impl DepthSource for FirstLayerDepth {
     fn depth(&self, _scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError> {
         let image = view.content.image()?;
         let size = (image.width() as usize, image.height() as usize);
-        let values = planes(&image);
-        let input = Planes {
-            values: &values,
-            width: size.0,
-            height: size.1,
-        };
         let factor = (view.intrinsics.fx / f64::from(image.width())) as f32;
         let predicted = self
             .predictor()?
-            .predict(input, factor, &mut Silent)
+            .predict_rgb8(&image, factor)
             .map_err(|error| self.wrong(format!("{}: {error}", view.id)))?;
         let side = predicted.resolution;
-        let layer = nearest(&predicted.depth[..side * side], (side, side), size);
+        let layer = nearest(predicted.first_layer(), (side, side), size);
         Ok(DepthMap::from_vec(image.width(), image.height(), layer))
     }
 
@@ -104,6 +92,8 @@ impl DepthSource for FirstLayerDepth {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
     use crate::pairs::depth::{ScaledToGroundTruth, median_depth_m};
     use crate::pairs::valid_depth::is_valid_depth;

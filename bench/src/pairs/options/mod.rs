@@ -35,7 +35,10 @@ use super::sets::SetOptions;
 /// and always qualifies. `min-baseline`, `limit` and what follows concern both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
-#[serde(into = "BTreeMap<String, String>", try_from = "BTreeMap<String, String>")]
+#[serde(
+    into = "BTreeMap<String, String>",
+    try_from = "BTreeMap<String, String>"
+)]
 pub struct PairOptions {
     /// How views form sets.
     pub sets: SetOptions,
@@ -215,7 +218,9 @@ impl FromStr for PairOptions {
 impl From<PairOptions> for BTreeMap<String, String> {
     fn from(options: PairOptions) -> Self {
         let entries = options.entries().into_iter();
-        entries.map(|(key, value)| (key.to_owned(), value)).collect()
+        entries
+            .map(|(key, value)| (key.to_owned(), value))
+            .collect()
     }
 }
 

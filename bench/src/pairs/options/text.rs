@@ -50,11 +50,7 @@ pub(super) const SAMPLINGS: Words<SamplingRule, 3> = [
 ];
 
 /// What a word of the list means.
-pub(super) fn word<T: Copy>(
-    key: &str,
-    value: &str,
-    words: &[(&str, T)],
-) -> Result<T, PairError> {
+pub(super) fn word<T: Copy>(key: &str, value: &str, words: &[(&str, T)]) -> Result<T, PairError> {
     let found = words.iter().find(|(name, _)| *name == value);
     found
         .map(|(_, meaning)| *meaning)

@@ -2,8 +2,8 @@
 
 use std::str::FromStr;
 
-use crate::pairs::pair_id::PairName;
 use crate::pairs::build::Pair;
+use crate::pairs::pair_id::PairName;
 
 /// The columns, in order.
 pub const COLUMNS: [&str; 16] = [

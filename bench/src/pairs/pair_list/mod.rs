@@ -123,10 +123,7 @@ impl PairList {
     ///
     /// # Errors
     /// [`PairError::List`] naming the line and what is absent from the scenes.
-    pub fn resolve<'a>(
-        &'a self,
-        scenes: &'a [Scene],
-    ) -> Result<Vec<ResolvedPair<'a>>, PairError> {
+    pub fn resolve<'a>(&'a self, scenes: &'a [Scene]) -> Result<Vec<ResolvedPair<'a>>, PairError> {
         let mut by_name = BTreeMap::new();
         for scene in scenes {
             let views: BTreeMap<&str, &View> =
