@@ -169,7 +169,7 @@ fn evaluate(adapter: &str) {
     };
     let wgpu = ["--backend", "wgpu", "--adapter", short(adapter)];
     let json = run("gpu", &wgpu).ends_with(0).json();
-    let backend = json["manifest"]["backend"].as_str().unwrap().to_owned();
+    let backend = json["manifest"]["renderer"]["backend"].as_str().unwrap().to_owned();
     assert!(
         backend.starts_with("wgpu:") && backend.contains(short(adapter)),
         "{backend}"
@@ -180,12 +180,11 @@ fn evaluate(adapter: &str) {
 
     run("cpu", &[]).ends_with(0);
     let psnr = |out: &str| -> Vec<f64> {
-        let text = std::fs::read_to_string(dir.join(out).join("records.jsonl")).unwrap();
-        text.lines()
-            .map(|line| {
-                let record: serde_json::Value = serde_json::from_str(line).unwrap();
-                record["scores"]["psnr"].as_f64().unwrap()
-            })
+        let mut rows = csv::Reader::from_path(dir.join(out).join("scores.csv")).unwrap();
+        let header = rows.headers().unwrap().clone();
+        let psnr = header.iter().position(|name| name == "psnr").unwrap();
+        rows.records()
+            .map(|row| row.unwrap()[psnr].parse().unwrap())
             .collect()
     };
     let (gpu, cpu) = (psnr("gpu"), psnr("cpu"));

@@ -86,10 +86,10 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
     }
 
     // Someone's Gaussians for the same source, here the official writer's: rendered from its poses.
-    let records = std::fs::read_to_string(dir.path().join("r/records.jsonl")).unwrap();
-    let record: serde_json::Value = serde_json::from_str(records.lines().next().unwrap()).unwrap();
-    let source = record["pair_id"]
-        .as_str()
+    let scores = std::fs::read_to_string(dir.path().join("r/scores.csv")).unwrap();
+    let source = scores
+        .lines()
+        .nth(1)
         .unwrap()
         .split("__")
         .next()

@@ -106,11 +106,9 @@ fn bytes_do_not_depend_on_threads_or_on_being_stopped_in_between() {
     );
 
     // As after a kill: some units are there, the tables are not.
-    for name in ["scores.csv", "records.jsonl"] {
-        std::fs::remove_file(dir.path().join("three").join(name)).unwrap();
-    }
-    let records = dir.path().join("three/records");
-    let mut files: Vec<_> = std::fs::read_dir(&records)
+    std::fs::remove_file(dir.path().join("three/scores.csv")).unwrap();
+    let units = dir.path().join("three/units");
+    let mut files: Vec<_> = std::fs::read_dir(&units)
         .unwrap()
         .flat_map(|d| std::fs::read_dir(d.unwrap().path()).unwrap())
         .map(|f| f.unwrap().path())
@@ -199,7 +197,7 @@ fn pair_lists_are_artifacts() {
     let given = ["--pairs", "a.csv", "--method", "copy", "--json"];
     let json = run(dir.path(), "r", &given).ends_with(0).json();
     assert_eq!(json["manifest"]["pairs"]["sha256"], a["sha256"]);
-    assert_eq!(json["manifest"]["pairs"]["origin"], "given");
+    assert_eq!(json["manifest"]["pairs"]["lists"][0]["origin"], "given");
 
     // A view that is not there.
     let rows = rows(&dir.path().join("a.csv"));
@@ -218,11 +216,89 @@ fn pair_lists_are_artifacts() {
 fn dry_runs_write_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let said = run(dir.path(), "r", &["--method", "copy", "--dry-run"]).ends_with(0);
-    assert!(said.out.contains("units   4"), "{}", said.out);
+    assert!(said.out.contains("units   4: 0 done"), "{}", said.out);
     // But for overlaps, in the user's cache, which the tests have here.
     let found = std::fs::read_dir(dir.path()).unwrap();
     let found: Vec<_> = found.map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(found, [".cache"]);
+}
+
+#[test]
+fn a_folder_grows_and_is_reported_joined_and_scored_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path();
+    run(path, "r", &["--method", "copy", "--method", "mean"]).ends_with(0);
+    run(path, "r", &["--method", "depth-splat:resolution=64"]).ends_with(0);
+    let table = rows(&path.join("r/scores.csv"));
+    let method = column(&table, "method");
+    for label in ["copy", "mean", "depth-splat"] {
+        let count = table[1..].iter().filter(|row| row[method] == label).count();
+        assert_eq!(count, 4, "{label}");
+    }
+    let standing = run(path, "r", &["--method", "copy", "--dry-run", "--json"]).json();
+    assert_eq!(standing["units"]["done"], 4);
+
+    // Another metric, from kept pictures.
+    let json = sharp_bench(path, &["score", "r", "--metrics", "ssim-uniform7-sample", "--json"])
+        .ends_with(0)
+        .json();
+    assert_eq!((&json["scored"], &json["not_kept"]), (&12.into(), &0.into()));
+    let table = rows(&path.join("r/scores.csv"));
+    let ssim = column(&table, "ssim[uniform7,sample]");
+    assert!(table[1..].iter().all(|row| !row[ssim].is_empty()));
+
+    // Joined with other pairs and methods, by name where they would collide.
+    run(path, "more", &["--method", "copy"]).ends_with(0);
+    let json = sharp_bench(path, &["merge", "r", "more", "--out", "all", "--json"])
+        .ends_with(0)
+        .json();
+    assert_eq!((&json["units"], &json["missing"]), (&12.into(), &0.into()));
+    assert_eq!(read(path.join("r/scores.csv")), read(path.join("all/scores.csv")));
+    let before = read(path.join("r/scores.csv"));
+    std::fs::remove_file(path.join("r/scores.csv")).unwrap();
+    sharp_bench(path, &["merge", "r"]).ends_with(0);
+    assert_eq!(before, read(path.join("r/scores.csv")));
+    sharp_bench(path, &["report", "old=more", "new=r", "--out", "both"]).ends_with(0);
+    let report = read(path.join("both/report.md"));
+    assert!(report.contains("| old |") && report.contains("| new/depth-splat |"), "{report}");
+
+    // A run that has not ended is reported as far as it is.
+    let unit = std::fs::read_dir(path.join("more/units")).unwrap().next();
+    std::fs::remove_dir_all(unit.unwrap().unwrap().path()).unwrap();
+    let said = sharp_bench(path, &["report", "more"]).ends_with(0);
+    assert!(said.err.contains("of 4 units are done"), "{}", said.err);
+    assert!(read(path.join("more/report/report.md")).contains("has not ended"));
+    sharp_bench(path, &["merge", "more"]).ends_with(75);
+
+    // An earlier version's folder.
+    std::fs::create_dir(path.join("old")).unwrap();
+    std::fs::write(path.join("old/manifest.json"), "{\"format\": 1}").unwrap();
+    sharp_bench(path, &["report", "old"]).is_error_with(&["old", "format 1", "new folder"]);
+}
+
+#[test]
+fn files_of_a_run_folder_follow_the_published_schema() {
+    let dir = tempfile::tempdir().unwrap();
+    run(dir.path(), "r", &["--method", "copy"]).ends_with(0);
+    let json = |path: &Path| -> serde_json::Value { serde_json::from_str(&read(path)).unwrap() };
+    let unit = std::fs::read_dir(dir.path().join("r/units")).unwrap().next();
+    let unit = std::fs::read_dir(unit.unwrap().unwrap().path()).unwrap().next();
+    let unit = unit.unwrap().unwrap().path();
+    for (name, path) in [
+        ("manifest", dir.path().join("r/manifest.json")),
+        ("plan", dir.path().join("r/plan.json")),
+        ("unit", unit),
+    ] {
+        let schema = sharp_bench(dir.path(), &["schema", name]).ends_with(0).json();
+        let (known, found) = (&schema["properties"], json(&path));
+        for key in found.as_object().unwrap().keys() {
+            assert!(known.get(key).is_some(), "{name}: {key} is not in the schema");
+        }
+        for key in schema["required"].as_array().unwrap() {
+            let key = key.as_str().unwrap();
+            assert!(found.get(key).is_some(), "{name}: {key} is required");
+        }
+    }
 }
 
 #[test]

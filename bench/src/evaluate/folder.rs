@@ -124,6 +124,14 @@ impl RunFolder {
         })
     }
 
+    /// The same folder for reading: others may write.
+    pub(super) fn unlocked(&self) -> Self {
+        Self {
+            root: self.root.clone(),
+            _lock: None,
+        }
+    }
+
     /// The units that were scored on what all methods predict: a folder within this one, of the same layout.
     pub(super) fn common_region(&self) -> Self {
         Self {

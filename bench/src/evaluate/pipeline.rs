@@ -13,7 +13,7 @@ use super::folder::RunFolder;
 use super::gaussian_store::{GaussianStore, StoreError};
 use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
-use super::record::{ChosenScale, Status};
+use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{PairTruth, Unscored, crop, empty_record, missing, one_line, score_pair};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
@@ -382,27 +382,19 @@ impl<'a> PairWork<'_, 'a> {
     /// A stored unit with what the pair list says of its pair now.
     fn refreshed(&self, mut unit: Unit) -> Result<Unit, EvaluateError> {
         let now = empty_record(&self.truth.planned, &unit.slot.method);
-        let record = &mut unit.record;
-        let before = (
-            record.cluster.clone(),
-            [record.baseline_m, record.rotation_deg].map(f64::to_bits),
-            [record.median_depth_m, record.overlap].map(|v| v.map(f64::to_bits)),
-        );
-        record.cluster = now.cluster;
-        record.baseline_m = now.baseline_m;
-        record.rotation_deg = now.rotation_deg;
-        record.median_depth_m = now.median_depth_m;
-        record.overlap = now.overlap;
-        let after = (
-            record.cluster.clone(),
-            [record.baseline_m, record.rotation_deg].map(f64::to_bits),
-            [record.median_depth_m, record.overlap].map(|v| v.map(f64::to_bits)),
-        );
-        if before == after {
-            Ok(unit)
-        } else {
-            Ok(self.folder.save(unit)?)
+        let refreshed = Record {
+            cluster: now.cluster,
+            baseline_m: now.baseline_m,
+            rotation_deg: now.rotation_deg,
+            median_depth_m: now.median_depth_m,
+            overlap: now.overlap,
+            ..unit.record.clone()
+        };
+        if refreshed == unit.record {
+            return Ok(unit);
         }
+        unit.record = refreshed;
+        Ok(self.folder.save(unit)?)
     }
 
     /// Records what was made, and keeps it where that is asked for before anything else is done: a run that is killed

@@ -385,7 +385,7 @@ impl Evaluation {
         }
         let results = write_tables(&folder)?;
         Ok(Finished {
-            folder,
+            folder: folder.unlocked(),
             counts,
             results,
             scenes: self.scenes,

@@ -124,6 +124,10 @@ impl Results {
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
+        Self::of(&folder, &current)
+    }
+
+    fn of(folder: &RunFolder, current: &Current) -> Result<Self, EvaluateError> {
         let list = PairList::read(&folder.pairs_path())?;
         let labels = current.manifest.methods.iter();
         let labels = labels.map(|method| (method.label.clone(), method.label.clone()));
@@ -132,9 +136,9 @@ impl Results {
             missing: current.missing,
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
-                folder,
+                folder: folder.unlocked(),
             }],
-            manifest: current.manifest,
+            manifest: current.manifest.clone(),
         })
     }
 
@@ -162,7 +166,8 @@ impl Results {
 /// # Errors
 /// When the folder cannot be read or written.
 pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
-    let results = Results::read(folder.root())?;
+    let current = Current::read(folder)?;
+    let results = Results::of(folder, &current)?;
     let keys: Vec<String> = results
         .manifest
         .metrics
@@ -172,8 +177,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
     let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
     write_atomic(&folder.scores_path(), &scores)?;
-    let units = Current::read(folder)?.units;
-    let timings = timings_csv(&units).map_err(csv_error)?;
+    let timings = timings_csv(&current.units).map_err(csv_error)?;
     write_atomic(&folder.timings_path(), &timings)?;
     Ok(results)
 }

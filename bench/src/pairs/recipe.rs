@@ -266,6 +266,13 @@ impl BuiltList {
         PairList::new(path, self.build.pairs.clone())
     }
 
+    /// Whose depth decided overlap, where it is the same for all datasets.
+    pub fn common_depth(&self) -> Option<&str> {
+        let mut depths = self.provenance.values().map(|choices| &choices.overlap_depth);
+        let first = depths.next()?;
+        depths.all(|depth| depth == first).then_some(first)
+    }
+
     /// True if at least one pair is selected.
     pub fn has_selected(&self) -> bool {
         self.build.pairs.iter().any(|pair| pair.selected)

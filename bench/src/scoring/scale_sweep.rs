@@ -28,9 +28,11 @@ impl ScaleChooser {
         if !scoring.missing_weights().is_empty() {
             return Ok(None);
         }
-        let metrics = scoring.metrics.iter();
-        let identity: Vec<&str> = metrics.map(|m| m.identity.as_str()).collect();
-        let identity = identity.join(" ");
+        let identity = scoring.metrics.iter().map(|metric| {
+            let weights = metric.info.backbone.as_ref().map(ToString::to_string);
+            format!("{} {}", metric.key, weights.unwrap_or_default())
+        });
+        let identity = identity.collect();
         Ok(Some(Self {
             scorer: scoring.scorer,
             identity,

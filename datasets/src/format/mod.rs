@@ -48,7 +48,7 @@ use crate::lens::LensError;
 use crate::{DatasetError, files};
 
 /// Why bytes are not a file of a format.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FormatError {
     /// The header promises more than follows it.
     #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
@@ -68,8 +68,12 @@ pub enum FormatError {
     Lens(#[from] LensError),
     #[error(transparent)]
     Ply(#[from] TableError),
-    #[error(transparent)]
-    Image(#[from] ImageFileError),
+}
+
+impl From<ImageFileError> for FormatError {
+    fn from(error: ImageFileError) -> Self {
+        Self::Invalid(error.to_string())
+    }
 }
 
 impl From<String> for FormatError {

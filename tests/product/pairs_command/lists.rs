@@ -139,15 +139,15 @@ fn choices_that_differ_from_the_paper_are_marked() {
         )
     };
     let (manifest, table, report) = run("min-baseline=0.001,seed=3", "a");
-    let proxies = &manifest["pairs"]["proxies"];
-    assert_eq!(proxies, &serde_json::json!(["min-baseline=0.001"]));
+    let options = &manifest["pairs"]["lists"][0]["choices"]["M"]["options"];
+    assert_eq!(options["min-baseline"], "0.001");
     assert!(table.contains("M<sup>a</sup><br>PSNR"), "{table}");
     assert!(table.contains("proxy of the paper's column"), "{table}");
     assert!(
-        report.contains("| min-baseline | 0.001 (proxy: differs from the paper) |"),
+        report.contains("| M: min-baseline | 0.001 (proxy: differs from the paper) |"),
         "{report}"
     );
-    assert!(report.contains("| seed | 3 |"), "{report}");
+    assert!(report.contains("| M: seed | 3 |"), "{report}");
     let (manifest, table, _) = run("seed=3", "b");
     assert!(manifest["pairs"]["proxies"].is_null());
     assert!(table.contains("M<br>PSNR"), "{table}");

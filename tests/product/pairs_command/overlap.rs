@@ -76,12 +76,8 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         .json();
     assert_eq!(json["overlap_depth"], "given,median-scaled-to-ground-truth");
     assert!(json["options"].as_str().unwrap().contains("overlap=given"));
-    assert!(
-        json["overlap_depth_maps"]
-            .as_str()
-            .unwrap()
-            .contains("maps, sha256 ")
-    );
+    let maps = &json["choices"].as_object().unwrap().values().next().unwrap()["overlap_depth_maps"];
+    assert!(maps["count"].as_u64() > Some(0) && maps["sha256"].as_str().unwrap().len() == 64);
     // Scaled back, it is the truth: the same pairs with the same overlap to rounding.
     let ids = |name: &str| -> Vec<String> {
         let text = read(dir.path().join(name));
@@ -114,11 +110,11 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         sharp_bench(dir.path(), &[&args[..], pairs].concat()).ends_with(0);
         let manifest: serde_json::Value =
             serde_json::from_str(&read(dir.path().join(out).join("manifest.json"))).unwrap();
-        manifest["pairs"]["options"].clone()
+        manifest["pairs"]["lists"][0]["choices"].clone()
     };
     let built = run("built", &mono);
     assert_eq!(
-        built["overlap depth"],
+        built.as_object().unwrap().values().next().unwrap()["overlap_depth"],
         "given,median-scaled-to-ground-truth"
     );
     assert_eq!(run("given", &["--pairs", "mono.csv"]), built);

@@ -89,6 +89,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
             "out": out.display().to_string(),
             "sha256": list.sha256,
             "options": recipe.options.to_string(),
+            "overlap_depth": built.common_depth(),
             "choices": built.provenance,
             "proxies": recipe.options.proxies(),
             "warnings": built.advice,
