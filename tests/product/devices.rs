@@ -169,7 +169,10 @@ fn evaluate(adapter: &str) {
     };
     let wgpu = ["--backend", "wgpu", "--adapter", short(adapter)];
     let json = run("gpu", &wgpu).ends_with(0).json();
-    let backend = json["manifest"]["renderer"]["backend"].as_str().unwrap().to_owned();
+    let backend = json["manifest"]["renderer"]["backend"]
+        .as_str()
+        .unwrap()
+        .to_owned();
     assert!(
         backend.starts_with("wgpu:") && backend.contains(short(adapter)),
         "{backend}"

@@ -239,10 +239,16 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
     assert_eq!(standing["units"]["done"], 4);
 
     // Another metric, from kept pictures.
-    let json = sharp_bench(path, &["score", "r", "--metrics", "ssim-uniform7-sample", "--json"])
-        .ends_with(0)
-        .json();
-    assert_eq!((&json["scored"], &json["not_kept"]), (&12.into(), &0.into()));
+    let json = sharp_bench(
+        path,
+        &["score", "r", "--metrics", "ssim-uniform7-sample", "--json"],
+    )
+    .ends_with(0)
+    .json();
+    assert_eq!(
+        (&json["scored"], &json["not_kept"]),
+        (&12.into(), &0.into())
+    );
     let table = rows(&path.join("r/scores.csv"));
     let ssim = column(&table, "ssim[uniform7,sample]");
     assert!(table[1..].iter().all(|row| !row[ssim].is_empty()));
@@ -253,14 +259,20 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
         .ends_with(0)
         .json();
     assert_eq!((&json["units"], &json["missing"]), (&12.into(), &0.into()));
-    assert_eq!(read(path.join("r/scores.csv")), read(path.join("all/scores.csv")));
+    assert_eq!(
+        read(path.join("r/scores.csv")),
+        read(path.join("all/scores.csv"))
+    );
     let before = read(path.join("r/scores.csv"));
     std::fs::remove_file(path.join("r/scores.csv")).unwrap();
     sharp_bench(path, &["merge", "r"]).ends_with(0);
     assert_eq!(before, read(path.join("r/scores.csv")));
     sharp_bench(path, &["report", "old=more", "new=r", "--out", "both"]).ends_with(0);
     let report = read(path.join("both/report.md"));
-    assert!(report.contains("| old |") && report.contains("| new/depth-splat |"), "{report}");
+    assert!(
+        report.contains("| old |") && report.contains("| new/depth-splat |"),
+        "{report}"
+    );
 
     // A run that has not ended is reported as far as it is.
     let unit = std::fs::read_dir(path.join("more/units")).unwrap().next();
@@ -281,18 +293,27 @@ fn files_of_a_run_folder_follow_the_published_schema() {
     let dir = tempfile::tempdir().unwrap();
     run(dir.path(), "r", &["--method", "copy"]).ends_with(0);
     let json = |path: &Path| -> serde_json::Value { serde_json::from_str(&read(path)).unwrap() };
-    let unit = std::fs::read_dir(dir.path().join("r/units")).unwrap().next();
-    let unit = std::fs::read_dir(unit.unwrap().unwrap().path()).unwrap().next();
+    let unit = std::fs::read_dir(dir.path().join("r/units"))
+        .unwrap()
+        .next();
+    let unit = std::fs::read_dir(unit.unwrap().unwrap().path())
+        .unwrap()
+        .next();
     let unit = unit.unwrap().unwrap().path();
     for (name, path) in [
         ("manifest", dir.path().join("r/manifest.json")),
         ("plan", dir.path().join("r/plan.json")),
         ("unit", unit),
     ] {
-        let schema = sharp_bench(dir.path(), &["schema", name]).ends_with(0).json();
+        let schema = sharp_bench(dir.path(), &["schema", name])
+            .ends_with(0)
+            .json();
         let (known, found) = (&schema["properties"], json(&path));
         for key in found.as_object().unwrap().keys() {
-            assert!(known.get(key).is_some(), "{name}: {key} is not in the schema");
+            assert!(
+                known.get(key).is_some(),
+                "{name}: {key} is not in the schema"
+            );
         }
         for key in schema["required"].as_array().unwrap() {
             let key = key.as_str().unwrap();

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 
+use super::prediction_file::{read_prediction, write_prediction};
 use crate::io::atomic_files::FileError;
-use crate::io::gaussian_files::{read_prediction, write_prediction};
 use crate::methods::{GaussianPrediction, MethodError};
 
 /// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.

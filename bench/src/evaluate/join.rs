@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use super::error::EvaluateError;
 use super::folder::{Plan, PlanBlock, RunFolder};
 use super::manifest::Manifest;
-use super::prepare::joined_list;
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
@@ -310,7 +309,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         let of_folder = PairList::read(&folder.pairs_path())?;
         list = Some(match list {
             None => of_folder,
-            Some(before) => joined_list(&before, &of_folder),
+            Some(before) => before.joined(&of_folder),
         });
         for block in folder.plan()?.blocks {
             let PlanBlock { pairs, methods } = block;

@@ -108,7 +108,7 @@ impl Keys {
                 predict.add("target camera", &camera(planned.target));
             }
             // These look at the truth.
-            Approach::Scales(_) | Approach::Target(_) => {
+            Approach::Scales(_) | Approach::Target => {
                 predict.add("target", &self.view(planned.target));
             }
         }

@@ -13,6 +13,7 @@ use super::error::EvaluateError;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
+use crate::scoring::Scoring;
 
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
@@ -260,6 +261,17 @@ fn union<T>(
     }
     all.extend(new.into_iter().flatten());
     all
+}
+
+/// The columns of some metrics, for manifests.
+pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
+    let metrics = scoring.metrics.iter();
+    metrics
+        .map(|metric| MetricRecord {
+            info: metric.info.clone(),
+            identity: metric.identity.clone(),
+        })
+        .collect()
 }
 
 /// What decides how predictions become scored pictures, in words.

@@ -15,8 +15,8 @@
 //! ```
 //!
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored.
-//! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`: predictions of
-//!   sources, made once.
+//! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
+//!   `prediction_file`: predictions of sources, made once.
 //! * [`record`]: one result; [`unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
 //!   [`manifest`]: what its results share.
 //! * [`results`]: a folder as records and tables; [`join`]: several folders as one; [`mod@rescore`]: kept predictions
@@ -29,6 +29,7 @@ pub mod join;
 mod keys;
 pub mod manifest;
 pub mod pipeline;
+mod prediction_file;
 pub mod prepare;
 pub mod record;
 mod render;

@@ -454,8 +454,9 @@ impl<'a> PairWork<'_, 'a> {
         let made = match method.approach() {
             Approach::Gaussians(_) => return self.splat(method, name, keys, sources),
             _ if stages == Stages::Render => return Err(Failure::Waiting),
-            Approach::Target(target) => {
-                plain(target.reveal(self.truth.get().map_err(Failure::Pair)?))
+            Approach::Target => {
+                let truth = self.truth.get().map_err(Failure::Pair)?;
+                plain(truth.image().clone().into())
             }
             Approach::Pictures(pictures) => {
                 let depth = match method.privilege() {
@@ -469,10 +470,14 @@ impl<'a> PairWork<'_, 'a> {
             Approach::Scales(sweep) => {
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, None);
-                let mut candidates = sweep.candidates(&source, &target)?;
+                let mut candidates = sweep.predict(&source, &target)?;
                 let tried = candidates.len();
                 let truth = self.truth.get().map_err(Failure::Pair)?;
-                let best = sweep.chooser().best(truth, &candidates);
+                let pictures: Vec<_> = candidates
+                    .iter()
+                    .map(|c| (c.scale, &c.prediction.picture, c.prediction.region))
+                    .collect();
+                let best = sweep.chooser().best(truth, &pictures);
                 let best = best.map_err(|reason| Failure::Pair(format!("{pair_id}: {reason}")))?;
                 let best = candidates.swap_remove(best);
                 Made {

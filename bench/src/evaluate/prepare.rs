@@ -10,8 +10,8 @@ use super::error::EvaluateError;
 use super::folder::{PlanBlock, RunFolder};
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
-    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, MethodRecord, MetricRecord,
-    PairsRecord, RendererRecord, scoring_conventions,
+    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, MethodRecord, PairsRecord,
+    RendererRecord, metric_records, scoring_conventions,
 };
 use super::pipeline::{Counts, Job, Keep, RunOptions, Stages, run as run_pipeline};
 use super::record::Status;
@@ -25,9 +25,7 @@ use crate::methods::Method;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
-use crate::pairs::{
-    OpenDataset, OverlapCache, Pair, PairError, PairList, PairProvenance, PairRecipe,
-};
+use crate::pairs::{OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe};
 use crate::rendering::SharedRenderer;
 use crate::scoring::Scoring;
 
@@ -355,7 +353,7 @@ impl Evaluation {
                     out.display()
                 ));
             }
-            list = joined_list(&PairList::read(&folder.pairs_path())?, &list);
+            list = PairList::read(&folder.pairs_path())?.joined(&list);
         }
         let mut plan = folder.plan()?;
         plan.add(PlanBlock {
@@ -393,17 +391,6 @@ impl Evaluation {
     }
 }
 
-/// The columns of some metrics, for manifests.
-pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
-    let metrics = scoring.metrics.iter();
-    metrics
-        .map(|metric| MetricRecord {
-            info: metric.info.clone(),
-            identity: metric.identity.clone(),
-        })
-        .collect()
-}
-
 fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
     RendererRecord {
         backend: renderer.name().to_owned(),
@@ -412,28 +399,4 @@ fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
         eps2d: 0.0,
         background: "black".to_owned(),
     }
-}
-
-/// The pairs of two lists. A pair of both is as the second says, and selected where either does.
-pub(super) fn joined_list(before: &PairList, new: &PairList) -> PairList {
-    let by_id = |list: &PairList| -> BTreeMap<String, Pair> {
-        let pairs = list.pairs.iter();
-        pairs
-            .map(|pair| (pair.pair_id.clone(), pair.clone()))
-            .collect()
-    };
-    let (mut joined, new_pairs) = (by_id(before), by_id(new));
-    let covered = |pair: &Pair| {
-        let same = new_pairs.get(&pair.pair_id);
-        same.is_some_and(|new| new.selected || !pair.selected)
-    };
-    if joined.values().all(covered) {
-        // Nothing is added to the new list: its bytes stay as they were handed in.
-        return new.clone();
-    }
-    for (id, mut pair) in new_pairs {
-        pair.selected |= joined.get(&id).is_some_and(|before| before.selected);
-        joined.insert(id, pair);
-    }
-    PairList::new("pairs.csv", joined.into_values().collect())
 }

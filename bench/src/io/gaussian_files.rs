@@ -1,21 +1,12 @@
 //! Scenes of Gaussians from files: PLY, or safetensors arrays.
 
-use std::collections::HashMap;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use glam::DAffine3;
-use safetensors::tensor::{Dtype, TensorView};
-use safetensors::{SafeTensorError, SafeTensors};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
 use sharp::ply::{self, PlyError, ReadOptions};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
-use sharp_datasets::DepthMap;
-
-use super::atomic_files::{FileError, write_atomic};
-use super::hash::{StableHasher, sha256_hex};
-use crate::methods::{GaussianPrediction, GaussianSpace};
 
 /// Gaussians and, where the file stores one, the camera to look from.
 #[derive(Debug, Clone)]
@@ -29,15 +20,6 @@ pub struct GaussianFile {
 /// Why a scene could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum GaussianFileError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// A prediction of ours that is not whole.
-    #[error("{}: not a whole prediction", path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-    },
     /// A `.ply` that is not one.
     #[error(transparent)]
     Ply(#[from] PlyError),
@@ -113,126 +95,7 @@ pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
     }
 }
 
-/// Writes a prediction with everything that rendering it needs: arrays as [`read`] takes them, its space, its depth
-/// layer, what the method reported, and a checksum.
-///
-/// # Errors
-/// Names the file and what the system said.
-pub fn write_prediction(path: &Path, prediction: &GaussianPrediction) -> Result<(), FileError> {
-    let encode = |error: SafeTensorError| FileError::new(path, "encode")(io::Error::other(error));
-    let gaussians = &prediction.gaussians;
-    let n = gaussians.len();
-    let mut arrays = vec![
-        (
-            "means",
-            vec![n, 3],
-            bytes_of(gaussians.means.as_flattened()),
-        ),
-        (
-            "quats_wxyz",
-            vec![n, 4],
-            bytes_of(gaussians.quaternions.as_flattened()),
-        ),
-        (
-            "scales",
-            vec![n, 3],
-            bytes_of(gaussians.scales.as_flattened()),
-        ),
-        ("opacities", vec![n], bytes_of(&gaussians.opacities)),
-        (
-            "colors_linear",
-            vec![n, 3],
-            bytes_of(gaussians.colors.as_flattened()),
-        ),
-    ];
-    if let Some(layer) = &prediction.first_layer {
-        let shape = vec![layer.height() as usize, layer.width() as usize];
-        arrays.push(("first_layer", shape, bytes_of(layer.as_raw())));
-    }
-    let space = match prediction.space {
-        GaussianSpace::Normalized => "normalized",
-        GaussianSpace::Camera => "camera",
-    };
-    let extras = serde_json::to_string(&prediction.extras).unwrap_or_default();
-    let metadata = HashMap::from([
-        ("space".to_owned(), space.to_owned()),
-        ("extras".to_owned(), extras.clone()),
-        ("checksum".to_owned(), checksum(space, &extras, &arrays)),
-    ]);
-    let views: Result<Vec<_>, _> = arrays
-        .iter()
-        .map(|(name, shape, bytes)| {
-            TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view))
-        })
-        .collect();
-    let bytes = safetensors::serialize(views.map_err(encode)?, Some(metadata)).map_err(encode)?;
-    write_atomic(path, &bytes)
-}
-
-/// Reads what [`write_prediction`] wrote.
-///
-/// # Errors
-/// When the file cannot be read, or is not whole.
-pub fn read_prediction(path: &Path) -> Result<GaussianPrediction, GaussianFileError> {
-    let damaged = || GaussianFileError::Damaged {
-        path: path.to_owned(),
-    };
-    let bytes = std::fs::read(path).map_err(FileError::new(path, "read"))?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|_| damaged())?;
-    let metadata = header.metadata().clone().ok_or_else(damaged)?;
-    let text = |name: &str| metadata.get(name).cloned().ok_or_else(damaged);
-    let (space, extras) = (text("space")?, text("extras")?);
-    let tensors = SafeTensors::deserialize(&bytes).map_err(|_| damaged())?;
-    let arrays: Vec<(&str, Vec<usize>, Vec<u8>)> = ARRAYS
-        .iter()
-        .filter_map(|name| {
-            let tensor = tensors.tensor(name).ok()?;
-            Some((*name, tensor.shape().to_vec(), tensor.data().to_vec()))
-        })
-        .collect();
-    if checksum(&space, &extras, &arrays) != text("checksum")? {
-        return Err(damaged());
-    }
-    let first_layer = arrays.iter().find(|(name, ..)| *name == "first_layer");
-    let first_layer = first_layer.and_then(|(_, shape, bytes)| {
-        let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
-        DepthMap::from_vec(shape[1] as u32, shape[0] as u32, values.collect())
-    });
-    Ok(GaussianPrediction {
-        gaussians: read_arrays(path)?,
-        space: match space.as_str() {
-            "camera" => GaussianSpace::Camera,
-            _ => GaussianSpace::Normalized,
-        },
-        first_layer,
-        extras: serde_json::from_str(&extras).map_err(|_| damaged())?,
-    })
-}
-
-/// The arrays of a prediction, in the order that they are hashed in.
-const ARRAYS: [&str; 6] = [
-    "means",
-    "quats_wxyz",
-    "scales",
-    "opacities",
-    "colors_linear",
-    "first_layer",
-];
-
-fn checksum(space: &str, extras: &str, arrays: &[(&str, Vec<usize>, Vec<u8>)]) -> String {
-    let mut hasher = StableHasher::default();
-    hasher.add("space", space).add("extras", extras);
-    for (name, shape, bytes) in arrays {
-        hasher.add(name, &format!("{shape:?} {}", sha256_hex(bytes)));
-    }
-    hasher.finish()
-}
-
-fn bytes_of(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|v| v.to_le_bytes()).collect()
-}
-
-fn read_arrays(path: &Path) -> Result<Gaussians, GaussianFileError> {
+pub fn read_arrays(path: &Path) -> Result<Gaussians, GaussianFileError> {
     let file = Checkpoint::open(path)?;
     let opacities = rows::<1>(&file, "opacities")?;
     Gaussians::new(

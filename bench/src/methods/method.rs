@@ -33,10 +33,8 @@ use sharp::gaussians::Gaussians;
 use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
-use super::scale_sweep::ScaleSweep;
-use super::trivial::Target;
 use crate::pairs::PosedCamera;
-use crate::scoring::Region;
+use crate::scoring::{Region, ScaleChooser};
 
 /// The view that a method starts from.
 #[derive(Debug, Clone, Copy)]
@@ -313,9 +311,9 @@ pub enum Approach<'a> {
     /// Gaussians of sources, rendered by us.
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene, of which the best is scored.
-    Scales(&'a ScaleSweep),
-    /// The truth itself: a self-test.
-    Target(&'a Target),
+    Scales(&'a dyn PredictScales),
+    /// The truth itself, which is not handed over: a self-test of the whole path.
+    Target,
 }
 
 /// Predicts pictures.
@@ -338,6 +336,22 @@ pub trait PredictGaussians: Sync {
     /// # Errors
     /// Names the file or view and the reason.
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError>;
+}
+
+/// Predicts pictures at several scales of the scene.
+pub trait PredictScales: Sync {
+    /// Predicts the picture of a camera at every scale.
+    ///
+    /// # Errors
+    /// When one is missing or unusable, or they show different parts of the target.
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<Vec<Candidate>, MethodError>;
+
+    /// What chooses the best, with a look at the target.
+    fn chooser(&self) -> &ScaleChooser;
 }
 
 /// A function as a method.

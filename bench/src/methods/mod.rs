@@ -25,7 +25,7 @@ pub mod trivial;
 pub use kinds::{KINDS, MethodKind, build};
 pub use method::{
     Approach, Candidate, Closure, GaussianPrediction, GaussianSpace, Method, MethodError,
-    MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, Privilege, SourceView,
-    TargetCamera,
+    MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, Privilege,
+    SourceView, TargetCamera,
 };
 pub use spec::{MethodSpec, SpecError};

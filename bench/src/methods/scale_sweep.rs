@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::imported::Imported;
 use super::method::{
-    Approach, Candidate, Method, MethodError, MethodIdentity, PredictPicture, SourceView,
-    TargetCamera,
+    Approach, Candidate, Method, MethodError, MethodIdentity, PredictPicture, PredictScales,
+    SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
 use crate::scoring::ScaleChooser;
@@ -61,40 +61,6 @@ impl ScaleSweep {
             chooser,
         })
     }
-
-    /// The predictions at all scales.
-    ///
-    /// # Errors
-    /// When one is missing or unusable, or they show different parts of the target.
-    pub fn candidates(
-        &self,
-        source: &SourceView,
-        target: &TargetCamera,
-    ) -> Result<Vec<Candidate>, MethodError> {
-        let mut candidates: Vec<Candidate> = Vec::new();
-        for (scale, pictures) in &self.scales {
-            let prediction = pictures.predict(source, target)?;
-            if candidates
-                .first()
-                .is_some_and(|first| first.prediction.region != prediction.region)
-            {
-                return Err(MethodError::File {
-                    path: Path::new(target.pair_id()).to_owned(),
-                    reason: "its scales show different parts of the target".to_owned(),
-                });
-            }
-            candidates.push(Candidate {
-                scale: *scale,
-                prediction,
-            });
-        }
-        Ok(candidates)
-    }
-
-    /// What chooses the best.
-    pub fn chooser(&self) -> &ScaleChooser {
-        &self.chooser
-    }
 }
 
 impl Method for ScaleSweep {
@@ -129,5 +95,36 @@ impl Method for ScaleSweep {
 
     fn approach(&self) -> Approach<'_> {
         Approach::Scales(self)
+    }
+}
+
+impl PredictScales for ScaleSweep {
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<Vec<Candidate>, MethodError> {
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for (scale, pictures) in &self.scales {
+            let prediction = pictures.predict(source, target)?;
+            if candidates
+                .first()
+                .is_some_and(|first| first.prediction.region != prediction.region)
+            {
+                return Err(MethodError::File {
+                    path: Path::new(target.pair_id()).to_owned(),
+                    reason: "its scales show different parts of the target".to_owned(),
+                });
+            }
+            candidates.push(Candidate {
+                scale: *scale,
+                prediction,
+            });
+        }
+        Ok(candidates)
+    }
+
+    fn chooser(&self) -> &ScaleChooser {
+        &self.chooser
     }
 }

@@ -268,7 +268,10 @@ impl BuiltList {
 
     /// Whose depth decided overlap, where it is the same for all datasets.
     pub fn common_depth(&self) -> Option<&str> {
-        let mut depths = self.provenance.values().map(|choices| &choices.overlap_depth);
+        let mut depths = self
+            .provenance
+            .values()
+            .map(|choices| &choices.overlap_depth);
         let first = depths.next()?;
         depths.all(|depth| depth == first).then_some(first)
     }

@@ -4,11 +4,11 @@
 //! rendered each pair at several scales of the scene, and the picture nearest to the target under DISTS is scored. The
 //! choice looks at the target; reports say so beside the numbers.
 
-use sharp_metrics::{MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError};
+use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
 use super::ground_truth::GroundTruth;
 use super::metrics::Scoring;
-use crate::methods::Candidate;
+use super::region::Region;
 
 /// Chooses among the pictures of several scales.
 #[derive(Debug)]
@@ -44,20 +44,21 @@ impl ScaleChooser {
         &self.identity
     }
 
-    /// The position of the best candidate; equally good ones go to the first. The error is the bare reason.
+    /// The position of the best picture, each given with its scale and the part of the target that it shows; equally good
+    /// ones go to the first. The error is the bare reason.
     pub(crate) fn best(
         &self,
         truth: &GroundTruth,
-        candidates: &[Candidate],
+        candidates: &[(f64, &Picture, Option<Region>)],
     ) -> Result<usize, String> {
         let pictures: Vec<_> = candidates
             .iter()
-            .map(|candidate| (&candidate.prediction.picture, candidate.prediction.region))
+            .map(|(_, p, region)| (*p, *region))
             .collect();
         let mut best: Option<(f64, usize)> = None;
         let scores = truth.score(&self.scorer, &pictures, None);
-        for (at, (scores, candidate)) in scores.into_iter().zip(candidates).enumerate() {
-            let wrong = |reason: String| format!("scale {}: {reason}", candidate.scale);
+        for (at, (scores, (scale, ..))) in scores.into_iter().zip(candidates).enumerate() {
+            let wrong = |reason: String| format!("scale {scale}: {reason}");
             let distance = match scores.map_err(wrong)?.into_iter().next() {
                 Some((_, Ok(value))) if !value.is_nan() => value,
                 Some((key, Ok(_))) => return Err(wrong(format!("{key} is not a number"))),

@@ -76,7 +76,12 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         .json();
     assert_eq!(json["overlap_depth"], "given,median-scaled-to-ground-truth");
     assert!(json["options"].as_str().unwrap().contains("overlap=given"));
-    let maps = &json["choices"].as_object().unwrap().values().next().unwrap()["overlap_depth_maps"];
+    let maps = &json["choices"]
+        .as_object()
+        .unwrap()
+        .values()
+        .next()
+        .unwrap()["overlap_depth_maps"];
     assert!(maps["count"].as_u64() > Some(0) && maps["sha256"].as_str().unwrap().len() == 64);
     // Scaled back, it is the truth: the same pairs with the same overlap to rounding.
     let ids = |name: &str| -> Vec<String> {

@@ -106,6 +106,31 @@ impl PairList {
         }
     }
 
+    /// The pairs of this list and a newer one. A pair of both is as the newer one says, and selected where either does.
+    #[must_use]
+    pub fn joined(&self, newer: &Self) -> Self {
+        let by_id = |list: &Self| -> BTreeMap<String, Pair> {
+            let pairs = list.pairs.iter();
+            pairs
+                .map(|pair| (pair.pair_id.clone(), pair.clone()))
+                .collect()
+        };
+        let (mut joined, new_pairs) = (by_id(self), by_id(newer));
+        let covered = |pair: &Pair| {
+            let same = new_pairs.get(&pair.pair_id);
+            same.is_some_and(|new| new.selected || !pair.selected)
+        };
+        if joined.values().all(covered) {
+            // Nothing is added to the newer list: its bytes stay as they were handed in.
+            return newer.clone();
+        }
+        for (id, mut pair) in new_pairs {
+            pair.selected |= joined.get(&id).is_some_and(|before| before.selected);
+            joined.insert(id, pair);
+        }
+        Self::new("pairs.csv", joined.into_values().collect())
+    }
+
     /// The file's content.
     pub fn to_csv(&self) -> String {
         to_csv(&self.pairs)

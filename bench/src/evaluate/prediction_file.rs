@@ -1,0 +1,146 @@
+//! Predictions of sources as files, for runs whose stages are apart and for more than memory holds.
+
+use std::collections::HashMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensorError, SafeTensors};
+use sharp_datasets::DepthMap;
+
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::gaussian_files::{GaussianFileError, read_arrays};
+use crate::io::hash::{StableHasher, sha256_hex};
+use crate::methods::{GaussianPrediction, GaussianSpace};
+
+/// Why a prediction cannot be read back.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum PredictionFileError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Gaussians(#[from] GaussianFileError),
+    /// Cut off or changed.
+    #[error("{}: not a whole prediction", .0.display())]
+    Damaged(PathBuf),
+}
+
+/// Writes a prediction with everything that rendering it needs: arrays as `gaussians` takes them, its space, its depth
+/// layer, what the method reported, and a checksum.
+///
+/// # Errors
+/// Names the file and what the system said.
+pub(super) fn write_prediction(
+    path: &Path,
+    prediction: &GaussianPrediction,
+) -> Result<(), FileError> {
+    let encode = |error: SafeTensorError| FileError::new(path, "encode")(io::Error::other(error));
+    let gaussians = &prediction.gaussians;
+    let n = gaussians.len();
+    let mut arrays = vec![
+        (
+            "means",
+            vec![n, 3],
+            bytes_of(gaussians.means.as_flattened()),
+        ),
+        (
+            "quats_wxyz",
+            vec![n, 4],
+            bytes_of(gaussians.quaternions.as_flattened()),
+        ),
+        (
+            "scales",
+            vec![n, 3],
+            bytes_of(gaussians.scales.as_flattened()),
+        ),
+        ("opacities", vec![n], bytes_of(&gaussians.opacities)),
+        (
+            "colors_linear",
+            vec![n, 3],
+            bytes_of(gaussians.colors.as_flattened()),
+        ),
+    ];
+    if let Some(layer) = &prediction.first_layer {
+        let shape = vec![layer.height() as usize, layer.width() as usize];
+        arrays.push(("first_layer", shape, bytes_of(layer.as_raw())));
+    }
+    let space = match prediction.space {
+        GaussianSpace::Normalized => "normalized",
+        GaussianSpace::Camera => "camera",
+    };
+    let extras = serde_json::to_string(&prediction.extras).unwrap_or_default();
+    let metadata = HashMap::from([
+        ("space".to_owned(), space.to_owned()),
+        ("extras".to_owned(), extras.clone()),
+        ("checksum".to_owned(), checksum(space, &extras, &arrays)),
+    ]);
+    let views: Result<Vec<_>, _> = arrays
+        .iter()
+        .map(|(name, shape, bytes)| {
+            TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view))
+        })
+        .collect();
+    let bytes = safetensors::serialize(views.map_err(encode)?, Some(metadata)).map_err(encode)?;
+    write_atomic(path, &bytes)
+}
+
+/// Reads what [`write_prediction`] wrote.
+///
+/// # Errors
+/// When the file cannot be read, or is not whole.
+pub(super) fn read_prediction(path: &Path) -> Result<GaussianPrediction, PredictionFileError> {
+    let damaged = || PredictionFileError::Damaged(path.to_owned());
+    let bytes = std::fs::read(path).map_err(FileError::new(path, "read"))?;
+    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|_| damaged())?;
+    let metadata = header.metadata().clone().ok_or_else(damaged)?;
+    let text = |name: &str| metadata.get(name).cloned().ok_or_else(damaged);
+    let (space, extras) = (text("space")?, text("extras")?);
+    let tensors = SafeTensors::deserialize(&bytes).map_err(|_| damaged())?;
+    let arrays: Vec<(&str, Vec<usize>, Vec<u8>)> = ARRAYS
+        .iter()
+        .filter_map(|name| {
+            let tensor = tensors.tensor(name).ok()?;
+            Some((*name, tensor.shape().to_vec(), tensor.data().to_vec()))
+        })
+        .collect();
+    if checksum(&space, &extras, &arrays) != text("checksum")? {
+        return Err(damaged());
+    }
+    let first_layer = arrays.iter().find(|(name, ..)| *name == "first_layer");
+    let first_layer = first_layer.and_then(|(_, shape, bytes)| {
+        let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
+        DepthMap::from_vec(shape[1] as u32, shape[0] as u32, values.collect())
+    });
+    Ok(GaussianPrediction {
+        gaussians: read_arrays(path)?,
+        space: match space.as_str() {
+            "camera" => GaussianSpace::Camera,
+            _ => GaussianSpace::Normalized,
+        },
+        first_layer,
+        extras: serde_json::from_str(&extras).map_err(|_| damaged())?,
+    })
+}
+
+/// The arrays of a prediction, in the order that they are hashed in.
+const ARRAYS: [&str; 6] = [
+    "means",
+    "quats_wxyz",
+    "scales",
+    "opacities",
+    "colors_linear",
+    "first_layer",
+];
+
+fn checksum(space: &str, extras: &str, arrays: &[(&str, Vec<usize>, Vec<u8>)]) -> String {
+    let mut hasher = StableHasher::default();
+    hasher.add("space", space).add("extras", extras);
+    for (name, shape, bytes) in arrays {
+        hasher.add(name, &format!("{shape:?} {}", sha256_hex(bytes)));
+    }
+    hasher.finish()
+}
+
+fn bytes_of(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
