@@ -58,8 +58,8 @@ pub(super) struct RunArgs {
     /// Which stages to do; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
-    /// Memory for the Gaussians of one source, in MiB; beyond it they wait on disk until the source is done
-    #[arg(long, value_name = "MIB", default_value_t = 2048)]
+    /// Memory for the Gaussians of one source, such as 512M or 2G; beyond it they wait on disk until the source is done
+    #[arg(long, value_name = "SIZE", default_value = "2G", value_parser = bytes)]
     memory_limit: u64,
     /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
     /// result's identity, and a run has one
@@ -122,6 +122,21 @@ pub(super) fn build_methods(
     Ok(specs.into_iter().map(|spec| spec.text).zip(built).collect())
 }
 
+/// `512M`, `2G`, `1048576`: bytes by powers of 1024.
+fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("'{text}': a size such as 512M or 2G is needed");
+    let unit = text.trim_end_matches("iB").trim_end_matches('B');
+    let (number, shift) = match unit.chars().last() {
+        Some('K' | 'k') => (&unit[..unit.len() - 1], 10),
+        Some('M') => (&unit[..unit.len() - 1], 20),
+        Some('G') => (&unit[..unit.len() - 1], 30),
+        Some('T') => (&unit[..unit.len() - 1], 40),
+        _ => (unit, 0),
+    };
+    let number: u64 = number.trim().parse().map_err(|_| wrong())?;
+    number.checked_mul(1 << shift).ok_or_else(wrong)
+}
+
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     if let Some(set) = args.simd {
@@ -160,7 +175,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         stages: args.stage,
         keep: args.keep,
         keep_gaussians: args.keep_gaussians,
-        memory_limit_bytes: args.memory_limit << 20,
+        memory_limit_bytes: args.memory_limit,
     };
     let finished = match evaluation.run(&args.out, options, &terminal) {
         Err(error @ EvaluateError::Device { .. }) => {
@@ -205,7 +220,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
 fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     let (manifest, standing) = (evaluation.manifest()?, evaluation.status(&args.out)?);
     if args.json {
-        output::json(&json!({ "manifest": manifest, "units": standing }))?;
+        let mut json = serde_json::to_value(&manifest)?;
+        json["units"] = serde_json::to_value(standing)?;
+        output::json(&json)?;
         return Ok(Outcome::Done);
     }
     for dataset in &manifest.datasets {
@@ -238,4 +255,24 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
         "units   {units}: {done} done, {unscored} to score, {missing} missing, {failed} failed"
     ))?;
     Ok(Outcome::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::bytes;
+
+    #[test]
+    fn sizes_have_units() {
+        for (text, expected) in [
+            ("0", 0),
+            ("512M", 512 << 20),
+            ("2G", 2 << 30),
+            ("3KiB", 3 << 10),
+        ] {
+            assert_eq!(bytes(text), Ok(expected));
+        }
+        for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T"] {
+            assert!(bytes(text).is_err(), "{text}");
+        }
+    }
 }
