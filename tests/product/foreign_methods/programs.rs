@@ -179,11 +179,11 @@ fn a_program_dies_with_the_run() {
     });
 }
 
-/// The README's Python program, with a model that copies.
+/// The Python program of bench/docs/your-method.md, with a model that copies.
 #[cfg(unix)]
 #[test]
 #[ignore = "needs python3"]
-fn the_python_program_of_the_readme_is_a_method() {
+fn the_python_program_of_the_docs_is_a_method() {
     let dir = tempfile::tempdir().unwrap();
     let model = r#"
 import shutil
@@ -199,8 +199,8 @@ def predict(path, pair):
     assert len(pair["K_s"]) == 9 and len(pair["target_from_source"]) == 16
     return Copy(path)
 "#;
-    let readme = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md"));
-    let program = readme.split("```python").nth(1).unwrap();
+    let docs = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/your-method.md"));
+    let program = docs.split("```python").nth(1).unwrap();
     let program = program.split("```").next().unwrap();
     std::fs::write(dir.path().join("my.py"), format!("{model}{program}")).unwrap();
     let methods = [
