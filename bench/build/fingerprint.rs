@@ -123,6 +123,7 @@ pub(crate) const GROUPS: [Group; 13] = [
     group(
         "RENDER_CPU",
         &[
+            "bench/src/evaluate/prediction_file.rs",
             "bench/src/evaluate/render.rs",
             "sharp/src/render",
             "sharp/src/camera.rs",
@@ -136,6 +137,7 @@ pub(crate) const GROUPS: [Group; 13] = [
     group(
         "RENDER_WGPU",
         &[
+            "bench/src/evaluate/prediction_file.rs",
             "bench/src/evaluate/render.rs",
             "sharp/src/render",
             "sharp/src/camera.rs",

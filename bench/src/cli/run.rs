@@ -75,7 +75,7 @@ pub(super) struct RunArgs {
     /// equal bit for bit within one class, so that unlike machines can share a run
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
-    /// Count what is done, failed and missing, and write nothing
+    /// Count what is done, failed and missing, and evaluate nothing
     #[arg(long)]
     dry_run: bool,
     /// Print JSON
@@ -209,9 +209,9 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         output::line(format!("run     {root}  (sharp-bench report {root})"))?;
     } else {
         output::line(format!(
-            "{} predicted, {} rendered; `--stage score` scores them",
+            "{} and {} made; `--stage score` scores the pictures",
             counted(counts.predicted, "prediction"),
-            counts.rendered
+            counted(counts.rendered, "rendering")
         ))?;
     }
     Ok(outcome)

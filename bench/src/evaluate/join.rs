@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::EvaluateError;
-use super::folder::{Plan, PlanBlock, RunFolder};
+use super::folder::{Plan, RunFolder};
 use super::manifest::Manifest;
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
@@ -265,12 +265,12 @@ fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
 /// # Errors
 /// When a folder cannot be read or written, or two of them contradict each other.
 pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, EvaluateError> {
-    let target = match (folders, out) {
+    let out = match (folders, out) {
         ([folder], None) => {
             RunFolder::open(folder)?;
             return write_tables(&RunFolder::create(folder)?);
         }
-        (_, Some(out)) => RunFolder::create(out)?,
+        (_, Some(out)) => out,
         (_, None) => {
             let reason = std::io::Error::other("several folders need --out FOLDER");
             return Err(FileError::new(Path::new("merge"), "write")(reason).into());
@@ -285,35 +285,30 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         .collect();
     let joined = join(&named)?;
     let mut manifest = joined.manifest;
-    let mut list: Option<PairList> = None;
-    let mut plan = Plan::default();
+    let mut opened = Vec::new();
     for path in folders {
         let folder = RunFolder::open(path)?;
         let current = Current::read(&folder)?;
-        for (key, identity) in current.manifest.metric_identities() {
-            let merged = manifest
-                .metrics
-                .iter()
-                .find(|m| m.info.key.to_string() == key);
-            if merged.is_some_and(|m| m.identity != identity) {
-                return Err(EvaluateError::Conflict {
-                    a: folders[0].clone(),
-                    b: path.clone(),
-                    difference: format!(
-                        "{key} was computed by other CPU kernels ({} and {}); --simd pins them",
-                        manifest.kernels, current.manifest.kernels
-                    ),
-                });
-            }
+        if let Some(difference) = machine_difference(&manifest, &current.manifest) {
+            return Err(EvaluateError::Conflict {
+                a: folders[0].clone(),
+                b: path.clone(),
+                difference,
+            });
         }
+        opened.push((folder, current));
+    }
+    let target = RunFolder::create(out)?;
+    let mut list: Option<PairList> = None;
+    let mut plan = Plan::default();
+    for (folder, current) in opened {
         let of_folder = PairList::read(&folder.pairs_path())?;
         list = Some(match list {
             None => of_folder,
             Some(before) => before.joined(&of_folder),
         });
         for block in folder.plan()?.blocks {
-            let PlanBlock { pairs, methods } = block;
-            plan.add(PlanBlock { pairs, methods });
+            plan.add(block);
         }
         for unit in current.units {
             copy_unit(&folder, &target, unit, current.manifest.common_region)?;
@@ -328,6 +323,37 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     target.write_plan(&plan)?;
     target.write_manifest(&manifest)?;
     write_tables(&target)
+}
+
+/// Why the units of a folder cannot lie in one that has this manifest: they were computed otherwise.
+fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
+    let (before, now) = (&manifest.renderer.backend, &other.renderer.backend);
+    if before != now {
+        return Some(format!("rendered by {before} and by {now}"));
+    }
+    if manifest.kernels != other.kernels {
+        return Some(format!(
+            "computed by the CPU kernels {} and {}; `run --simd` pins them",
+            manifest.kernels, other.kernels
+        ));
+    }
+    let methods = other.methods.iter().filter(|method| {
+        let same = manifest.methods.iter().find(|m| m.label == method.label);
+        same.is_some_and(|same| same.sources != method.sources)
+    });
+    let metrics = other.metrics.iter().filter(|metric| {
+        let same = manifest
+            .metrics
+            .iter()
+            .find(|m| m.info.key == metric.info.key);
+        same.is_some_and(|same| same.identity != metric.identity)
+    });
+    let mut names = methods
+        .map(|method| format!("method '{}'", method.label))
+        .chain(metrics.map(|metric| metric.info.key.to_string()));
+    names
+        .next()
+        .map(|name| format!("{name} was computed by another version of the code"))
 }
 
 /// Copies a unit with its pictures; scores that another copy has are kept.

@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 use sharp_datasets::View;
 
+use super::manifest::MethodRecord;
 use super::unit::Slot;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
@@ -44,11 +45,12 @@ pub(super) fn dataset_identity(dataset: &OpenDataset) -> String {
         .finish()
 }
 
-/// The method's identity with its privilege.
-pub(super) fn method_identity(identity: &str, privilege: Privilege) -> String {
+/// Hash of a method as a manifest records it: of its pictures, those of one identity alone share a table.
+pub(super) fn method_identity(record: &MethodRecord) -> String {
     StableHasher::default()
-        .add("identity", identity)
-        .add("privilege", &format!("{privilege:?}"))
+        .add("identity", &record.identity.to_string())
+        .add("privilege", &format!("{:?}", record.privilege))
+        .add("sources", &record.sources)
         .finish()
 }
 
@@ -68,8 +70,26 @@ impl Keys {
         Slot {
             pair_id: planned.pair.pair_id.clone(),
             method: method.label().to_owned(),
-            method_identity: method_identity(&method.identity().to_string(), method.privilege()),
+            method_identity: method_identity(&self.method_record(method, "")),
             dataset_identity: self.dataset(planned).to_owned(),
+        }
+    }
+
+    /// What a manifest says of a method; `spec` is what was given on the command line.
+    pub(super) fn method_record(&self, method: &dyn Method, spec: &str) -> MethodRecord {
+        let mut sources = StableHasher::default();
+        sources
+            .add("method", method.sources())
+            .add("reading", fingerprints::READING);
+        if let Approach::Gaussians(_) = method.approach() {
+            sources.add("renderer", fingerprints::of_renderer(&self.renderer));
+        }
+        MethodRecord {
+            label: method.label().to_owned(),
+            spec: spec.to_owned(),
+            identity: method.identity(),
+            privilege: method.privilege(),
+            sources: sources.finish(),
         }
     }
 
@@ -143,7 +163,6 @@ impl Keys {
     ) -> String {
         let mut key = StableHasher::default();
         key.add("metric", &metric.identity)
-            .add("metric sources", metric.sources)
             .add("picture", picture_sha256)
             .add("reading sources", fingerprints::READING)
             .add("dataset", self.dataset(planned))

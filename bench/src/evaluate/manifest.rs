@@ -53,7 +53,7 @@ pub struct Manifest {
 /// Who renders, with every setting that decides pixels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RendererRecord {
-    /// The exact backend: `cpu`, or `wgpu:<adapter, driver>`.
+    /// The exact backend: `cpu-avx512`, or `wgpu:<adapter, driver>`.
     pub backend: String,
     /// Nearest depth that is drawn, metres.
     pub near: f64,
@@ -141,6 +141,8 @@ pub struct MethodRecord {
     pub identity: MethodIdentity,
     /// What it knew of the source's true depth.
     pub privilege: Privilege,
+    /// Hash of the code that makes its pictures.
+    pub sources: String,
 }
 
 /// One metric column.

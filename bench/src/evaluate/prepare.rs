@@ -10,8 +10,8 @@ use super::error::EvaluateError;
 use super::folder::{PlanBlock, RunFolder};
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
-    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, MethodRecord, PairsRecord,
-    RendererRecord, metric_records, scoring_conventions,
+    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, RendererRecord,
+    metric_records, scoring_conventions,
 };
 use super::pipeline::{Counts, Job, Keep, RunOptions, Stages, run as run_pipeline};
 use super::record::Status;
@@ -250,6 +250,7 @@ impl Evaluation {
         };
         let methods = self.specs.iter().zip(&self.methods);
         let evaluated = self.pairs()?.len();
+        let keys = Keys::new(&self.datasets, self.renderer.name());
         Ok(Manifest {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -274,12 +275,7 @@ impl Evaluation {
                 }],
             },
             methods: methods
-                .map(|(spec, method)| MethodRecord {
-                    label: method.label().to_owned(),
-                    spec: spec.clone(),
-                    identity: method.identity(),
-                    privilege: method.privilege(),
-                })
+                .map(|(spec, method)| keys.method_record(method.as_ref(), spec))
                 .collect(),
             metrics: metric_records(&self.scoring),
         })

@@ -55,10 +55,7 @@ impl Current {
             .methods
             .iter()
             .enumerate()
-            .map(|(at, method)| {
-                let identity = method_identity(&method.identity.to_string(), method.privilege);
-                (method.label.as_str(), (at, identity))
-            })
+            .map(|(at, method)| (method.label.as_str(), (at, method_identity(method))))
             .collect();
         let datasets: BTreeSet<&str> = manifest
             .datasets
@@ -76,7 +73,6 @@ impl Current {
                 .get(unit.slot.method.as_str())
                 .is_some_and(|(_, identity)| *identity == unit.slot.method_identity)
                 && datasets.contains(unit.slot.dataset_identity.as_str())
-                && (unit.record.status != Status::Ok || !unit.scores.is_empty())
         });
         let order = |unit: &Unit| methods.get(unit.slot.method.as_str()).map(|(at, _)| *at);
         units.sort_by(|a, b| {
@@ -85,6 +81,7 @@ impl Current {
         });
         let done: BTreeSet<(&str, &str)> = units
             .iter()
+            .filter(|unit| is_done(unit))
             .map(|unit| (unit.slot.pair_id.as_str(), unit.slot.method.as_str()))
             .collect();
         let plan = folder.plan()?;
@@ -100,7 +97,7 @@ impl Current {
     pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
-        let units = self.units.iter();
+        let units = self.units.iter().filter(|unit| is_done(unit));
         units
             .map(|unit| {
                 let mut record = unit.record_with(&metrics);
@@ -114,6 +111,11 @@ impl Current {
             })
             .collect()
     }
+}
+
+/// Scored, or a recorded failure: not one that waits for its scores.
+fn is_done(unit: &Unit) -> bool {
+    unit.record.status != Status::Ok || !unit.scores.is_empty()
 }
 
 impl Results {
@@ -177,7 +179,8 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     let csv_error = |error: csv::Error| FileError::new(folder.root(), "encode")(error.into());
     let scores = scores_csv(&results.records, &keys).map_err(csv_error)?;
     write_atomic(&folder.scores_path(), &scores)?;
-    let timings = timings_csv(&current.units).map_err(csv_error)?;
+    let timings =
+        timings_csv(current.units.iter().filter(|unit| is_done(unit))).map_err(csv_error)?;
     write_atomic(&folder.timings_path(), &timings)?;
     Ok(results)
 }
@@ -258,7 +261,7 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
 }
 
 /// `pair_id,method,predict_secs,score_secs`: wall seconds, for the curious; never compared.
-fn timings_csv(units: &[Unit]) -> Result<Vec<u8>, csv::Error> {
+fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv::Error> {
     let mut out = csv::Writer::from_writer(Vec::new());
     out.write_record(["pair_id", "method", "predict_secs", "score_secs"])?;
     for unit in units {

@@ -23,10 +23,8 @@ pub struct ScoredMetric {
     pub key: MetricKey,
     /// What it is, with its weights.
     pub info: MetricInfo,
-    /// Hash of convention, weights and arithmetic: values of two identities never share a column.
+    /// Hash of convention, weights, arithmetic and code: values of two identities never share a column of a folder.
     pub identity: String,
-    /// Hash of the code that computes it.
-    pub sources: &'static str,
 }
 
 impl Scoring {
@@ -55,6 +53,7 @@ impl Scoring {
             identity
                 .add("metric", &key.to_string())
                 .add("weights", &weights.unwrap_or_default())
+                .add("sources", fingerprints::of_metric(key.family()))
                 .add("kernels", options.simd.instruction_set().name());
             if Backbone::of(key.metric()).is_some() {
                 identity.add("networks", &options.arithmetic().to_string());
@@ -62,7 +61,6 @@ impl Scoring {
             ScoredMetric {
                 key,
                 identity: identity.finish(),
-                sources: fingerprints::of_metric(key.family()),
                 info,
             }
         };

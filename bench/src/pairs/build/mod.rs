@@ -99,7 +99,6 @@ pub struct PairBuild {
     pub problems: Vec<Problem>,
 }
 
-/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
 impl PairBuild {
     /// Adds the pairs of other datasets; [`Self::finish`] brings all into order.
     pub(super) fn append(&mut self, other: Self) {
@@ -121,7 +120,7 @@ impl PairBuild {
     }
 }
 
-/// Depth at less than this share of the pixels is sparse.
+/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
 pub const SPARSE_COVERAGE: f64 = 0.3;
 
 /// How the pairs of a dataset came to be so many.
