@@ -52,6 +52,8 @@ impl Sharp {
             .unwrap_or("cpu")
             .parse()
             .map_err(|error: ModelError| refused(&error))?;
+        // A device that is not there is said before a checkpoint is looked for.
+        device.open(Precision::Fast).map_err(|e| refused(&e))?;
         let checkpoint = match option("checkpoint") {
             Some(file) => PathBuf::from(file),
             None => find_checkpoint().map_err(|error| refused(&error))?,
