@@ -13,7 +13,7 @@ use super::run::build_methods;
 use super::{Outcome, output};
 use crate::evaluate::{PairOrigin, Request, RunOptions, prepare};
 use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
-use crate::report::{Options, Published, report};
+use crate::report::{PublishedNumbers, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
@@ -80,11 +80,10 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         &finished.results,
         &finished.scenes,
         &args.out.join("report"),
-        Published::Matching,
-        Options {
+        PublishedNumbers::Matching,
+        ReportOptions {
             picture_side: 640,
             picture_bytes: 4 << 20,
-            ..Options::default()
         },
     )?;
     let run = args.out.join("run");

@@ -9,7 +9,7 @@ use super::observer::Terminal;
 use super::usage::UsageError;
 use super::{Outcome, output};
 use crate::evaluate::{Counts, Named, Results, join};
-use crate::report::{Options, Published, assemble};
+use crate::report::{PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
 ///
@@ -33,8 +33,8 @@ pub(super) struct ReportArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Which of the paper's numbers stand beside ours
-    #[arg(long, value_enum, default_value_t = Published::Matching)]
-    published: Published,
+    #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
+    published: PublishedNumbers,
     /// Print JSON: the files written
     #[arg(long)]
     json: bool,
@@ -58,7 +58,13 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         ));
     }
     let scenes = assemble::scenes(&results.manifest, &Terminal::default());
-    let files = assemble::report(&results, &scenes, &out, args.published, Options::default())?;
+    let files = assemble::report(
+        &results,
+        &scenes,
+        &out,
+        args.published,
+        ReportOptions::default(),
+    )?;
     if args.json {
         let files: Vec<String> = files.all.iter().map(|f| f.display().to_string()).collect();
         output::json(&json!({ "out": out.display().to_string(), "files": files }))?;

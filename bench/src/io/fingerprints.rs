@@ -115,7 +115,7 @@ version = \"0.3.7\"
         "sharp/src/color.rs",
         "shaders/raster.wgsl",
         "bench/src/scoring/region.rs",
-        "bench/src/report/html/style.css",
+        "bench/templates/style.css",
         "bench/src/cli/run.rs",
     ];
 
@@ -156,7 +156,7 @@ version = \"0.3.7\"
             ["DEPTH_SPLAT", "NETWORK", "RENDER_CPU", "RENDER_WGPU"]
         );
         // The report, its style and the command line change no result.
-        assert!(of("bench/src/report/html/style.css").is_empty());
+        assert!(of("bench/templates/style.css").is_empty());
         assert!(of("bench/src/cli/run.rs").is_empty());
     }
 

@@ -7,9 +7,10 @@ use image::RgbImage;
 use sharp_datasets::{Scene, View};
 
 use super::input::{
-    Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published, ReportInput,
+    Column, FactGroup, PublishedNumbers, ReportDataset, ReportInput, ReportMethod, ReportOptions,
 };
-use super::{ReportError, ReportFiles, text_tables, write_report};
+use super::pictures::{NoPictures, ReportPictures};
+use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
 use crate::evaluate::record::Record;
@@ -28,8 +29,8 @@ pub fn report(
     results: &Results,
     scenes: &[Scene],
     out: &Path,
-    published: Published,
-    options: Options,
+    published: PublishedNumbers,
+    options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
     let pictures = RunPictures { results, scenes };
     let mut input = input(results, &pictures, published);
@@ -42,7 +43,7 @@ pub fn report(
 /// # Errors
 /// When the results contradict each other.
 pub fn tables(results: &Results) -> Result<String, ReportError> {
-    text_tables(&input(results, &NoPictures, Published::Never))
+    text_tables(&input(results, &NoPictures, PublishedNumbers::Never))
 }
 
 /// The scenes of results, for their pictures. A dataset that is gone costs the pictures, nothing else.
@@ -62,8 +63,8 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
 
 fn input<'a>(
     results: &'a Results,
-    pictures: &'a dyn Pictures,
-    published: Published,
+    pictures: &'a dyn ReportPictures,
+    published: PublishedNumbers,
 ) -> ReportInput<'a> {
     let Results {
         manifest, records, ..
@@ -85,12 +86,12 @@ fn input<'a>(
             manifest.version
         ),
         records,
-        metrics: metrics(manifest),
+        metrics: manifest.metrics.iter().map(|m| (&m.info).into()).collect(),
         extras: extras(),
         datasets: manifest
             .datasets
             .iter()
-            .map(|dataset| Dataset {
+            .map(|dataset| ReportDataset {
                 description: format!(
                     "{} ({}{}, {})",
                     dataset.spec,
@@ -101,22 +102,21 @@ fn input<'a>(
                         .map_or_else(String::new, |glob| format!(" matching {glob}")),
                     counted(dataset.views, "view")
                 ),
-                // A name is anyone's choice; the format says whose pictures they are.
-                published_as: Some(dataset.format.clone()),
+                format: Some(dataset.format.clone()),
                 proxies: proxies(manifest, dataset, records),
                 common_region: manifest.common_region,
-                ..Dataset::named(&dataset.name)
+                ..ReportDataset::named(&dataset.name)
             })
             .collect(),
         methods: manifest.methods.iter().map(method).collect(),
         facts: facts(manifest),
         published,
         pictures,
-        options: Options::default(),
+        options: ReportOptions::default(),
     }
 }
 
-fn method(record: &MethodRecord) -> Method {
+fn method(record: &MethodRecord) -> ReportMethod {
     let identity = &record.identity;
     let summary = KINDS.iter().find(|known| known.name == identity.kind);
     let privilege = match record.privilege {
@@ -124,7 +124,7 @@ fn method(record: &MethodRecord) -> Method {
         _ => "",
     };
     let kernel = identity.settings.get("resize");
-    Method {
+    ReportMethod {
         label: record.label.clone(),
         description: format!(
             "{} ({identity}{privilege})",
@@ -162,83 +162,77 @@ fn proxies(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> 
     proxies
 }
 
-fn metrics(manifest: &Manifest) -> Vec<Metric> {
-    let metrics = manifest.metrics.iter().map(|metric| (&metric.info).into());
-    metrics.collect()
-}
-
 /// What methods report about their predictions.
-fn extras() -> Vec<Metric> {
-    let extra = |key, label, convention| Metric::reported(key, label, "", 3, convention);
-    vec![
-        extra(
+fn extras() -> Vec<Column> {
+    let extras = [
+        (
             "mean_alpha",
             "Mean alpha",
+            3,
             "mean coverage of the rendering, 0..1",
         ),
-        extra(
+        (
             "hole_share",
             "Hole share",
+            3,
             "share of pixels whose alpha is below 0.5",
         ),
-        extra(
+        (
             "median_scale",
             "Depth scale",
+            3,
             "the factor that median alignment put on the predicted depth",
         ),
-        Metric {
-            decimals: 0,
-            ..extra(
-                "dropped_blocks",
-                "Dropped blocks",
-                "blocks of pixels without a valid depth, for which no Gaussian was made",
-            )
-        },
-        extra(
+        (
+            "dropped_blocks",
+            "Dropped blocks",
+            0,
+            "blocks of pixels without a valid depth, for which no Gaussian was made",
+        ),
+        (
             "scored_share",
             "Scored share",
+            3,
             "share of the target's pixels that a cropped prediction is scored on",
         ),
-        extra(
+        (
             "best_scale",
             "Best scale",
+            3,
             "the scale of the scene whose picture had the least DISTS, of those that the method rendered",
         ),
-    ]
+    ];
+    let extras = extras.into_iter();
+    extras
+        .map(|(key, label, decimals, convention)| {
+            Column::reported(key, label, decimals, convention)
+        })
+        .collect()
 }
 
 fn facts(manifest: &Manifest) -> Vec<FactGroup> {
-    let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let group = |title: &str, facts: Vec<(String, String)>| FactGroup {
         title: title.to_owned(),
         facts,
     };
     let mut groups = Vec::new();
-    let readings = manifest.datasets.iter().flat_map(|dataset| {
-        let readings = dataset.readings.iter().map(|reading| {
-            let mark = if reading.proxy {
-                format!(" ({PROXY})")
-            } else {
-                String::new()
-            };
-            format!("{}={}{mark}", reading.key, reading.value)
-        });
-        let notes = readings.chain(dataset.notes.iter().cloned());
-        notes
-            .map(|note| (dataset.name.clone(), note))
-            .collect::<Vec<_>>()
-    });
-    let notes: Vec<(String, String)> = readings.collect();
+    let mut notes = Vec::new();
+    for dataset in &manifest.datasets {
+        let readings = dataset.readings.iter();
+        let readings = readings.map(|r| format!("{}={}{}", r.key, r.value, mark(r.proxy)));
+        let all = readings.chain(dataset.notes.iter().cloned());
+        notes.extend(all.map(|note| (dataset.name.clone(), note)));
+    }
     if !notes.is_empty() {
         groups.push(group("Dataset notes", notes));
     }
     let renderer = &manifest.renderer;
     let mut scoring: Vec<(String, String)> = manifest.scoring.clone().into_iter().collect();
     scoring.extend([
-        text("kernels", &format!("cpu-{}", manifest.kernels)),
-        text("metric networks", &manifest.metric_networks.to_string()),
-        (
-            "renderer".to_owned(),
+        fact("kernels", format!("cpu-{}", manifest.kernels)),
+        fact("metric networks", &manifest.metric_networks),
+        fact(
+            "renderer",
             format!(
                 "{}, near {}, far {:e}, eps2d {}, background {}",
                 renderer.backend, renderer.near, renderer.far, renderer.eps2d, renderer.background
@@ -247,57 +241,53 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     ]);
     if manifest.common_region {
         let rule = "on the part of a target that all methods predict (--common-region)";
-        scoring.push(text("region", rule));
+        scoring.push(fact("region", rule));
     }
     scoring.sort();
     groups.push(group("Scoring", scoring));
     for list in &manifest.pairs.lists {
         groups.push(group("Pair list", list_facts(list)));
     }
-    let mut build = vec![text("sharp-bench", &manifest.version)];
-    build.extend(
-        manifest
-            .sources
-            .iter()
-            .map(|(stage, hash)| (format!("sources of {stage}"), hash.clone())),
-    );
+    let mut build = vec![fact("sharp-bench", &manifest.version)];
+    let sources = manifest.sources.iter();
+    build.extend(sources.map(|(stage, hash)| fact(format!("sources of {stage}"), hash)));
     groups.push(group("Build", build));
     groups
 }
 
 fn list_facts(list: &ListRecord) -> Vec<(String, String)> {
-    let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let mut facts = vec![
-        text("sha256", &list.sha256),
-        text("listed", &list.listed.to_string()),
-        text("evaluated", &list.evaluated.to_string()),
+        fact("sha256", &list.sha256),
+        fact("listed", list.listed),
+        fact("evaluated", list.evaluated),
     ];
     if let Some(limit) = list.limit {
-        facts.push(text(
-            "limit",
-            &format!("{limit} (not all that are selected)"),
-        ));
+        let text = format!("{limit} (not all that are selected)");
+        facts.push(fact("limit", text));
     }
     for (dataset, choices) in &list.choices {
-        let proxies = choices.options.proxies();
-        facts.push((
-            format!("{dataset}: overlap depth"),
-            choices.overlap_depth.clone(),
-        ));
+        let name = |what: &str| format!("{dataset}: {what}");
+        facts.push(fact(name("overlap depth"), &choices.overlap_depth));
         if let Some(maps) = &choices.overlap_depth_maps {
             let value = format!("{} maps, sha256 {}", maps.count, maps.sha256);
-            facts.push((format!("{dataset}: overlap depth maps"), value));
+            facts.push(fact(name("overlap depth maps"), value));
         }
-        facts.extend(choices.options.entries().into_iter().map(|(key, value)| {
-            let mark = if proxies.contains(&format!("{key}={value}")) {
-                format!(" ({PROXY})")
-            } else {
-                String::new()
-            };
-            (format!("{dataset}: {key}"), format!("{value}{mark}"))
-        }));
+        let proxies = choices.options.proxies();
+        for (key, value) in choices.options.entries() {
+            let proxy = mark(proxies.contains(&format!("{key}={value}")));
+            facts.push(fact(name(key), format!("{value}{proxy}")));
+        }
     }
     facts
+}
+
+fn fact(name: impl Into<String>, value: impl ToString) -> (String, String) {
+    (name.into(), value.to_string())
+}
+
+fn mark(proxy: bool) -> String {
+    let mark = format!(" ({PROXY})");
+    if proxy { mark } else { String::new() }
 }
 
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.
@@ -307,49 +297,39 @@ struct RunPictures<'a> {
 }
 
 impl RunPictures<'_> {
-    fn view(&self, record: &Record, id: &str) -> Result<RgbImage, String> {
-        let view = self.find(record, id)?;
-        view.content.image().map_err(|error| error.to_string())
+    fn picture(&self, record: &Record, id: &str) -> Result<RgbImage, MissingPicture> {
+        let image = self.view(record, id)?.content.image();
+        image.map_err(|error| MissingPicture::Unusable(error.to_string()))
     }
 
-    fn find(&self, record: &Record, id: &str) -> Result<&View, String> {
-        let scene = self
-            .scenes
-            .iter()
-            .find(|scene| scene.dataset == record.dataset && scene.id == record.scene);
-        scene
-            .and_then(|scene| scene.views.iter().find(|view| view.id == id))
-            .ok_or_else(|| "the dataset is not at hand".to_owned())
+    fn view(&self, record: &Record, id: &str) -> Result<&View, MissingPicture> {
+        let mut scenes = self.scenes.iter();
+        let scene = scenes.find(|s| s.dataset == record.dataset && s.id == record.scene);
+        let view = scene.and_then(|scene| scene.views.iter().find(|view| view.id == id));
+        view.ok_or(MissingPicture::NoDataset)
+    }
+}
+
+impl ReportPictures for RunPictures<'_> {
+    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.picture(record, &record.source)
     }
 
-    /// A cropped prediction where it belongs in its target, black around it: for the eye only, scores know nothing of it.
-    fn padded(&self, record: &Record, picture: RgbImage) -> RgbImage {
-        let Some(crop) = record.crop else {
-            return picture;
-        };
-        let Ok(target) = self.find(record, &record.target) else {
-            return picture;
+    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.picture(record, &record.target)
+    }
+
+    /// A cropped prediction where it belongs in its target, black around it: for the eye only.
+    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        let path = self.results.picture_path(record);
+        let picture = read_rgb8(&path.ok_or(MissingPicture::NotKept)?)
+            .map_err(|error| MissingPicture::Unusable(error.to_string()))?;
+        let (Some(crop), Ok(target)) = (record.crop, self.view(record, &record.target)) else {
+            return Ok(picture);
         };
         let mut whole = RgbImage::new(target.intrinsics.width, target.intrinsics.height);
         let (x, y) = (i64::from(crop.region.x), i64::from(crop.region.y));
         image::imageops::replace(&mut whole, &picture, x, y);
-        whole
-    }
-}
-
-impl Pictures for RunPictures<'_> {
-    fn source(&self, record: &Record) -> Result<RgbImage, String> {
-        self.view(record, &record.source)
-    }
-
-    fn target(&self, record: &Record) -> Result<RgbImage, String> {
-        self.view(record, &record.target)
-    }
-
-    fn prediction(&self, record: &Record) -> Result<RgbImage, String> {
-        let path = self.results.picture_path(record);
-        let path = path.ok_or("the prediction was not kept")?;
-        let picture = read_rgb8(&path).map_err(|error| error.to_string())?;
-        Ok(self.padded(record, picture))
+        Ok(whole)
     }
 }

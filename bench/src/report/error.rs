@@ -11,11 +11,8 @@ pub enum ReportError {
     /// Two records of one pair and method that do not agree, or a pair with two descriptions.
     #[error("pair '{pair}', method '{method}': {reason}")]
     Conflict {
-        /// The pair's id.
         pair: String,
-        /// The method's label.
         method: String,
-        /// What differs.
         reason: String,
     },
     /// Two columns, methods or datasets of the same name were asked for.
@@ -23,33 +20,37 @@ pub enum ReportError {
     Repeated {
         /// `metric`, `method` or `dataset`.
         what: &'static str,
-        /// The name.
         name: String,
     },
-    /// An option outside its range.
-    #[error("{option} = {value}: {reason}")]
-    Option {
-        /// Its name.
-        option: &'static str,
-        /// What was given.
-        value: String,
-        /// What would be right.
-        reason: &'static str,
-    },
-    /// The drawing library refused.
+    /// The drawing library or an encoder refused.
     #[error("plot '{plot}': {reason}")]
-    Plot {
-        /// The plot's title.
-        plot: String,
-        /// What it said.
-        reason: String,
-    },
-    /// A picture could not be encoded.
-    #[error("{what}: cannot encode the picture: {reason}")]
-    Encode {
-        /// Which picture.
-        what: String,
-        /// What the encoder said.
-        reason: String,
+    Plot { plot: String, reason: String },
+    /// A template could not be filled in.
+    #[error("index.html: {0}")]
+    Page(#[from] askama::Error),
+}
+
+/// Why there is no picture to show, in a few words that stand in its place.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MissingPicture {
+    #[error("this report was made without pictures")]
+    NotWanted,
+    #[error("the dataset is not at hand")]
+    NoDataset,
+    #[error("the prediction was not kept")]
+    NotKept,
+    /// A picture that cannot be read or encoded.
+    #[error("{0}")]
+    Unusable(String),
+    #[error("failed: {0}")]
+    Failed(String),
+    /// No error map.
+    #[error("no {0}")]
+    Without(&'static str),
+    /// No error map either. Width and height, pixels.
+    #[error("the prediction has {} × {} pixels, the target {} × {}", prediction.0, prediction.1, target.0, target.1)]
+    Sizes {
+        prediction: (u32, u32),
+        target: (u32, u32),
     },
 }

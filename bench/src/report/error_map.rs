@@ -3,7 +3,10 @@
 //! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), through the sixth-degree polynomials
 //! that M. Zucker fitted to it (CC0): equal steps of error look like equal steps, and it stays ordered in grey.
 
-use image::{ImageBuffer, Luma, Rgb, RgbImage, imageops};
+use image::{ImageBuffer, Luma, Rgb, RgbImage};
+
+use super::error::MissingPicture;
+use super::pictures::reduced;
 
 /// Coefficients by ascending power, each for red, green and blue.
 const INFERNO: [[f64; 3]; 7] = [
@@ -56,26 +59,19 @@ pub fn css_gradient() -> String {
 pub fn absolute_error(
     prediction: &RgbImage,
     target: &RgbImage,
-) -> Result<ImageBuffer<Luma<f32>, Vec<f32>>, String> {
+) -> Result<ImageBuffer<Luma<f32>, Vec<f32>>, MissingPicture> {
     if prediction.dimensions() != target.dimensions() {
-        let ((a, b), (c, d)) = (prediction.dimensions(), target.dimensions());
-        return Err(format!(
-            "the prediction has {a} × {b} pixels, the target {c} × {d}"
-        ));
+        return Err(MissingPicture::Sizes {
+            prediction: prediction.dimensions(),
+            target: target.dimensions(),
+        });
     }
-    Ok(ImageBuffer::from_fn(
-        target.width(),
-        target.height(),
-        |x, y| {
-            let (p, t) = (prediction.get_pixel(x, y), target.get_pixel(x, y));
-            let sum: u16 =
-                p.0.iter()
-                    .zip(t.0)
-                    .map(|(a, b)| u16::from(a.abs_diff(b)))
-                    .sum();
-            Luma([f32::from(sum) / 765.0])
-        },
-    ))
+    let (width, height) = target.dimensions();
+    Ok(ImageBuffer::from_fn(width, height, |x, y| {
+        let (p, t) = (prediction.get_pixel(x, y).0, target.get_pixel(x, y).0);
+        let differences = p.into_iter().zip(t).map(|(a, b)| u16::from(a.abs_diff(b)));
+        Luma([f32::from(differences.sum::<u16>()) / 765.0])
+    }))
 }
 
 /// The error in colour, `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
@@ -88,14 +84,9 @@ pub fn picture(
     target: &RgbImage,
     max: f32,
     side: u32,
-) -> Result<RgbImage, String> {
-    let error = absolute_error(prediction, target)?;
-    let (width, height) = super::pictures::fitted(error.dimensions(), side);
-    let small = if (width, height) == error.dimensions() {
-        error
-    } else {
-        imageops::resize(&error, width, height, imageops::FilterType::Triangle)
-    };
+) -> Result<RgbImage, MissingPicture> {
+    let small = reduced(&absolute_error(prediction, target)?, side);
+    let (width, height) = small.dimensions();
     Ok(RgbImage::from_fn(width, height, |x, y| {
         colour(small.get_pixel(x, y).0[0] / max)
     }))
@@ -133,6 +124,7 @@ mod tests {
             &colour(0.0)
         );
         let other = RgbImage::new(1, 1);
-        assert!(absolute_error(&a, &other).unwrap_err().contains("2 × 1"));
+        let error = absolute_error(&a, &other).unwrap_err();
+        assert!(error.to_string().contains("2 × 1"));
     }
 }

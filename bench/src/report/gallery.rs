@@ -4,18 +4,28 @@ use std::borrow::Cow;
 
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
+use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Record, Status};
 use crate::scoring::Region;
 
+use super::board::{Board, PairBoard};
+use super::error::MissingPicture;
 use super::error_map;
-use super::input::{Better, Metric, Options, Pictures};
-use super::pictures::{Inlined, inlined};
-use super::records::{Board, PairBoard};
-use super::summary;
+use super::input::{Column, ReportOptions};
+use super::pictures::{InlinePicture, ReportPictures};
+use super::statistics;
 
-/// A picture, or why there is none.
-pub type Shown = Result<Inlined, String>;
+/// Pairs at most: half of them those with the worst scores, the others spread evenly.
+const PAIRS: usize = 24;
+/// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
+pub(super) const ERROR_MAX: f32 = 0.5;
+/// Pictures smaller than this help nobody; rather fewer pairs are shown.
+const MIN_SIDE: u32 = 240;
+/// Measured on photographs at the quality used: bytes per pixel, as text.
+const BYTES_PER_PIXEL: f64 = 0.5;
+
+type Inlined = Result<InlinePicture, MissingPicture>;
 
 /// The pairs shown.
 #[derive(Debug)]
@@ -31,44 +41,42 @@ pub struct Gallery<'a> {
 /// A pair with its pictures.
 #[derive(Debug)]
 pub struct GalleryPair<'a> {
-    /// Its records.
+    /// Position of its dataset in the board.
+    pub dataset: usize,
     pub pair: &'a PairBoard<'a>,
-    /// The photograph that methods were given.
-    pub source: Shown,
-    /// What they should have predicted.
-    pub target: Shown,
-    /// Prediction and error by method; `None`: the method has no record of this pair.
-    pub methods: Vec<Option<(Shown, Shown)>>,
+    pub source: Inlined,
+    pub target: Inlined,
+    /// By method; `None`: the method has no record of this pair.
+    pub methods: Vec<Option<GalleryPrediction<'a>>>,
+}
+
+/// A method's prediction of a pair.
+#[derive(Debug)]
+pub struct GalleryPrediction<'a> {
+    pub record: &'a Record,
+    pub prediction: Inlined,
+    pub error: Inlined,
 }
 
 impl GalleryPair<'_> {
     fn bytes(&self) -> usize {
-        let size = |shown: &Shown| shown.as_ref().map_or(0, |p| p.uri.len());
-        let predictions: usize = self
-            .methods
-            .iter()
-            .flatten()
-            .map(|(prediction, error)| size(prediction) + size(error))
-            .sum();
-        size(&self.source) + size(&self.target) + predictions
+        let methods = self.methods.iter().flatten();
+        let pictures = methods.flat_map(|shown| [&shown.prediction, &shown.error]);
+        let all = pictures.chain([&self.source, &self.target]).flatten();
+        all.map(|picture| picture.uri.len()).sum()
     }
 }
-
-/// Pictures smaller than this help nobody; rather fewer pairs are shown.
-const MIN_SIDE: u32 = 240;
-/// Measured on photographs at the quality used: bytes per pixel, as text.
-const BYTES_PER_PIXEL: f64 = 0.5;
 
 impl<'a> Gallery<'a> {
     /// Picks pairs, reduces and encodes their pictures. The longest side is chosen so that all of them are likely
     /// to fit; should they not, pairs at the end are left out.
     pub fn new(
         board: &'a Board<'a>,
-        metrics: &[Metric],
-        pictures: &dyn Pictures,
-        options: &Options,
+        metrics: &[Column],
+        pictures: &dyn ReportPictures,
+        options: &ReportOptions,
     ) -> Self {
-        let chosen = choose(board, metrics, options.gallery_pairs);
+        let chosen = choose(board, metrics, PAIRS);
         let count = chosen.len() * (2 + 2 * board.methods.len());
         let area = options.picture_bytes as f64 / BYTES_PER_PIXEL / count.max(1) as f64;
         // Photographs are about 4:3.
@@ -78,16 +86,14 @@ impl<'a> Gallery<'a> {
             .max(1);
         let mut pairs: Vec<GalleryPair<'a>> = chosen
             .into_par_iter()
-            .map(|pair| load(pair, pictures, options.error_max, side))
+            .map(|(dataset, pair)| load(dataset, pair, pictures, side))
             .collect();
         let mut used = 0;
-        let fitting = pairs
-            .iter()
-            .take_while(|pair| {
-                used += pair.bytes();
-                used <= options.picture_bytes
-            })
-            .count();
+        let fitting = pairs.iter().take_while(|pair| {
+            used += pair.bytes();
+            used <= options.picture_bytes
+        });
+        let fitting = fitting.count();
         pairs.truncate(fitting);
         Self {
             pairs,
@@ -98,43 +104,38 @@ impl<'a> Gallery<'a> {
 }
 
 fn load<'a>(
+    dataset: usize,
     pair: &'a PairBoard<'a>,
-    pictures: &dyn Pictures,
-    error_max: f32,
+    pictures: &dyn ReportPictures,
     side: u32,
 ) -> GalleryPair<'a> {
+    let inline = |picture: &RgbImage| InlinePicture::new(picture, side);
     let target = pictures.target(pair.facts);
-    let methods = pair
-        .by_method
-        .iter()
-        .map(|record| {
-            let record: &Record = (*record)?;
-            if let Status::Failed { reason } = &record.status {
-                return Some((
-                    Err(format!("failed: {reason}")),
-                    Err("no prediction".into()),
-                ));
+    let shown = |record: &'a Record| {
+        let prediction = match &record.status {
+            Status::Failed { reason } => Err(MissingPicture::Failed(reason.clone())),
+            Status::Ok => pictures.prediction(record),
+        };
+        let error = match (&prediction, &target) {
+            (Err(_), _) => Err(MissingPicture::Without("prediction")),
+            (_, Err(_)) => Err(MissingPicture::Without("target")),
+            (Ok(prediction), Ok(target)) => {
+                let truth = truth_of(record, prediction, target);
+                error_map::picture(prediction, &truth, ERROR_MAX, side).and_then(|e| inline(&e))
             }
-            let prediction = match pictures.prediction(record) {
-                Ok(prediction) => prediction,
-                Err(reason) => return Some((Err(reason), Err("no prediction".into()))),
-            };
-            let error = match &target {
-                Ok(target) => {
-                    let truth = truth_of(record, &prediction, target);
-                    error_map::picture(&prediction, &truth, error_max, side)
-                        .and_then(|picture| inlined(&picture, side))
-                }
-                Err(_) => Err("no target".into()),
-            };
-            Some((inlined(&prediction, side), error))
-        })
-        .collect();
+        };
+        GalleryPrediction {
+            record,
+            prediction: prediction.and_then(|p| inline(&p)),
+            error,
+        }
+    };
     GalleryPair {
+        dataset,
         pair,
-        source: pictures.source(pair.facts).and_then(|p| inlined(&p, side)),
-        target: target.and_then(|p| inlined(&p, side)),
-        methods,
+        source: pictures.source(pair.facts).and_then(|p| inline(&p)),
+        methods: pair.by_method.iter().map(|r| r.map(shown)).collect(),
+        target: target.and_then(|p| inline(&p)),
     }
 }
 
@@ -156,9 +157,13 @@ fn truth_of<'a>(record: &Record, prediction: &RgbImage, target: &'a RgbImage) ->
     Cow::Owned(truth)
 }
 
-/// At most `limit` pairs, the same number from each dataset as far as they have them; from each, first half of
-/// the share by the worst mean score of the ranked methods, then evenly through the rest.
-fn choose<'a>(board: &'a Board<'a>, metrics: &[Metric], limit: usize) -> Vec<&'a PairBoard<'a>> {
+/// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have
+/// them; from each, first half of the share by the worst mean score of the ranked methods, then evenly through the rest.
+fn choose<'a>(
+    board: &'a Board<'a>,
+    metrics: &[Column],
+    limit: usize,
+) -> Vec<(usize, &'a PairBoard<'a>)> {
     let mut shares = vec![0; board.datasets.len()];
     let mut left = limit;
     while left > 0 {
@@ -175,9 +180,9 @@ fn choose<'a>(board: &'a Board<'a>, metrics: &[Metric], limit: usize) -> Vec<&'a
         left -= given;
     }
     let mut chosen = Vec::new();
-    for (share, dataset) in shares.into_iter().zip(&board.datasets) {
+    for (d, (share, dataset)) in shares.into_iter().zip(&board.datasets).enumerate() {
         if share == dataset.pairs.len() {
-            chosen.extend(&dataset.pairs);
+            chosen.extend(dataset.pairs.iter().map(|pair| (d, pair)));
             continue;
         }
         let worst_first = by_badness(board, &dataset.pairs, metrics);
@@ -190,7 +195,7 @@ fn choose<'a>(board: &'a Board<'a>, metrics: &[Metric], limit: usize) -> Vec<&'a
             .filter_map(|i| worst_first.get(i).copied())
             .collect();
         picked.sort_by(|a, b| a.facts.pair_id.cmp(&b.facts.pair_id));
-        chosen.extend(picked);
+        chosen.extend(picked.into_iter().map(|pair| (d, pair)));
     }
     chosen
 }
@@ -199,7 +204,7 @@ fn choose<'a>(board: &'a Board<'a>, metrics: &[Metric], limit: usize) -> Vec<&'a
 pub(super) fn by_badness<'a>(
     board: &Board<'a>,
     pairs: &'a [PairBoard<'a>],
-    metrics: &[Metric],
+    metrics: &[Column],
 ) -> Vec<&'a PairBoard<'a>> {
     let mut order: Vec<(&PairBoard<'a>, f64)> = pairs
         .iter()
@@ -210,24 +215,19 @@ pub(super) fn by_badness<'a>(
 }
 
 /// Mean over the ranked methods of the first metric that has finite numbers, larger meaning worse.
-fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Metric]) -> f64 {
-    for metric in metrics {
-        let sign = match metric.better {
-            Better::Higher => -1.0,
-            Better::Lower => 1.0,
-            Better::Neither => continue,
+fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
+    let mean_of = |metric: &Column| {
+        let sign = match metric.direction? {
+            Direction::Higher => -1.0,
+            Direction::Lower => 1.0,
         };
-        let values: Vec<f64> = pair
-            .by_method
-            .iter()
-            .zip(&board.methods)
-            .filter(|(_, method)| method.unranked.is_none())
+        let records = pair.by_method.iter().zip(&board.methods);
+        let ranked = records.filter(|(_, method)| method.unranked.is_none());
+        let values: Vec<f64> = ranked
             .filter_map(|(record, _)| (*record)?.scores.get(&metric.key)?.value())
             .filter(|v| v.is_finite())
             .collect();
-        if let Some(mean) = summary::mean(&values) {
-            return sign * mean;
-        }
-    }
-    0.0
+        Some(sign * statistics::mean(&values)?)
+    };
+    metrics.iter().find_map(mean_of).unwrap_or(0.0)
 }

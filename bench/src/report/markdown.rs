@@ -2,27 +2,18 @@
 
 use std::fmt::Write as _;
 
-use super::input::{Metric, ReportInput};
-use super::records::Board;
+use super::board::Board;
+use super::input::ReportInput;
 use super::tables::Table;
 use super::tables::markdown::{escape, markdown};
 
-/// A plot by its file, relative to the report.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PlotFile {
-    /// What it shows.
-    pub title: String,
-    /// Relative path of the PNG, with `/`.
-    pub png: String,
-}
-
-/// GitHub-flavoured Markdown.
+/// GitHub-flavoured Markdown. `plots` are titles and paths of PNGs relative to the report, with `/`.
 pub fn report(
     input: &ReportInput<'_>,
     board: &Board<'_>,
     ours: &[Table],
     published: &[Table],
-    plots: &[PlotFile],
+    plots: &[(String, String)],
 ) -> String {
     let mut out = format!(
         "# {}\n\n{}\n\n",
@@ -57,38 +48,30 @@ pub fn report(
     }
     if !plots.is_empty() {
         out.push_str("## Plots\n\n");
-        for plot in plots {
-            let _ = write!(out, "![{}]({})\n\n", escape(&plot.title), plot.png);
+        for (title, png) in plots {
+            let _ = write!(out, "![{}]({png})\n\n", escape(title));
         }
     }
     out.push_str("## How the numbers came about\n\n");
-    for metric in input.metrics.iter().chain(&input.extras) {
-        let _ = writeln!(
-            out,
-            "- `{}` ({}{}): {}",
-            metric.key.replace('`', "'"),
-            metric.better.words(),
-            unit(metric),
-            escape(&metric.convention)
-        );
-    }
-    for method in board.methods.iter().filter(|m| !m.description.is_empty()) {
-        let _ = writeln!(
-            out,
-            "- Method {}: {}",
-            escape(&method.label),
-            escape(&method.description)
-        );
-    }
-    for dataset in board.datasets.iter().map(|d| &d.dataset) {
-        if !dataset.description.is_empty() {
-            let _ = writeln!(
-                out,
-                "- Dataset {}: {}",
-                escape(&dataset.name),
-                escape(&dataset.description)
-            );
+    for column in input.metrics.iter().chain(&input.extras) {
+        let mut unit = column.unit.clone();
+        if !unit.is_empty() {
+            unit.insert_str(0, ", ");
         }
+        let _ = writeln!(
+            out,
+            "- `{}` ({}{unit}): {}",
+            column.key.replace('`', "'"),
+            column.direction_words(),
+            escape(&column.convention)
+        );
+    }
+    let methods = board.methods.iter();
+    let methods = methods.map(|m| ("Method", m.label.as_str(), &m.description));
+    let datasets = board.datasets.iter().map(|d| &d.dataset);
+    let datasets = datasets.map(|d| ("Dataset", d.title(), &d.description));
+    for (what, name, text) in methods.chain(datasets).filter(|d| !d.2.is_empty()) {
+        let _ = writeln!(out, "- {what} {}: {}", escape(name), escape(text));
     }
     for group in &input.facts {
         let _ = write!(
@@ -101,12 +84,4 @@ pub fn report(
         }
     }
     out
-}
-
-fn unit(metric: &Metric) -> String {
-    if metric.unit.is_empty() {
-        String::new()
-    } else {
-        format!(", {}", metric.unit)
-    }
 }

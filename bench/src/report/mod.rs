@@ -5,22 +5,18 @@
 //!
 //! * [`assemble`]: from results to a report.
 //! * [`input`]: what a report is made of, as plain values; [`error`]: what can go wrong.
-//! * [`records`]: the run as a grid of pairs × methods.
-//! * [`summary`]: mean, spread and coverage of a cell.
+//! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them.
-//! * [`plots`]: motion against metric, histogram of baselines; SVG and PNG.
-//! * [`error_map`]: what a prediction got wrong, as a picture; [`pictures`]: pictures inside a page;
-//!   [`gallery`]: which pairs to show.
-//! * [`qualitative`]: a figure of predictions side by side.
-//! * [`mod@escape`]: text from outside on its way into markup.
-//! * [`html`]: the self-contained page; [`markdown`]: the same as text.
-//! * [`mod@write`]: all of it into a folder.
+//! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
+//! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
+//!   colour; [`gallery`]: which pairs the page shows; [`qualitative`]: predictions side by side.
+//! * [`html`]: the self-contained page; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
+pub mod board;
 pub mod error;
 pub mod error_map;
-pub mod escape;
 pub mod gallery;
 pub mod html;
 pub mod input;
@@ -29,8 +25,7 @@ pub mod paper;
 pub mod pictures;
 pub mod plots;
 pub mod qualitative;
-pub mod records;
-pub mod summary;
+pub mod statistics;
 pub mod tables;
 pub mod write;
 
@@ -38,9 +33,9 @@ pub mod write;
 mod tests;
 
 pub use assemble::report;
-pub use error::ReportError;
+pub use error::{MissingPicture, ReportError};
 pub use input::{
-    Better, Dataset, FactGroup, Method, Metric, NoPictures, Options, Pictures, Published,
-    ReportInput,
+    Column, FactGroup, PublishedNumbers, ReportDataset, ReportInput, ReportMethod, ReportOptions,
 };
+pub use pictures::{NoPictures, ReportPictures};
 pub use write::{ReportFiles, text_tables, write_report};

@@ -1,20 +1,85 @@
-//! Pictures inside a page: reduced, encoded as JPEG, written into the address itself.
+//! Pictures of a report: where they come from, and how they get into a page.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
-use image::{ImageEncoder as _, RgbImage, imageops};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops};
+
+use crate::evaluate::record::Record;
+
+use super::error::MissingPicture;
+
+/// Where the pictures of a record come from: sRGB, 8 bit. Called from several threads, and only for what the gallery
+/// shows; the source and the target once per pair.
+pub trait ReportPictures: Sync {
+    /// The photograph that the method was given.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+
+    /// What it should have predicted, at the size at which predictions are scored.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+
+    /// What it predicted, at the target's size.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+}
+
+/// A report without pictures.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoPictures;
+
+impl ReportPictures for NoPictures {
+    fn source(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
+
+    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
+
+    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
+}
 
 /// JPEG quality of everything in the page. It changes no score: scores come from the pictures themselves.
 const QUALITY: u8 = 88;
 
-/// A picture in the page.
+/// A picture in the page; sizes in pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Inlined {
+pub struct InlinePicture {
     /// `data:image/jpeg;base64,…`.
     pub uri: String,
-    /// Pixels.
     pub width: u32,
-    /// Pixels.
     pub height: u32,
+}
+
+impl InlinePicture {
+    /// The picture reduced to fit `side`.
+    ///
+    /// # Errors
+    /// [`MissingPicture::Unusable`] when it cannot be encoded.
+    pub fn new(picture: &RgbImage, side: u32) -> Result<Self, MissingPicture> {
+        let small = reduced(picture, side);
+        let (width, height) = small.dimensions();
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+            .write_image(&small, width, height, ExtendedColorType::Rgb8)
+            .map_err(|e| MissingPicture::Unusable(format!("cannot be encoded: {e}")))?;
+        Ok(Self {
+            uri: format!("data:image/jpeg;base64,{}", STANDARD.encode(&bytes)),
+            width,
+            height,
+        })
+    }
 }
 
 /// The size with the same shape whose longer side is at most `side`, never larger, at least one pixel.
@@ -30,64 +95,35 @@ pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     (scaled(width), scaled(height))
 }
 
-/// The picture reduced to fit `side`.
-///
-/// # Errors
-/// What the encoder said.
-pub fn inlined(picture: &RgbImage, side: u32) -> Result<Inlined, String> {
+/// The picture at its [`fitted`] size. Pixels are averaged, so that what is shown is what was scored.
+pub fn reduced<P: Pixel + 'static>(
+    picture: &ImageBuffer<P, Vec<P::Subpixel>>,
+    side: u32,
+) -> ImageBuffer<P, Vec<P::Subpixel>>
+where
+    P::Subpixel: 'static,
+{
     let (width, height) = fitted(picture.dimensions(), side);
-    let small = if (width, height) == picture.dimensions() {
+    if (width, height) == picture.dimensions() {
         picture.clone()
     } else {
         imageops::resize(picture, width, height, imageops::FilterType::Triangle)
-    };
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY)
-        .write_image(&small, width, height, image::ExtendedColorType::Rgb8)
-        .map_err(|e| format!("cannot be encoded: {e}"))?;
-    Ok(Inlined {
-        uri: format!("data:image/jpeg;base64,{}", base64(&bytes)),
-        width,
-        height,
-    })
+    }
 }
 
-/// RFC 4648, with padding.
-pub fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk
-            .iter()
-            .enumerate()
-            .fold(0_u32, |word, (i, b)| word | u32::from(*b) << (16 - 8 * i));
-        for i in 0..4 {
-            let digit = DIGITS[(word >> (18 - 6 * i) & 63) as usize];
-            out.push(if i <= chunk.len() { digit.into() } else { '=' });
-        }
-    }
-    out
+/// A small file rather than a quick one.
+pub(super) fn compact_png(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
+    let mut bytes = Vec::new();
+    let encoder =
+        PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive);
+    let (width, height) = picture.dimensions();
+    encoder.write_image(picture, width, height, ExtendedColorType::Rgb8)?;
+    Ok(bytes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_as_in_rfc_4648() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-        assert_eq!(base64(&[0xFB, 0xEF, 0xFF]), "++//");
-    }
 
     #[test]
     fn pictures_shrink_and_never_grow() {

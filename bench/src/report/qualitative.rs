@@ -1,20 +1,17 @@
 //! A figure as papers have it: a row per dataset, with source, target and the predictions of the ranked methods
 //! side by side.
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageEncoder as _, Rgb, RgbImage, imageops};
+use image::{Rgb, RgbImage, imageops};
 
 use crate::evaluate::record::Status;
 
-use super::error::ReportError;
+use super::board::{Board, PairBoard};
+use super::error::{MissingPicture, ReportError};
 use super::gallery::by_badness;
-use super::input::{Metric, Pictures};
-use super::pictures::fitted;
+use super::input::Column;
+use super::pictures::{ReportPictures, compact_png, reduced};
 use super::plots::canvas::{INK, Ink, MUTED};
-use super::plots::font::{Weight, width};
-use super::plots::lettering;
-use super::records::{Board, PairBoard};
-use super::tables::shown;
+use super::plots::text::{self, Weight, width};
 
 /// Rows at most.
 const ROWS: usize = 4;
@@ -31,8 +28,8 @@ const SMALL: f64 = 20.0;
 /// When the figure cannot be encoded.
 pub fn figure(
     board: &Board<'_>,
-    metrics: &[Metric],
-    pictures: &dyn Pictures,
+    metrics: &[Column],
+    pictures: &dyn ReportPictures,
 ) -> Result<Option<Vec<u8>>, ReportError> {
     let rows: Vec<Row> = board
         .datasets
@@ -41,7 +38,7 @@ pub fn figure(
         .filter_map(|dataset| {
             let pairs = by_badness(board, &dataset.pairs, metrics);
             let pair = pairs.get(pairs.len() / 2)?;
-            let label = format!("{}, {}", dataset.dataset.name, pair.facts.scene);
+            let label = format!("{}, {}", dataset.dataset.title(), pair.facts.scene);
             Some(Row::new(board, pair, label, metrics, pictures))
         })
         .filter(|row| row.tiles.iter().any(|tile| tile.picture.is_some()))
@@ -91,19 +88,11 @@ pub fn figure(
         }
         top += height + line(SMALL) * 2 + GAP;
     }
-    let mut bytes = Vec::new();
-    PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive)
-        .write_image(
-            &sheet,
-            sheet.width(),
-            sheet.height(),
-            image::ExtendedColorType::Rgb8,
-        )
-        .map_err(|e| ReportError::Encode {
-            what: "qualitative.png".into(),
-            reason: e.to_string(),
-        })?;
-    Ok(Some(bytes))
+    let png = compact_png(&sheet).map_err(|e| ReportError::Plot {
+        plot: "qualitative.png".into(),
+        reason: e.to_string(),
+    })?;
+    Ok(Some(png))
 }
 
 /// Height of a line of text.
@@ -121,45 +110,50 @@ struct Tile {
     text: String,
 }
 
+impl Tile {
+    fn new(picture: Result<RgbImage, MissingPicture>, text: String) -> Self {
+        match picture {
+            Ok(picture) => Self {
+                picture: Some(reduced(&picture, TILE)),
+                text,
+            },
+            Err(reason) => Self::empty(reason.to_string()),
+        }
+    }
+
+    fn empty(text: String) -> Self {
+        let picture = None;
+        Self { picture, text }
+    }
+}
+
 impl Row {
     fn new(
         board: &Board<'_>,
         pair: &PairBoard<'_>,
         label: String,
-        metrics: &[Metric],
-        pictures: &dyn Pictures,
+        metrics: &[Column],
+        pictures: &dyn ReportPictures,
     ) -> Self {
-        let tile = |picture: Result<RgbImage, String>, text: String| match picture {
-            Ok(picture) => Tile {
-                picture: Some(reduced(&picture)),
-                text,
-            },
-            Err(reason) => Tile {
-                picture: None,
-                text: reason,
-            },
-        };
         let baseline = format!("baseline {:.3} m", pair.facts.baseline_m);
         let mut tiles = vec![
-            tile(pictures.source(pair.facts), label),
-            tile(pictures.target(pair.facts), baseline),
+            Tile::new(pictures.source(pair.facts), label),
+            Tile::new(pictures.target(pair.facts), baseline),
         ];
         let methods = pair.by_method.iter().zip(&board.methods);
         for (record, _) in methods.filter(|(_, method)| method.unranked.is_none()) {
             tiles.push(match record {
-                None => tile(Err("no record".into()), String::new()),
-                Some(record) => match &record.status {
-                    Status::Failed { .. } => tile(Err("failed".into()), String::new()),
-                    Status::Ok => {
-                        let scores = metrics.iter().filter_map(|metric| {
-                            let value = record.scores.get(&metric.key)?.value()?;
-                            let name = metric.label.split(' ').next().unwrap_or_default();
-                            Some(format!("{name} {}", shown(value, metric.decimals)))
-                        });
-                        let scores: Vec<String> = scores.take(4).collect();
-                        tile(pictures.prediction(record), scores.join("  "))
-                    }
-                },
+                None => Tile::empty("no record".into()),
+                Some(record) if record.status != Status::Ok => Tile::empty("failed".into()),
+                Some(record) => {
+                    let scores = metrics.iter().filter_map(|metric| {
+                        let value = record.scores.get(&metric.key)?.value()?;
+                        let name = metric.label.split(' ').next().unwrap_or_default();
+                        Some(format!("{name} {}", metric.shown(value)))
+                    });
+                    let scores: Vec<String> = scores.take(4).collect();
+                    Tile::new(pictures.prediction(record), scores.join("  "))
+                }
             });
         }
         Self { tiles }
@@ -171,18 +165,9 @@ impl Row {
     }
 }
 
-fn reduced(picture: &RgbImage) -> RgbImage {
-    let (w, h) = fitted(picture.dimensions(), TILE);
-    if (w, h) == picture.dimensions() {
-        picture.clone()
-    } else {
-        imageops::resize(picture, w, h, imageops::FilterType::Triangle)
-    }
-}
-
 /// Text from a baseline's start, shortened to the width of a tile.
 fn write(sheet: &mut RgbImage, text: &str, at: (u32, u32), size: f64, weight: Weight, ink: Ink) {
     let mut text = text.to_owned();
     while width(&text, size, weight) > f64::from(TILE) && text.pop().is_some() {}
-    lettering::write(sheet, &text, at, size, weight, ink);
+    text::write(sheet, &text, at, size, weight, ink);
 }

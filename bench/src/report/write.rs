@@ -2,21 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
+use askama::Template as _;
+
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::counts::counted;
 
+use super::board::Board;
 use super::error::ReportError;
 use super::gallery::Gallery;
-use super::html::{self, Page};
-use super::input::{Metric, ReportInput, slug};
-use super::markdown::{self, PlotFile};
+use super::html::Page;
+use super::input::{Column, ReportInput};
+use super::markdown;
 use super::paper;
-use super::plots::motion::Motion;
-use super::plots::scale::Step;
-use super::plots::{Figure, histogram, motion};
+use super::plots::{Figure, baselines};
 use super::qualitative;
-use super::records::Board;
-use super::tables::{Table, build, csv, latex, markdown as markdown_table};
+use super::tables::text::text;
+use super::tables::{build, csv, latex, markdown as markdown_table};
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,7 +38,7 @@ const LIST: &str = "files.txt";
 /// in the folder are left alone.
 ///
 /// # Errors
-/// When records contradict each other, an option is out of range, or a file cannot be written.
+/// When records contradict each other, a name is given twice, or a file cannot be written.
 pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
     check(input)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
@@ -53,31 +54,26 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
     for table in ours.iter().chain(&published) {
         let stem = format!("tables/{}", table.name);
-        files.push((
-            format!("{stem}.md"),
-            markdown_table::markdown(table).into_bytes(),
-        ));
-        files.push((format!("{stem}.csv"), csv::csv(table).into_bytes()));
-        files.push((format!("{stem}.tex"), latex::latex(table).into_bytes()));
+        for (extension, text) in [
+            ("md", markdown_table::markdown(table)),
+            ("csv", csv::csv(table)),
+            ("tex", latex::latex(table)),
+        ] {
+            files.push((format!("{stem}.{extension}"), text.into_bytes()));
+        }
     }
     let figures = figures(input, &board)?;
     let mut plots = Vec::new();
     for (stem, figure) in &figures {
         let png = format!("plots/{stem}.png");
-        plots.push(PlotFile {
-            title: figure.title.clone(),
-            png: png.clone(),
-        });
+        plots.push((figure.title.clone(), png.clone()));
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
     }
-    let qualitative = qualitative::figure(&board, &input.metrics, input.pictures)?;
-    if let Some(png) = qualitative {
-        plots.push(PlotFile {
-            title: "Predictions side by side".into(),
-            png: "plots/qualitative.png".into(),
-        });
-        files.push(("plots/qualitative.png".into(), png));
+    if let Some(bytes) = qualitative::figure(&board, &input.metrics, input.pictures)? {
+        let png = "plots/qualitative.png".to_owned();
+        plots.push(("Predictions side by side".to_owned(), png.clone()));
+        files.push((png, bytes));
     }
     let text = markdown::report(input, &board, &ours, &published, &plots);
     files.push(("report.md".into(), text.into_bytes()));
@@ -90,7 +86,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         figures: &figures,
         gallery: &gallery,
     };
-    files.push(("index.html".into(), html::page(&page).into_bytes()));
+    files.push(("index.html".into(), page.render()?.into_bytes()));
 
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let list = out.join(LIST);
@@ -122,8 +118,8 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
 pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
     check(input)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let tables: Vec<Table> = build::of_scores(&board, &input.metrics);
-    let texts: Vec<String> = tables.iter().map(super::tables::text::text).collect();
+    let tables = build::of_scores(&board, &input.metrics);
+    let texts: Vec<String> = tables.iter().map(text).collect();
     Ok(texts.join("\n"))
 }
 
@@ -141,69 +137,51 @@ fn listed_earlier(list: &Path) -> Vec<String> {
 
 /// How much was measured here of what the paper's tables are about.
 fn pairs_here(board: &Board<'_>) -> String {
-    let of_paper: Vec<String> = board
-        .datasets
-        .iter()
-        .filter(|d| paper::position(&d.dataset).is_some())
-        .map(|d| format!("{} of {}", counted(d.pairs.len(), "pair"), d.dataset.name))
+    let datasets = board.datasets.iter();
+    let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());
+    let of_paper: Vec<String> = of_paper
+        .map(|d| {
+            format!(
+                "{} of {}",
+                counted(d.pairs.len(), "pair"),
+                d.dataset.title()
+            )
+        })
         .collect();
-    match of_paper.is_empty() {
-        true => String::new(),
-        false => format!(" Measured here: {}.", of_paper.join(", ")),
+    if of_paper.is_empty() {
+        return String::new();
     }
+    format!(" Measured here: {}.", of_paper.join(", "))
 }
 
-/// Histogram, then each metric against the baseline, by file stem.
+/// Each metric against the baseline, then the histogram, by file stem.
 fn figures(
     input: &ReportInput<'_>,
     board: &Board<'_>,
 ) -> Result<Vec<(String, Figure)>, ReportError> {
-    let width = match input.options.bin_width_m {
-        None => None,
-        Some(width) => Some(Step::exact(width).ok_or(ReportError::Option {
-            option: "bin_width_m",
-            value: width.to_string(),
-            reason: "must be positive with at most 15 digits",
-        })?),
-    };
     let mut figures = Vec::new();
     for metric in &input.metrics {
-        if let Some(figure) = motion::figure(board, metric, Motion::Metres, width)? {
+        if let Some(figure) = baselines::against_metric(board, metric)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
         }
-        if input.options.relative_motion
-            && let Some(figure) = motion::figure(board, metric, Motion::MedianDepths, None)?
-        {
-            figures.push((format!("relative-motion-{}", metric.slug()), figure));
-        }
     }
-    if let Some(figure) = histogram::figure(board, Motion::Metres, width)? {
+    if let Some(figure) = baselines::histogram(board)? {
         figures.push(("baselines".into(), figure));
     }
     Ok(figures)
 }
 
-/// Refuses what would overwrite itself or divide by nothing.
+/// Refuses columns whose files would overwrite each other.
 fn check(input: &ReportInput<'_>) -> Result<(), ReportError> {
     for list in [&input.metrics, &input.extras] {
-        for (i, metric) in list.iter().enumerate() {
-            let same =
-                |other: &Metric| other.key == metric.key || slug(&other.key) == slug(&metric.key);
-            if list[..i].iter().any(same) {
+        for (i, column) in list.iter().enumerate() {
+            if list[..i].iter().any(|c: &Column| c.slug() == column.slug()) {
                 return Err(ReportError::Repeated {
                     what: "metric",
-                    name: metric.key.clone(),
+                    name: column.key.clone(),
                 });
             }
         }
-    }
-    let max = input.options.error_max;
-    if !(max > 0.0 && max <= 1.0) {
-        return Err(ReportError::Option {
-            option: "error_max",
-            value: max.to_string(),
-            reason: "must be above 0 and at most 1",
-        });
     }
     Ok(())
 }

@@ -1,131 +1,97 @@
 //! Each metric against the shift, with the mean image as the line that no small shift should reach.
 
 use crate::report::error::ReportError;
-use crate::report::input::Metric;
-use crate::report::plots::canvas::{Figure, Point, Surface};
+use crate::report::input::Column;
+use crate::report::plots::Figure;
+use crate::report::plots::canvas::{Point, Surface};
 use crate::report::plots::palette::{Marker, Style, stroke, style};
-use crate::report::plots::panels::{Axis, Frame, Grid, Place, point};
+use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, figure as draw, point};
 
 use super::experiment::Experiment;
-use super::shift;
 
 /// One panel a metric; a metric without values says so in its panel. `None` without any value.
 ///
 /// # Errors
 /// When the drawing library refuses.
 pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
-    let panels: Vec<Panel> = experiment
-        .keys()
-        .into_iter()
-        .map(|key| Panel::new(experiment, key))
-        .collect();
-    if panels.iter().all(|panel| panel.values().next().is_none()) {
-        return Ok(None);
-    }
-    let moved = style(0);
-    let mean = Style {
+    let label = format!("translation (% of the {})", experiment.axis.side());
+    let moved_style = style(0);
+    let mean_style = Style {
         ink: style(1).ink,
         marker: Marker::Square,
         dash: Some((7.0, 4.0)),
     };
-    let legend = [("translated", moved), ("mean image", mean)];
-    let side = match experiment.axis {
-        shift::Axis::X => "width",
-        shift::Axis::Y => "height",
-    };
-    let label = format!("translation (% of the {side})");
-    let caption = "Against the untranslated picture; each panel has its own scale.";
-    let grid = Grid::new(panels.len(), &legend.map(|(label, _)| label), caption);
-    let farthest = panels
-        .iter()
-        .flat_map(|p| &p.moved)
-        .map(|(x, _)| *x)
-        .fold(0.0, f64::max);
-    let draw = |surface: &mut dyn Surface| {
-        grid.surround(surface, &legend);
-        for (i, panel) in panels.iter().enumerate() {
-            let frame = Frame {
-                title: panel.metric.label.clone(),
-                remark: panel.metric.better.words().to_owned(),
-                x: Axis::over(&label, 0.0, farthest * 1.04, 6),
-                y: panel.vertical(),
-                infinity: panel.values().any(f64::is_infinite),
-            };
-            let place = grid.panel(surface, i, &frame);
-            panel.draw(surface, &place, moved, mean);
-        }
-    };
-    Figure::draw("Metrics against small translations", grid.size(), draw).map(Some)
-}
-
-/// A metric's values.
-struct Panel {
-    metric: Metric,
-    /// Shift in per cent, value.
-    moved: Vec<Point>,
-    mean: Option<f64>,
-}
-
-impl Panel {
-    fn new(experiment: &Experiment, key: sharp_metrics::MetricKey) -> Self {
+    let shifts = experiment.comparisons.iter().filter_map(|c| c.shift);
+    let farthest = shifts.map(|(percent, _)| percent).fold(0.0, f64::max);
+    let panels = experiment.keys().into_iter().map(|key| {
         let comparisons = experiment.comparisons.iter();
-        let moved = comparisons
-            .clone()
-            .filter_map(|c| Some((c.shift?.0, c.score(key)?)));
-        let mean = comparisons.clone().find(|c| c.shift.is_none());
-        Self {
-            metric: key.into(),
-            moved: moved.collect(),
-            mean: mean.and_then(|c| c.score(key)),
-        }
-    }
-
-    fn values(&self) -> impl Iterator<Item = f64> {
-        self.moved.iter().map(|(_, value)| *value).chain(self.mean)
-    }
-
-    fn vertical(&self) -> Axis {
-        let finite = || self.values().filter(|v| v.is_finite());
-        let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-            (low.min(v), high.max(v))
-        });
-        // Distances start at zero, where nothing differs.
-        let low = if self.metric.unit.is_empty() {
-            low.min(0.0)
-        } else {
-            low
-        };
-        let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
-        let room = (high - low) * 0.08;
-        let below = if low == 0.0 { 0.0 } else { room };
-        Axis::over(&self.metric.axis_label(), low - below, high + room, 6)
-    }
-
-    fn draw(&self, surface: &mut dyn Surface, place: &Place, moved: Style, mean: Style) {
-        if self.values().next().is_none() {
-            return place.remark(surface, "unavailable");
-        }
-        let height = |value: f64| {
-            if value.is_infinite() {
-                place.infinity
+        let moved = comparisons.filter_map(|c| Some((c.shift?.0, c.score(key)?)));
+        let moved: Vec<Point> = moved.collect();
+        let mut comparisons = experiment.comparisons.iter();
+        let mean = comparisons.find(|c| c.shift.is_none());
+        let mean = mean.and_then(|c| c.score(key));
+        let values: Vec<f64> = moved.iter().map(|(_, value)| *value).chain(mean).collect();
+        let column = Column::from(key);
+        Panel {
+            frame: PanelFrame {
+                title: column.label.clone(),
+                remark: column.direction_words().to_owned(),
+                x: PlotAxis::over(&label, 0.0, farthest * 1.04, 6),
+                y: vertical(&column, &values),
+                infinity: values.iter().any(|v| v.is_infinite()),
+            },
+            content: if values.is_empty() {
+                Err("unavailable")
             } else {
-                place.y.place(value)
-            }
-        };
-        if let Some(value) = self.mean {
-            let y = height(value);
-            stroke(surface, &[(place.x.from, y), (place.x.to, y)], 2.0, mean);
+                Ok(Box::new(
+                    move |surface: &mut dyn Surface, area: &PlotArea| {
+                        if let Some(value) = mean {
+                            let y = area.height(value);
+                            let line = [(area.x.from, y), (area.x.to, y)];
+                            stroke(surface, &line, 2.0, mean_style);
+                        }
+                        let points = moved.iter();
+                        let points = points.map(|(x, v)| (area.x.place(*x), area.height(*v)));
+                        let points: Vec<Point> = points.collect();
+                        if points.len() > 1 {
+                            stroke(surface, &points, 2.0, moved_style);
+                        }
+                        for at in points {
+                            point(surface, at, moved_style, false);
+                        }
+                    },
+                ))
+            },
         }
-        let points: Vec<Point> = self
-            .moved
-            .iter()
-            .map(|(shift, value)| (place.x.place(*shift), height(*value)))
-            .collect();
-        if points.len() > 1 {
-            stroke(surface, &points, 2.0, moved);
-        }
-        for at in points {
-            point(surface, at, moved, false);
-        }
+    });
+    let panels: Vec<Panel<'_>> = panels.collect();
+    if panels.iter().all(|panel| panel.content.is_err()) {
+        return Ok(None);
     }
+    let legend = [("translated", moved_style), ("mean image", mean_style)];
+    let caption = "Against the untranslated picture; each panel has its own scale.";
+    draw(
+        "Metrics against small translations",
+        caption,
+        &legend,
+        &panels,
+    )
+    .map(Some)
+}
+
+fn vertical(column: &Column, values: &[f64]) -> PlotAxis {
+    let finite = values.iter().filter(|v| v.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(*v), high.max(*v))
+    });
+    // Distances start at zero, where nothing differs.
+    let low = if column.unit.is_empty() {
+        low.min(0.0)
+    } else {
+        low
+    };
+    let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
+    let room = (high - low) * 0.08;
+    let below = if low == 0.0 { 0.0 } else { room };
+    PlotAxis::over(&column.axis_label(), low - below, high + room, 6)
 }

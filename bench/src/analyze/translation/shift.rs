@@ -14,6 +14,23 @@ pub enum Axis {
     Y,
 }
 
+impl Axis {
+    /// The side of a picture along it.
+    pub(super) fn side(self) -> &'static str {
+        match self {
+            Self::X => "width",
+            Self::Y => "height",
+        }
+    }
+
+    fn length(self, (width, height): (u32, u32)) -> u32 {
+        match self {
+            Self::X => width,
+            Self::Y => height,
+        }
+    }
+}
+
 /// Shifts in per cent of the side that the window moves along, ascending.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shifts(Vec<f64>);
@@ -36,12 +53,10 @@ impl Shifts {
     /// Those of the paper.
     pub const PAPER: [f64; 3] = [0.1, 1.0, 5.0];
 
-    /// The percentages.
     pub fn percent(&self) -> &[f64] {
         &self.0
     }
 
-    /// Whether these are the paper's.
     pub fn are_the_papers(&self) -> bool {
         self.0 == Self::PAPER
     }
@@ -81,10 +96,7 @@ impl<'a> Windows<'a> {
     /// When that leaves no window.
     pub fn new(picture: &'a RgbImage, axis: Axis, shifts: &Shifts) -> Result<Self, ShiftsError> {
         let (width, height) = picture.dimensions();
-        let side = match axis {
-            Axis::X => width,
-            Axis::Y => height,
-        };
+        let side = axis.length((width, height));
         let largest = shifts.0.last().copied().unwrap_or(0.0);
         let margin = (largest * f64::from(side) / 100.0).ceil() as u32;
         if side < margin + 2 {
@@ -102,12 +114,7 @@ impl<'a> Windows<'a> {
 
     /// A shift in pixels.
     pub fn pixels(&self, percent: f64) -> f64 {
-        let (width, height) = self.picture.dimensions();
-        let side = match self.axis {
-            Axis::X => width,
-            Axis::Y => height,
-        };
-        percent * f64::from(side) / 100.0
+        percent * f64::from(self.axis.length(self.picture.dimensions())) / 100.0
     }
 
     /// The window at the picture's start.

@@ -3,12 +3,10 @@
 use image::{Rgb, RgbImage, imageops};
 
 use super::experiment::Experiment;
-use crate::report::input::Metric;
-use crate::report::pictures::fitted;
+use crate::report::input::Column;
+use crate::report::pictures::{fitted, reduced};
 use crate::report::plots::canvas::{INK, MUTED};
-use crate::report::plots::font::Weight;
-use crate::report::plots::lettering::write;
-use crate::report::tables::shown;
+use crate::report::plots::text::{Weight, write};
 
 /// Longest side of a picture, pixels.
 const TILE: u32 = 440;
@@ -29,12 +27,7 @@ pub fn strip(experiment: &Experiment) -> RgbImage {
     );
     let mut place = |column: u32, picture: &RgbImage, lines: &[String]| {
         let left = GAP + column * (width + GAP);
-        // Reduced by means, so that what is shown is what was scored; never enlarged.
-        let small = if picture.dimensions() == (width, height) {
-            picture.clone()
-        } else {
-            imageops::resize(picture, width, height, imageops::FilterType::Triangle)
-        };
+        let small = reduced(picture, TILE);
         imageops::replace(&mut sheet, &small, i64::from(left), i64::from(GAP));
         for (i, line) in lines.iter().enumerate() {
             let at = (left, GAP + height + LINE * (i as u32 + 1) - 6);
@@ -50,11 +43,10 @@ pub fn strip(experiment: &Experiment) -> RgbImage {
     for (i, comparison) in experiment.comparisons.iter().enumerate() {
         let mut lines = vec![comparison.label()];
         lines.extend(keys.iter().map(|key| {
-            let metric = Metric::from(*key);
-            let value = comparison.score(*key);
-            let value =
-                value.map_or_else(|| "unavailable".to_owned(), |v| shown(v, metric.decimals));
-            format!("{} {value}", metric.label)
+            let column = Column::from(*key);
+            let value = comparison.score(*key).map(|v| column.shown(v));
+            let value = value.unwrap_or_else(|| "unavailable".to_owned());
+            format!("{} {value}", column.label)
         }));
         place(i as u32 + 1, &comparison.picture, &lines);
     }

@@ -1,9 +1,10 @@
 //! The comparisons as a table in the paper's form, and the paper's own numbers.
 
+use sharp_metrics::Family;
+
 use super::experiment::Experiment;
-use super::shift::Axis;
-use crate::evaluate::record::finite_or_text;
-use crate::report::input::Metric;
+use crate::evaluate::results::number;
+use crate::report::input::Column;
 use crate::report::paper;
 use crate::report::tables::{Cell, Group, Row, Table};
 
@@ -14,12 +15,10 @@ const PAPER: [(&str, [f64; 4]); 4] = [
     ("Translated (5.0 %)", [0.121, 0.723, 8.1, 0.249]),
     ("Mean image", [0.859, 0.970, 10.7, 0.351]),
 ];
-/// Families of its columns.
-const FAMILIES: [&str; 4] = ["dists", "lpips", "psnr", "ssim"];
+const FAMILIES: [Family; 4] = [Family::Dists, Family::Lpips, Family::Psnr, Family::Ssim];
 
 /// The table of an experiment on the picture of that name.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
-    let keys = experiment.keys();
     let mut notes = vec![method_note(experiment)];
     let rows = experiment.comparisons.iter().map(|comparison| Row {
         label: comparison.label(),
@@ -31,9 +30,8 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
                 let value = score.as_ref().ok().copied();
                 let mut cell = cell(value);
                 if let Err(reason) = score {
-                    let label = Metric::from(*key).label;
-                    let text = format!("No {label} (`{key}`): {reason}.");
-                    cell.notes.push(note(&mut notes, text));
+                    let text = format!("No {} (`{key}`): {reason}.", key.label());
+                    cell.notes.push(Table::note(&mut notes, text));
                 }
                 cell
             })
@@ -45,12 +43,8 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
         name: "translation".to_owned(),
         title: "Sensitivity of metrics to small image shifts".to_owned(),
         row_head: "comparison",
-        groups: vec![Group {
-            title: format!("{name} ({width} × {height})"),
-            pairs: None,
-            note: None,
-        }],
-        metrics: keys.into_iter().map(Metric::from).collect(),
+        groups: vec![Group::titled(&format!("{name} ({width} × {height})"))],
+        columns: experiment.keys().into_iter().map(Column::from).collect(),
         rows,
         notes,
     }
@@ -58,24 +52,15 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
 
 /// What the paper published, in a table of its own: other picture, conventions unstated.
 pub fn published() -> Table {
-    let mut metrics: Vec<Metric> = FAMILIES
-        .iter()
-        .map(|family| paper::metric(family))
-        .collect();
-    for metric in metrics.iter_mut().filter(|metric| metric.unit == "dB") {
-        // As many as it printed.
-        metric.decimals = 1;
-    }
+    let mut columns = FAMILIES.map(paper::metric);
+    // As many decimals of PSNR as it printed.
+    columns[2].decimals = 1;
     Table {
         name: "translation-published".to_owned(),
         title: "Published: sensitivity of metrics to small image shifts".to_owned(),
         row_head: "comparison",
-        groups: vec![Group {
-            title: "SHARP paper".to_owned(),
-            pairs: None,
-            note: None,
-        }],
-        metrics,
+        groups: vec![Group::titled("SHARP paper")],
+        columns: columns.into(),
         rows: PAPER
             .iter()
             .map(|(label, values)| Row {
@@ -95,33 +80,19 @@ pub fn published() -> Table {
 fn cell(value: Option<f64>) -> Cell {
     Cell {
         value,
-        rank: None,
-        coverage: None,
-        std: None,
         infinite: usize::from(value.is_some_and(f64::is_infinite)),
-        failed: 0,
-        notes: Vec::new(),
+        ..Cell::default()
     }
 }
 
-fn note(notes: &mut Vec<String>, text: String) -> usize {
-    notes.iter().position(|n| *n == text).unwrap_or_else(|| {
-        notes.push(text);
-        notes.len() - 1
-    })
-}
-
 fn method_note(experiment: &Experiment) -> String {
-    let side = match experiment.axis {
-        Axis::X => "width",
-        Axis::Y => "height",
-    };
     let shifts = experiment.comparisons.iter().filter_map(|c| c.shift);
     let pixels: Vec<String> = shifts.map(|(_, pixels)| format!("{pixels:.2}")).collect();
     format!(
-        "A window of this size moved over the picture by a share of its {side} ({} pixels), against the window at the \
+        "A window of this size moved over the picture by a share of its {} ({} pixels), against the window at the \
          start; linear between pixels, rounded to 8 bits, nothing filled in at a border. The mean image has the \
          reference's mean sRGB colour.",
+        experiment.axis.side(),
         pixels.join(", ")
     )
 }
@@ -139,16 +110,20 @@ pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
     header.extend(experiment.keys().iter().map(ToString::to_string));
     header.push("unavailable".to_owned());
     out.write_record(&header)?;
-    let text =
-        |value: f64| finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned);
     for comparison in &experiment.comparisons {
         let (percent, pixels) = comparison
             .shift
-            .map_or_else(Default::default, |(percent, px)| (text(percent), text(px)));
+            .map_or_else(Default::default, |(percent, px)| {
+                (number(percent), number(px))
+            });
         let mut row = vec![comparison.label(), percent, pixels];
         let mut reasons = Vec::new();
         for (key, score) in &comparison.scores {
-            row.push(score.as_ref().map_or_else(|_| String::new(), |v| text(*v)));
+            row.push(
+                score
+                    .as_ref()
+                    .map_or_else(|_| String::new(), |v| number(*v)),
+            );
             if let Err(reason) = score {
                 reasons.push(format!("{key}: {reason}"));
             }

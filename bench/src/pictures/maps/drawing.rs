@@ -8,9 +8,8 @@ use image::{Rgb, RgbImage};
 use super::map::{LocalMap, Scale};
 use crate::report::error_map::colour;
 use crate::report::plots::canvas::{INK, MUTED};
-use crate::report::plots::font::{CAP_HEIGHT, Weight, width};
-use crate::report::plots::lettering::{wrapped, write};
 use crate::report::plots::scale::Step;
+use crate::report::plots::text::{CAP_HEIGHT, Weight, width, wrapped, write};
 
 /// Small maps are enlarged, each pixel to a square, until their longer side has this many pixels.
 const SMALLEST_SIDE: u32 = 480;

@@ -1,8 +1,8 @@
-//! Samples by motion: equal bins from zero, empty ones skipped.
+//! Samples by baseline: equal bins from zero, empty ones skipped.
 
 use std::collections::BTreeMap;
 
-use crate::report::summary;
+use crate::report::statistics;
 
 use super::scale::Step;
 
@@ -44,8 +44,8 @@ pub fn bins(samples: &[(f64, f64)], step: Step) -> Vec<Bin> {
                 low: step.at(k),
                 high: step.at(k.saturating_add(1)),
                 n: values.len(),
-                mean: summary::mean(&values)?,
-                std: summary::sample_std(&values),
+                mean: statistics::mean(&values)?,
+                std: statistics::sample_std(&values),
             })
         })
         .collect()
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     fn tenths(samples: &[(f64, f64)]) -> Vec<(f64, usize, f64, Option<f64>)> {
-        bins(samples, Step::exact(0.1).unwrap())
+        bins(samples, Step::nice(1.0, 10))
             .into_iter()
             .map(|b| (b.low, b.n, b.mean, b.std))
             .collect()

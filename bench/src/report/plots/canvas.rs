@@ -3,7 +3,8 @@
 //! Everything is drawn four times as large as it is shown. The SVG says so in its view box; the PNG is reduced
 //! by two, which smooths it and leaves two pixels per CSS pixel.
 
-use image::{ImageEncoder as _, Rgb, RgbImage, codecs::png, imageops};
+use askama::filters::{Html, escape};
+use image::{Rgb, RgbImage, imageops};
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::FontTransform;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -12,8 +13,9 @@ use plotters::style::{
 };
 
 use crate::report::error::ReportError;
+use crate::report::pictures::compact_png;
 
-use super::font::{self, FAMILY, Weight};
+use super::text::{self, FAMILY, Weight};
 
 /// Drawn pixels per CSS pixel.
 const SCALE: f64 = 4.0;
@@ -146,25 +148,25 @@ impl Figure {
             reason,
         };
         let mut svg = String::new();
-        let mut vector = Vector(Pen::new(SVGBackend::with_string(&mut svg, size)));
-        vector.polygon(&background, PAPER);
-        picture(&mut vector);
-        vector.0.finish().map_err(failed)?;
-        drop(vector);
+        let mut pen = Pen::new(SVGBackend::with_string(&mut svg, size));
+        pen.polygon(&background, PAPER);
+        picture(&mut pen);
+        pen.finish().map_err(failed)?;
+        drop(pen);
 
         let mut pixels = vec![0_u8; size.0 as usize * size.1 as usize * 3];
-        let mut bitmap = Bitmap(Pen::new(BitMapBackend::with_buffer(&mut pixels, size)));
-        bitmap.polygon(&background, PAPER);
-        picture(&mut bitmap);
-        bitmap.0.finish().map_err(failed)?;
-        drop(bitmap);
+        let mut pen = Pen::new(BitMapBackend::with_buffer(&mut pixels, size));
+        pen.polygon(&background, PAPER);
+        picture(&mut pen);
+        pen.finish().map_err(failed)?;
+        drop(pen);
         let large = RgbImage::from_raw(size.0, size.1, pixels)
             .ok_or_else(|| failed("the picture has not the size asked for".into()))?;
         let small = imageops::thumbnail(&large, size.0 / REDUCE, size.1 / REDUCE);
         Ok(Self {
             title: title.to_owned(),
             svg: tidy(&svg, title, (width, height)),
-            png: encode(&small).map_err(failed)?,
+            png: compact_png(&small).map_err(|e| failed(e.to_string()))?,
         })
     }
 }
@@ -172,7 +174,7 @@ impl Figure {
 /// Size in CSS pixels, a title for readers, exact baselines.
 fn tidy(svg: &str, title: &str, (width, height): (u32, u32)) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
-    let title = crate::report::escape::escape(title);
+    let title = xml_text(title);
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" \
          role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",
@@ -182,24 +184,18 @@ fn tidy(svg: &str, title: &str, (width, height): (u32, u32)) -> String {
     )
 }
 
-fn encode(picture: &RgbImage) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    png::PngEncoder::new_with_quality(
-        &mut bytes,
-        png::CompressionType::Best,
-        png::FilterType::Adaptive,
-    )
-    .write_image(
-        picture.as_raw(),
-        picture.width(),
-        picture.height(),
-        image::ExtendedColorType::Rgb8,
-    )
-    .map_err(|e| e.to_string())?;
-    Ok(bytes)
+/// Text that stays text, in elements and in attributes, without the control characters that XML has no place for.
+fn xml_text(text: &str) -> String {
+    let readable = |c: char| match c {
+        c if c.is_control() && c != '\n' && c != '\t' => '\u{FFFD}',
+        c => c,
+    };
+    let text: String = text.chars().map(readable).collect();
+    let Ok(escaped) = escape(text, Html);
+    escaped.to_string()
 }
 
-/// What both backends share. The first error is kept; drawing after it does nothing.
+/// A backend and the first error it met; drawing after that does nothing.
 struct Pen<B: DrawingBackend> {
     backend: B,
     error: Option<String>,
@@ -223,7 +219,9 @@ impl<B: DrawingBackend> Pen<B> {
         self.draw(|b| b.present());
         self.error.take().map_or(Ok(()), Err)
     }
+}
 
+impl<B: TextBackend> Surface for Pen<B> {
     fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
         let style = ShapeStyle {
             color: color(ink),
@@ -244,6 +242,10 @@ impl<B: DrawingBackend> Pen<B> {
         let style = ShapeStyle::from(color(ink)).filled();
         self.draw(|b| b.draw_circle(place(centre), drawn(radius) as u32, &style, true));
     }
+
+    fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+        self.draw(|b| b.letters(text, place(at), lettering));
+    }
 }
 
 fn color(ink: Ink) -> plotters::style::RGBAColor {
@@ -260,22 +262,13 @@ fn place((x, y): Point) -> (i32, i32) {
     (drawn(x), drawn(y))
 }
 
-struct Vector<'a>(Pen<SVGBackend<'a>>);
+/// A backend that can set text on a baseline.
+trait TextBackend: DrawingBackend {
+    fn letters(&mut self, text: &str, at: (i32, i32), lettering: Lettering) -> Result<(), String>;
+}
 
-impl Surface for Vector<'_> {
-    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
-        self.0.line(points, width, ink);
-    }
-
-    fn polygon(&mut self, points: &[Point], ink: Ink) {
-        self.0.polygon(points, ink);
-    }
-
-    fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
-        self.0.disc(centre, radius, ink);
-    }
-
-    fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+impl TextBackend for SVGBackend<'_> {
+    fn letters(&mut self, text: &str, at: (i32, i32), lettering: Lettering) -> Result<(), String> {
         let style = match lettering.weight {
             Weight::Regular => FontStyle::Normal,
             Weight::Bold => FontStyle::Bold,
@@ -291,54 +284,43 @@ impl Surface for Vector<'_> {
             Anchor::End => HPos::Right,
         };
         let ink = color(lettering.ink);
-        let style = TextStyle::from(font)
-            .color(&ink)
-            .pos(Pos::new(h_pos, VPos::Bottom));
-        self.0.draw(|b| b.draw_text(text, &style, place(at)));
+        let style = TextStyle::from(font).color(&ink);
+        let style = style.pos(Pos::new(h_pos, VPos::Bottom));
+        self.draw_text(text, &style, at).map_err(|e| e.to_string())
     }
 }
 
-struct Bitmap<'a>(Pen<BitMapBackend<'a>>);
-
-impl Surface for Bitmap<'_> {
-    fn line(&mut self, points: &[Point], width: f64, ink: Ink) {
-        self.0.line(points, width, ink);
-    }
-
-    fn polygon(&mut self, points: &[Point], ink: Ink) {
-        self.0.polygon(points, ink);
-    }
-
-    fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
-        self.0.disc(centre, radius, ink);
-    }
-
+impl TextBackend for BitMapBackend<'_> {
     /// Laid out here and not by plotters, which ignores the side bearings of glyphs.
-    fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
+    fn letters(
+        &mut self,
+        text: &str,
+        (x0, y0): (i32, i32),
+        lettering: Lettering,
+    ) -> Result<(), String> {
         let size = lettering.size * SCALE;
-        let width = font::width(text, size, lettering.weight);
+        let width = text::width(text, size, lettering.weight);
         let shift = match lettering.anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => -width / 2.0,
             Anchor::End => -width,
         }
         .round() as i32;
-        let (x0, y0) = place(at);
-        let (w, h) = self.0.backend.get_size();
-        font::raster(text, size, lettering.weight, |x, y, coverage| {
+        let (w, h) = self.get_size();
+        let mut result = Ok(());
+        text::raster(text, size, lettering.weight, |x, y, coverage| {
             let (x, y) = if lettering.upwards {
                 (x0 + y, y0 - (x + shift))
             } else {
                 (x0 + x + shift, y0 + y)
             };
             let inside = (0..w as i32).contains(&x) && (0..h as i32).contains(&y);
-            if inside && coverage > 0.0 {
-                let (r, g, b) = lettering.ink.rgb;
-                let color = RGBColor(r, g, b)
-                    .mix(lettering.ink.alpha * f64::from(coverage))
-                    .to_backend_color();
-                self.0.draw(|backend| backend.draw_pixel((x, y), color));
+            if inside && coverage > 0.0 && result.is_ok() {
+                let alpha = lettering.ink.alpha * f64::from(coverage);
+                let color = color(lettering.ink.with_alpha(alpha)).to_backend_color();
+                result = self.draw_pixel((x, y), color).map_err(|e| e.to_string());
             }
         });
+        result
     }
 }

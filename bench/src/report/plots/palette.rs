@@ -26,15 +26,10 @@ pub struct Style {
 /// Shape of a data point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Marker {
-    /// ●
     Disc,
-    /// ■
     Square,
-    /// ◆
     Diamond,
-    /// ▲
     Up,
-    /// ▼
     Down,
 }
 

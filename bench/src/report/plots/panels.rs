@@ -1,9 +1,11 @@
 //! A grid of panels, one a dataset, with axes and a legend shared by all.
 
-use super::canvas::{Anchor, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
-use super::font::{CAP_HEIGHT, Weight, width};
+use crate::report::error::ReportError;
+
+use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
 use super::palette::{Style, stroke};
 use super::scale::{Scale, Step};
+use super::text::{CAP_HEIGHT, Weight, width};
 
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
@@ -23,18 +25,16 @@ const INFINITY_STRIP: f64 = 22.0;
 
 /// An axis: its range and its ticks.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Axis {
+pub struct PlotAxis {
     /// With the unit.
     pub label: String,
-    /// At the origin.
     pub low: f64,
-    /// At the far end.
     pub high: f64,
     /// Distance of ticks.
     pub step: Step,
 }
 
-impl Axis {
+impl PlotAxis {
     /// An axis over `low..=high`, widened where that is a single point, with at most `ticks` ticks.
     pub fn over(label: &str, low: f64, high: f64, ticks: usize) -> Self {
         let (low, high) = if low < high {
@@ -54,33 +54,61 @@ impl Axis {
 
 /// What stands around a panel.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub struct PanelFrame {
     /// Over the panel, left.
     pub title: String,
     /// Over the panel, right, smaller.
     pub remark: String,
-    /// Horizontal.
-    pub x: Axis,
-    /// Vertical.
-    pub y: Axis,
+    pub x: PlotAxis,
+    pub y: PlotAxis,
     /// Whether there is a place for infinite values.
     pub infinity: bool,
 }
 
 /// Where the data of a panel goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
-    /// Horizontal.
+pub struct PlotArea {
     pub x: Scale,
-    /// Vertical; grows upwards.
+    /// Grows upwards.
     pub y: Scale,
     /// Height at which infinite values stand.
     pub infinity: f64,
 }
 
+/// A panel of a figure.
+pub struct Panel<'a> {
+    pub frame: PanelFrame,
+    /// Draws the data, or says why there is none.
+    pub content: Result<Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>, &'static str>,
+}
+
+/// A figure of panels, with a legend and a caption of one line.
+///
+/// # Errors
+/// When the drawing library refuses.
+pub fn figure(
+    title: &str,
+    caption: &str,
+    legend: &[(&str, Style)],
+    panels: &[Panel<'_>],
+) -> Result<Figure, ReportError> {
+    let labels: Vec<&str> = legend.iter().map(|(label, _)| *label).collect();
+    let layout = PanelLayout::new(panels.len(), &labels, caption);
+    Figure::draw(title, layout.size(), |surface| {
+        layout.surround(surface, legend);
+        for (i, panel) in panels.iter().enumerate() {
+            let area = layout.panel(surface, i, &panel.frame);
+            match &panel.content {
+                Ok(draw) => draw(surface, &area),
+                Err(reason) => area.remark(surface, reason),
+            }
+        }
+    })
+}
+
 /// Sizes of a figure.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Grid {
+struct PanelLayout {
     columns: usize,
     rows: usize,
     panel: (f64, f64),
@@ -88,9 +116,9 @@ pub struct Grid {
     caption: String,
 }
 
-impl Grid {
+impl PanelLayout {
     /// Room for `panels` panels, a legend with these labels, and a caption of one line.
-    pub fn new(panels: usize, labels: &[&str], caption: &str) -> Self {
+    fn new(panels: usize, labels: &[&str], caption: &str) -> Self {
         let columns = panels.clamp(1, 3);
         let panel = match columns {
             1 => (600.0, 290.0),
@@ -129,7 +157,7 @@ impl Grid {
     }
 
     /// Of the whole figure, CSS pixels.
-    pub fn size(&self) -> (u32, u32) {
+    fn size(&self) -> (u32, u32) {
         let caption = if self.caption.is_empty() {
             0.0
         } else {
@@ -140,7 +168,7 @@ impl Grid {
     }
 
     /// Draws the legend and the caption.
-    pub fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
+    fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
         for (r, row) in self.legend.iter().enumerate() {
             let y = MARGIN + (r as f64 + 0.5) * LEGEND_ROW;
             let mut x = MARGIN + LEFT;
@@ -163,14 +191,14 @@ impl Grid {
     }
 
     /// Draws the frame of panel number `index` and says where its data goes.
-    pub fn panel(&self, surface: &mut dyn Surface, index: usize, frame: &Frame) -> Place {
+    fn panel(&self, surface: &mut dyn Surface, index: usize, frame: &PanelFrame) -> PlotArea {
         let (column, row) = (index % self.columns, index / self.columns);
         let (w, h) = self.panel;
         let left = MARGIN + column as f64 * (LEFT + w + RIGHT) + LEFT;
         let top = self.head() + row as f64 * (TOP + h + BOTTOM) + TOP;
         let (right, bottom) = (left + w, top + h);
         let strip = if frame.infinity { INFINITY_STRIP } else { 0.0 };
-        let place = Place {
+        let place = PlotArea {
             x: Scale {
                 low: frame.x.low,
                 high: frame.x.high,
@@ -232,9 +260,18 @@ impl Grid {
     }
 }
 
-impl Place {
+impl PlotArea {
+    /// Height of a value, infinite ones included.
+    pub fn height(&self, value: f64) -> f64 {
+        if value.is_infinite() {
+            self.infinity
+        } else {
+            self.y.place(value)
+        }
+    }
+
     /// A line of text in the middle of an empty panel.
-    pub fn remark(&self, surface: &mut dyn Surface, text: &str) {
+    fn remark(&self, surface: &mut dyn Surface, text: &str) {
         let at = (
             (self.x.from + self.x.to) / 2.0,
             (self.y.from + self.y.to) / 2.0,
@@ -300,9 +337,9 @@ mod tests {
 
     #[test]
     fn an_axis_over_one_point_has_width() {
-        let axis = Axis::over("", 3.0, 3.0, 5);
+        let axis = PlotAxis::over("", 3.0, 3.0, 5);
         assert!(axis.low < 3.0 && axis.high > 3.0);
-        let axis = Axis::over("", f64::INFINITY, f64::NEG_INFINITY, 5);
+        let axis = PlotAxis::over("", f64::INFINITY, f64::NEG_INFINITY, 5);
         assert!(!axis.step.at(1).is_nan());
     }
 
@@ -312,7 +349,10 @@ mod tests {
             .map(|i| format!("a rather long label {i}"))
             .collect();
         let labels: Vec<&str> = labels.iter().map(String::as_str).collect();
-        let (few, many) = (Grid::new(2, &labels[..2], ""), Grid::new(2, &labels, ""));
+        let (few, many) = (
+            PanelLayout::new(2, &labels[..2], ""),
+            PanelLayout::new(2, &labels, ""),
+        );
         assert!(many.legend.len() > 2);
         assert_eq!(many.legend.iter().flatten().count(), 20);
         assert!(many.size().1 > few.size().1);

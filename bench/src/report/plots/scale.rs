@@ -27,23 +27,6 @@ impl Step {
             .unwrap_or(fallback)
     }
 
-    /// The step of exactly this width; `None` unless it is positive and finite with at most 15 digits.
-    pub fn exact(width: f64) -> Option<Self> {
-        if !(width.is_finite() && width > 0.0) {
-            return None;
-        }
-        let text = format!("{width}");
-        let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
-        let digits = format!("{whole}{fraction}");
-        if digits.trim_start_matches('0').len() > 15 {
-            return None;
-        }
-        Some(Self {
-            mantissa: digits.parse().ok()?,
-            exponent: -i32::try_from(fraction.len()).ok()?,
-        })
-    }
-
     /// The k-th multiple.
     pub fn at(self, k: i64) -> f64 {
         let multiple = self.mantissa as f64 * k as f64;
@@ -92,13 +75,11 @@ impl Step {
 /// A linear map from data to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
-    /// Data at the first pixel.
+    /// Data at the first pixel and at the last.
     pub low: f64,
-    /// Data at the last pixel.
     pub high: f64,
-    /// First pixel.
+    /// First pixel and last.
     pub from: f64,
-    /// Last pixel.
     pub to: f64,
 }
 
@@ -128,7 +109,7 @@ mod tests {
 
     #[test]
     fn multiples_are_the_nearest_numbers_to_their_decimals() {
-        let tenth = Step::exact(0.1).unwrap();
+        let tenth = Step::nice(1.0, 10);
         for k in -1000..1000 {
             let decimal: f64 = format!("{}e-1", k).parse().unwrap();
             assert_eq!(tenth.at(k), decimal);
@@ -136,19 +117,6 @@ mod tests {
             assert_eq!(tenth.index(decimal.next_down()), k - 1);
         }
         assert_eq!(tenth.text(3), "0.3");
-    }
-
-    #[test]
-    fn widths_that_cannot_be_exact_are_refused() {
-        assert_eq!(
-            Step::exact(0.25).map(|s| (s.at(3), s.decimals())),
-            Some((0.75, 2))
-        );
-        assert_eq!(Step::exact(20.0).map(|s| s.at(2)), Some(40.0));
-        assert_eq!(Step::exact(0.0), None);
-        assert_eq!(Step::exact(-1.0), None);
-        assert_eq!(Step::exact(f64::NAN), None);
-        assert_eq!(Step::exact(1.0 / 3.0), None);
     }
 
     #[test]

@@ -1,45 +1,42 @@
 //! Tables from a board.
 
-use crate::report::input::{Better, Metric};
-use crate::report::records::{Board, DatasetBoard};
-use crate::report::summary::{Summary, of_extra, of_metric};
+use crate::report::board::{Board, DatasetBoard};
+use crate::report::input::Column;
+use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
-use super::marks::{marks, proxy_mark};
+use super::footnotes::{cell_notes, prediction_marks, proxy_mark};
 use super::rank::{Candidate, ranks};
-use super::{Cell, Group, Row, Table, shown};
+use super::{Cell, Group, Row, Table};
 
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
 
-/// The scores of a board; nothing without a metric. One table named `scores` if it has at most twelve columns; otherwise, as in the
-/// paper, the perceptual metrics (DISTS, LPIPS) apart from the pixelwise ones, in as many tables as needed.
-pub fn of_scores(board: &Board<'_>, metrics: &[Metric]) -> Vec<Table> {
+/// The scores of a board; nothing without a metric. One table named `scores` if it has at most twelve columns;
+/// otherwise, as in the paper, the perceptual metrics (DISTS, LPIPS) apart from the pixelwise ones, in as many tables as
+/// needed.
+pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.is_empty() {
         return Vec::new();
     }
-    let groups = board.datasets.len().max(1);
-    let width = (MAX_COLUMNS / groups).max(1);
+    let width = (MAX_COLUMNS / board.datasets.len().max(1)).max(1);
     if metrics.len() <= width {
-        let name = "scores".to_owned();
-        return vec![table(board, metrics, name, "Scores".into(), of_metric)];
+        return vec![table(board, metrics, "scores", "Scores", of_metric)];
     }
-    let (perceptual, pixelwise): (Vec<Metric>, Vec<Metric>) =
-        metrics.iter().cloned().partition(|m| is_perceptual(&m.key));
+    let is_perceptual = |m: &Column| m.key.starts_with("lpips") || m.key.starts_with("dists");
+    let (perceptual, pixelwise): (Vec<Column>, Vec<Column>) =
+        metrics.iter().cloned().partition(is_perceptual);
     let mut tables = Vec::new();
     for (family, title, members) in [
         ("perceptual", "Perceptual metrics", perceptual),
         ("pixelwise", "Pixelwise metrics", pixelwise),
     ] {
         for (i, part) in members.chunks(width).enumerate() {
-            let (name, title) = if i == 0 {
-                (format!("scores-{family}"), title.to_owned())
-            } else {
-                (
-                    format!("scores-{family}-{}", i + 1),
-                    format!("{title} ({})", i + 1),
-                )
-            };
-            tables.push(table(board, part, name, title, of_metric));
+            let (mut name, mut title) = (format!("scores-{family}"), title.to_owned());
+            if i > 0 {
+                name += &format!("-{}", i + 1);
+                title += &format!(" ({})", i + 1);
+            }
+            tables.push(table(board, part, &name, &title, of_metric));
         }
     }
     tables
@@ -47,27 +44,23 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Metric]) -> Vec<Table> {
 
 /// What the methods report about their own predictions, for those that report anything; nothing is ranked.
 /// `None` if nobody does.
-pub fn of_extras(board: &Board<'_>, extras: &[Metric]) -> Option<Table> {
-    let reported = |method: usize, key: &str| {
-        let pairs = board.datasets.iter().flat_map(|d| &d.pairs);
-        let mut records = pairs.filter_map(|pair| pair.by_method.get(method).copied().flatten());
-        records.any(|record| record.reported().contains_key(key))
+pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
+    let reports = |method: usize, extra: &Column| {
+        let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
+        records.any(|record| record.reported().contains_key(extra.key.as_str()))
     };
     let methods = 0..board.methods.len();
-    let present: Vec<Metric> = extras
-        .iter()
-        .filter(|extra| methods.clone().any(|m| reported(m, &extra.key)))
-        .cloned()
-        .collect();
+    let mut present = extras.to_vec();
+    present.retain(|extra| methods.clone().any(|method| reports(method, extra)));
     if present.is_empty() {
         return None;
     }
-    let title = "What the methods report about their predictions".to_owned();
-    let mut all = table(board, &present, "reported".into(), title, of_extra);
+    let title = "What the methods report about their predictions";
+    let mut all = table(board, &present, "reported", title, of_extra);
     let mut position = 0..;
     all.rows.retain(|_| {
         let method = position.next().unwrap_or_default();
-        present.iter().any(|extra| reported(method, &extra.key))
+        present.iter().any(|extra| reports(method, extra))
     });
     for row in &mut all.rows {
         row.note = None;
@@ -76,138 +69,72 @@ pub fn of_extras(board: &Board<'_>, extras: &[Metric]) -> Option<Table> {
     Some(all)
 }
 
-fn is_perceptual(key: &str) -> bool {
-    key.starts_with("lpips") || key.starts_with("dists")
-}
-
-type Summarise = fn(&DatasetBoard<'_>, usize, &str) -> Summary;
-
 fn table(
     board: &Board<'_>,
-    metrics: &[Metric],
-    name: String,
-    title: String,
-    summarise: Summarise,
+    columns: &[Column],
+    name: &str,
+    title: &str,
+    statistics: fn(&DatasetBoard<'_>, usize, &str) -> CellStatistics,
 ) -> Table {
     let mut notes = Vec::new();
-    let groups = board
-        .datasets
-        .iter()
-        .map(|d| Group {
-            title: d.dataset.name.clone(),
-            pairs: Some(d.total()),
-            note: proxy_mark(&d.dataset).map(|text| Table::note(&mut notes, text)),
-        })
-        .collect();
-    let mut rows: Vec<Row> = board
-        .methods
-        .iter()
-        .map(|method| Row {
-            label: method.label.clone(),
-            note: method.unranked.as_ref().map(|reason| {
-                let text = format!("{}: shown without a rank, {reason}.", method.label);
-                Table::note(&mut notes, text)
-            }),
-            cells: Vec::new(),
-        })
-        .collect();
+    let groups = board.datasets.iter().map(|d| Group {
+        name: d.dataset.name.clone(),
+        title: d.dataset.title().to_owned(),
+        pairs: Some(d.pairs.len()),
+        note: proxy_mark(&d.dataset).map(|text| Table::note(&mut notes, text)),
+    });
+    let groups = groups.collect();
+    let rows = board.methods.iter().map(|method| Row {
+        label: method.label.clone(),
+        note: method.unranked.as_ref().map(|reason| {
+            let text = format!("{}: shown without a rank, {reason}.", method.label);
+            Table::note(&mut notes, text)
+        }),
+        cells: Vec::new(),
+    });
+    let mut rows: Vec<Row> = rows.collect();
     for dataset in &board.datasets {
-        for metric in metrics {
-            let column: Vec<Summary> = (0..rows.len())
-                .map(|method| summarise(dataset, method, &metric.key))
+        for column in columns {
+            let cells: Vec<CellStatistics> = (0..rows.len())
+                .map(|method| statistics(dataset, method, &column.key))
                 .collect();
-            let candidates: Vec<Candidate<'_>> = column
-                .iter()
-                .zip(&board.methods)
-                .map(|(s, method)| Candidate {
-                    value: s.mean,
-                    covers: &s.scored,
-                    complete: s.n == s.total,
-                    ranked: method.unranked.is_none(),
-                })
-                .collect();
-            let ranks = ranks(&candidates, metric.better, metric.decimals);
-            for (method, ((row, summary), rank)) in
-                rows.iter_mut().zip(&column).zip(ranks).enumerate()
-            {
-                let mut texts = cell_notes(&row.label, &dataset.dataset.name, metric, summary);
-                if metric.better != Better::Neither && summary.n > 0 {
-                    texts.extend(marks(dataset, method, &board.methods[method]));
+            let candidates = cells.iter().zip(&board.methods);
+            let candidates = candidates.map(|(cell, method)| Candidate {
+                value: cell.mean,
+                covers: &cell.scored,
+                complete: cell.n == cell.total,
+                ranked: method.unranked.is_none(),
+            });
+            let candidates: Vec<Candidate<'_>> = candidates.collect();
+            let ranks = ranks(&candidates, column.direction, column.decimals);
+            for (method, (cell, rank)) in cells.iter().zip(ranks).enumerate() {
+                let row = &mut rows[method];
+                let mut texts = cell_notes(&row.label, dataset.dataset.title(), column, cell);
+                if column.direction.is_some() && cell.n > 0 {
+                    texts.extend(prediction_marks(dataset, method, &board.methods[method]));
                 }
+                let texts = texts.into_iter();
                 row.cells.push(Cell {
-                    value: summary.mean,
+                    value: cell.mean,
                     rank,
-                    coverage: Some((summary.n, summary.total)),
-                    std: summary.std,
-                    infinite: summary.infinite,
-                    failed: summary.failed,
-                    notes: texts
-                        .into_iter()
-                        .map(|text| Table::note(&mut notes, text))
-                        .collect(),
+                    coverage: Some((cell.n, cell.total)),
+                    std: cell.std,
+                    infinite: cell.infinite,
+                    failed: cell.failed,
+                    notes: texts.map(|text| Table::note(&mut notes, text)).collect(),
                 });
             }
         }
     }
     let mut table = Table {
-        name,
-        title,
+        name: name.to_owned(),
+        title: title.to_owned(),
         row_head: "method",
         groups,
-        metrics: metrics.to_vec(),
+        columns: columns.to_vec(),
         rows,
         notes,
     };
     table.keep_used_notes();
     table
-}
-
-/// What a reader must know about a cell besides its number.
-fn cell_notes(method: &str, dataset: &str, metric: &Metric, summary: &Summary) -> Vec<String> {
-    let Summary { n, total, .. } = *summary;
-    let mut notes = Vec::new();
-    if total == 0 {
-        notes.push(format!("{dataset} has no pairs."));
-    } else if n == 0 {
-        notes.push(match summary.absences.as_slice() {
-            // The same for every method and dataset: one footnote for all of them.
-            [(reason, _)] => format!("No {} (`{}`): {reason}.", metric.label, metric.key),
-            absences => format!(
-                "{method} on {dataset}: no number for any of {total} pairs: {}.",
-                listed(&[&summary.failures, absences].concat())
-            ),
-        });
-    } else if n < total {
-        notes.push(format!(
-            "{method} on {dataset}: mean over {n} of {total} pairs, not ranked against rows that cover other pairs. \
-             Missing: {}.",
-            listed(&[summary.failures.as_slice(), &summary.absences].concat())
-        ));
-    }
-    if summary.infinite > 0 {
-        let mut note = if summary.infinite == n {
-            "Infinite for every pair, and so is the mean".to_owned()
-        } else {
-            let infinite = summary.infinite;
-            format!("Infinite for {infinite} of {n} pairs, and so is the mean")
-        };
-        if let Some(mean) = summary.finite_mean {
-            note += &format!("; mean of the others {}", shown(mean, metric.decimals));
-        }
-        notes.push(note + ".");
-    }
-    notes
-}
-
-/// The first three reasons with their counts.
-fn listed(reasons: &[(String, usize)]) -> String {
-    let mut parts: Vec<String> = reasons
-        .iter()
-        .take(3)
-        .map(|(reason, count)| format!("{reason} ({count}×)"))
-        .collect();
-    if reasons.len() > 3 {
-        parts.push(format!("and {} more reasons", reasons.len() - 3));
-    }
-    parts.join("; ")
 }

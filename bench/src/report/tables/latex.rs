@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::{Cell, Table, letter, shown, spans};
-use crate::report::input::Metric;
+use super::{Cell, Table, letter, letters, spans};
+use crate::report::input::Column;
 
 /// A complete `table` environment, with the preamble that it needs as a comment before it. The colours are
 /// the paper's; with `\providecommand` they can be set otherwise in one place.
@@ -15,24 +15,19 @@ pub fn latex(table: &Table) -> String {
          % \\definecolor{tab_second}{RGB}{223, 255, 0}\n\
          % \\definecolor{tab_third}{RGB}{255, 253, 208}\n",
     );
-    let ranked = table
-        .rows
-        .iter()
-        .flat_map(|r| &r.cells)
-        .any(|c| c.rank.is_some());
-    let marks = if ranked {
+    let ranks = if table.is_ranked() {
         " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
          \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
     } else {
         ""
     };
-    let per_group = table.metrics.len();
+    let per_group = table.columns.len();
     // Wider ones are shrunk to the line, as in the paper.
     let wide = table.groups.len() * per_group > 6;
     let columns = vec!["c".repeat(per_group); table.groups.len()].join("|");
     let _ = write!(
         out,
-        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{marks}}}\n\\label{{tab:{}}}\n\
+        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.{ranks}}}\n\\label{{tab:{}}}\n\
          {}\\begin{{tabular}}{{l{columns}}}\n\\toprule\n",
         escape(&table.title),
         table.name,
@@ -56,7 +51,7 @@ pub fn latex(table: &Table) -> String {
             out,
             " & \\multicolumn{{{per_group}}}{{{rule}}}{{{}{}{pairs}}}",
             escape(&group.title),
-            letters(group.note.iter())
+            marks(group.note.as_slice())
         );
     }
     out.push_str(" \\\\\n");
@@ -69,18 +64,18 @@ pub fn latex(table: &Table) -> String {
     out.push_str(" \\\\\n\\midrule\n");
     for row in &table.rows {
         out.push_str(&escape(&row.label));
-        out.push_str(&letters(row.note.iter()));
-        for (i, cell) in row.cells.iter().enumerate() {
-            let _ = write!(out, " & {}", number(cell, table.metric_of(i)));
+        out.push_str(&marks(row.note.as_slice()));
+        for (column, cell) in table.cells(row) {
+            let _ = write!(out, " & {}", number(cell, column));
         }
         out.push_str(" \\\\\n");
     }
     out.push_str("\\bottomrule\n\\end{tabular}");
     out.push_str(if wide { "%\n}\n" } else { "\n" });
     out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
-    let keys = table.metrics.iter().zip(&heads).map(|(metric, head)| {
+    let keys = table.columns.iter().zip(&heads).map(|(column, head)| {
         let head = head.trim_end_matches([' ', '↑', '↓']);
-        format!("{}: \\texttt{{{}}}", escape(head), escape(&metric.key))
+        format!("{}: \\texttt{{{}}}", escape(head), escape(&column.key))
     });
     let keys: Vec<String> = keys.collect();
     let _ = writeln!(out, "{}.", keys.join("; "));
@@ -96,30 +91,22 @@ pub fn latex(table: &Table) -> String {
     out
 }
 
-fn number(cell: &Cell, metric: &Metric) -> String {
-    let mut out = match cell.rank {
-        Some(1) => "\\cellcolor{tab_first} ".to_owned(),
-        Some(2) => "\\cellcolor{tab_second} ".to_owned(),
-        Some(3) => "\\cellcolor{tab_third} ".to_owned(),
-        _ => String::new(),
+fn number(cell: &Cell, column: &Column) -> String {
+    let colour = match cell.rank {
+        Some(1) => "\\cellcolor{tab_first} ",
+        Some(2) => "\\cellcolor{tab_second} ",
+        Some(3) => "\\cellcolor{tab_third} ",
+        _ => "",
     };
-    match cell.value {
-        None => out.push_str("n/a"),
-        Some(value) => out.push_str(&escape(&shown(value, metric.decimals))),
-    }
-    if let Some((n, total)) = cell.coverage.filter(|(n, total)| n != total && *n > 0) {
-        let _ = write!(out, "\\,{{\\scriptsize({n}/{total})}}");
-    }
-    out + &letters(cell.notes.iter())
+    let pairs = cell.partial().map_or_else(String::new, |(n, total)| {
+        format!("\\,{{\\scriptsize({n}/{total})}}")
+    });
+    let number = escape(&cell.text(column));
+    format!("{colour}{number}{pairs}{}", marks(&cell.notes))
 }
 
-fn letters<'a>(notes: impl Iterator<Item = &'a usize>) -> String {
-    let letters: Vec<String> = notes.map(|i| letter(*i)).collect();
-    if letters.is_empty() {
-        String::new()
-    } else {
-        format!("\\textsuperscript{{{}}}", letters.join(","))
-    }
+fn marks(notes: &[usize]) -> String {
+    letters("\\textsuperscript{", notes, "}")
 }
 
 /// A note with its code set as code.
@@ -145,10 +132,7 @@ pub fn escape(text: &str) -> String {
             '|' => out.push_str("\\textbar{}"),
             '"' => out.push_str("\\textquotedbl{}"),
             '`' => out.push_str("\\textasciigrave{}"),
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
-                out.push('\\');
-                out.push(c);
-            }
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => out.extend(['\\', c]),
             '∞' => out.push_str("$\\infty$"),
             '−' => out.push_str("$-$"),
             '×' => out.push_str("$\\times$"),

@@ -1,22 +1,21 @@
 //! Tables in the paper's form: methods as rows, datasets as column groups, metrics as columns within.
 //!
-//! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::records::Board).
+//! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::board::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
-//! * `marks`: footnotes of predictions that were cropped, resized or chosen among scales, and of columns that differ from
-//!   the paper's.
+//! * `footnotes`: what a reader must know about a cell or a column besides its numbers.
 //!
 //! Every cell says how many pairs it covers, and a cell without a number says why.
 
 pub mod build;
 pub mod csv;
+mod footnotes;
 pub mod html;
 pub mod latex;
 pub mod markdown;
-mod marks;
 pub mod rank;
 pub mod text;
 
-use super::input::{Better, Metric};
+use super::input::Column;
 
 /// A table, ready to be written in any form.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,8 +29,7 @@ pub struct Table {
     /// Column groups.
     pub groups: Vec<Group>,
     /// Columns within each group.
-    pub metrics: Vec<Metric>,
-    /// Methods.
+    pub columns: Vec<Column>,
     pub rows: Vec<Row>,
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
@@ -40,7 +38,9 @@ pub struct Table {
 /// A dataset as the head of its columns.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Group {
-    /// Name of the dataset.
+    /// As in the records.
+    pub name: String,
+    /// As printed.
     pub title: String,
     /// Pairs that a complete cell covers; `None` where the source does not say.
     pub pairs: Option<usize>,
@@ -51,16 +51,15 @@ pub struct Group {
 /// A method and its cells, group by group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// The method's label.
     pub label: String,
     /// Footnote of the row.
     pub note: Option<usize>,
-    /// `groups.len() * metrics.len()` of them; that of group g and metric m at `g * metrics.len() + m`.
+    /// `groups.len() * columns.len()` of them; that of group g and column c at `g * columns.len() + c`.
     pub cells: Vec<Cell>,
 }
 
 /// One number and what it rests on.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cell {
     /// Full precision; `None`: there is no number, and a footnote says why.
     pub value: Option<f64>,
@@ -79,46 +78,57 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Whether every pair of the dataset has a number; unknown coverage counts as complete.
-    pub fn complete(&self) -> bool {
-        self.coverage.is_none_or(|(n, total)| n == total)
+    /// The number as the table shows it, or `n/a`.
+    fn text(&self, column: &Column) -> String {
+        let value = self.value.map(|value| shown(value, column.decimals));
+        value.unwrap_or_else(|| "n/a".to_owned())
+    }
+
+    /// Pairs with a number and pairs of the dataset, of a number that does not cover them all.
+    fn partial(&self) -> Option<(usize, usize)> {
+        self.coverage.filter(|(n, total)| n != total && *n > 0)
+    }
+}
+
+impl Group {
+    /// A group that is not about a dataset of the run.
+    pub(crate) fn titled(title: &str) -> Self {
+        Self {
+            name: title.to_owned(),
+            title: title.to_owned(),
+            pairs: None,
+            note: None,
+        }
     }
 }
 
 impl Table {
-    /// The metric of cell `index` of a row.
-    pub fn metric_of(&self, index: usize) -> &Metric {
-        &self.metrics[index % self.metrics.len()]
+    /// The cells of a row with their columns.
+    fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
+        self.columns.iter().cycle().zip(&row.cells)
     }
 
-    /// The group of cell `index` of a row.
-    pub fn group_of(&self, index: usize) -> &Group {
-        &self.groups[index / self.metrics.len()]
+    pub(super) fn is_ranked(&self) -> bool {
+        let mut cells = self.rows.iter().flat_map(|row| &row.cells);
+        cells.any(|cell| cell.rank.is_some())
     }
 
     /// Heads of the columns within a group, with arrows: the first word of the label where that is unambiguous in this
     /// table (`SSIM ↑`, the key standing beside or below it), else the whole label.
     pub fn heads(&self) -> Vec<String> {
-        let first = |m: &Metric| m.label.split(' ').next().unwrap_or_default().to_owned();
-        let short = |m: &&Metric| {
-            let same = self.metrics.iter().filter(|other| first(other) == first(m));
-            m.better != Better::Neither && same.count() == 1
-        };
-        let heads = self.metrics.iter().map(|metric| {
-            let label = if short(&metric) {
-                first(metric)
-            } else {
-                metric.label.clone()
-            };
-            format!("{label} {}", metric.better.arrow())
-                .trim_end()
-                .to_owned()
+        fn first(column: &Column) -> &str {
+            column.label.split(' ').next().unwrap_or_default()
+        }
+        let heads = self.columns.iter().map(|column| {
+            let mut same = self.columns.iter().filter(|c| first(c) == first(column));
+            let short = column.direction.is_some() && same.nth(1).is_none();
+            column.with_arrow(if short { first(column) } else { &column.label })
         });
         heads.collect()
     }
 
     /// The position of a footnote with this text, added if it is new.
-    pub(super) fn note(notes: &mut Vec<String>, text: String) -> usize {
+    pub(crate) fn note(notes: &mut Vec<String>, text: String) -> usize {
         notes.iter().position(|n| *n == text).unwrap_or_else(|| {
             notes.push(text);
             notes.len() - 1
@@ -126,7 +136,7 @@ impl Table {
     }
 
     /// Drops footnotes that nothing refers to any more, and renumbers the others by first use.
-    pub(super) fn keep_used_notes(&mut self) {
+    fn keep_used_notes(&mut self) {
         let mut kept = Vec::new();
         let old = std::mem::take(&mut self.notes);
         let mut keep = |note: &mut usize| {
@@ -156,8 +166,17 @@ pub fn letter(note: usize) -> String {
     }
 }
 
+/// The letters of footnotes between two marks; nothing without a footnote.
+fn letters(before: &str, notes: &[usize], after: &str) -> String {
+    if notes.is_empty() {
+        return String::new();
+    }
+    let letters: Vec<String> = notes.iter().map(|note| letter(*note)).collect();
+    format!("{before}{}{after}", letters.join(","))
+}
+
 /// The parts of a note, code between backticks apart: `(is_code, text)`. An odd backtick is only a character.
-pub(super) fn spans(note: &str) -> Vec<(bool, &str)> {
+fn spans(note: &str) -> Vec<(bool, &str)> {
     if note.matches('`').count() % 2 == 1 {
         return vec![(false, note)];
     }

@@ -1,6 +1,6 @@
 //! Best, second and third, taken from the numbers as the reader sees them.
 
-use crate::report::input::Better;
+use sharp_metrics::Direction;
 
 /// A candidate for a rank.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,12 +18,16 @@ pub struct Candidate<'a> {
 /// Ranks 1, 2 and 3 after rounding to `decimals`; equal numbers share a rank, and the next one counts those
 /// before it (1, 1, 3). Where some rows are complete, only these are ranked; where none is, rows are ranked
 /// only if all of them cover the same pairs. A single row has no rank.
-pub fn ranks(candidates: &[Candidate<'_>], better: Better, decimals: usize) -> Vec<Option<u8>> {
+pub fn ranks(
+    candidates: &[Candidate<'_>],
+    direction: Option<Direction>,
+    decimals: usize,
+) -> Vec<Option<u8>> {
     let none = vec![None; candidates.len()];
-    let sign = match better {
-        Better::Higher => -1.0,
-        Better::Lower => 1.0,
-        Better::Neither => return none,
+    let sign = match direction {
+        Some(Direction::Higher) => -1.0,
+        Some(Direction::Lower) => 1.0,
+        None => return none,
     };
     // Smaller is better from here on.
     let goodness: Vec<Option<f64>> = candidates
@@ -33,22 +37,15 @@ pub fn ranks(candidates: &[Candidate<'_>], better: Better, decimals: usize) -> V
             Some(sign * rounded(value, decimals))
         })
         .collect();
-    let any_complete = candidates
-        .iter()
-        .zip(&goodness)
-        .any(|(c, g)| g.is_some() && c.complete);
-    let contest: Vec<Option<f64>> = if any_complete {
-        candidates
-            .iter()
-            .zip(&goodness)
-            .map(|(c, g)| g.filter(|_| c.complete))
-            .collect()
+    let entered = || {
+        let pairs = candidates.iter().zip(&goodness);
+        pairs.filter(|(_, g)| g.is_some()).map(|(c, _)| c)
+    };
+    let contest: Vec<Option<f64>> = if entered().any(|c| c.complete) {
+        let pairs = candidates.iter().zip(&goodness);
+        pairs.map(|(c, g)| g.filter(|_| c.complete)).collect()
     } else {
-        let mut covers = candidates
-            .iter()
-            .zip(&goodness)
-            .filter(|(_, g)| g.is_some())
-            .map(|(c, _)| c.covers);
+        let mut covers = entered().map(|c| c.covers);
         let first = covers.next();
         if covers.any(|c| Some(c) != first) {
             return none;
@@ -82,7 +79,10 @@ fn rounded(value: f64, decimals: usize) -> f64 {
 mod tests {
     use super::*;
 
-    fn of(values: &[f64], better: Better, decimals: usize) -> Vec<Option<u8>> {
+    const HIGHER: Option<Direction> = Some(Direction::Higher);
+    const LOWER: Option<Direction> = Some(Direction::Lower);
+
+    fn of(values: &[f64], direction: Option<Direction>, decimals: usize) -> Vec<Option<u8>> {
         let candidates: Vec<_> = values
             .iter()
             .map(|v| Candidate {
@@ -92,18 +92,18 @@ mod tests {
                 ranked: true,
             })
             .collect();
-        ranks(&candidates, better, decimals)
+        ranks(&candidates, direction, decimals)
     }
 
     #[test]
     fn ranks_are_taken_after_rounding_and_ties_share() {
         assert_eq!(
-            of(&[0.1231, 0.1229, 0.125, 0.2, 0.3], Better::Lower, 3),
+            of(&[0.1231, 0.1229, 0.125, 0.2, 0.3], LOWER, 3),
             [Some(1), Some(1), Some(3), None, None]
         );
         // With more digits shown they are no longer equal.
         assert_eq!(
-            of(&[0.1231, 0.1229, 0.125, 0.2], Better::Lower, 4),
+            of(&[0.1231, 0.1229, 0.125, 0.2], LOWER, 4),
             [Some(2), Some(1), Some(3), None]
         );
     }
@@ -111,24 +111,24 @@ mod tests {
     #[test]
     fn direction_and_infinity() {
         assert_eq!(
-            of(&[20.0, f64::INFINITY, 30.0], Better::Higher, 2),
+            of(&[20.0, f64::INFINITY, 30.0], HIGHER, 2),
             [Some(3), Some(1), Some(2)]
         );
         assert_eq!(
-            of(&[f64::INFINITY, f64::INFINITY, 30.0], Better::Higher, 2),
+            of(&[f64::INFINITY, f64::INFINITY, 30.0], HIGHER, 2),
             [Some(1), Some(1), Some(3)]
         );
-        assert_eq!(of(&[1.0, 2.0], Better::Neither, 2), [None, None]);
+        assert_eq!(of(&[1.0, 2.0], None, 2), [None, None]);
         assert_eq!(
-            of(&[f64::NAN, 2.0, 3.0], Better::Lower, 2),
+            of(&[f64::NAN, 2.0, 3.0], LOWER, 2),
             [None, Some(1), Some(2)]
         );
-        assert_eq!(of(&[-0.0001, 0.0001], Better::Lower, 3), [Some(1), Some(1)]);
+        assert_eq!(of(&[-0.0001, 0.0001], LOWER, 3), [Some(1), Some(1)]);
     }
 
     #[test]
     fn a_single_row_is_no_contest() {
-        assert_eq!(of(&[1.0], Better::Lower, 2), [None]);
+        assert_eq!(of(&[1.0], LOWER, 2), [None]);
     }
 
     #[test]
@@ -144,11 +144,11 @@ mod tests {
             row(2.0, &[0, 1], true),
             row(3.0, &[0, 1], true),
         ];
-        assert_eq!(ranks(&mixed, Better::Lower, 2), [None, Some(1), Some(2)]);
+        assert_eq!(ranks(&mixed, LOWER, 2), [None, Some(1), Some(2)]);
         let same = [row(1.0, &[0][..], false), row(2.0, &[0], false)];
-        assert_eq!(ranks(&same, Better::Lower, 2), [Some(1), Some(2)]);
+        assert_eq!(ranks(&same, LOWER, 2), [Some(1), Some(2)]);
         let other = [row(1.0, &[0][..], false), row(2.0, &[1], false)];
-        assert_eq!(ranks(&other, Better::Lower, 2), [None, None]);
+        assert_eq!(ranks(&other, LOWER, 2), [None, None]);
     }
 
     #[test]
@@ -162,6 +162,6 @@ mod tests {
             })
             .into();
         rows[0].ranked = false;
-        assert_eq!(ranks(&rows, Better::Lower, 2), [None, Some(1), Some(2)]);
+        assert_eq!(ranks(&rows, LOWER, 2), [None, Some(1), Some(2)]);
     }
 }

@@ -1,116 +1,72 @@
 //! A table for a terminal: aligned columns, `*` for the best.
 
-use super::{Cell, Table, letter, shown};
-use crate::report::input::Metric;
+use super::{Cell, Table, letter, letters};
+use crate::report::input::Column;
 
 /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
 /// and the infinity sign.
 pub fn text(table: &Table) -> String {
-    let mut grid: Vec<Vec<String>> = vec![vec![String::new()], vec![table.row_head.into()]];
     let heads = table.heads();
-    for group in &table.groups {
-        for (m, head) in heads.iter().enumerate() {
-            grid[0].push(if m > 0 {
-                String::new()
-            } else {
-                let title = format!("{}{}", group.title, marks(group.note.iter()));
-                match group.pairs {
-                    Some(n) => format!("{title} (n={n})"),
-                    None => title,
-                }
-            });
-            grid[1].push(format!("{head} "));
-        }
+    let mut grid = vec![vec![table.row_head.to_owned()]];
+    for _ in &table.groups {
+        grid[0].extend(heads.iter().map(|head| format!("{head} ")));
     }
     for row in &table.rows {
-        let mut line = vec![format!("{}{}", row.label, marks(row.note.iter()))];
-        line.extend(
-            row.cells
-                .iter()
-                .enumerate()
-                .map(|(i, cell)| number(cell, table.metric_of(i))),
-        );
+        let mut line = vec![row.label.clone() + &marks(row.note.as_slice())];
+        line.extend(table.cells(row).map(|(column, cell)| number(cell, column)));
         grid.push(line);
     }
-    let per_group = table.metrics.len().max(1);
-    let mut widths = vec![0; grid[1].len()];
-    for line in &grid[1..] {
-        for (width, cell) in widths.iter_mut().zip(line) {
-            *width = (*width).max(length(cell));
+    let width = |column: usize| grid.iter().map(|line| length(&line[column])).max();
+    let mut widths: Vec<usize> = (0..grid[0].len()).filter_map(width).collect();
+    let mut titles = " ".repeat(widths[0]);
+    for (group, widths) in table
+        .groups
+        .iter()
+        .zip(widths[1..].chunks_mut(heads.len().max(1)))
+    {
+        let mut title = group.title.clone() + &marks(group.note.as_slice());
+        if let Some(n) = group.pairs {
+            title += &format!(" (n={n})");
         }
+        // A long dataset name widens the last column of its group.
+        let room = widths.iter().map(|w| w + 2).sum::<usize>() - 2;
+        if let Some(last) = widths.last_mut() {
+            *last += length(&title).saturating_sub(room);
+        }
+        titles += &format!("  {title:<room$}");
     }
-    // A long dataset name widens the last column of its group.
-    for g in 0..table.groups.len() {
-        let columns = 1 + g * per_group..1 + (g + 1) * per_group;
-        let width: usize = widths[columns.clone()].iter().map(|w| w + 2).sum();
-        let title = length(&grid[0][columns.start]) + 2;
-        widths[columns.end - 1] += title.saturating_sub(width);
-    }
-    let mut out = String::new();
-    let mut heads = " ".repeat(widths[0]);
-    for g in 0..table.groups.len() {
-        let columns = 1 + g * per_group..1 + (g + 1) * per_group;
-        let width: usize = widths[columns.clone()].iter().map(|w| w + 2).sum();
-        let title = &grid[0][columns.start];
-        heads.push_str("  ");
-        heads.push_str(title);
-        heads.push_str(&" ".repeat((width - 2).saturating_sub(length(title))));
-    }
-    out.push_str(heads.trim_end());
-    out.push('\n');
-    for line in &grid[1..] {
-        let mut text = pad(&line[0], widths[0], false);
+    let mut out = format!("{}\n", titles.trim_end());
+    for line in &grid {
+        let mut text = format!("{:<1$}", line[0], widths[0]);
         for (cell, width) in line.iter().zip(&widths).skip(1) {
-            text.push_str("  ");
-            text.push_str(&pad(cell, *width, true));
+            text += &format!("  {cell:>width$}");
         }
-        out.push_str(text.trim_end());
+        out += text.trim_end();
         out.push('\n');
     }
-    let keys = table.metrics.iter().zip(table.heads());
-    let keys: Vec<String> = keys.map(|(m, head)| format!("{head} {}", m.key)).collect();
-    let mut cells = table.rows.iter().flat_map(|row| &row.cells);
-    if cells.any(|cell| cell.rank.is_some()) {
+    if table.is_ranked() {
         out.push_str("* best of its column; ");
     }
-    out.push_str(&format!("{}\n", keys.join(", ")));
+    let keys = table.columns.iter().zip(heads);
+    let keys: Vec<String> = keys.map(|(c, head)| format!("{head} {}", c.key)).collect();
+    out += &format!("{}\n", keys.join(", "));
     for (i, note) in table.notes.iter().enumerate() {
-        out.push_str(&format!("{}) {note}\n", letter(i)));
+        out += &format!("{}) {note}\n", letter(i));
     }
     out
 }
 
-fn number(cell: &Cell, metric: &Metric) -> String {
-    let mut out = match cell.value {
-        None => "n/a".to_owned(),
-        Some(value) => shown(value, metric.decimals),
-    };
-    if let Some((n, total)) = cell.coverage.filter(|(n, total)| n != total && *n > 0) {
-        out.push_str(&format!(" ({n}/{total})"));
-    }
-    out.push_str(&marks(cell.notes.iter()));
-    out.push(if cell.rank == Some(1) { '*' } else { ' ' });
-    out
+fn number(cell: &Cell, column: &Column) -> String {
+    let pairs = cell.partial().map(|(n, total)| format!(" ({n}/{total})"));
+    let best = if cell.rank == Some(1) { '*' } else { ' ' };
+    let (number, pairs) = (cell.text(column), pairs.unwrap_or_default());
+    format!("{number}{pairs}{}{best}", marks(&cell.notes))
 }
 
-fn marks<'a>(notes: impl Iterator<Item = &'a usize>) -> String {
-    let letters: Vec<String> = notes.map(|i| letter(*i)).collect();
-    if letters.is_empty() {
-        String::new()
-    } else {
-        format!(" {})", letters.join(","))
-    }
+fn marks(notes: &[usize]) -> String {
+    letters(" ", notes, ")")
 }
 
 fn length(text: &str) -> usize {
     text.chars().count()
-}
-
-fn pad(text: &str, width: usize, right: bool) -> String {
-    let blanks = " ".repeat(width.saturating_sub(length(text)));
-    if right {
-        blanks + text
-    } else {
-        text.to_owned() + &blanks
-    }
 }

@@ -1,6 +1,6 @@
 //! What a report leaves on disk.
 
-use crate::report::plots::{histogram, motion};
+use crate::report::plots::baselines;
 use crate::report::tables::markdown;
 
 use super::*;
@@ -79,8 +79,8 @@ fn an_empty_run_still_gives_a_report() {
     let files = files(&input(&[]));
     assert!(files.contains_key("index.html") && files.contains_key("report.md"));
     let mut empty = input(&[]);
-    empty.datasets.push(Dataset::named("d"));
-    empty.methods.push(Method::named("m"));
+    empty.datasets.push(ReportDataset::named("d"));
+    empty.methods.push(ReportMethod::named("m"));
     let text = text_tables(&empty).unwrap();
     assert!(
         text.contains("n/a") && text.contains("d has no pairs."),
@@ -93,10 +93,10 @@ fn an_empty_run_still_gives_a_report() {
 
 #[test]
 fn plots_exist_for_one_sample_for_none_and_for_infinity() {
-    let psnr: Metric = MetricKey::PSNR.into();
+    let psnr: Column = MetricKey::PSNR.into();
     let figure = |records: &[Record]| {
         let board = Board::new(records, &[], &[]).unwrap();
-        motion::figure(&board, &psnr, motion::Motion::Metres, None).unwrap()
+        baselines::against_metric(&board, &psnr).unwrap()
     };
     assert_eq!(figure(&[]), None);
     assert_eq!(figure(&[record("d", "p", "m", 0.1, &[])]), None);
@@ -114,10 +114,7 @@ fn plots_exist_for_one_sample_for_none_and_for_infinity() {
     let far = record("d", "p", "m", 1e300, &[("psnr", -1e300)]);
     assert!(figure(&[far, record("d", "q", "m", f64::NAN, &[("psnr", 1.0)])]).is_some());
     let board = Board::new(&[], &[], &[]).unwrap();
-    assert_eq!(
-        histogram::figure(&board, motion::Motion::Metres, None).unwrap(),
-        None
-    );
+    assert_eq!(baselines::histogram(&board).unwrap(), None);
 }
 
 #[test]
@@ -129,4 +126,19 @@ fn reports_need_nothing_from_outside() {
         let rest = html.replace("http://www.w3.org/2000/svg", "");
         assert!(!rest.contains(outside), "{outside}");
     }
+}
+
+#[test]
+fn control_characters_leave_a_plot_readable() {
+    let record = record("a\u{7}b", "p", "m", 0.1, &[("psnr", 20.0)]);
+    let records = [record];
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let mut psnr: Column = MetricKey::PSNR.into();
+    psnr.label = "<\u{7}>".into();
+    let figure = baselines::against_metric(&board, &psnr).unwrap().unwrap();
+    assert!(
+        figure
+            .svg
+            .contains("aria-label=\"&#60;\u{FFFD}&#62; against")
+    );
 }

@@ -12,7 +12,7 @@ use sharp_metrics::MetricKey;
 
 use crate::evaluate::record::{Record, Score, Status};
 
-use super::records::Board;
+use super::board::Board;
 use super::tables::{Table, build};
 use super::*;
 
@@ -76,9 +76,9 @@ fn input(records: &[Record]) -> ReportInput<'_> {
         datasets: Vec::new(),
         methods: Vec::new(),
         facts: Vec::new(),
-        published: Published::Matching,
+        published: PublishedNumbers::Matching,
         pictures: &NoPictures,
-        options: Options::default(),
+        options: ReportOptions::default(),
     }
 }
 
@@ -102,21 +102,21 @@ fn files(input: &ReportInput<'_>) -> BTreeMap<String, Vec<u8>> {
 /// A picture that depends on the record.
 struct Plain;
 
-impl Pictures for Plain {
-    fn source(&self, record: &Record) -> Result<RgbImage, String> {
+impl ReportPictures for Plain {
+    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         Ok(RgbImage::from_fn(64, 48, |x, y| {
             Rgb([x as u8, y as u8, (record.baseline_m * 100.0) as u8])
         }))
     }
 
-    fn target(&self, record: &Record) -> Result<RgbImage, String> {
+    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         self.source(record)
     }
 
-    fn prediction(&self, record: &Record) -> Result<RgbImage, String> {
+    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         match record.method.as_str() {
             "a" => self.source(record),
-            _ => Err("not kept".into()),
+            _ => Err(MissingPicture::NotKept),
         }
     }
 }

@@ -125,10 +125,10 @@ fn wide_runs_are_split_as_in_the_paper() {
         MetricKey::PSNR,
         MetricKey::SSIM,
     ];
-    let tables = build::of_scores(&board, &keys.map(Metric::from));
+    let tables = build::of_scores(&board, &keys.map(Column::from));
     let names: Vec<_> = tables
         .iter()
-        .map(|t| (t.name.as_str(), t.metrics.len()))
+        .map(|t| (t.name.as_str(), t.columns.len()))
         .collect();
     assert_eq!(names, [("scores-perceptual", 2), ("scores-pixelwise", 2)]);
 }
@@ -164,10 +164,10 @@ fn reported_quantities_are_shown_for_those_who_report_them() {
     records[0].extras.insert("mean_alpha".into(), 0.75);
     records[1].extras.insert("mean_alpha".into(), 0.25);
     let board = Board::new(&records, &[], &[]).unwrap();
-    let alpha = Metric::reported("mean_alpha", "mean alpha", "", 3, "");
-    let holes = Metric::reported("hole_share", "holes", "", 3, "");
+    let alpha = Column::reported("mean_alpha", "mean alpha", 3, "");
+    let holes = Column::reported("hole_share", "holes", 3, "");
     let table = build::of_extras(&board, &[holes.clone(), alpha]).unwrap();
-    assert_eq!((table.metrics.len(), table.rows.len()), (1, 1));
+    assert_eq!((table.columns.len(), table.rows.len()), (1, 1));
     assert_eq!(
         (table.rows[0].cells[0].value, table.rows[0].cells[0].rank),
         (Some(0.5), None)
@@ -212,9 +212,9 @@ fn cropped_resized_and_chosen_predictions_are_marked() {
         },
         one("p2", "masked"),
     ];
-    let small = Method {
+    let small = ReportMethod {
         resize_kernel: Some("bicubic".to_owned()),
-        ..Method::named("small")
+        ..ReportMethod::named("small")
     };
     let board = Board::new(&records, &[], &[small]).unwrap();
     let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
@@ -248,9 +248,9 @@ fn a_common_region_is_no_methods_crop() {
         cropped(record, 0.5)
     };
     let records = [with("copy"), with("crops")];
-    let dataset = Dataset {
+    let dataset = ReportDataset {
         common_region: true,
-        ..Dataset::named("d")
+        ..ReportDataset::named("d")
     };
     let board = Board::new(&records, &[dataset], &[]).unwrap();
     let tables = build::of_scores(&board, &[MetricKey::PSNR.into()]);
@@ -269,9 +269,9 @@ fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
         record("mine", "p1", "a", 0.1, &[("psnr", 20.0)]),
         record("scannetpp", "p1", "a", 0.1, &[("psnr", 20.0)]),
     ];
-    let with = |name: &str| Dataset {
+    let with = |name: &str| ReportDataset {
         proxies: vec!["split=nvs_sem_val".to_owned(), "threshold=0.5".to_owned()],
-        ..Dataset::named(name)
+        ..ReportDataset::named(name)
     };
     // A dataset that the paper does not have is nobody's proxy.
     let datasets = [with("mine"), with("scannetpp")];
@@ -289,7 +289,7 @@ fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
         "{markdown}"
     );
     assert!(markdown.contains("mine<br>PSNR"), "{markdown}");
-    let html = html_table::html(table, "t");
+    let html = html_table::html(table, "t").unwrap();
     assert!(
         html.contains("scannetpp<sup><a href=\"#t-a\">a</a></sup>"),
         "{html}"

@@ -1,8 +1,11 @@
-//! The bundled font: widths of text, and its glyphs as coverage.
+//! Text in the bundled font: widths, lines, glyphs as coverage, and writing on pictures.
 
 use std::sync::OnceLock;
 
 use ab_glyph::{Font, FontRef, ScaleFont, point};
+use image::RgbImage;
+
+use super::canvas::Ink;
 
 /// `font-family` of SVG text: the bundled font first, then what systems have.
 pub const FAMILY: &str = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif";
@@ -16,9 +19,7 @@ static SEMIBOLD: &[u8] = include_bytes!("../../../assets/Inter-SemiBold.otf");
 /// Regular, or semibold for titles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
-    /// 400.
     Regular,
-    /// 600.
     Bold,
 }
 
@@ -54,6 +55,46 @@ pub fn raster(text: &str, size: f64, weight: Weight, mut paint: impl FnMut(i32, 
     });
 }
 
+/// Writes a line of text; its baseline starts at `at`. What lies outside the picture is cut off.
+pub fn write(
+    picture: &mut RgbImage,
+    text: &str,
+    at: (u32, u32),
+    size: f64,
+    weight: Weight,
+    ink: Ink,
+) {
+    raster(text, size, weight, |x, y, coverage| {
+        let place = (
+            u32::try_from(i64::from(at.0) + i64::from(x)),
+            u32::try_from(i64::from(at.1) + i64::from(y)),
+        );
+        let (Ok(x), Ok(y)) = place else { return };
+        let Some(pixel) = picture.get_pixel_mut_checked(x, y) else {
+            return;
+        };
+        for (below, above) in pixel.0.iter_mut().zip(<[u8; 3]>::from(ink.rgb)) {
+            let mixed = f32::from(*below) * (1.0 - coverage) + f32::from(above) * coverage;
+            *below = mixed.round() as u8;
+        }
+    });
+}
+
+/// The text in lines no wider than `room` where its words allow.
+pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if width(&format!("{line} {word}"), size, weight) <= room => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 /// Visits each glyph with its position and the pen's position after it.
 fn lay_out(
     text: &str,
@@ -83,6 +124,8 @@ fn lay_out(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::plots::canvas::INK;
+    use image::Rgb;
 
     #[test]
     fn the_bundled_fonts_have_every_sign_that_plots_use() {
@@ -102,5 +145,22 @@ mod tests {
         assert!(w("baseline (m)", 10.0) > w("baseline", 10.0));
         // Inter's digit zero is 0.62 to 0.63 em wide.
         assert!((w("0", 100.0) - 62.0).abs() < 3.0, "{}", w("0", 100.0));
+    }
+
+    #[test]
+    fn lines_break_between_words() {
+        let whole = width("one two", 10.0, Weight::Regular);
+        let lines = |room| wrapped("one two  three", 10.0, Weight::Regular, room);
+        assert_eq!(lines(whole), ["one two", "three"]);
+        assert_eq!(lines(1.0), ["one", "two", "three"]);
+        assert_eq!(lines(1e4), ["one two three"]);
+    }
+
+    #[test]
+    fn text_darkens_paper_and_may_run_out_of_it() {
+        let mut paper = RgbImage::from_pixel(20, 20, Rgb([255; 3]));
+        write(&mut paper, "MMMM", (5, 18), 16.0, Weight::Bold, INK);
+        assert!(paper.pixels().any(|p| p.0[0] < 100));
+        assert_eq!(paper.get_pixel(0, 0), &Rgb([255; 3]));
     }
 }

@@ -1,28 +1,27 @@
 //! The records of a run as a grid: datasets, their pairs, and for each pair what each method did.
 
-use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
+
+use sharp_datasets::natural_order;
 
 use crate::evaluate::record::{Record, Status};
 
 use super::error::ReportError;
-use super::input::{Dataset, Method};
+use super::input::{ReportDataset, ReportMethod};
 
 /// Everything that tables and plots read.
 #[derive(Debug)]
 pub struct Board<'a> {
-    /// In the order shown.
+    /// In the order shown, as the methods are.
     pub datasets: Vec<DatasetBoard<'a>>,
-    /// In the order shown.
-    pub methods: Vec<Method>,
+    pub methods: Vec<ReportMethod>,
 }
 
-/// The pairs of one dataset, sorted bytewise by id.
+/// The pairs of one dataset.
 #[derive(Debug)]
 pub struct DatasetBoard<'a> {
-    /// Name and what is known of it.
-    pub dataset: Dataset,
-    /// Sorted by `pair_id`.
+    pub dataset: ReportDataset,
+    /// Sorted bytewise by `pair_id`.
     pub pairs: Vec<PairBoard<'a>>,
 }
 
@@ -35,12 +34,14 @@ pub struct PairBoard<'a> {
     pub by_method: Vec<Option<&'a Record>>,
 }
 
-impl DatasetBoard<'_> {
-    /// Pairs that a complete row has.
-    pub fn total(&self) -> usize {
-        self.pairs
-            .len()
-            .max(self.dataset.planned_pairs.unwrap_or(0))
+impl<'a> DatasetBoard<'a> {
+    /// The records of method number `method`.
+    pub fn records_of(&self, method: usize) -> impl Iterator<Item = &'a Record> {
+        let slots = self
+            .pairs
+            .iter()
+            .map(move |pair| pair.by_method.get(method));
+        slots.filter_map(|slot| slot.copied().flatten())
     }
 }
 
@@ -52,28 +53,25 @@ impl<'a> Board<'a> {
     /// disagree on its geometry (then they are not of the same pair, and their means would mean nothing).
     pub fn new(
         records: &'a [Record],
-        datasets: &[Dataset],
-        methods: &[Method],
+        datasets: &[ReportDataset],
+        methods: &[ReportMethod],
     ) -> Result<Self, ReportError> {
         let datasets = completed(
             datasets,
             records.iter().map(|r| r.dataset.as_str()),
             "dataset",
             |d| &d.name,
-            Dataset::named,
+            ReportDataset::named,
         )?;
         let methods = completed(
             methods,
             records.iter().map(|r| r.method.as_str()),
             "method",
             |m| &m.label,
-            Method::named,
+            ReportMethod::named,
         )?;
-        let row: BTreeMap<&str, usize> = methods
-            .iter()
-            .enumerate()
-            .map(|(i, m)| (m.label.as_str(), i))
-            .collect();
+        let rows = methods.iter().enumerate();
+        let row: BTreeMap<&str, usize> = rows.map(|(i, m)| (m.label.as_str(), i)).collect();
         let mut grouped: BTreeMap<&str, BTreeMap<&str, PairBoard<'a>>> = BTreeMap::new();
         for record in records {
             let pair = grouped
@@ -134,18 +132,16 @@ impl<'a> Board<'a> {
 
 /// The geometry of a pair must not depend on the method.
 pub(super) fn differing_fact(a: &Record, b: &Record) -> Option<&'static str> {
-    let bits = |v: Option<f64>| v.map(f64::to_bits);
-    if a.baseline_m.to_bits() != b.baseline_m.to_bits() {
-        Some("baseline")
-    } else if a.rotation_deg.to_bits() != b.rotation_deg.to_bits() {
-        Some("rotation")
-    } else if bits(a.median_depth_m) != bits(b.median_depth_m) {
-        Some("median depth")
-    } else if bits(a.overlap) != bits(b.overlap) {
-        Some("overlap")
-    } else {
-        None
-    }
+    let facts = |r: &Record| {
+        [
+            ("baseline", Some(r.baseline_m.to_bits())),
+            ("rotation", Some(r.rotation_deg.to_bits())),
+            ("median depth", r.median_depth_m.map(f64::to_bits)),
+            ("overlap", r.overlap.map(f64::to_bits)),
+        ]
+    };
+    let mut both = facts(a).into_iter().zip(facts(b));
+    both.find(|(a, b)| a != b).map(|((what, _), _)| what)
 }
 
 /// The given list, checked for repetitions, then the names that only the records have.
@@ -170,43 +166,10 @@ fn completed<'r, T: Clone>(
         .collect::<BTreeSet<_>>()
         .into_iter()
         .collect();
-    others.sort_by(|a, b| natural(a, b));
+    others.sort_by(|a, b| natural_order::compare(a, b));
     Ok(given
         .iter()
         .cloned()
         .chain(others.into_iter().map(make))
         .collect())
-}
-
-/// Order in which people count: runs of digits by value, everything else bytewise.
-pub fn natural(a: &str, b: &str) -> Ordering {
-    let (mut x, mut y) = (a.as_bytes(), b.as_bytes());
-    while let (Some(p), Some(q)) = (x.first(), y.first()) {
-        if p.is_ascii_digit() && q.is_ascii_digit() {
-            let (m, rest_x) = digits(x);
-            let (n, rest_y) = digits(y);
-            // Without leading zeros, the longer number is the larger.
-            let order = m.len().cmp(&n.len()).then_with(|| m.cmp(n));
-            if order != Ordering::Equal {
-                return order;
-            }
-            (x, y) = (rest_x, rest_y);
-        } else if p == q {
-            (x, y) = (&x[1..], &y[1..]);
-        } else {
-            return p.cmp(q);
-        }
-    }
-    x.len().cmp(&y.len()).then_with(|| a.cmp(b))
-}
-
-/// Leading digits without their leading zeros, and the rest.
-fn digits(text: &[u8]) -> (&[u8], &[u8]) {
-    let end = text
-        .iter()
-        .position(|c| !c.is_ascii_digit())
-        .unwrap_or(text.len());
-    let (number, rest) = text.split_at(end);
-    let zeros = number.iter().take_while(|c| **c == b'0').count();
-    (&number[zeros..], rest)
 }

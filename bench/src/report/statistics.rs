@@ -2,11 +2,11 @@
 
 use crate::evaluate::record::{Record, Score, Status};
 
-use super::records::DatasetBoard;
+use super::board::DatasetBoard;
 
 /// What a table cell knows.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Summary {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CellStatistics {
     /// Pairs with a number.
     pub n: usize,
     /// Pairs of the dataset.
@@ -32,8 +32,8 @@ pub struct Summary {
 }
 
 /// The metric `key` of method number `method`.
-pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> Summary {
-    summarise(dataset, method, |record| match record.scores.get(key) {
+pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> CellStatistics {
+    gather(dataset, method, |record| match record.scores.get(key) {
         Some(Score::Value(value)) => Ok(*value),
         Some(Score::Unavailable { unavailable }) => Err(unavailable.clone()),
         None => Err("not computed in this run".into()),
@@ -41,8 +41,8 @@ pub fn of_metric(dataset: &DatasetBoard<'_>, method: usize, key: &str) -> Summar
 }
 
 /// The quantity `name` that method number `method` reports about its predictions.
-pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> Summary {
-    summarise(dataset, method, |record| {
+pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> CellStatistics {
+    gather(dataset, method, |record| {
         record
             .reported()
             .get(name)
@@ -51,23 +51,14 @@ pub fn of_extra(dataset: &DatasetBoard<'_>, method: usize, name: &str) -> Summar
     })
 }
 
-fn summarise(
+fn gather(
     dataset: &DatasetBoard<'_>,
     method: usize,
     value: impl Fn(&Record) -> Result<f64, String>,
-) -> Summary {
-    let mut summary = Summary {
-        n: 0,
-        total: dataset.total(),
-        mean: None,
-        std: None,
-        infinite: 0,
-        finite_mean: None,
-        failed: 0,
-        unavailable: 0,
-        failures: Vec::new(),
-        absences: Vec::new(),
-        scored: Vec::new(),
+) -> CellStatistics {
+    let mut cell = CellStatistics {
+        total: dataset.pairs.len(),
+        ..CellStatistics::default()
     };
     let mut values = Vec::new();
     for (position, pair) in dataset.pairs.iter().enumerate() {
@@ -81,42 +72,29 @@ fn summarise(
         match outcome {
             Ok(v) => {
                 values.push(v);
-                summary.scored.push(position);
+                cell.scored.push(position);
             }
             Err((failed, reason)) => {
                 let (count, reasons) = if failed {
-                    (&mut summary.failed, &mut summary.failures)
+                    (&mut cell.failed, &mut cell.failures)
                 } else {
-                    (&mut summary.unavailable, &mut summary.absences)
+                    (&mut cell.unavailable, &mut cell.absences)
                 };
                 *count += 1;
-                add_reason(reasons, reason, 1);
+                match reasons.iter_mut().find(|(known, _)| *known == reason) {
+                    Some((_, n)) => *n += 1,
+                    None => reasons.push((reason, 1)),
+                }
             }
         }
     }
-    let unplanned = summary.total - dataset.pairs.len();
-    if unplanned > 0 {
-        summary.unavailable += unplanned;
-        add_reason(
-            &mut summary.absences,
-            "planned but not run".into(),
-            unplanned,
-        );
-    }
-    summary.n = values.len();
-    summary.infinite = values.iter().filter(|v| v.is_infinite()).count();
-    summary.mean = mean(&values);
-    summary.std = sample_std(&values);
+    cell.n = values.len();
+    cell.infinite = values.iter().filter(|v| v.is_infinite()).count();
+    cell.mean = mean(&values);
+    cell.std = sample_std(&values);
     let finite: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    summary.finite_mean = mean(&finite);
-    summary
-}
-
-fn add_reason(reasons: &mut Vec<(String, usize)>, reason: String, count: usize) {
-    match reasons.iter_mut().find(|(known, _)| *known == reason) {
-        Some((_, n)) => *n += count,
-        None => reasons.push((reason, count)),
-    }
+    cell.finite_mean = mean(&finite);
+    cell
 }
 
 /// Arithmetic mean, summed in order; `None` of nothing.

@@ -1,0 +1,137 @@
+//! Footnotes of cells, and of columns that are not the paper's, though they bear its dataset's name.
+
+use std::collections::BTreeMap;
+
+use crate::evaluate::record::{Record, Status};
+use crate::report::board::DatasetBoard;
+use crate::report::input::{Column, ReportDataset, ReportMethod};
+use crate::report::paper;
+use crate::report::statistics::{CellStatistics, mean};
+
+use super::shown;
+
+/// What a reader must know about the columns of a dataset of the paper that was not read or paired as in the paper.
+pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
+    if dataset.proxies.is_empty() || paper::column(dataset).is_none() {
+        return None;
+    }
+    let proxies: Vec<String> = dataset.proxies.iter().map(|p| format!("`{p}`")).collect();
+    Some(format!(
+        "{}: a proxy of the paper's column, not the same quantity; known to differ from what the paper did: {}.",
+        dataset.title(),
+        proxies.join(", ")
+    ))
+}
+
+/// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized up,
+/// the best of several scales, or in part excluded by masks.
+pub(super) fn prediction_marks(
+    dataset: &DatasetBoard<'_>,
+    method: usize,
+    facts: &ReportMethod,
+) -> Vec<String> {
+    let records = dataset.records_of(method);
+    let records: Vec<&Record> = records.filter(|r| r.status == Status::Ok).collect();
+    let (name, label, of) = (dataset.dataset.title(), &facts.label, records.len());
+    let mut marks = Vec::new();
+    let shares: Vec<f64> = records.iter().filter_map(|r| Some(r.crop?.share)).collect();
+    if let Some(mean) = mean(&shares) {
+        let scored = format!(
+            "{} of {of} pairs scored on a part of the target only, on average {:.1} % of its pixels",
+            shares.len(),
+            100.0 * mean
+        );
+        marks.push(if dataset.dataset.common_region {
+            // The same for every method that has all pairs: one footnote for all of them.
+            format!("{name}: {scored}, the common region of all methods.")
+        } else {
+            format!(
+                "{label} on {name}: cropped; {scored}, against the equally cropped ground truth."
+            )
+        });
+    }
+    let valid: Vec<f64> = records.iter().filter_map(|r| r.valid_share).collect();
+    if let Some(mean) = mean(&valid) {
+        // The same for every method that has all pairs, as above.
+        marks.push(format!(
+            "{name}: masks of the dataset exclude pixels of {} of {of} targets, on average {:.1} % of theirs; they are \
+             excluded from scoring.",
+            valid.len(),
+            100.0 * (1.0 - mean)
+        ));
+    }
+    let resized = records.iter().filter(|r| r.resized_from.is_some()).count();
+    if resized > 0 {
+        let kernel = facts.resize_kernel.as_ref();
+        marks.push(format!(
+            "{label} on {name}: {resized} of {of} predictions were smaller than the target and resized up{} before \
+             scoring.",
+            kernel.map_or_else(String::new, |kernel| format!(" (`{kernel}`)"))
+        ));
+    }
+    let mut tried: BTreeMap<usize, usize> = BTreeMap::new();
+    for scale in records.iter().filter_map(|record| record.scale) {
+        *tried.entry(scale.tried).or_default() += 1;
+    }
+    for (count, pairs) in tried {
+        marks.push(format!(
+            "{label} on {name}: best of {count} scales by DISTS, chosen for each of {pairs} pairs with a look at the \
+             target."
+        ));
+    }
+    marks
+}
+
+/// What a reader must know about a cell besides its number.
+pub(super) fn cell_notes(
+    method: &str,
+    dataset: &str,
+    column: &Column,
+    cell: &CellStatistics,
+) -> Vec<String> {
+    let CellStatistics { n, total, .. } = *cell;
+    let mut notes = Vec::new();
+    if total == 0 {
+        notes.push(format!("{dataset} has no pairs."));
+    } else if n == 0 {
+        notes.push(match cell.absences.as_slice() {
+            // The same for every method and dataset: one footnote for all of them.
+            [(reason, _)] => format!("No {} (`{}`): {reason}.", column.label, column.key),
+            absences => format!(
+                "{method} on {dataset}: no number for any of {total} pairs: {}.",
+                listed(&[&cell.failures, absences].concat())
+            ),
+        });
+    } else if n < total {
+        notes.push(format!(
+            "{method} on {dataset}: mean over {n} of {total} pairs, not ranked against rows that cover other pairs. \
+             Missing: {}.",
+            listed(&[cell.failures.as_slice(), &cell.absences].concat())
+        ));
+    }
+    if cell.infinite > 0 {
+        let of = if cell.infinite == n {
+            "every pair".to_owned()
+        } else {
+            format!("{} of {n} pairs", cell.infinite)
+        };
+        let others = cell.finite_mean.map_or_else(String::new, |mean| {
+            format!("; mean of the others {}", shown(mean, column.decimals))
+        });
+        notes.push(format!("Infinite for {of}, and so is the mean{others}."));
+    }
+    notes
+}
+
+/// The first three reasons with their counts.
+fn listed(reasons: &[(String, usize)]) -> String {
+    let mut parts: Vec<String> = reasons
+        .iter()
+        .take(3)
+        .map(|(reason, count)| format!("{reason} ({count}×)"))
+        .collect();
+    if reasons.len() > 3 {
+        parts.push(format!("and {} more reasons", reasons.len() - 3));
+    }
+    parts.join("; ")
+}
