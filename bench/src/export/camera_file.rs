@@ -12,24 +12,18 @@ use crate::io::atomic_files::FileError;
 /// A camera as people script it; other keys beside these, such as those of `cameras export`, are left alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
-    /// Image width, pixels.
     pub width: u32,
-    /// Image height, pixels.
     pub height: u32,
     /// 3×3 intrinsics, row by row, pixels. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
     #[serde(rename = "K")]
     pub k: [f64; 9],
-    /// 4×4 extrinsics, row by row; any affine map.
     pub camera_from_world: [f64; 16],
 }
 
-/// Why a file is not a camera.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct CameraFileError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
     pub reason: String,
 }
 
@@ -69,9 +63,6 @@ impl CameraFile {
     }
 
     /// Writes the file.
-    ///
-    /// # Errors
-    /// Names the file and what the system said.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         write_json_line(path, self)
     }

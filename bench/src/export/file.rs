@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::{file_sha256, sha256_hex};
 
-/// sha256 by file name.
 pub(super) type Hashes = BTreeMap<String, String>;
 
 /// What a description says of itself, read back to see whether its files are done.
@@ -16,7 +15,6 @@ pub(super) type Hashes = BTreeMap<String, String>;
 pub(super) struct Stamp {
     /// Hash of everything that the files depend on.
     pub(super) key: String,
-    /// The files beside it.
     pub(super) files: Hashes,
 }
 
@@ -37,7 +35,6 @@ impl Stamp {
     }
 }
 
-/// Writes a file and notes its hash.
 pub(super) fn write(
     folder: &Path,
     name: &str,

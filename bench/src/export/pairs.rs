@@ -35,9 +35,7 @@ pub struct ExportOptions {
 /// What became of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Exported {
-    /// Pairs written.
     pub written: usize,
-    /// Pairs that were there already, unchanged.
     pub kept: usize,
     /// Views of which depth was asked for and the dataset has none.
     pub without_depth: usize,
@@ -172,7 +170,6 @@ fn export_group(
     Ok(exported)
 }
 
-/// The picture that is scored, as PNG.
 pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
     Ok(encode_png(&view.content.image()?, path)?)
 }
@@ -205,7 +202,6 @@ fn remove(path: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// Hash of everything that a pair's files depend on.
 fn key(
     pair: &ResolvedPair,
     options: &ExportOptions,

@@ -29,62 +29,34 @@ pub struct GaussianFile {
 /// Why a scene could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum GaussianFileError {
-    /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A prediction of ours that is not whole.
     #[error("{}: not a whole prediction", path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A `.ply` that is not one.
+    Damaged { path: PathBuf },
     #[error(transparent)]
     Ply(#[from] PlyError),
-    /// A `.safetensors` that is not one or lacks an array.
     #[error(transparent)]
     Arrays(#[from] CheckpointError),
-    /// An array of the wrong shape.
     #[error("{}: {name} has shape {shape:?}, [N, {columns}] is needed", path.display())]
     Shape {
-        /// The file.
         path: PathBuf,
-        /// The array.
         name: &'static str,
-        /// What it has.
         shape: Vec<usize>,
-        /// What a row needs.
         columns: usize,
     },
-    /// Arrays of different lengths.
     #[error("{}: {source}", path.display())]
     Lengths {
-        /// The file.
         path: PathBuf,
-        /// All lengths.
         source: LengthMismatch,
     },
-    /// The stored camera cannot be one.
     #[error("{}: {source}", path.display())]
-    Camera {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: CameraError,
-    },
-    /// Neither `.ply` nor `.safetensors`.
+    Camera { path: PathBuf, source: CameraError },
     #[error("{}: a scene is a .ply or .safetensors file", path.display())]
-    Extension {
-        /// The file.
-        path: PathBuf,
-    },
+    Extension { path: PathBuf },
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
 /// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`).
-///
-/// # Errors
-/// [`GaussianFileError`].
 pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("ply") => {
@@ -115,9 +87,6 @@ pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
 
 /// Writes a prediction with everything that rendering it needs: arrays as [`read`] takes them, its space, its depth
 /// layer, what the method reported, and a checksum.
-///
-/// # Errors
-/// Names the file and what the system said.
 pub fn write_prediction(path: &Path, prediction: &GaussianPrediction) -> Result<(), FileError> {
     let encode = |error: SafeTensorError| FileError::new(path, "encode")(io::Error::other(error));
     let gaussians = &prediction.gaussians;

@@ -13,9 +13,6 @@ use sharp::render::RenderOutput;
 use crate::io::atomic_files::{FileError, write_atomic};
 
 /// A PNG in memory.
-///
-/// # Errors
-/// The encoder's, naming `path`, which nothing is written to.
 pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
@@ -30,17 +27,11 @@ pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
 }
 
 /// Writes an 8-bit PNG.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
     write_atomic(path, &encode_png(image, path)?)
 }
 
 /// Writes 8-bit grey levels as PNG.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
@@ -62,9 +53,6 @@ pub(crate) const LINEAR: &str = "linear";
 /// Writes linear RGB (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z, metres;
 /// divide by alpha for the expected depth) as f32, without loss. The file says that it is linear, so that it is encoded
 /// when it is read as a picture.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb_linear.iter().map(|rgb| rgb[channel]);
@@ -86,9 +74,6 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
 }
 
 /// Writes planes `[height, width]` as named f32 channels, without loss.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_exr_channels(
     path: &Path,
     size: (usize, usize),
@@ -121,9 +106,6 @@ fn write_layer(
 }
 
 /// Writes `rgb_linear` [H, W, 3], `alpha` [H, W] and `depth_acc` [H, W], f32.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let encode = |error: safetensors::SafeTensorError| {
         FileError::new(path, "encode")(std::io::Error::other(error))

@@ -21,7 +21,6 @@ pub struct GaussianFiles {
 }
 
 impl GaussianFiles {
-    /// The files of a folder, under a label.
     pub fn new(label: String, dir: PathBuf) -> Self {
         Self { label, dir }
     }

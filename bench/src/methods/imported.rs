@@ -38,7 +38,6 @@ struct Sidecar {
 }
 
 impl Imported {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 4] = ["dir", "resize", "crop", "scales"];
 
     const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
@@ -65,7 +64,6 @@ impl Imported {
         }
     }
 
-    /// The folder.
     pub(super) fn dir(&self) -> &Path {
         &self.dir
     }

@@ -17,15 +17,12 @@ use crate::scoring::ScaleChooser;
 /// A kind of method, for `--help` and error messages.
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
-    /// Name on the command line.
     pub name: &'static str,
     /// Options besides `label`.
     pub options: &'static [&'static str],
-    /// One line.
     pub summary: &'static str,
 }
 
-/// Every kind there is.
 pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "target",

@@ -91,7 +91,6 @@ impl ScaleSweep {
         Ok(candidates)
     }
 
-    /// What chooses the best.
     pub fn chooser(&self) -> &ScaleChooser {
         &self.chooser
     }

@@ -31,7 +31,6 @@ pub struct Sharp {
 }
 
 impl Sharp {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 

@@ -12,7 +12,6 @@ use crate::scoring::GroundTruth;
 /// Returns the ground truth. It must be perfect under every metric: a self-test of the whole path.
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// The instance's label.
     pub label: String,
 }
 
@@ -44,7 +43,6 @@ impl Method for Target {
 /// Returns the source photograph, unmoved: what a method must beat to have moved the camera at all.
 #[derive(Debug, Clone)]
 pub struct Copy {
-    /// The instance's label.
     pub label: String,
 }
 
@@ -90,7 +88,6 @@ impl PredictPicture for Copy {
 /// The paper's sensitivity table uses the mean of the *target*; a method must not see that one.
 #[derive(Debug, Clone)]
 pub struct Mean {
-    /// The instance's label.
     pub label: String,
 }
 

@@ -82,22 +82,17 @@ const ALTERNATIVES: [(&str, &[&str]); 10] = [
 /// Pairs of a dataset under some options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Count {
-    /// That qualify.
     pub qualified: usize,
-    /// That are evaluated.
     pub selected: usize,
-    /// Of these, evaluated under the base options too.
     pub shared: usize,
 }
 
 /// One choice, changed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Alternative {
-    /// What the choice is about.
     pub about: &'static str,
     /// The change, `key=value`; empty for the base itself.
     pub change: String,
-    /// By dataset, of those that it concerns.
     pub counts: BTreeMap<String, Count>,
     /// By dataset, why its pairs cannot be counted under this choice.
     pub unavailable: BTreeMap<String, String>,
@@ -106,7 +101,6 @@ pub struct Alternative {
 /// A dataset under another of its settings.
 #[derive(Debug, Clone)]
 pub struct Reading {
-    /// Name of the dataset instance.
     pub dataset: String,
     /// The setting, `key=value`.
     pub change: String,

@@ -6,7 +6,6 @@ use sharp_metrics::weights::cache_folder;
 
 use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
 
-/// No checkpoint at hand.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights fetch sharp` or from \
@@ -14,7 +13,6 @@ use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
     searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 )]
 pub struct NoCheckpoint {
-    /// Where it was looked for.
     pub searched: Vec<PathBuf>,
 }
 

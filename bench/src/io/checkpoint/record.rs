@@ -15,11 +15,8 @@ use crate::io::atomic_files::{FileError, write_atomic};
 /// What was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Record {
-    /// Official address.
     pub address: String,
-    /// Size.
     pub bytes: u64,
-    /// Lower-case hexadecimal.
     pub sha256: String,
     /// Day of the first use, UTC, `2026-01-31`.
     pub recorded: String,
@@ -30,7 +27,6 @@ pub struct Record {
 pub enum Standing {
     /// There was no record: nothing to compare with. Now there is one, in this file.
     Unverified(PathBuf),
-    /// The same as on that day.
     Matches(String),
 }
 
@@ -50,33 +46,20 @@ impl std::fmt::Display for Standing {
 /// Why a file cannot be compared with the record, or is another one.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The record, or the checkpoint's size, cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The record is damaged.
     #[error("{}: not a record of a checkpoint: {reason}", path.display())]
-    Damaged {
-        /// The record.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// Not the file that was recorded.
+    Damaged { path: PathBuf, reason: String },
     #[error(
         "{}: {bytes} bytes, sha256 {sha256}, but the checkpoint recorded on {} has {} bytes, sha256 {}; if it was \
          replaced on purpose, delete {}",
         checkpoint.display(), expected.recorded, expected.bytes, expected.sha256, record.display()
     )]
     Other {
-        /// The checkpoint.
         checkpoint: PathBuf,
-        /// Its size.
         bytes: u64,
-        /// Its sha256.
         sha256: String,
-        /// What was recorded.
         expected: Box<Record>,
-        /// Where.
         record: PathBuf,
     },
 }

@@ -118,7 +118,6 @@ fn cells(image: &RgbImage) -> Vec<Cell> {
 
 /// Cells that will share an entry.
 struct Group {
-    /// By index.
     members: Vec<u32>,
     cut: Option<Cut>,
 }
@@ -129,7 +128,6 @@ struct Cut {
     channel: usize,
     /// Members before it, sorted along the channel.
     before: usize,
-    /// By how much it lessens the squared error.
     gain: f64,
 }
 

@@ -53,7 +53,6 @@ struct State {
 }
 
 impl Command {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 5] = ["run", "timeout", "version", "resize", "crop"];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.

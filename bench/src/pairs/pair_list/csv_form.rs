@@ -5,7 +5,6 @@ use std::str::FromStr;
 use crate::pairs::build::Pair;
 use crate::pairs::pair_id::PairName;
 
-/// The columns, in order.
 pub const COLUMNS: [&str; 16] = [
     "pair_id",
     "dataset",

@@ -43,13 +43,10 @@ impl PairList {
 /// What differs between two lists.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ListDiff {
-    /// Pairs that only the first list has.
     pub only_first: Vec<String>,
-    /// Pairs that only the second list has.
     pub only_second: Vec<String>,
     /// Pairs of both lists whose rows differ, and in what.
     pub changed: Vec<(String, Vec<FieldChange>)>,
-    /// Pairs whose rows are equal.
     pub equal: usize,
 }
 
@@ -63,10 +60,7 @@ impl ListDiff {
 /// One value that differs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FieldChange {
-    /// The column.
     pub column: &'static str,
-    /// As in the first list.
     pub first: String,
-    /// As in the second list.
     pub second: String,
 }

@@ -26,7 +26,6 @@ use crate::io::hash::sha256_hex;
 /// A list of pairs and where each came from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairList {
-    /// What errors call the list: its file.
     pub path: PathBuf,
     /// The rows in file order.
     pub pairs: Vec<Pair>,
@@ -106,15 +105,11 @@ impl PairList {
         }
     }
 
-    /// The file's content.
     pub fn to_csv(&self) -> String {
         to_csv(&self.pairs)
     }
 
     /// Writes the list to its path: whole or not at all.
-    ///
-    /// # Errors
-    /// [`PairError::File`].
     pub fn write(&self) -> Result<(), PairError> {
         Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
     }
@@ -165,13 +160,9 @@ impl PairList {
 /// A pair with the views that it names.
 #[derive(Debug, Clone, Copy)]
 pub struct ResolvedPair<'a> {
-    /// The row.
     pub pair: &'a Pair,
-    /// Its scene.
     pub scene: &'a Scene,
-    /// The view to predict from.
     pub source: &'a View,
-    /// The view to predict.
     pub target: &'a View,
 }
 

@@ -18,19 +18,14 @@ const SAME_ROTATION_DEG: f64 = 1e-6;
 /// What became of a list's photographs and cameras in someone's files.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Verification {
-    /// Different photographs that the list names.
     pub photographs: usize,
-    /// Of these, read and equal to the list's.
     pub equal: usize,
-    /// Of these, without a hash in the list.
     pub unhashed: usize,
-    /// Photographs that are other ones.
     pub different: Vec<HashMismatch>,
     /// Photographs that cannot be read: `dataset/scene/view` and the reason.
     pub unreadable: Vec<(String, String)>,
     /// Datasets, scenes and views that are not there, each once.
     pub absent: Vec<String>,
-    /// Pairs whose cameras stand otherwise than in the list.
     pub moved: Vec<MovedCamera>,
 }
 
@@ -47,26 +42,19 @@ impl Verification {
 /// A photograph that is not the one that a list was made from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HashMismatch {
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
-    /// Id of the view.
     pub view: String,
-    /// The list's sha256.
     pub expected: String,
-    /// The photograph's.
     pub found: String,
 }
 
 /// A pair whose cameras stand otherwise than in the list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovedCamera {
-    /// The pair.
     pub pair_id: String,
     /// Baseline and rotation in the list, metres and degrees.
     pub expected: (f64, f64),
-    /// In the files.
     pub found: (f64, f64),
 }
 
