@@ -1,16 +1,30 @@
-//! How a command that could finish ended.
+//! How a command ends: its exit code.
 
 use std::process::ExitCode;
 
-/// Success in three shades; what could not finish is an error instead.
+use sharp_datasets::DatasetError;
+use sharp_metrics::SelectionError;
+use sharp_metrics::weights::UnknownBackbone;
+
+/// Success in three shades; a command that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// All well: exit code 0.
+    /// Exit code 0.
     Done,
-    /// Finished, but some units are recorded failures: exit code 4.
+    /// Finished, but something is recorded as failed or found wrong: exit code 4.
     RecordedFailures,
-    /// Stopped early; the same command goes on where it stopped: exit code 75.
+    /// Stopped early; the same command continues where it stopped: exit code 75.
     Resumable,
+}
+
+impl Outcome {
+    /// Exit code 4 where there are problems.
+    pub(super) fn of_problems(problems: bool) -> Self {
+        match problems {
+            true => Self::RecordedFailures,
+            false => Self::Done,
+        }
+    }
 }
 
 impl From<Outcome> for ExitCode {
@@ -21,4 +35,24 @@ impl From<Outcome> for ExitCode {
             Outcome::Resumable => Self::from(75),
         }
     }
+}
+
+/// A command line that asks for something that cannot be, whatever the files say.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct UsageError(pub(super) String);
+
+/// True where another command line is needed, not another file: exit code 2.
+pub fn is_usage(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<UsageError>()
+            || cause.is::<SelectionError>()
+            || cause.is::<UnknownBackbone>()
+            || cause.downcast_ref::<DatasetError>().is_some_and(|e| {
+                matches!(
+                    e,
+                    DatasetError::Spec { .. } | DatasetError::UnknownFormat { .. }
+                )
+            })
+    })
 }

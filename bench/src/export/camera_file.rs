@@ -6,8 +6,7 @@ use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
 use sharp::camera::{Intrinsics, affine_from_row_major};
 
-use super::file::write_json_line;
-use crate::io::atomic_files::FileError;
+use crate::io::atomic_files::{FileError, write_atomic};
 
 /// A camera as people script it; other keys beside these, such as those of `cameras export`, are left alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -64,7 +63,9 @@ impl CameraFile {
 
     /// Writes the file.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        write_json_line(path, self)
+        let line = serde_json::to_string(self);
+        let line = line.map_err(|error| FileError::new(path, "encode")(error.into()))?;
+        write_atomic(path, format!("{line}\n").as_bytes())
     }
 
     fn check(&self) -> Result<(Intrinsics, DAffine3), String> {

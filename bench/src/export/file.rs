@@ -45,19 +45,3 @@ pub(super) fn write(
     hashes.insert(name.to_owned(), sha256_hex(bytes));
     Ok(())
 }
-
-/// Writes a value as indented JSON with a line end.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
-    write_text(path, serde_json::to_vec_pretty(value))
-}
-
-/// Writes a value as one line of JSON.
-pub(super) fn write_json_line(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
-    write_text(path, serde_json::to_vec(value))
-}
-
-fn write_text(path: &Path, encoded: serde_json::Result<Vec<u8>>) -> Result<(), FileError> {
-    let mut bytes = encoded.map_err(|error| FileError::new(path, "encode")(error.into()))?;
-    bytes.push(b'\n');
-    write_atomic(path, &bytes)
-}

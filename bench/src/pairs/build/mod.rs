@@ -6,6 +6,7 @@ mod scene;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use serde::Serialize;
 use sharp_datasets::{Pairing, Scene};
 
 use self::scene::SceneWork;
@@ -49,6 +50,7 @@ pub struct Pair {
 
 /// What pair building needs besides scenes and options; nothing in it changes a pair, except for the
 /// depth that overlap is measured on.
+#[derive(Clone)]
 pub struct BuildContext<'a> {
     pub depth: &'a dyn DepthSource,
     /// Folder of each dataset instance by name, to which file names become relative.
@@ -91,7 +93,6 @@ pub struct PairBuild {
     pub problems: Vec<Problem>,
 }
 
-/// Depth at a smaller share of a view's pixels is called sparse: what is seen then rarely has depth where it lands.
 impl PairBuild {
     /// Adds the pairs of other datasets; [`Self::finish`] brings all into order.
     pub(super) fn append(&mut self, other: Self) {
@@ -113,11 +114,11 @@ impl PairBuild {
     }
 }
 
-/// Depth at less than this share of the pixels is sparse.
+/// Depth at a smaller share of a view's pixels is called sparse: a point that is seen then rarely has depth where it lands.
 pub const SPARSE_COVERAGE: f64 = 0.3;
 
 /// How the pairs of a dataset came to be so many.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PairCounts {
     pub scenes: usize,
     pub views: usize,

@@ -16,8 +16,8 @@ use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
 use self::csv_form::{parse_row, to_csv};
-pub use self::diff::{FieldChange, ListDiff};
-pub use self::verify::{HashMismatch, MovedCamera, Verification};
+pub use self::diff::{ChangedPair, ListDiff};
+pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
 use super::PairError;
 use super::build::Pair;
 use crate::io::atomic_files::{FileError, write_atomic};
