@@ -47,8 +47,7 @@ impl Imported {
     /// # Errors
     /// When the folder is not there or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let option = |key: &str| spec.options.get(key).map(String::as_str);
-        let fit = FitRules::parse(option("resize"), option("crop"));
+        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,

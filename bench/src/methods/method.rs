@@ -34,6 +34,7 @@ use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
 use super::scale_sweep::ScaleSweep;
+use super::spec::MethodSpec;
 use super::trivial::Target;
 use crate::pairs::PosedCamera;
 use crate::scoring::Region;
@@ -312,7 +313,8 @@ pub trait PredictGaussians: Sync {
 /// A function as a method.
 pub struct Closure<F> {
     label: String,
-    version: String,
+    identity: MethodIdentity,
+    sources: &'static str,
     predict: F,
 }
 
@@ -324,7 +326,23 @@ where
     pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
         Self {
             label: label.into(),
-            version: version.into(),
+            identity: MethodIdentity::new("closure", [("version", version.into())]),
+            sources: "",
+            predict,
+        }
+    }
+
+    /// A method of this crate, whose code is hashed.
+    pub(super) fn built_in(
+        spec: &MethodSpec,
+        identity: MethodIdentity,
+        sources: &'static str,
+        predict: F,
+    ) -> Self {
+        Self {
+            label: spec.label.clone(),
+            identity,
+            sources,
             predict,
         }
     }
@@ -339,7 +357,11 @@ where
     }
 
     fn identity(&self) -> MethodIdentity {
-        MethodIdentity::new("closure", [("version", self.version.clone())])
+        self.identity.clone()
+    }
+
+    fn sources(&self) -> &'static str {
+        self.sources
     }
 
     fn approach(&self) -> Approach<'_> {

@@ -50,11 +50,14 @@ impl MethodSpec {
             ))),
         }
     }
-}
 
-impl MethodSpec {
+    /// The value of an option, where it is given.
+    pub(super) fn option(&self, key: &str) -> Option<&str> {
+        self.options.get(key).map(String::as_str)
+    }
+
     pub(super) fn folder(&self) -> Result<PathBuf, SpecError> {
-        let Some(dir) = self.options.get("dir").map(PathBuf::from) else {
+        let Some(dir) = self.option("dir").map(PathBuf::from) else {
             return Err(self.error("needs dir=FOLDER"));
         };
         if !dir.is_dir() {

@@ -1,4 +1,7 @@
 //! 256 colours for a picture of many.
+//!
+//! By hand: `gif`'s own NeuQuant samples the picture and loses rare colours; `quantette`, which does not, brings a dozen
+//! crates.
 
 use image::RgbImage;
 use rayon::prelude::*;

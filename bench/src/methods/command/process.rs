@@ -1,4 +1,7 @@
 //! The process behind the method: started by the shell, asked line by line, ended for sure.
+//!
+//! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
+//! deadlines for lines and the signal at the parent's death, which is what most of this file is about.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
