@@ -8,10 +8,12 @@ use serde_json::{Map, Value, json};
 use sharp_metrics::{Scorer, Selection};
 
 use super::data_args::MetricArgs;
-use super::{Outcome, output, progress};
+use super::output::Terminal;
+use super::{Outcome, output};
 use crate::analyze::translation::{Axis, Experiment, Shifts, figure, strip, table};
 use crate::evaluate::record::finite_or_text;
 use crate::io::atomic_files::{check_writable, write_atomic};
+use crate::io::observer::Observer;
 use crate::io::pictures;
 use crate::io::rendering_files::write_png;
 use crate::report::tables::{latex::latex, markdown::markdown, text::text};
@@ -78,11 +80,12 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     if let Some(folder) = &args.out {
         check_writable(folder)?;
     }
-    let bar = progress::bar(args.shifts.percent().len() + 1, "comparisons");
-    let advance = || bar.inc(1);
+    let terminal = Terminal::default();
+    terminal.begin("shifting", args.shifts.percent().len() + 1, "comparisons");
+    let advance = || terminal.step();
     let experiment = Experiment::run(&picture, args.axis, &args.shifts, &scorer, advance)
         .with_context(|| args.image.display().to_string())?;
-    bar.finish_and_clear();
+    terminal.end();
     demand_explicit(&experiment, &selection, &args.image)?;
     let name = args.image.file_name();
     let name = name.map_or_else(String::new, |name| name.to_string_lossy().into_owned());

@@ -7,7 +7,8 @@ use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::data_args::DatasetArgs;
-use super::{Outcome, output, progress};
+use super::output::Terminal;
+use super::{Outcome, output};
 use crate::export::cameras;
 use crate::io::counts::counted;
 
@@ -46,24 +47,15 @@ pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     let CamerasCommand::Export(args) = &args.command;
     let datasets = args.datasets.open()?;
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
-    let views = scenes.iter().map(|scene| scene.views.len()).sum();
-    let bar = progress::bar(views, "views");
-    let exported = cameras::export(&scenes, &args.out, &|| bar.inc(1))?;
-    bar.finish_and_clear();
-    let out = args.out.display();
+    let exported = cameras::export(&scenes, &args.out, &Terminal::default())?;
+    let (out, written, kept) = (args.out.display(), exported.written, exported.kept);
+    let views = written + kept;
     if args.json {
-        output::json(&json!({
-            "out": out.to_string(),
-            "views": views,
-            "written": exported.written,
-            "kept": exported.kept,
-        }))?;
+        let out = out.to_string();
+        output::json(&json!({ "out": out, "views": views, "written": written, "kept": kept }))?;
     } else {
-        let (written, kept) = (exported.written, exported.kept);
-        output::line(format!(
-            "{} in {out}: {written} written, {kept} kept",
-            counted(views, "view")
-        ))?;
+        let views = counted(views, "view");
+        output::line(format!("{views} in {out}: {written} written, {kept} kept"))?;
     }
     Ok(Outcome::Done)
 }

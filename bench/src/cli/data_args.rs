@@ -1,14 +1,17 @@
-//! Options that several commands share: datasets, metrics.
+//! Options that several commands share: datasets, pairs, metrics, the backend.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
+use sharp::render::Backend;
 use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights};
 
-use super::usage::UsageError;
-use crate::pairs::{OpenDataset, PairError};
+use super::outcome::UsageError;
+use crate::evaluate::PairOrigin;
+use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe};
 use crate::scoring::{ScaleChooser, Scoring};
 
 /// Which metrics, with which weights.
@@ -115,6 +118,97 @@ impl DatasetArgs {
     }
 }
 
+/// Whose depth decides overlap, and where measured overlaps are kept.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct OverlapArgs {
+    /// Depth maps by anyone that decide overlap, DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png; scaled to the
+    /// dataset's own depth by the median of ratios (overlap=given)
+    #[arg(long, value_name = "DIR")]
+    overlap_depth: Option<PathBuf>,
+    /// The checkpoint of overlap=sharp-release; where the release keeps it without this
+    #[arg(long, value_name = "FILE")]
+    overlap_checkpoint: Option<PathBuf>,
+    /// Its architecture, where it is not the release's: FILE.json#NAME
+    #[arg(long, value_name = "FILE[#NAME]", requires = "overlap_checkpoint")]
+    overlap_config: Option<String>,
+    /// Where measured overlaps are kept, by content; the user's cache without this
+    #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
+    cache: Option<PathBuf>,
+    /// Measure every overlap anew and keep none
+    #[arg(long)]
+    no_cache: bool,
+}
+
+impl OverlapArgs {
+    /// The choices joined with the files that they need.
+    pub(super) fn recipe(&self, options: &PairOptions) -> anyhow::Result<PairRecipe> {
+        let recipe = PairRecipe {
+            options: options.clone(),
+            overlap_depth: self.overlap_depth.clone(),
+            overlap_checkpoint: self.overlap_checkpoint.clone(),
+            overlap_config: self.overlap_config.clone(),
+        };
+        Ok(recipe.checked()?)
+    }
+
+    /// Where measured overlaps are kept.
+    pub(super) fn cache(&self) -> Option<OverlapCache> {
+        if self.no_cache {
+            return None;
+        }
+        let folder = self.cache.clone();
+        let folder = folder.or_else(OverlapCache::users_folder);
+        folder.map(OverlapCache::in_folder)
+    }
+}
+
+/// Which pairs: a list, or the choices that build one.
+#[derive(Debug, Args)]
+pub(super) struct PairArgs {
+    /// Evaluate the pairs of this list (CSV as written by `pairs`) instead of building one
+    #[arg(
+        long,
+        value_name = "FILE",
+        conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
+    )]
+    pairs: Option<PathBuf>,
+    /// Choices that the paper leaves open, key=value,…; see `pairs --help`. A dataset changes them for itself by
+    /// --dataset SPEC,pairs.key=value
+    #[arg(long, value_name = "LIST")]
+    pair_options: Option<PairOptions>,
+    #[command(flatten)]
+    overlap: OverlapArgs,
+}
+
+impl PairArgs {
+    pub(super) fn origin(&self) -> anyhow::Result<PairOrigin> {
+        Ok(match &self.pairs {
+            Some(path) => PairOrigin::Given(path.clone()),
+            None => {
+                let options = self.pair_options.clone().unwrap_or_default();
+                PairOrigin::Built {
+                    recipe: Box::new(self.overlap.recipe(&options)?),
+                    cache: self.overlap.cache(),
+                }
+            }
+        })
+    }
+}
+
+/// What `--backend` and `--adapter` together ask for. Naming an adapter asks for wgpu.
+pub(super) fn backend(backend: &Backend, adapter: Option<&str>) -> anyhow::Result<Backend> {
+    match (backend, adapter) {
+        (backend, None) => Ok(backend.clone()),
+        (Backend::Auto | Backend::Wgpu(None), Some(name)) => {
+            Ok(Backend::Wgpu(Some(name.to_owned())))
+        }
+        (Backend::Cpu, Some(_)) => {
+            bail!("--adapter names a GPU, --backend cpu wants none: use --backend wgpu")
+        }
+        (Backend::Wgpu(Some(_)), Some(_)) => bail!("--backend {backend} names an adapter already"),
+    }
+}
+
 /// The formats of `--dataset` with their settings, for `--help`.
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
@@ -128,4 +222,20 @@ pub(super) fn formats_help() -> String {
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_adapter_asks_for_wgpu() {
+        let named = Backend::Wgpu(Some("A".to_owned()));
+        for given in [Backend::Auto, Backend::Wgpu(None)] {
+            assert_eq!(backend(&given, Some("A")).unwrap(), named);
+            assert_eq!(backend(&given, None).unwrap(), given);
+        }
+        assert!(backend(&Backend::Cpu, Some("A")).is_err());
+        assert!(backend(&named, Some("B")).is_err());
+    }
 }

@@ -7,7 +7,7 @@ use serde_json::json;
 use sharp::render::Backend;
 
 use super::data_args::MetricArgs;
-use super::observer::Terminal;
+use super::output::Terminal;
 use super::report::{outcome, print_tables};
 use super::run::build_methods;
 use super::{Outcome, output};

@@ -1,7 +1,6 @@
 //! The command line: one file a command.
 
 mod analyze;
-mod backend_args;
 mod cameras;
 mod completions;
 mod data_args;
@@ -11,26 +10,21 @@ mod doctor;
 mod merge;
 mod metrics;
 mod model;
-mod observer;
 mod outcome;
 mod output;
-mod pair_args;
 mod pairs;
-mod progress;
 mod render;
 mod report;
 mod run;
 mod schema;
 mod score;
-mod usage;
 mod weights;
 
 use clap::{Parser, Subcommand};
 
-pub use outcome::Outcome;
-pub use usage::is_usage;
+pub use outcome::{Outcome, is_usage};
 
-use usage::UsageError;
+use outcome::UsageError;
 
 /// Evaluates single-photograph view synthesis the way the SHARP paper does.
 #[derive(Debug, Parser)]

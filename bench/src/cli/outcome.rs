@@ -1,16 +1,33 @@
-//! How a command that could finish ended.
+//! How a command ends: its exit code.
 
 use std::process::ExitCode;
 
-/// Success in three shades; what could not finish is an error instead.
+use sharp_datasets::DatasetError;
+use sharp_metrics::SelectionError;
+use sharp_metrics::weights::UnknownBackbone;
+
+use crate::evaluate::EvaluateError;
+use crate::pairs::PairError;
+
+/// Success in three shades; a command that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// All well: exit code 0.
+    /// Exit code 0.
     Done,
-    /// Finished, but some units are recorded failures: exit code 4.
+    /// Finished, but something is recorded as failed or found wrong: exit code 4.
     RecordedFailures,
-    /// Stopped early; the same command goes on where it stopped: exit code 75.
+    /// Stopped early; the same command continues where it stopped: exit code 75.
     Resumable,
+}
+
+impl Outcome {
+    /// Exit code 4 where there are problems.
+    pub(super) fn of_problems(problems: bool) -> Self {
+        match problems {
+            true => Self::RecordedFailures,
+            false => Self::Done,
+        }
+    }
 }
 
 impl From<Outcome> for ExitCode {
@@ -20,5 +37,40 @@ impl From<Outcome> for ExitCode {
             Outcome::RecordedFailures => Self::from(4),
             Outcome::Resumable => Self::from(75),
         }
+    }
+}
+
+/// A command line that asks for something that cannot be, whatever the files say.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct UsageError(pub(super) String);
+
+/// True where another command line is needed, not another file: exit code 2.
+pub fn is_usage(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<UsageError>()
+            || cause.is::<SelectionError>()
+            || cause.is::<UnknownBackbone>()
+            || dataset_error(cause).is_some_and(|e| {
+                matches!(
+                    e,
+                    DatasetError::Spec { .. } | DatasetError::UnknownFormat { .. }
+                )
+            })
+    })
+}
+
+/// The error of a dataset, also where others pass it on as their own.
+fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
+    let of_pairs = |error: &'a PairError| match error {
+        PairError::Dataset(error) => Some(error),
+        _ => None,
+    };
+    match cause.downcast_ref::<EvaluateError>() {
+        Some(EvaluateError::Pairs(error)) => of_pairs(error),
+        _ => match cause.downcast_ref::<PairError>() {
+            Some(error) => of_pairs(error),
+            None => cause.downcast_ref(),
+        },
     }
 }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::observer::Terminal;
-use super::usage::UsageError;
+use super::outcome::UsageError;
+use super::output::Terminal;
 use super::{Outcome, output};
 use crate::evaluate::{Counts, Named, Results, join};
 use crate::report::{PublishedNumbers, ReportOptions, assemble};

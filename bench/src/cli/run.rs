@@ -7,12 +7,11 @@ use serde_json::json;
 use sharp::render::Backend;
 use sharp_metrics::{InstructionSet, Simd};
 
-use super::data_args::{DatasetArgs, MetricArgs};
-use super::observer::Terminal;
-use super::pair_args::PairArgs;
+use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
+use super::outcome::UsageError;
+use super::output::Terminal;
 use super::report::{outcome, print_tables};
-use super::usage::UsageError;
-use super::{Outcome, backend_args, output};
+use super::{Outcome, output};
 use crate::evaluate::{
     EvaluateError, Evaluation, Keep, Request, RunOptions, Stages, Standing, prepare,
 };
@@ -93,7 +92,7 @@ fn help() -> String {
          Examples:\n  \
          sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
          sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim --out runs/mine",
-        super::data_args::formats_help()
+        data_args::formats_help()
     )
 }
 
@@ -142,7 +141,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     if let Some(set) = args.simd {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
-    let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
+    let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     if backend == Backend::Auto {
         let reason = "--backend auto is for `render`: scores must not depend on what a machine has; say cpu or wgpu";
         return Err(UsageError(reason.to_owned()).into());

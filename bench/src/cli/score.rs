@@ -6,7 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::data_args::MetricArgs;
-use super::observer::Terminal;
+use super::output::Terminal;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::rescore;

@@ -1,15 +1,13 @@
 //! Predictions of sources as files, for runs whose stages are apart and for more than memory holds.
 
 use std::collections::HashMap;
-use std::io;
 use std::path::{Path, PathBuf};
 
-use safetensors::tensor::{Dtype, TensorView};
-use safetensors::{SafeTensorError, SafeTensors};
+use safetensors::SafeTensors;
 use sharp_datasets::DepthMap;
 
-use crate::io::atomic_files::{FileError, write_atomic};
-use crate::io::gaussian_files::{GaussianFileError, read_arrays};
+use crate::io::atomic_files::FileError;
+use crate::io::gaussian_files::{Array, GaussianFileError, read_arrays, write_arrays};
 use crate::io::hash::{StableHasher, sha256_hex};
 use crate::methods::{GaussianPrediction, GaussianSpace};
 
@@ -27,42 +25,22 @@ pub(super) enum PredictionFileError {
 
 /// Writes a prediction with everything that rendering it needs: arrays as `gaussians` takes them, its space, its depth
 /// layer, what the method reported, and a checksum.
-///
-/// # Errors
-/// Names the file and what the system said.
 pub(super) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
 ) -> Result<(), FileError> {
-    let encode = |error: SafeTensorError| FileError::new(path, "encode")(io::Error::other(error));
     let gaussians = &prediction.gaussians;
     let n = gaussians.len();
     let mut arrays = vec![
-        (
-            "means",
-            vec![n, 3],
-            bytes_of(gaussians.means.as_flattened()),
-        ),
-        (
-            "quats_wxyz",
-            vec![n, 4],
-            bytes_of(gaussians.quaternions.as_flattened()),
-        ),
-        (
-            "scales",
-            vec![n, 3],
-            bytes_of(gaussians.scales.as_flattened()),
-        ),
-        ("opacities", vec![n], bytes_of(&gaussians.opacities)),
-        (
-            "colors_linear",
-            vec![n, 3],
-            bytes_of(gaussians.colors.as_flattened()),
-        ),
+        Array::new("means", &[n, 3], gaussians.means.as_flattened()),
+        Array::new("quats_wxyz", &[n, 4], gaussians.quaternions.as_flattened()),
+        Array::new("scales", &[n, 3], gaussians.scales.as_flattened()),
+        Array::new("opacities", &[n], &gaussians.opacities),
+        Array::new("colors_linear", &[n, 3], gaussians.colors.as_flattened()),
     ];
     if let Some(layer) = &prediction.first_layer {
-        let shape = vec![layer.height() as usize, layer.width() as usize];
-        arrays.push(("first_layer", shape, bytes_of(layer.as_raw())));
+        let shape = [layer.height() as usize, layer.width() as usize];
+        arrays.push(Array::new("first_layer", &shape, layer.as_raw()));
     }
     let space = match prediction.space {
         GaussianSpace::Normalized => "normalized",
@@ -74,14 +52,7 @@ pub(super) fn write_prediction(
         ("extras".to_owned(), extras.clone()),
         ("checksum".to_owned(), checksum(space, &extras, &arrays)),
     ]);
-    let views: Result<Vec<_>, _> = arrays
-        .iter()
-        .map(|(name, shape, bytes)| {
-            TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (*name, view))
-        })
-        .collect();
-    let bytes = safetensors::serialize(views.map_err(encode)?, Some(metadata)).map_err(encode)?;
-    write_atomic(path, &bytes)
+    write_arrays(path, &arrays, Some(metadata))
 }
 
 /// Reads what [`write_prediction`] wrote.
@@ -96,18 +67,19 @@ pub(super) fn read_prediction(path: &Path) -> Result<GaussianPrediction, Predict
     let text = |name: &str| metadata.get(name).cloned().ok_or_else(damaged);
     let (space, extras) = (text("space")?, text("extras")?);
     let tensors = SafeTensors::deserialize(&bytes).map_err(|_| damaged())?;
-    let arrays: Vec<(&str, Vec<usize>, Vec<u8>)> = ARRAYS
-        .iter()
+    let arrays: Vec<Array> = ARRAYS
+        .into_iter()
         .filter_map(|name| {
             let tensor = tensors.tensor(name).ok()?;
-            Some((*name, tensor.shape().to_vec(), tensor.data().to_vec()))
+            let (shape, bytes) = (tensor.shape().to_vec(), tensor.data().to_vec());
+            Some(Array { name, shape, bytes })
         })
         .collect();
     if checksum(&space, &extras, &arrays) != text("checksum")? {
         return Err(damaged());
     }
-    let first_layer = arrays.iter().find(|(name, ..)| *name == "first_layer");
-    let first_layer = first_layer.and_then(|(_, shape, bytes)| {
+    let first_layer = arrays.iter().find(|array| array.name == "first_layer");
+    let first_layer = first_layer.and_then(|Array { shape, bytes, .. }| {
         let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
         DepthMap::from_vec(shape[1] as u32, shape[0] as u32, values.collect())
     });
@@ -132,15 +104,11 @@ const ARRAYS: [&str; 6] = [
     "first_layer",
 ];
 
-fn checksum(space: &str, extras: &str, arrays: &[(&str, Vec<usize>, Vec<u8>)]) -> String {
+fn checksum(space: &str, extras: &str, arrays: &[Array]) -> String {
     let mut hasher = StableHasher::default();
     hasher.add("space", space).add("extras", extras);
-    for (name, shape, bytes) in arrays {
+    for Array { name, shape, bytes } in arrays {
         hasher.add(name, &format!("{shape:?} {}", sha256_hex(bytes)));
     }
     hasher.finish()
-}
-
-fn bytes_of(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }

@@ -198,8 +198,8 @@ fn warn_of_other_files(list: &PairList, scenes: &[Scene], observer: &dyn Observe
             "{} of the list's pairs have other cameras than it says, such as {}: baseline {} m instead of {} m",
             found.moved.len(),
             first.pair_id,
-            first.found.0,
-            first.expected.0
+            first.baseline_m[1],
+            first.baseline_m[0]
         ));
     }
 }

@@ -6,30 +6,23 @@ use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
 use sharp::camera::{Intrinsics, affine_from_row_major};
 
-use super::file::write_json_line;
-use crate::io::atomic_files::FileError;
+use crate::io::atomic_files::{FileError, write_atomic};
 
 /// A camera as people script it; other keys beside these, such as those of `cameras export`, are left alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFile {
-    /// Image width, pixels.
     pub width: u32,
-    /// Image height, pixels.
     pub height: u32,
     /// 3×3 intrinsics, row by row, pixels. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
     #[serde(rename = "K")]
     pub k: [f64; 9],
-    /// 4×4 extrinsics, row by row; any affine map.
     pub camera_from_world: [f64; 16],
 }
 
-/// Why a file is not a camera.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct CameraFileError {
-    /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
     pub reason: String,
 }
 
@@ -69,11 +62,10 @@ impl CameraFile {
     }
 
     /// Writes the file.
-    ///
-    /// # Errors
-    /// Names the file and what the system said.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        write_json_line(path, self)
+        let line = serde_json::to_string(self);
+        let line = line.map_err(|error| FileError::new(path, "encode")(error.into()))?;
+        write_atomic(path, format!("{line}\n").as_bytes())
     }
 
     fn check(&self) -> Result<(Intrinsics, DAffine3), String> {

@@ -9,9 +9,11 @@ use serde::Serialize;
 use sharp_datasets::{Scene, View};
 
 use super::ExportError;
-use super::file::{Hashes, Stamp, write, write_json};
+use super::file::{Hashes, Stamp, write};
 use super::pairs::{Exported, png};
+use crate::io::atomic_files::write_json;
 use crate::io::hash::sha256_hex;
+use crate::io::observer::Observer;
 use crate::io::view_hashes::ViewHashes;
 use crate::pairs::description::{conventions, row_major};
 use crate::pairs::pair_id::{scene_path, view_name};
@@ -32,34 +34,36 @@ struct CameraDescription<'a> {
     stamp: Stamp,
 }
 
-/// Writes pictures and cameras of all views. `advance` is told after each view, from several threads.
+/// Writes pictures and cameras of all views.
 ///
 /// # Errors
 /// The first file that cannot be read or written; what was written before stays and is kept next time.
 pub fn export(
     scenes: &[Scene],
     out: &Path,
-    advance: &(dyn Fn() + Sync),
+    observer: &dyn Observer,
 ) -> Result<Exported, ExportError> {
     let views: Vec<(&Scene, &View)> = scenes
         .iter()
         .flat_map(|scene| scene.views.iter().map(move |view| (scene, view)))
         .collect();
     let hashes = ViewHashes::default();
+    observer.begin("exporting", views.len(), "views");
     let written: Result<Vec<bool>, ExportError> = views
         .into_par_iter()
         .map(|(scene, view)| {
             let written = export_view(scene, view, out, &hashes)?;
-            advance();
+            observer.step();
             Ok(written)
         })
         .collect();
+    observer.end();
     let written = written?;
     let fresh = written.iter().filter(|w| **w).count();
     Ok(Exported {
         written: fresh,
         kept: written.len() - fresh,
-        without_depth: 0,
+        ..Exported::default()
     })
 }
 

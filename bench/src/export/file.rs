@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::{file_sha256, sha256_hex};
 
-/// sha256 by file name.
 pub(super) type Hashes = BTreeMap<String, String>;
 
 /// What a description says of itself, read back to see whether its files are done.
@@ -16,7 +15,6 @@ pub(super) type Hashes = BTreeMap<String, String>;
 pub(super) struct Stamp {
     /// Hash of everything that the files depend on.
     pub(super) key: String,
-    /// The files beside it.
     pub(super) files: Hashes,
 }
 
@@ -37,7 +35,6 @@ impl Stamp {
     }
 }
 
-/// Writes a file and notes its hash.
 pub(super) fn write(
     folder: &Path,
     name: &str,
@@ -47,20 +44,4 @@ pub(super) fn write(
     write_atomic(&folder.join(name), bytes)?;
     hashes.insert(name.to_owned(), sha256_hex(bytes));
     Ok(())
-}
-
-/// Writes a value as indented JSON with a line end.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
-    write_text(path, serde_json::to_vec_pretty(value))
-}
-
-/// Writes a value as one line of JSON.
-pub(super) fn write_json_line(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
-    write_text(path, serde_json::to_vec(value))
-}
-
-fn write_text(path: &Path, encoded: serde_json::Result<Vec<u8>>) -> Result<(), FileError> {
-    let mut bytes = encoded.map_err(|error| FileError::new(path, "encode")(error.into()))?;
-    bytes.push(b'\n');
-    write_atomic(path, &bytes)
 }

@@ -16,21 +16,12 @@ use sharp_datasets::DatasetError;
 
 use crate::io::atomic_files::FileError;
 
-/// Why something could not be exported.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// A file of ours that the system refused.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A file of the dataset.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// The folder holds something else.
     #[error("{}: {reason}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
+    Folder { path: PathBuf, reason: String },
 }

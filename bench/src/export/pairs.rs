@@ -13,9 +13,10 @@ use sharp_datasets::View;
 use sharp_datasets::format::npy;
 
 use super::ExportError;
-use super::file::{Hashes, Stamp, write, write_json};
-use crate::io::atomic_files::FileError;
+use super::file::{Hashes, Stamp, write};
+use crate::io::atomic_files::{FileError, write_json};
 use crate::io::hash::sha256_hex;
+use crate::io::observer::Observer;
 use crate::io::rendering_files::encode_png;
 use crate::io::view_hashes::ViewHashes;
 use crate::pairs::description::{FORMAT, PairDescription};
@@ -35,24 +36,21 @@ pub struct ExportOptions {
 /// What became of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Exported {
-    /// Pairs written.
     pub written: usize,
-    /// Pairs that were there already, unchanged.
     pub kept: usize,
     /// Views of which depth was asked for and the dataset has none.
     pub without_depth: usize,
 }
 
 #[derive(Serialize)]
-struct PairFile<'a> {
+struct PairFile {
     #[serde(flatten)]
     description: PairDescription,
     #[serde(flatten)]
-    stamp: &'a Stamp,
+    stamp: Stamp,
 }
 
-/// Writes the pairs. Those of one source follow each other, so that its picture is read once. `advance` is told after
-/// each pair, from several threads.
+/// Writes the pairs. Those of one source follow each other, so that its picture is read once.
 ///
 /// # Errors
 /// The first file that cannot be read or written; what was written before stays and is kept next time.
@@ -60,17 +58,19 @@ pub fn export(
     pairs: &[ResolvedPair],
     out: &Path,
     options: &ExportOptions,
-    advance: &(dyn Fn() + Sync),
+    observer: &dyn Observer,
 ) -> Result<Exported, ExportError> {
     let hashes = ViewHashes::default();
     let same_source = |a: &ResolvedPair, b: &ResolvedPair| {
         std::ptr::eq(a.scene, b.scene) && a.source.id == b.source.id
     };
     let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
+    observer.begin("exporting", pairs.len(), "pairs");
     let done: Result<Vec<Group>, ExportError> = groups
         .into_par_iter()
-        .map(|group| export_group(group, out, options, &hashes, advance))
+        .map(|group| export_group(group, out, options, &hashes, observer))
         .collect();
+    observer.end();
     let done = done?;
     let without_depth: BTreeSet<&String> = done.iter().flat_map(|g| &g.without_depth).collect();
     Ok(Exported {
@@ -95,11 +95,12 @@ fn export_group(
     out: &Path,
     options: &ExportOptions,
     hashes: &ViewHashes,
-    advance: &(dyn Fn() + Sync),
+    observer: &dyn Observer,
 ) -> Result<Group, ExportError> {
     let mut exported = Group::default();
     let (mut picture, mut depth) = (None, None);
     for pair in group {
+        observer.step();
         let folder = out.join(&pair.pair.pair_id);
         let key = key(pair, options, hashes)?;
         let mut lacks_depth = |view: &View| {
@@ -114,37 +115,27 @@ fn export_group(
                 }
             }
             exported.kept += 1;
-            advance();
             continue;
         }
         let mut files = Hashes::new();
-        if picture.is_none() {
-            picture = Some(png(pair.source, &folder)?);
-        }
-        write(
-            &folder,
-            "source.png",
-            picture.as_deref().unwrap_or_default(),
-            &mut files,
-        )?;
+        let source = match &mut picture {
+            Some(source) => source,
+            none => none.insert(png(pair.source, &folder)?),
+        };
+        write(&folder, "source.png", source, &mut files)?;
         if options.target {
-            write(
-                &folder,
-                "target.png",
-                &png(pair.target, &folder)?,
-                &mut files,
-            )?;
+            let target = png(pair.target, &folder)?;
+            write(&folder, "target.png", &target, &mut files)?;
         }
         for (view, file) in depth_files(pair, options) {
             let of_target;
-            let bytes = if std::ptr::eq(view, pair.source) {
-                if depth.is_none() {
-                    depth = Some(depth_of(view)?);
+            let bytes = match &mut depth {
+                _ if !std::ptr::eq(view, pair.source) => {
+                    of_target = depth_of(view)?;
+                    &of_target
                 }
-                depth.as_ref().and_then(Option::as_ref)
-            } else {
-                of_target = depth_of(view)?;
-                of_target.as_ref()
+                Some(of_source) => of_source,
+                none => none.insert(depth_of(view)?),
             };
             match bytes {
                 Some(bytes) => write(&folder, file, bytes, &mut files)?,
@@ -156,23 +147,17 @@ fn export_group(
                 remove(&folder.join(name))?;
             }
         }
-        let description =
-            PairDescription::new(&pair.pair.pair_id, &pair.source.into(), &pair.target.into());
-        let stamp = Stamp { key, files };
-        write_json(
-            &folder.join("pair.json"),
-            &PairFile {
-                description,
-                stamp: &stamp,
-            },
-        )?;
+        let (source, target) = (pair.source.into(), pair.target.into());
+        let file = PairFile {
+            description: PairDescription::new(&pair.pair.pair_id, &source, &target),
+            stamp: Stamp { key, files },
+        };
+        write_json(&folder.join("pair.json"), &file)?;
         exported.written += 1;
-        advance();
     }
     Ok(exported)
 }
 
-/// The picture that is scored, as PNG.
 pub(super) fn png(view: &View, path: &Path) -> Result<Vec<u8>, ExportError> {
     Ok(encode_png(&view.content.image()?, path)?)
 }
@@ -205,7 +190,6 @@ fn remove(path: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// Hash of everything that a pair's files depend on.
 fn key(
     pair: &ResolvedPair,
     options: &ExportOptions,

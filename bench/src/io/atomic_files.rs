@@ -4,15 +4,11 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// An operation on a file of ours that the system refused.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot {action}: {source}", path.display())]
 pub struct FileError {
-    /// The file or folder.
     pub path: PathBuf,
-    /// `read`, `write`, ….
     pub action: &'static str,
-    /// What the system said.
     pub source: io::Error,
 }
 
@@ -30,9 +26,6 @@ impl FileError {
 
 /// Writes a file in one step, creating its folder: a reader, or a restart after a kill, sees the old
 /// content or the new, never a part.
-///
-/// # Errors
-/// Names the file and what the system said.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
     file.write_all(bytes)
@@ -41,9 +34,6 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 }
 
 /// Writes a value as indented JSON with a final line end, in one step.
-///
-/// # Errors
-/// As [`write_atomic`].
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), FileError> {
     let mut bytes = serde_json::to_vec_pretty(value)
         .map_err(|error| FileError::new(path, "encode")(error.into()))?;
@@ -61,9 +51,6 @@ pub struct PartialFile {
 
 impl PartialFile {
     /// Starts a file, creating its folder.
-    ///
-    /// # Errors
-    /// Names the file and what the system said.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let create = || -> io::Result<tempfile::NamedTempFile> {
             let folder = folder_of(path);
@@ -92,9 +79,6 @@ impl PartialFile {
     }
 
     /// Gives the file its name.
-    ///
-    /// # Errors
-    /// Names the file and what the system said.
     pub fn commit(self) -> Result<(), FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<()> {
@@ -124,9 +108,6 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Creates a folder where there is none and checks that files can be made in it.
-///
-/// # Errors
-/// Names the folder and what the system said.
 pub fn check_writable(folder: &Path) -> Result<(), FileError> {
     let check = || -> io::Result<()> {
         fs::create_dir_all(folder)?;

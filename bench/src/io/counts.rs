@@ -1,4 +1,4 @@
-//! Numbers with their nouns.
+//! Pluralised counts for messages.
 
 /// `1 pair`, `2 pairs`: a count and the noun, which takes an `s`.
 pub(crate) fn counted(n: usize, noun: &str) -> String {

@@ -11,13 +11,10 @@ pub const READING: &str = env!("SHARP_BENCH_READING");
 pub const OVERLAP: &str = env!("SHARP_BENCH_OVERLAP");
 /// The methods `target`, `copy` and `mean`.
 pub const TRIVIAL: &str = env!("SHARP_BENCH_TRIVIAL");
-/// The method `depth-splat`.
 pub const DEPTH_SPLAT: &str = env!("SHARP_BENCH_DEPTH_SPLAT");
-/// The method `sharp`.
 pub const NETWORK: &str = env!("SHARP_BENCH_NETWORK");
 /// The methods `imported` and `gaussians`.
 pub const FILES: &str = env!("SHARP_BENCH_FILES");
-/// The method `command`.
 pub const COMMAND: &str = env!("SHARP_BENCH_COMMAND");
 const RENDER_CPU: &str = env!("SHARP_BENCH_RENDER_CPU");
 const RENDER_WGPU: &str = env!("SHARP_BENCH_RENDER_WGPU");
@@ -51,7 +48,6 @@ pub fn of_renderer(name: &str) -> &'static str {
     }
 }
 
-/// All of them by name, for manifests.
 pub fn all() -> BTreeMap<String, String> {
     [
         ("reading", READING),

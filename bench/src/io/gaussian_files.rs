@@ -1,12 +1,18 @@
 //! Scenes of Gaussians from files: PLY, or safetensors arrays.
 
+use std::collections::HashMap;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use glam::DAffine3;
+use safetensors::SafeTensorError;
+use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
 use sharp::ply::{self, PlyError, ReadOptions};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
+
+use super::atomic_files::{FileError, write_atomic};
 
 /// Gaussians and, where the file stores one, the camera to look from.
 #[derive(Debug, Clone)]
@@ -20,53 +26,30 @@ pub struct GaussianFile {
 /// Why a scene could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum GaussianFileError {
-    /// A `.ply` that is not one.
     #[error(transparent)]
     Ply(#[from] PlyError),
-    /// A `.safetensors` that is not one or lacks an array.
     #[error(transparent)]
     Arrays(#[from] CheckpointError),
-    /// An array of the wrong shape.
     #[error("{}: {name} has shape {shape:?}, [N, {columns}] is needed", path.display())]
     Shape {
-        /// The file.
         path: PathBuf,
-        /// The array.
         name: &'static str,
-        /// What it has.
         shape: Vec<usize>,
-        /// What a row needs.
         columns: usize,
     },
-    /// Arrays of different lengths.
     #[error("{}: {source}", path.display())]
     Lengths {
-        /// The file.
         path: PathBuf,
-        /// All lengths.
         source: LengthMismatch,
     },
-    /// The stored camera cannot be one.
     #[error("{}: {source}", path.display())]
-    Camera {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: CameraError,
-    },
-    /// Neither `.ply` nor `.safetensors`.
+    Camera { path: PathBuf, source: CameraError },
     #[error("{}: a scene is a .ply or .safetensors file", path.display())]
-    Extension {
-        /// The file.
-        path: PathBuf,
-    },
+    Extension { path: PathBuf },
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
 /// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`).
-///
-/// # Errors
-/// [`GaussianFileError`].
 pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("ply") => {
@@ -93,6 +76,39 @@ pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
             path: path.to_owned(),
         }),
     }
+}
+
+/// An f32 array of a safetensors file, which stores little endian on every machine.
+pub(crate) struct Array {
+    pub(crate) name: &'static str,
+    pub(crate) shape: Vec<usize>,
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl Array {
+    pub(crate) fn new(name: &'static str, shape: &[usize], values: &[f32]) -> Self {
+        Self {
+            name,
+            shape: shape.to_vec(),
+            bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        }
+    }
+}
+
+pub(crate) fn write_arrays(
+    path: &Path,
+    arrays: &[Array],
+    metadata: Option<HashMap<String, String>>,
+) -> Result<(), FileError> {
+    let encode = || -> Result<Vec<u8>, SafeTensorError> {
+        let mut views = Vec::new();
+        for Array { name, shape, bytes } in arrays {
+            views.push((*name, TensorView::new(Dtype::F32, shape.clone(), bytes)?));
+        }
+        safetensors::serialize(views, metadata)
+    };
+    let bytes = encode().map_err(|e| FileError::new(path, "encode")(io::Error::other(e)))?;
+    write_atomic(path, &bytes)
 }
 
 pub fn read_arrays(path: &Path) -> Result<Gaussians, GaussianFileError> {

@@ -11,9 +11,6 @@ use super::atomic_files::FileError;
 pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
 /// sha256 of a file's content, read in pieces.
-///
-/// # Errors
-/// Names the file and what the system said.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
     let hash = || -> io::Result<String> {
         let mut file = File::open(path)?;
@@ -36,7 +33,6 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
 pub struct StableHasher(Sha256);
 
 impl StableHasher {
-    /// Adds a fact.
     pub fn add(&mut self, name: &str, value: &str) -> &mut Self {
         for part in [name, value] {
             self.0.update((part.len() as u64).to_le_bytes());

@@ -9,17 +9,10 @@ use crate::io::pictures::{self, ReadError};
 /// Why a file is no mask; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum MaskError {
-    /// Not a picture.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// A picture, but not of a mask.
     #[error("{}: {reason}", path.display())]
-    NoMask {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
+    NoMask { path: PathBuf, reason: String },
 }
 
 /// A mask and how many of its pixels were neither black nor white.

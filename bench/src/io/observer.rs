@@ -1,15 +1,18 @@
-//! How long work reports what it does. The library never prints; the command line draws bars and writes lines.
+//! How long-running work reports what it does. The library never prints; the command line draws bars and writes lines.
 
 /// Receives warnings and progress. Every method does nothing unless overridden, and may be called from any thread.
 pub trait Observer: Sync {
-    /// Something the user should know that is no error.
+    /// Something that the user should know and that is not an error.
     fn warn(&self, _text: &str) {}
 
     /// A new phase of work begins: what it is, how many steps it has (0 if unknown) and what a step is.
     fn begin(&self, _phase: &str, _steps: usize, _unit: &'static str) {}
 
-    /// So many steps of the phase are done; `current` names the one that is worked on.
+    /// `done` steps of the phase are done; `current` names the one in work.
     fn progress(&self, _done: usize, _current: &str) {}
+
+    /// One more step of the phase is done.
+    fn step(&self) {}
 
     /// The phase has ended.
     fn end(&self) {}

@@ -16,28 +16,14 @@ use crate::io::rendering_files::{LINEAR, TRANSFER};
 /// Why a picture could not be read; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// A file that the datasets' decoders refused.
     #[error(transparent)]
     Decode(#[from] DatasetError),
-    /// A file of floats whose content is wrong.
     #[error("{}: {reason}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// A `.safetensors` file that cannot be read.
+    Malformed { path: PathBuf, reason: String },
     #[error(transparent)]
     Tensors(#[from] CheckpointError),
-    /// Floats that are no picture: not finite or outside 0..1.
     #[error("{}: {source}", path.display())]
-    Values {
-        /// The file.
-        path: PathBuf,
-        /// Which value.
-        source: PictureError,
-    },
+    Values { path: PathBuf, source: PictureError },
 }
 
 /// What a picture's name may end in, lower case.
@@ -87,9 +73,6 @@ pub fn has_alpha(path: &Path) -> bool {
 }
 
 /// Reads a picture and rounds floats to the nearest of 256 levels.
-///
-/// # Errors
-/// As [`read`].
 pub fn read_rgb8(path: &Path) -> Result<RgbImage, ReadError> {
     Ok(match read(path)? {
         Picture::Rgb8(image) => image,

@@ -1,4 +1,4 @@
-//! Renderings as files: PNG for eyes, EXR and safetensors for numbers.
+//! Renderings as files: PNG to look at, EXR and safetensors for numbers.
 
 use std::path::Path;
 
@@ -7,51 +7,62 @@ use exr::prelude::{
     WritableImage,
 };
 use image::{ExtendedColorType, GrayImage, ImageEncoder, RgbImage, codecs::png::PngEncoder};
-use safetensors::tensor::{Dtype, TensorView};
 use sharp::render::RenderOutput;
 
 use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::gaussian_files::{Array, write_arrays};
 
-/// A PNG in memory.
-///
-/// # Errors
-/// The encoder's, naming `path`, which nothing is written to.
+/// A PNG in memory; `path` is for errors.
 pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes)
-        .write_image(
-            image.as_raw(),
-            image.width(),
-            image.height(),
-            ExtendedColorType::Rgb8,
-        )
-        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
-    Ok(bytes)
+    png(
+        path,
+        image.as_raw(),
+        image.dimensions(),
+        ExtendedColorType::Rgb8,
+    )
 }
 
 /// Writes an 8-bit PNG.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
     write_atomic(path, &encode_png(image, path)?)
 }
 
 /// Writes 8-bit grey levels as PNG.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
+    let bytes = png(
+        path,
+        image.as_raw(),
+        image.dimensions(),
+        ExtendedColorType::L8,
+    )?;
+    write_atomic(path, &bytes)
+}
+
+/// Writes depth in metres, [height, width], as a 16-bit PNG of millimetres; beyond 65.534 m: 65535.
+pub fn write_millimetres_png(
+    path: &Path,
+    size: (u32, u32),
+    depth: &[f32],
+) -> Result<(), FileError> {
+    // The encoder takes native-endian bytes. `as` saturates.
+    let bytes: Vec<u8> = depth
+        .iter()
+        .flat_map(|&metres| ((metres * 1000.0).round() as u16).to_ne_bytes())
+        .collect();
+    write_atomic(path, &png(path, &bytes, size, ExtendedColorType::L16)?)
+}
+
+fn png(
+    path: &Path,
+    samples: &[u8],
+    (width, height): (u32, u32),
+    color: ExtendedColorType,
+) -> Result<Vec<u8>, FileError> {
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)
-        .write_image(
-            image.as_raw(),
-            image.width(),
-            image.height(),
-            ExtendedColorType::L8,
-        )
+        .write_image(samples, width, height, color)
         .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
-    write_atomic(path, &bytes)
+    Ok(bytes)
 }
 
 /// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. EXR files
@@ -62,9 +73,6 @@ pub(crate) const LINEAR: &str = "linear";
 /// Writes linear RGB (`R`, `G`, `B`, premultiplied over black), alpha (`A`) and accumulated depth (`Z`: Σ w z, metres;
 /// divide by alpha for the expected depth) as f32, without loss. The file says that it is linear, so that it is encoded
 /// when it is read as a picture.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
     let [r, g, b] = [0, 1, 2].map(|channel| {
         let values = rendered.rgb_linear.iter().map(|rgb| rgb[channel]);
@@ -86,9 +94,6 @@ pub fn write_exr(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> 
 }
 
 /// Writes planes `[height, width]` as named f32 channels, without loss.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_exr_channels(
     path: &Path,
     size: (usize, usize),
@@ -121,35 +126,15 @@ fn write_layer(
 }
 
 /// Writes `rgb_linear` [H, W, 3], `alpha` [H, W] and `depth_acc` [H, W], f32.
-///
-/// # Errors
-/// Names the file and the reason.
 pub fn write_safetensors(path: &Path, rendered: &RenderOutput) -> Result<(), FileError> {
-    let encode = |error: safetensors::SafeTensorError| {
-        FileError::new(path, "encode")(std::io::Error::other(error))
-    };
     let (width, height) = (rendered.width as usize, rendered.height as usize);
-    let rgb = bytes_of(rendered.rgb_linear.as_flattened());
-    let (alpha, depth) = (bytes_of(&rendered.alpha), bytes_of(&rendered.depth_acc));
-    let view = |shape: Vec<usize>, bytes| TensorView::new(Dtype::F32, shape, bytes);
-    let tensors = [
-        (
-            "rgb_linear",
-            view(vec![height, width, 3], &rgb).map_err(encode)?,
-        ),
-        ("alpha", view(vec![height, width], &alpha).map_err(encode)?),
-        (
-            "depth_acc",
-            view(vec![height, width], &depth).map_err(encode)?,
-        ),
+    let rgb = rendered.rgb_linear.as_flattened();
+    let arrays = [
+        Array::new("rgb_linear", &[height, width, 3], rgb),
+        Array::new("alpha", &[height, width], &rendered.alpha),
+        Array::new("depth_acc", &[height, width], &rendered.depth_acc),
     ];
-    let bytes = safetensors::serialize(tensors, None).map_err(encode)?;
-    write_atomic(path, &bytes)
-}
-
-/// safetensors stores little endian on every machine.
-fn bytes_of(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+    write_arrays(path, &arrays, None)
 }
 
 #[cfg(test)]

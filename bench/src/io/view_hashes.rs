@@ -34,17 +34,11 @@ impl ViewHashes {
     }
 
     /// Camera, photograph, depth and mask of a view: everything that it is made of.
-    ///
-    /// # Errors
-    /// When a file cannot be read.
     pub(crate) fn view(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |_| true)
     }
 
     /// Camera and photograph of a view, with what changes its pixels (lens, mask), but not its depth.
-    ///
-    /// # Errors
-    /// When a file cannot be read.
     pub(crate) fn photograph(&self, view: &View) -> Result<String, DatasetError> {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
@@ -74,7 +68,8 @@ impl ViewHashes {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Locks a mutex behind which nothing panics half-way through a change.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

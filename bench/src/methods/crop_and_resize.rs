@@ -16,7 +16,6 @@ use crate::scoring::Region;
 /// Which part of the target a method's pictures show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum CropRule {
-    /// All of it.
     #[default]
     Whole,
     /// `x:y:w:h`: always this part, pixels of the target.
@@ -47,7 +46,6 @@ impl FitRules {
         Ok(Self { kernel, crop })
     }
 
-    /// The crop rule.
     pub(super) fn crop(&self) -> CropRule {
         self.crop
     }

@@ -39,7 +39,7 @@ impl DepthSplat {
     /// # Errors
     /// When it is not an even number from 2 to 8192.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let resolution = match spec.options.get("resolution") {
+        let resolution = match spec.option("resolution") {
             None => Grid::RELEASE.width,
             Some(text) => text
                 .parse()

@@ -7,6 +7,7 @@ use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, SourceView,
 };
+use super::spec::{MethodSpec, SpecError};
 use crate::io::{fingerprints, gaussian_files};
 
 /// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids).
@@ -21,9 +22,11 @@ pub struct GaussianFiles {
 }
 
 impl GaussianFiles {
-    /// The files of a folder, under a label.
-    pub fn new(label: String, dir: PathBuf) -> Self {
-        Self { label, dir }
+    pub(super) fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        Ok(Self {
+            label: spec.label.clone(),
+            dir: spec.folder()?,
+        })
     }
 
     fn find(&self, source: &str) -> Result<PathBuf, MethodError> {

@@ -38,7 +38,6 @@ struct Sidecar {
 }
 
 impl Imported {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 4] = ["dir", "resize", "crop", "scales"];
 
     const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
@@ -48,8 +47,7 @@ impl Imported {
     /// # Errors
     /// When the folder is not there or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let option = |key: &str| spec.options.get(key).map(String::as_str);
-        let fit = FitRules::parse(option("resize"), option("crop"));
+        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,
@@ -65,7 +63,6 @@ impl Imported {
         }
     }
 
-    /// The folder.
     pub(super) fn dir(&self) -> &Path {
         &self.dir
     }

@@ -11,53 +11,61 @@ use super::method::Method;
 use super::scale_sweep::ScaleSweep;
 use super::sharp::Sharp;
 use super::spec::{MethodSpec, SpecError};
-use super::trivial::{Copy, Mean, Target};
+use super::trivial::{self, Target};
 use crate::scoring::ScaleChooser;
 
 /// A kind of method, for `--help` and error messages.
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
-    /// Name on the command line.
     pub name: &'static str,
     /// Options besides `label`.
     pub options: &'static [&'static str],
-    /// One line.
     pub summary: &'static str,
+    build: fn(&MethodSpec, Option<&Arc<ScaleChooser>>) -> Built,
 }
 
-/// Every kind there is.
 pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "target",
         options: &[],
         summary: "the ground truth; perfect under every metric (self-test)",
+        build: |spec, _| {
+            Ok(Box::new(Target {
+                label: spec.label.clone(),
+            }))
+        },
     },
     MethodKind {
         name: "copy",
         options: &[],
         summary: "the source photograph, unmoved",
+        build: |spec, _| Ok(trivial::copy(spec)),
     },
     MethodKind {
         name: "mean",
         options: &[],
         summary: "the mean colour of the source everywhere",
+        build: |spec, _| Ok(trivial::mean(spec)),
     },
     MethodKind {
         name: "depth-splat",
         options: &["resolution"],
         summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
                   black (resolution=1536)",
+        build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
     MethodKind {
         name: "sharp",
         options: &Sharp::OPTIONS,
         summary: "the SHARP network (checkpoint=FILE, config=FILE#NAME, depth=none|privileged, device=cpu, \
                   allow_unused=PREFIX,…)",
+        build: |spec, _| Ok(Box::new(Sharp::from_spec(spec)?)),
     },
     MethodKind {
         name: "gaussians",
         options: &["dir"],
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR)",
+        build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
         name: "imported",
@@ -65,12 +73,14 @@ pub const KINDS: [MethodKind; 8] = [
         summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR); smaller ones with resize=bilinear|\
                   bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
+        build: imported,
     },
     MethodKind {
         name: "command",
         options: &Command::OPTIONS,
         summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
                   crop=x:y:w:h|center:W:H)",
+        build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];
 
@@ -92,35 +102,29 @@ pub fn build(
                     spec.label
                 )));
             }
-            build_one(spec, chooser)
+            let kind = kind_of(spec)?;
+            spec.expect_options(kind.options)?;
+            (kind.build)(spec, chooser)
         })
         .collect()
 }
 
-fn build_one(
-    spec: &MethodSpec,
-    chooser: Option<&Arc<ScaleChooser>>,
-) -> Result<Box<dyn Method>, SpecError> {
-    let Some(kind) = KINDS.iter().find(|kind| kind.name == spec.kind) else {
-        let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
-        return Err(spec.error(format!("unknown kind; known: {}", known.join(", "))));
-    };
-    spec.expect_options(kind.options)?;
-    let label = spec.label.clone();
-    Ok(match spec.kind.as_str() {
-        "target" => Box::new(Target { label }),
-        "copy" => Box::new(Copy { label }),
-        "mean" => Box::new(Mean { label }),
-        "depth-splat" => Box::new(DepthSplat::from_spec(spec)?),
-        "sharp" => Box::new(Sharp::from_spec(spec)?),
-        "gaussians" => Box::new(GaussianFiles::new(label, spec.folder()?)),
-        "command" => Box::new(Command::from_spec(spec)?),
-        _ if spec.options.contains_key("scales") => {
-            let Some(chooser) = chooser else {
-                return Err(spec.error("several scales: --scale-sweep scores the best of them"));
-            };
-            Box::new(ScaleSweep::from_spec(spec, Arc::clone(chooser))?)
+fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
+    let kind = KINDS.iter().find(|kind| kind.name == spec.kind);
+    kind.ok_or_else(|| {
+        let known = KINDS.each_ref().map(|kind| kind.name).join(", ");
+        spec.error(format!("unknown kind; known: {known}"))
+    })
+}
+
+type Built = Result<Box<dyn Method>, SpecError>;
+
+fn imported(spec: &MethodSpec, chooser: Option<&Arc<ScaleChooser>>) -> Built {
+    Ok(match (spec.option("scales"), chooser) {
+        (None, _) => Box::new(Imported::from_spec(spec)?),
+        (Some(_), Some(chooser)) => Box::new(ScaleSweep::from_spec(spec, Arc::clone(chooser))?),
+        (Some(_), None) => {
+            return Err(spec.error("several scales: --scale-sweep scores the best of them"));
         }
-        _ => Box::new(Imported::from_spec(spec)?),
     })
 }

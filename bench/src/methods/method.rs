@@ -33,6 +33,7 @@ use sharp::gaussians::Gaussians;
 use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
+use super::spec::MethodSpec;
 use crate::pairs::PosedCamera;
 use crate::scoring::{Region, ScaleChooser};
 
@@ -66,7 +67,6 @@ impl<'a> SourceView<'a> {
         self.name
     }
 
-    /// Its camera.
     pub fn camera(&self) -> &'a PosedCamera {
         self.camera
     }
@@ -96,7 +96,6 @@ pub struct TargetCamera<'a> {
 }
 
 impl<'a> TargetCamera<'a> {
-    /// The target camera of a pair.
     pub fn new(pair_id: &'a str, camera: &'a PosedCamera) -> Self {
         Self { pair_id, camera }
     }
@@ -106,7 +105,6 @@ impl<'a> TargetCamera<'a> {
         self.pair_id
     }
 
-    /// Its camera.
     pub fn camera(&self) -> &'a PosedCamera {
         self.camera
     }
@@ -154,9 +152,7 @@ impl From<RgbImage> for PicturePrediction {
 /// The same view at one of several scales of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// The factor on the scene.
     pub scale: f64,
-    /// The picture.
     pub prediction: PicturePrediction,
 }
 
@@ -175,7 +171,6 @@ pub enum GaussianSpace {
 pub struct GaussianPrediction {
     /// Linear RGB.
     pub gaussians: Gaussians,
-    /// Where they lie.
     pub space: GaussianSpace,
     /// The network's first depth layer, metres: what [`Privilege::DepthScale`] aligns to the truth.
     pub first_layer: Option<DepthMap>,
@@ -187,13 +182,11 @@ pub struct GaussianPrediction {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Privilege {
-    /// Nothing.
     #[default]
     None,
     /// Its scale: predicted Gaussians are scaled about the source camera by the median of true over predicted depth (the
     /// paper's "privileged depth evaluation", eq. global_scale). The method itself sees no depth.
     DepthScale,
-    /// All of it.
     SourceDepth,
 }
 
@@ -207,7 +200,6 @@ pub struct MethodIdentity {
 }
 
 impl MethodIdentity {
-    /// An identity of some settings.
     pub fn new<const N: usize>(kind: &str, settings: [(&str, String); N]) -> Self {
         let settings = settings.into_iter();
         Self {
@@ -235,30 +227,12 @@ impl fmt::Display for MethodIdentity {
 /// Why a method failed on a pair. It becomes a recorded failure; the other pairs continue.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum MethodError {
-    /// The view lacks what the method needs.
     #[error("{view}: {reason}")]
-    Unsuitable {
-        /// The view.
-        view: String,
-        /// What is missing or wrong.
-        reason: String,
-    },
-    /// A file that the method reads itself.
+    Unsuitable { view: String, reason: String },
     #[error("{}: {reason}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
-    },
-    /// Someone's program.
+    File { path: PathBuf, reason: String },
     #[error("'{run}': {reason}")]
-    Program {
-        /// Its command line.
-        run: String,
-        /// What went wrong.
-        reason: String,
-    },
+    Program { run: String, reason: String },
     /// The network, the file of Gaussians, or whatever else a method is made of.
     #[error("{0}")]
     Model(String),
@@ -306,9 +280,7 @@ pub trait Method: Send + Sync {
 
 /// What a method predicts.
 pub enum Approach<'a> {
-    /// Pictures of target cameras.
     Pictures(&'a dyn PredictPicture),
-    /// Gaussians of sources, rendered by us.
     Gaussians(&'a dyn PredictGaussians),
     /// Pictures at several scales of the scene, of which the best is scored.
     Scales(&'a dyn PredictScales),
@@ -316,7 +288,6 @@ pub enum Approach<'a> {
     Target,
 }
 
-/// Predicts pictures.
 pub trait PredictPicture: Sync {
     /// Predicts the picture of a camera.
     ///
@@ -357,7 +328,8 @@ pub trait PredictScales: Sync {
 /// A function as a method.
 pub struct Closure<F> {
     label: String,
-    version: String,
+    identity: MethodIdentity,
+    sources: &'static str,
     predict: F,
 }
 
@@ -369,7 +341,23 @@ where
     pub fn new(label: impl Into<String>, version: impl Into<String>, predict: F) -> Self {
         Self {
             label: label.into(),
-            version: version.into(),
+            identity: MethodIdentity::new("closure", [("version", version.into())]),
+            sources: "",
+            predict,
+        }
+    }
+
+    /// A method of this crate, whose code is hashed.
+    pub(super) fn built_in(
+        spec: &MethodSpec,
+        identity: MethodIdentity,
+        sources: &'static str,
+        predict: F,
+    ) -> Self {
+        Self {
+            label: spec.label.clone(),
+            identity,
+            sources,
             predict,
         }
     }
@@ -384,7 +372,11 @@ where
     }
 
     fn identity(&self) -> MethodIdentity {
-        MethodIdentity::new("closure", [("version", self.version.clone())])
+        self.identity.clone()
+    }
+
+    fn sources(&self) -> &'static str {
+        self.sources
     }
 
     fn approach(&self) -> Approach<'_> {

@@ -35,7 +35,7 @@ impl ScaleSweep {
         chooser: Arc<ScaleChooser>,
     ) -> Result<Self, SpecError> {
         let pictures = Imported::from_spec(spec)?;
-        let names = spec.options.get("scales").cloned().unwrap_or_default();
+        let names = spec.option("scales").unwrap_or_default().to_owned();
         let mut scales: Vec<(f64, Imported)> = Vec::new();
         for name in names.split('+').map(str::trim) {
             let scale = name.parse().ok();

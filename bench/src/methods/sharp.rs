@@ -31,7 +31,6 @@ pub struct Sharp {
 }
 
 impl Sharp {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 
@@ -41,28 +40,28 @@ impl Sharp {
     /// When the checkpoint is not found or is not the one recorded, the device is not there, or an option's value is
     /// not known.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let option = |key: &str| spec.options.get(key).map(String::as_str);
-        let privilege = match option("depth") {
+        let privilege = match spec.option("depth") {
             None | Some("none") => Privilege::None,
             Some("privileged") => Privilege::DepthScale,
             Some(other) => return Err(spec.error(format!("depth={other}: none or privileged"))),
         };
         let refused = |error: &dyn std::fmt::Display| spec.error(error.to_string());
-        let device: DeviceChoice = option("device")
+        let device: DeviceChoice = spec
+            .option("device")
             .unwrap_or("cpu")
             .parse()
             .map_err(|error: ModelError| refused(&error))?;
         // A device that is not there is said before a checkpoint is looked for.
         device.open(Precision::Fast).map_err(|e| refused(&e))?;
-        let checkpoint = match option("checkpoint") {
+        let checkpoint = match spec.option("checkpoint") {
             Some(file) => PathBuf::from(file),
             None => find_checkpoint().map_err(|error| refused(&error))?,
         };
-        let config = match option("config") {
+        let config = match spec.option("config") {
             Some(file) => ModelConfig::load(file).map_err(|error| refused(&error))?,
             None => ModelConfig::release(),
         };
-        let prefixes = option("allow_unused").unwrap_or_default().split(',');
+        let prefixes = spec.option("allow_unused").unwrap_or_default().split(',');
         let network = NetworkSpec {
             checkpoint,
             config,
@@ -76,7 +75,7 @@ impl Sharp {
         let identity = network.identity().map_err(|error| refused(&error))?;
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
-        if let (None, Some(record)) = (option("checkpoint"), record_file()) {
+        if let (None, Some(record)) = (spec.option("checkpoint"), record_file()) {
             match compare_or_record(&network.checkpoint, &identity.checkpoint_sha256, &record) {
                 Ok(_) | Err(RecordError::File(_)) => {}
                 Err(error) => return Err(refused(&error)),

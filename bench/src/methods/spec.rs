@@ -4,13 +4,10 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Why a method instance was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("method '{spec}': {reason}")]
 pub struct SpecError {
-    /// What was given.
     pub spec: String,
-    /// What is wrong with it.
     pub reason: String,
 }
 
@@ -19,18 +16,15 @@ pub struct SpecError {
 /// Values that hold a comma are quoted with `'…'` or `"…"`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MethodSpec {
-    /// What was given, unchanged.
     pub text: String,
     /// `target`, `copy`, `depth-splat`, ….
     pub kind: String,
     /// Fills the `method` column; unique within a run.
     pub label: String,
-    /// The other options, by key.
     pub options: BTreeMap<String, String>,
 }
 
 impl MethodSpec {
-    /// An error about this instance.
     pub fn error(&self, reason: impl Into<String>) -> SpecError {
         SpecError {
             spec: self.text.clone(),
@@ -56,12 +50,14 @@ impl MethodSpec {
             ))),
         }
     }
-}
 
-impl MethodSpec {
-    /// The folder `dir=`.
+    /// The value of an option, where it is given.
+    pub(super) fn option(&self, key: &str) -> Option<&str> {
+        self.options.get(key).map(String::as_str)
+    }
+
     pub(super) fn folder(&self) -> Result<PathBuf, SpecError> {
-        let Some(dir) = self.options.get("dir").map(PathBuf::from) else {
+        let Some(dir) = self.option("dir").map(PathBuf::from) else {
             return Err(self.error("needs dir=FOLDER"));
         };
         if !dir.is_dir() {

@@ -3,15 +3,15 @@
 use image::{Rgb, RgbImage};
 
 use super::method::{
-    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
+    Approach, Closure, Method, MethodError, MethodIdentity, PicturePrediction, SourceView,
     TargetCamera,
 };
+use super::spec::MethodSpec;
 use crate::io::fingerprints;
 
 /// Returns the ground truth. It must be perfect under every metric: a self-test of the whole path.
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// The instance's label.
     pub label: String,
 }
 
@@ -33,87 +33,46 @@ impl Method for Target {
     }
 }
 
-/// Returns the source photograph, unmoved: what a method must beat to have moved the camera at all.
-#[derive(Debug, Clone)]
-pub struct Copy {
-    /// The instance's label.
-    pub label: String,
+/// The source photograph, unmoved: what a method must beat to have moved the camera at all.
+pub(super) fn copy(spec: &MethodSpec) -> Box<dyn Method> {
+    let identity = MethodIdentity::new("copy", []);
+    Box::new(Closure::built_in(
+        spec,
+        identity,
+        fingerprints::TRIVIAL,
+        copied,
+    ))
 }
 
-impl Method for Copy {
-    fn label(&self) -> &str {
-        &self.label
+fn copied(source: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
+    let (own, wanted) = (source.image().dimensions(), target.size());
+    if own != wanted {
+        return Err(MethodError::Unsuitable {
+            view: source.camera().id.clone(),
+            reason: format!(
+                "the source is {own:?} and the target {wanted:?} pixels; copy never resizes"
+            ),
+        });
     }
-
-    fn identity(&self) -> MethodIdentity {
-        MethodIdentity::new("copy", [])
-    }
-
-    fn sources(&self) -> &'static str {
-        fingerprints::TRIVIAL
-    }
-
-    fn approach(&self) -> Approach<'_> {
-        Approach::Pictures(self)
-    }
+    Ok(source.image().clone().into())
 }
 
-impl PredictPicture for Copy {
-    fn predict(
-        &self,
-        source: &SourceView,
-        target: &TargetCamera,
-    ) -> Result<PicturePrediction, MethodError> {
-        let (own, wanted) = (source.image().dimensions(), target.size());
-        if own != wanted {
-            return Err(MethodError::Unsuitable {
-                view: source.camera().id.clone(),
-                reason: format!(
-                    "the source is {own:?} and the target {wanted:?} pixels; copy never resizes"
-                ),
-            });
-        }
-        Ok(source.image().clone().into())
-    }
-}
-
-/// Returns one colour everywhere, the mean of the source's 8-bit sRGB values rounded to nearest.
+/// One colour everywhere, the mean of the source's 8-bit sRGB values rounded to nearest.
 ///
 /// The paper's sensitivity table uses the mean of the *target*; a method must not see that one.
-#[derive(Debug, Clone)]
-pub struct Mean {
-    /// The instance's label.
-    pub label: String,
+pub(super) fn mean(spec: &MethodSpec) -> Box<dyn Method> {
+    let identity = MethodIdentity::new("mean", [("of", "source".to_owned())]);
+    Box::new(Closure::built_in(
+        spec,
+        identity,
+        fingerprints::TRIVIAL,
+        averaged,
+    ))
 }
 
-impl Method for Mean {
-    fn label(&self) -> &str {
-        &self.label
-    }
-
-    fn identity(&self) -> MethodIdentity {
-        MethodIdentity::new("mean", [("of", "source".to_owned())])
-    }
-
-    fn sources(&self) -> &'static str {
-        fingerprints::TRIVIAL
-    }
-
-    fn approach(&self) -> Approach<'_> {
-        Approach::Pictures(self)
-    }
-}
-
-impl PredictPicture for Mean {
-    fn predict(
-        &self,
-        source: &SourceView,
-        target: &TargetCamera,
-    ) -> Result<PicturePrediction, MethodError> {
-        let (width, height) = target.size();
-        let color = mean_color(source.image());
-        Ok(RgbImage::from_pixel(width, height, color).into())
-    }
+fn averaged(source: &SourceView, target: &TargetCamera) -> Result<PicturePrediction, MethodError> {
+    let (width, height) = target.size();
+    Ok(RgbImage::from_pixel(width, height, mean_color(source.image())).into())
 }
 
 fn mean_color(image: &RgbImage) -> Rgb<u8> {

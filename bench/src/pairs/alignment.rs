@@ -11,7 +11,6 @@ use super::valid_depth::{is_valid_depth, median_of};
 /// A scale and what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MedianScale {
-    /// The factor for the prediction.
     pub scale: f64,
     /// Pixels at which both depths were valid.
     pub pixels: usize,

@@ -3,9 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use sharp_datasets::{Pairing, Scene};
-
-use sharp_datasets::DatasetSpec;
+use serde::Serialize;
+use sharp_datasets::{DatasetSpec, Pairing, Scene};
 
 use super::PairError;
 use super::build::{BuildContext, PairBuild, build_pairs};
@@ -19,85 +18,48 @@ const OF_ALL: &str = "sampling";
 /// What other readings of a dataset are about.
 const READING: &str = "dataset reading";
 
-/// What is changed, in the form of [`PairOptions`], by what it is about.
-const ALTERNATIVES: [(&str, &[&str]); 10] = [
-    (
-        "threshold",
-        &["threshold=0.5", "threshold=0.7", "at-threshold=in"],
-    ),
+/// What is changed, by what it is about: texts of [`PairOptions`] between blanks.
+const ALTERNATIVES: [(&str, &str); 10] = [
+    ("threshold", "threshold=0.5 threshold=0.7 at-threshold=in"),
     (
         "direction",
-        &[
-            "direction=source-in-target",
-            "direction=min",
-            "direction=mean",
-            "direction=max",
-        ],
+        "direction=source-in-target direction=min direction=mean direction=max",
     ),
     (
         "overlap test",
-        &[
-            "test=frustum",
-            "test=consistent:0.01",
-            "test=consistent:0.03",
-            "test=consistent:0.1",
-            "test=map-anything",
-        ],
+        "test=frustum test=consistent:0.01 test=consistent:0.03 test=consistent:0.1 test=map-anything",
     ),
-    ("depth lookup", &["lookup=bilinear", "overlap=sparse"]),
-    (
-        "denominator",
-        &["denominator=all", "denominator=valid-other"],
-    ),
-    (
-        "depth resolution",
-        &["max-side=512", "max-side=256", "stride=4"],
-    ),
+    ("depth lookup", "lookup=bilinear overlap=sparse"),
+    ("denominator", "denominator=all denominator=valid-other"),
+    ("depth resolution", "max-side=512 max-side=256 stride=4"),
     (
         "sets",
-        &[
-            "sets=strided",
-            "sets=random:0",
-            "size=5",
-            "size=20",
-            "remainder=drop",
-        ],
+        "sets=strided sets=random:0 size=5 size=20 remainder=drop",
     ),
-    ("pair order", &["order=once"]),
+    ("pair order", "order=once"),
     (
         "missing depth",
-        &["missing-depth=accept", "missing-depth=leave-out"],
+        "missing-depth=accept missing-depth=leave-out",
     ),
-    (
-        OF_ALL,
-        &[
-            "limit=all",
-            "sampling=per-scene",
-            "sampling=first",
-            "seed=1",
-        ],
-    ),
+    (OF_ALL, "limit=all sampling=per-scene sampling=first seed=1"),
 ];
 
 /// Pairs of a dataset under some options.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Count {
-    /// That qualify.
     pub qualified: usize,
-    /// That are evaluated.
     pub selected: usize,
-    /// Of these, evaluated under the base options too.
+    /// Selected here and under the base options.
     pub shared: usize,
 }
 
 /// One choice, changed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
-    /// What the choice is about.
     pub about: &'static str,
     /// The change, `key=value`; empty for the base itself.
     pub change: String,
-    /// By dataset, of those that it concerns.
+    #[serde(rename = "datasets")]
     pub counts: BTreeMap<String, Count>,
     /// By dataset, why its pairs cannot be counted under this choice.
     pub unavailable: BTreeMap<String, String>,
@@ -106,7 +68,6 @@ pub struct Alternative {
 /// A dataset under another of its settings.
 #[derive(Debug, Clone)]
 pub struct Reading {
-    /// Name of the dataset instance.
     pub dataset: String,
     /// The setting, `key=value`.
     pub change: String,
@@ -132,13 +93,10 @@ pub fn alternatives(
 ) -> Result<Vec<Alternative>, PairError> {
     let memory = OverlapCache::in_memory();
     let context = BuildContext {
-        depth: context.depth,
-        roots: BTreeMap::new(),
-        depth_memory_bytes: context.depth_memory_bytes,
         cache: context.cache.or(Some(&memory)),
-        settings: context.settings.clone(),
         hash_photographs: false,
         progress: &|_, _| {},
+        ..context.clone()
     };
     let multi_view: BTreeSet<&str> = scenes
         .iter()
@@ -152,7 +110,7 @@ pub fn alternatives(
         .collect();
     let changed = ALTERNATIVES
         .iter()
-        .flat_map(|(about, changes)| changes.iter().map(move |change| (*about, *change)));
+        .flat_map(|(about, changes)| changes.split(' ').map(move |change| (*about, change)));
     let options: Vec<(&str, &str, PairOptions)> = changed
         .filter(|(about, _)| *about == OF_ALL || !of_multi_view.is_empty())
         .filter_map(|(about, change)| Some((about, change, base.with(change).ok()?)))
@@ -212,14 +170,9 @@ fn counts_of_reading(
     selected: &BTreeSet<&str>,
 ) -> Result<BTreeMap<String, Count>, String> {
     let scenes = reading.scenes.as_ref().map_err(Clone::clone)?;
-    let settings = BTreeMap::from([(reading.dataset.clone(), reading.settings.clone())]);
     let context = BuildContext {
-        depth: context.depth,
-        cache: context.cache,
-        settings,
-        depth_memory_bytes: context.depth_memory_bytes,
-        hash_photographs: false,
-        ..BuildContext::default()
+        settings: BTreeMap::from([(reading.dataset.clone(), reading.settings.clone())]),
+        ..context.clone()
     };
     let build = build_pairs(scenes, base, &context).map_err(|error| error.to_string())?;
     let mut counts = counts(&build, selected);

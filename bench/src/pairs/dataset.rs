@@ -15,7 +15,6 @@ const PAIR_OPTION: &str = "pairs.";
 /// A dataset with the scenes found in it.
 #[derive(Debug, Clone)]
 pub struct OpenDataset {
-    /// Its column group in tables.
     pub name: String,
     /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
     pub spec: String,
@@ -29,16 +28,13 @@ pub struct OpenDataset {
     pub readings: Vec<DatasetReading>,
     /// Pair options of this dataset alone, `key=value` by commas; empty where the common ones hold.
     pub pair_options: String,
-    /// The scenes that are evaluated.
     pub scenes: Vec<Scene>,
 }
 
 /// One setting in force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct DatasetReading {
-    /// The setting.
     pub key: String,
-    /// Its value.
     pub value: String,
     /// True where the value is known to differ from what the paper did.
     pub proxy: bool,

@@ -16,22 +16,16 @@ pub const FORMAT: u32 = 1;
 /// the target's content.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PairDescription {
-    /// [`FORMAT`].
     pub format: u32,
     /// `dataset/scene/source__target`, each part percent-encoded.
     pub pair_id: String,
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
-    /// The view to predict from.
     pub source: ViewDescription,
-    /// The view to predict.
     pub target: ViewDescription,
     /// Intrinsics of the source picture, 3×3 row by row, pixels.
     #[serde(rename = "K_s")]
     pub k_s: [f64; 9],
-    /// Intrinsics of the target picture.
     #[serde(rename = "K_t")]
     pub k_t: [f64; 9],
     /// 4×4 row by row: X_target = target_from_source · X_source, metres.
@@ -45,11 +39,8 @@ pub struct PairDescription {
 /// A view's name and the size of its picture.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ViewDescription {
-    /// The dataset's name of the view.
     pub id: String,
-    /// Pixels.
     pub width: u32,
-    /// Pixels.
     pub height: u32,
 }
 
@@ -58,9 +49,7 @@ pub struct ViewDescription {
 pub struct ExpectedPrediction {
     /// Relative to the folder that is named by `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are accepted too.
     pub file: String,
-    /// Pixels.
     pub width: u32,
-    /// Pixels.
     pub height: u32,
 }
 
@@ -94,9 +83,7 @@ impl PairDescription {
 /// The camera of a view: all that a method may know of its target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PosedCamera {
-    /// Id of the view.
     pub id: String,
-    /// Pixels; the picture has its width and height.
     pub intrinsics: Intrinsics,
     /// World-to-camera extrinsics, metres.
     pub camera_from_world: RigidTransform,

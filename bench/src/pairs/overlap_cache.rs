@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ use super::overlap::OverlapOptions;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::fingerprints;
 use crate::io::hash::sha256_hex;
-use crate::io::view_hashes::ViewHashes;
+use crate::io::view_hashes::{ViewHashes, lock};
 
 /// Changes with the form of the files.
 const FORMAT: u32 = 2;
@@ -212,11 +212,6 @@ impl OverlapCache {
             warnings.push(warning);
         }
     }
-}
-
-/// Nothing here panics while it holds a lock half-way through a change.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, String> {

@@ -15,18 +15,13 @@ use super::PairError;
 /// The four names that a pair id consists of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PairName {
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
-    /// Id of the source view.
     pub source: String,
-    /// Id of the target view.
     pub target: String,
 }
 
 impl PairName {
-    /// The id.
     pub fn encode(&self) -> String {
         format!(
             "{}/{}/{}__{}",

@@ -14,11 +14,8 @@ use crate::io::atomic_files::{FileError, write_json};
 /// How the pairs of one dataset were chosen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairProvenance {
-    /// Every open choice of the protocol.
     pub options: PairOptions,
-    /// Whose depth decided overlap.
     pub overlap_depth: String,
-    /// The depth maps that were handed in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap_depth_maps: Option<DepthMaps>,
     /// sha256 of the checkpoint whose depth decided overlap.
@@ -29,9 +26,7 @@ pub struct PairProvenance {
 /// Depth maps that someone handed in.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct DepthMaps {
-    /// Views that have one.
     pub count: usize,
-    /// Over all of them, by name.
     pub sha256: String,
 }
 
@@ -47,15 +42,11 @@ impl PairProvenance {
 /// `FILE.json` beside a list `FILE`: the list's columns hold the pairs, this holds the choices behind them.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ListCompanion {
-    /// Version of this file's layout.
     schema: u32,
     /// sha256 of the list that it belongs to.
     pub sha256: String,
-    /// How each dataset's pairs were chosen.
     pub choices: BTreeMap<String, PairProvenance>,
-    /// The datasets as given.
     pub datasets: Vec<String>,
-    /// Version of the harness.
     version: String,
 }
 
@@ -63,7 +54,6 @@ pub struct ListCompanion {
 const SCHEMA: u32 = 2;
 
 impl ListCompanion {
-    /// What belongs beside a list.
     pub fn new(
         list: &PairList,
         choices: &BTreeMap<String, PairProvenance>,
@@ -86,9 +76,6 @@ impl ListCompanion {
     }
 
     /// Writes it beside its list.
-    ///
-    /// # Errors
-    /// Names the file and what the system said.
     pub fn write(&self, list: &Path) -> Result<(), FileError> {
         write_json(&Self::path(list), self)
     }

@@ -23,7 +23,6 @@ use crate::io::observer::Observer;
 /// The open choices of a dataset's pairs and the files that they need.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PairRecipe {
-    /// The open choices.
     pub options: PairOptions,
     /// Depth maps by anyone, `DIR/<dataset>/<scene>/<view>.npy|npz|exr|pfm|png`.
     pub overlap_depth: Option<PathBuf>,
@@ -36,15 +35,12 @@ pub struct PairRecipe {
 /// A built list with how it came about.
 #[derive(Debug, Clone)]
 pub struct BuiltList {
-    /// The pairs and what was counted on the way.
     pub build: PairBuild,
-    /// How each dataset's pairs were chosen.
     pub provenance: BTreeMap<String, PairProvenance>,
     /// A sentence for each dataset without a selected pair, or whose depth is too sparse for the choices made.
     pub advice: Vec<String>,
 }
 
-/// The depth that decides overlap, opened.
 struct Depth {
     source: Box<dyn DepthSource>,
     given: Option<GivenDepth>,
@@ -276,7 +272,6 @@ impl BuiltList {
         depths.all(|depth| depth == first).then_some(first)
     }
 
-    /// True if at least one pair is selected.
     pub fn has_selected(&self) -> bool {
         self.build.pairs.iter().any(|pair| pair.selected)
     }

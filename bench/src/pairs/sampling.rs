@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use clap::ValueEnum;
+
 use super::random::SplitMix64;
 
 /// How pairs are drawn when there are more than the limit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SamplingRule {
     /// Uniformly without replacement: the list, sorted bytewise by pair id, is shuffled by
     /// [`SplitMix64::shuffle`] and its first entries are taken.
@@ -22,7 +24,6 @@ pub enum SamplingRule {
 pub struct SamplingOptions {
     /// Pairs of a dataset at most; `None` for all.
     pub limit: Option<usize>,
-    /// How they are drawn.
     pub rule: SamplingRule,
     /// Seed of the draw, the same for every dataset.
     pub seed: u64,

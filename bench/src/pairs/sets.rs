@@ -1,9 +1,11 @@
 //! Views of a scene into sets; pairs are only formed within a set.
 
+use clap::ValueEnum;
+
 use super::random::SplitMix64;
 
 /// Which views share a set. Views are numbered in natural order of their ids.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Grouping {
     /// Views 0–9, 10–19, …
     Consecutive,
@@ -11,20 +13,19 @@ pub enum Grouping {
     /// at most one, so that there is no remainder.
     Strided,
     /// A seeded shuffle of the views, then consecutive; the same seed for every scene.
+    #[value(skip)]
     Random {
         /// Seed of the shuffle.
         seed: u64,
     },
-    /// One set a scene.
     Whole,
 }
 
 /// What becomes of a set smaller than the others.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Remainder {
     /// It stays a set if it has at least two views.
     Keep,
-    /// It is dropped unless it is full.
     Drop,
 }
 
@@ -35,7 +36,6 @@ pub struct SetOptions {
     pub grouping: Grouping,
     /// Views in a set, ≥ 2; without meaning for [`Grouping::Whole`].
     pub size: usize,
-    /// What becomes of a set smaller than the others.
     pub remainder: Remainder,
     /// At most this many sets of a scene, the first ones.
     pub max_sets: Option<usize>,

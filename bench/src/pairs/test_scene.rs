@@ -13,11 +13,9 @@ use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 /// What a view's depth is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Depth {
-    /// A wall at this distance.
     Wall(f32),
     /// None.
     Absent,
-    /// A file that cannot be read.
     Broken,
 }
 
@@ -66,7 +64,6 @@ const HEIGHT: u32 = 10;
 /// that are d metres apart overlap by 1 − d / 2.
 pub(super) struct Row {
     pub(super) scene: Scene,
-    /// How often depth was read.
     pub(super) reads: Arc<AtomicUsize>,
 }
 

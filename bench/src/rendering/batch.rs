@@ -6,7 +6,6 @@ use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView,
 /// A device that failed, and from where on the CPU did its work.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fallback {
-    /// What the device or its driver said.
     pub reason: String,
     /// The first view that the CPU rendered, counted within the batch from 0.
     pub from_view: usize,

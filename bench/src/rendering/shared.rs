@@ -39,9 +39,6 @@ impl SharedRenderer {
     }
 
     /// Renders one view.
-    ///
-    /// # Errors
-    /// See [`RenderError`].
     pub fn render(
         &self,
         scene: &Gaussians,

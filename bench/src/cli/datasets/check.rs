@@ -5,8 +5,10 @@ use sharp_datasets::DatasetSpec;
 use sharp_datasets::check::consistency::{Consistency, Fit};
 use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
 
-use crate::cli::{Outcome, output, progress};
+use crate::cli::output::Terminal;
+use crate::cli::{Outcome, output};
 use crate::io::counts::counted;
+use crate::io::observer::Observer;
 
 pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Result<Outcome> {
     anyhow::ensure!(views > 0, "--views 0: at least one is needed");
@@ -19,14 +21,11 @@ pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Res
     };
     let mut reports = Vec::with_capacity(specs.len());
     for spec in &specs {
-        let bar = progress::bar(1, "scenes");
-        bar.set_message(spec.name.clone());
-        let report = check(spec, &options, &|finished, total| {
-            bar.set_length(total as u64);
-            bar.set_position(finished as u64);
-        })?;
-        bar.finish_and_clear();
-        reports.push(report);
+        let terminal = Terminal::default();
+        reports.push(check(spec, &options, &|done, total| {
+            terminal.advance(&spec.name, "scenes", done as u64, total as u64);
+        })?);
+        terminal.end();
     }
     let problems: usize = reports.iter().map(|report| report.problems).sum();
     if json {
@@ -36,11 +35,7 @@ pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Res
             print(report)?;
         }
     }
-    Ok(if problems == 0 {
-        Outcome::Done
-    } else {
-        Outcome::RecordedFailures
-    })
+    Ok(Outcome::of_problems(problems > 0))
 }
 
 fn print(report: &DatasetReport) -> anyhow::Result<()> {

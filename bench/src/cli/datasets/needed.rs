@@ -62,11 +62,7 @@ pub(super) fn execute(list: &Path, specs: &[String], json: bool) -> anyhow::Resu
             print(needed)?;
         }
     }
-    Ok(if missing == 0 {
-        Outcome::Done
-    } else {
-        Outcome::RecordedFailures
-    })
+    Ok(Outcome::of_problems(missing > 0))
 }
 
 fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {

@@ -22,8 +22,10 @@ use sharp_metrics::{MetricRegion, ResizeKernel, Scorer, Selection};
 
 use self::kernels::KernelArgs;
 use super::data_args::MetricArgs;
-use super::{Outcome, output, progress};
+use super::output::Terminal;
+use super::{Outcome, output};
 use crate::io::atomic_files::{check_writable, write_atomic};
+use crate::io::observer::Observer;
 use crate::pictures::matching::MatchBy;
 
 /// Score a prediction against a target: two pictures, or two folders
@@ -113,14 +115,14 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     ] {
         folder.map_or(Ok(()), check_writable)?;
     }
-    let bar = progress::bar(inputs.len(), "pictures");
+    let terminal = Terminal::default();
+    terminal.begin("scoring", inputs.len(), "pictures");
     let mut scored = Vec::with_capacity(inputs.len());
     for input in inputs {
-        bar.set_message(input.name.clone());
+        terminal.progress(scored.len(), &input.name);
         scored.push(scored::score(&scorer, &selection, input, args)?);
-        bar.inc(1);
     }
-    bar.finish_and_clear();
+    terminal.end();
     let results = show::Results {
         scored: &scored,
         scorer: &scorer,

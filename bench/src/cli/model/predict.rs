@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use sharp::model::preprocess::Photo;
@@ -248,22 +247,10 @@ fn write_depth(
             .enumerate()
             .map(|(k, layer)| {
                 let path = ply.with_extension(format!("depth{k}.png"));
-                write_millimetres(&path, side as u32, layer)?;
+                let size = (side as u32, side as u32);
+                rendering_files::write_millimetres_png(&path, size, layer)?;
                 Ok(path)
             })
             .collect(),
     }
-}
-
-fn write_millimetres(path: &Path, side: u32, depth: &[f32]) -> Result<(), FileError> {
-    // The encoder takes native-endian bytes. `as` saturates.
-    let bytes: Vec<u8> = depth
-        .iter()
-        .flat_map(|&metres| ((metres * 1000.0).round() as u16).to_ne_bytes())
-        .collect();
-    let mut png = Vec::new();
-    PngEncoder::new(&mut png)
-        .write_image(&bytes, side, side, ExtendedColorType::L16)
-        .map_err(|error| FileError::new(path, "encode")(std::io::Error::other(error)))?;
-    write_atomic(path, &png)
 }

@@ -1,20 +1,19 @@
 //! `pairs --dataset … --out FILE`: the list of pairs of a dataset.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
-use serde_json::{Map, json};
+use serde_json::json;
 
-use super::super::data_args::DatasetArgs;
-use super::super::observer::Terminal;
-use super::super::pair_args::OverlapArgs;
+use super::super::data_args::{DatasetArgs, OverlapArgs};
+use super::super::output::Terminal;
 use super::super::{Outcome, output};
-use super::ambiguity;
 use crate::io::atomic_files::write_atomic;
 use crate::pairs::PairOptions;
 use crate::pairs::advice::counted_pairs;
-use crate::pairs::ambiguity::other_readings;
+use crate::pairs::ambiguity::{Alternative, other_readings};
 use crate::pairs::options::paper::PROXY;
 use crate::pairs::provenance::ListCompanion;
 
@@ -47,7 +46,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     if args.ambiguity {
         let readings = other_readings(&datasets, args.datasets.scenes.as_deref())?;
         let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;
-        return ambiguity::print(&rows, &recipe.options, args.json);
+        return print_ambiguity(&rows, &recipe.options, args.json);
     }
     let out = args.out.as_deref().context("--out FILE is needed")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
@@ -55,36 +54,12 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     write_atomic(out, list.to_csv().as_bytes())?;
     ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
     let build = &built.build;
-    let outcome = if built.has_selected() {
-        Outcome::Done
-    } else {
-        Outcome::RecordedFailures
-    };
+    let outcome = Outcome::of_problems(!built.has_selected());
     for advice in &built.advice {
         output::remark(format!("warning: {advice}"));
     }
 
     if args.json {
-        let counts: Map<String, _> = build
-            .summaries
-            .iter()
-            .map(|(dataset, counts)| {
-                let counts = json!({
-                    "scenes": counts.scenes,
-                    "views": counts.views,
-                    "with_depth": counts.with_depth,
-                    "with_sparse_depth": counts.with_sparse_depth,
-                    "sets": counts.sets,
-                    "considered": counts.considered,
-                    "too_near": counts.too_near,
-                    "without_depth": counts.without_depth,
-                    "too_little_overlap": counts.too_little_overlap,
-                    "qualified": counts.qualified,
-                    "selected": counts.selected,
-                });
-                (dataset.clone(), counts)
-            })
-            .collect();
         output::json(&json!({
             "out": out.display().to_string(),
             "sha256": list.sha256,
@@ -93,7 +68,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
             "choices": built.provenance,
             "proxies": recipe.options.proxies(),
             "warnings": built.advice,
-            "datasets": counts,
+            "datasets": build.summaries,
         }))?;
         return Ok(outcome);
     }
@@ -110,4 +85,50 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     output::line(format!("sha256  {}", list.sha256))?;
     output::line(format!("list    {}", out.display()))?;
     Ok(outcome)
+}
+
+/// `pairs --ambiguity`: how the number of pairs changes over the open choices.
+fn print_ambiguity(
+    rows: &[Alternative],
+    base: &PairOptions,
+    json: bool,
+) -> anyhow::Result<Outcome> {
+    if json {
+        output::json(&json!({ "options": base.to_string(), "choices": rows }))?;
+        return Ok(Outcome::Done);
+    }
+    let datasets: BTreeSet<&String> = rows
+        .iter()
+        .flat_map(|row| row.counts.keys().chain(row.unavailable.keys()))
+        .collect();
+    for dataset in datasets {
+        output::line(format!("{dataset}, one choice changed at a time:"))?;
+        output::line(format!(
+            "  {:<18} {:<28} {:>8} {:>8} {:>8}",
+            "about", "choice", "qualify", "selected", "shared"
+        ))?;
+        for row in rows {
+            let change = if row.change.is_empty() {
+                "(as given)"
+            } else {
+                &row.change
+            };
+            if let Some(count) = row.counts.get(dataset) {
+                output::line(format!(
+                    "  {:<18} {change:<28} {:>8} {:>8} {:>8}",
+                    row.about, count.qualified, count.selected, count.shared
+                ))?;
+            } else if let Some(reason) = row.unavailable.get(dataset) {
+                output::line(format!(
+                    "  {:<18} {change:<28} cannot be opened: {reason}",
+                    row.about
+                ))?;
+            }
+        }
+    }
+    output::line(
+        "shared: pairs that are selected as given, too; a choice that does not concern a dataset is left out",
+    )?;
+    output::line(format!("as given: {base}"))?;
+    Ok(Outcome::Done)
 }

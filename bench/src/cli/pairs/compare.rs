@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde_json::{Map, Value, json};
+use serde::Serialize;
+use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
 use super::super::{Outcome, output};
 use crate::io::counts::counted;
 use crate::pairs::PairList;
-use crate::pairs::pair_list::ListDiff;
+use crate::pairs::pair_list::{ListDiff, Verification};
 
 /// Lines of one kind that are printed; `--json` has all.
 const LINES: usize = 20;
@@ -35,19 +36,6 @@ pub(super) struct DiffArgs {
 pub(super) fn diff(args: &DiffArgs) -> anyhow::Result<Outcome> {
     let (first, second) = (PairList::read(&args.first)?, PairList::read(&args.second)?);
     let diff = first.diff(&second);
-    if args.json {
-        output::json(&diff_json(&first, &second, &diff))?;
-    } else {
-        print_diff(&first, &second, &diff)?;
-    }
-    Ok(if diff.is_empty() {
-        Outcome::Done
-    } else {
-        Outcome::RecordedFailures
-    })
-}
-
-fn diff_json(first: &PairList, second: &PairList, diff: &ListDiff) -> Value {
     let list = |list: &PairList| {
         json!({
             "file": list.path.display().to_string(),
@@ -56,38 +44,34 @@ fn diff_json(first: &PairList, second: &PairList, diff: &ListDiff) -> Value {
             "selected": list.pairs.iter().filter(|p| p.selected).count(),
         })
     };
-    let changed: Vec<Value> = diff
-        .changed
-        .iter()
-        .map(|(pair_id, changes)| {
-            let columns: Map<String, Value> = changes
-                .iter()
-                .map(|c| (c.column.to_owned(), json!([c.first, c.second])))
-                .collect();
-            json!({ "pair_id": pair_id, "columns": columns })
-        })
-        .collect();
-    json!({
-        "first": list(first),
-        "second": list(second),
-        "same": diff.is_empty(),
-        "equal": diff.equal,
-        "only_first": diff.only_first,
-        "only_second": diff.only_second,
-        "changed": changed,
-    })
+    if args.json {
+        output::json(&json!({
+            "first": list(&first),
+            "second": list(&second),
+            "same": diff.is_empty(),
+            "equal": diff.equal,
+            "only_first": diff.only_first,
+            "only_second": diff.only_second,
+            "changed": diff.changed,
+        }))?;
+    } else {
+        print_diff(&first, &second, &diff)?;
+    }
+    Ok(Outcome::of_problems(!diff.is_empty()))
 }
 
 fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::Result<()> {
     let (a, b) = (first.path.display(), second.path.display());
     print_some(&format!("only in {a}"), &diff.only_first, Clone::clone)?;
     print_some(&format!("only in {b}"), &diff.only_second, Clone::clone)?;
-    print_some("different", &diff.changed, |(pair_id, changes)| {
-        let changes: Vec<String> = changes
+    let shown = |value: &str| if value.is_empty() { "(none)" } else { value }.to_owned();
+    print_some("different", &diff.changed, |pair| {
+        let changes: Vec<String> = pair
+            .columns
             .iter()
-            .map(|c| format!("{} {} -> {}", c.column, shown(&c.first), shown(&c.second)))
+            .map(|(column, [a, b])| format!("{column} {} -> {}", shown(a), shown(b)))
             .collect();
-        format!("{pair_id}: {}", changes.join(", "))
+        format!("{}: {}", pair.pair_id, changes.join(", "))
     })?;
     output::line(format!(
         "{} equal, {} different, {} only in {a}, {} only in {b}",
@@ -96,10 +80,6 @@ fn print_diff(first: &PairList, second: &PairList, diff: &ListDiff) -> anyhow::R
         diff.only_first.len(),
         diff.only_second.len()
     ))
-}
-
-fn shown(value: &str) -> &str {
-    if value.is_empty() { "(none)" } else { value }
 }
 
 /// The first lines of a kind, and how many more there are.
@@ -132,61 +112,36 @@ pub(super) struct VerifyArgs {
     json: bool,
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct VerifiedList<'a> {
+    list: String,
+    sha256: &'a str,
+    good: bool,
+    pairs: usize,
+    #[serde(flatten)]
+    found: &'a Verification,
+}
+
 pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
     let list = PairList::read(&args.list)?;
     let datasets = args.datasets.open()?;
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let found = list.verify(&scenes);
-    let outcome = if found.is_good() {
-        Outcome::Done
-    } else {
-        Outcome::RecordedFailures
-    };
+    let outcome = Outcome::of_problems(!found.is_good());
     if args.json {
-        let different: Vec<Value> = found
-            .different
-            .iter()
-            .map(|d| {
-                json!({
-                    "dataset": d.dataset, "scene": d.scene, "view": d.view,
-                    "expected": d.expected, "found": d.found,
-                })
-            })
-            .collect();
-        let unreadable: Vec<Value> = found
-            .unreadable
-            .iter()
-            .map(|(view, reason)| json!({ "view": view, "reason": reason }))
-            .collect();
-        let moved: Vec<Value> = found
-            .moved
-            .iter()
-            .map(|m| {
-                json!({
-                    "pair_id": m.pair_id,
-                    "baseline_m": [m.expected.0, m.found.0],
-                    "rotation_deg": [m.expected.1, m.found.1],
-                })
-            })
-            .collect();
-        output::json(&json!({
-            "list": list.path.display().to_string(),
-            "sha256": list.sha256,
-            "good": found.is_good(),
-            "pairs": list.pairs.len(),
-            "photographs": found.photographs,
-            "equal": found.equal,
-            "without_hash": found.unhashed,
-            "different": different,
-            "unreadable": unreadable,
-            "absent": found.absent,
-            "moved": moved,
-        }))?;
+        output::json(&VerifiedList {
+            list: list.path.display().to_string(),
+            sha256: &list.sha256,
+            good: found.is_good(),
+            pairs: list.pairs.len(),
+            found: &found,
+        })?;
         return Ok(outcome);
     }
     print_some("absent", &found.absent, Clone::clone)?;
-    print_some("unreadable", &found.unreadable, |(view, reason)| {
-        format!("{view}: {reason}")
+    print_some("unreadable", &found.unreadable, |u| {
+        format!("{}: {}", u.view, u.reason)
     })?;
     print_some("another photograph", &found.different, |d| {
         let (dataset, scene, view) = (&d.dataset, &d.scene, &d.view);
@@ -196,9 +151,10 @@ pub(super) fn verify(args: &VerifyArgs) -> anyhow::Result<Outcome> {
         )
     })?;
     print_some("other cameras", &found.moved, |m| {
+        let ([baseline, found_m], [rotation, found_deg]) = (m.baseline_m, m.rotation_deg);
         format!(
-            "{}: baseline {} m instead of {} m, rotation {}° instead of {}°",
-            m.pair_id, m.found.0, m.expected.0, m.found.1, m.expected.1
+            "{}: baseline {found_m} m instead of {baseline} m, rotation {found_deg}° instead of {rotation}°",
+            m.pair_id
         )
     })?;
     output::line(format!(

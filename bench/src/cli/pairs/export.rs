@@ -7,7 +7,8 @@ use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
-use super::super::{Outcome, output, progress};
+use super::super::output::Terminal;
+use super::super::{Outcome, output};
 use crate::export::pairs;
 use crate::io::atomic_files::write_atomic;
 use crate::io::counts::counted;
@@ -93,9 +94,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
         depth: args.with.contains(&More::Depth),
         readings,
     };
-    let bar = progress::bar(pairs.len(), "pairs");
-    let exported = pairs::export(&pairs, &args.out, &options, &|| bar.inc(1))?;
-    bar.finish_and_clear();
+    let exported = pairs::export(&pairs, &args.out, &options, &Terminal::default())?;
     let copy = args.out.join("pairs.csv");
     write_atomic(&copy, list.to_csv().as_bytes())?;
     if exported.without_depth > 0 {

@@ -1,6 +1,5 @@
 //! `pairs`: lists of pairs as files: built, compared, checked, exported.
 
-mod ambiguity;
 mod build;
 mod compare;
 mod export;

@@ -6,7 +6,7 @@ use anyhow::bail;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_json};
 use crate::rendering::Fallback;
 
 /// What the frames of a folder have in common.
@@ -79,9 +79,7 @@ fn write(folder: &Path, settings: &Value, fallback: Option<FallbackFacts>) -> an
         settings: settings.clone(),
         fallback,
     };
-    let mut bytes = serde_json::to_vec_pretty(&file)?;
-    bytes.push(b'\n');
-    Ok(write_atomic(&folder.join(NAME), &bytes)?)
+    Ok(write_json(&folder.join(NAME), &file)?)
 }
 
 #[cfg(test)]

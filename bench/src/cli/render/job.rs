@@ -15,11 +15,12 @@ use sharp::render::{Background, RenderError, RenderOutput, RenderView, release_s
 use super::args::{BackgroundArg, Layers};
 use super::target::{self, Form, Look, Target};
 use super::{RenderArgs, Seen, Summary, frames};
-use crate::cli::progress;
+use crate::cli::output::Terminal;
 use crate::export::camera_file::CameraFile;
 use crate::io::fingerprints;
 use crate::io::gaussian_files;
 use crate::io::hash::file_sha256;
+use crate::io::observer::Observer;
 use crate::rendering::BatchRenderer;
 
 /// Everything that is known before a backend is.
@@ -180,7 +181,8 @@ impl<'a> Job<'a> {
         seen: &mut Seen,
     ) -> anyhow::Result<()> {
         let views: Vec<RenderView> = waiting.iter().map(|&index| self.views[index]).collect();
-        let bar = progress::bar(views.len(), "views");
+        let terminal = Terminal::default();
+        terminal.begin("rendering", views.len(), "views");
         let (sender, receiver) = sync_channel::<(usize, RenderOutput)>(0);
         let (rendered, written) = std::thread::scope(|scope| {
             let target = &mut target;
@@ -192,7 +194,7 @@ impl<'a> Job<'a> {
             });
             let rendered = renderer.render(scene, &views, |at, view| {
                 seen.add(&view);
-                bar.inc(1);
+                terminal.step();
                 sender
                     .send((waiting[at], view))
                     .map_err(|_| Stopped::Writing)
@@ -203,7 +205,7 @@ impl<'a> Job<'a> {
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             (rendered, written)
         });
-        bar.finish_and_clear();
+        terminal.end();
         // Where writing failed, rendering only says that it was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;

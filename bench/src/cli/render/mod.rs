@@ -17,7 +17,7 @@ use self::args::{BackgroundArg, Eps2d, Layers, Quantise, Range};
 use self::job::Job;
 use self::path::PathArgs;
 use self::target::Form;
-use super::{Outcome, backend_args, output};
+use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
 
 /// Render 3D Gaussians to a picture, frames or a movie
@@ -133,7 +133,7 @@ struct Summary {
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let form = Form::of(&args.out)?;
     let job = Job::prepare(args, form)?;
-    let backend = backend_args::chosen(&args.backend, args.adapter.as_deref())?;
+    let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 
     let mut summary = Summary {

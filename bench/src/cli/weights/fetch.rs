@@ -15,6 +15,8 @@ use crate::io::checkpoint::release::{
     LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, licence_text,
 };
 use crate::io::hash::file_sha256;
+#[cfg(feature = "download")]
+use crate::{cli::output::Terminal, io::observer::Observer};
 
 /// What to fetch, and what was agreed to.
 #[derive(Debug, Args)]
@@ -87,13 +89,11 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
     let published = Published::of(backbone);
     #[cfg(feature = "download")]
     let file = {
-        let bar = super::super::progress::bar(0, "bytes");
-        bar.set_message(backbone.name());
+        let terminal = Terminal::default();
         let file = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
-            bar.set_length(at.total);
-            bar.set_position(at.done);
+            terminal.advance(backbone.name(), "bytes", at.done, at.total);
         })?;
-        bar.finish_and_clear();
+        terminal.end();
         file
     };
     #[cfg(not(feature = "download"))]
@@ -167,14 +167,12 @@ fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBu
         if !args.accept_licence {
             bail!("nothing was fetched: read{agree}; or {by_hand}");
         }
-        let bar = super::super::progress::bar(0, "bytes");
-        bar.set_message("sharp");
+        let terminal = Terminal::default();
         let release = crate::io::checkpoint::release::Release::official();
         let found = crate::io::checkpoint::fetch::fetch(&release, cache, |at| {
-            bar.set_length(at.total);
-            bar.set_position(at.done);
+            terminal.advance("sharp", "bytes", at.done, at.total);
         })?;
-        bar.finish_and_clear();
+        terminal.end();
         Ok(found)
     }
 }

@@ -14,21 +14,12 @@ use crate::io::hash::file_sha256;
 /// Why the checkpoint was not fetched.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
-    /// The transfer.
     #[error(transparent)]
     Download(#[from] DownloadError),
-    /// What arrived is not this network's checkpoint; it was deleted.
     #[error("what {address} sent is not SHARP's checkpoint and was deleted: {source}")]
-    NotTheNetwork {
-        /// Where it came from.
-        address: String,
-        /// What is wrong with it.
-        source: ModelError,
-    },
-    /// It differs from the one recorded earlier.
+    NotTheNetwork { address: String, source: ModelError },
     #[error(transparent)]
     Record(#[from] RecordError),
-    /// A file or folder here.
     #[error(transparent)]
     File(#[from] FileError),
 }

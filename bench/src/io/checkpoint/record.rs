@@ -10,16 +10,13 @@ use serde::{Deserialize, Serialize};
 use sharp_metrics::weights::cache_folder;
 
 use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
-use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_json};
 
 /// What was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Record {
-    /// Official address.
+pub struct CheckpointRecord {
     pub address: String,
-    /// Size.
     pub bytes: u64,
-    /// Lower-case hexadecimal.
     pub sha256: String,
     /// Day of the first use, UTC, `2026-01-31`.
     pub recorded: String,
@@ -30,7 +27,6 @@ pub struct Record {
 pub enum Standing {
     /// There was no record: nothing to compare with. Now there is one, in this file.
     Unverified(PathBuf),
-    /// The same as on that day.
     Matches(String),
 }
 
@@ -50,33 +46,20 @@ impl std::fmt::Display for Standing {
 /// Why a file cannot be compared with the record, or is another one.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The record, or the checkpoint's size, cannot be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The record is damaged.
     #[error("{}: not a record of a checkpoint: {reason}", path.display())]
-    Damaged {
-        /// The record.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// Not the file that was recorded.
+    Damaged { path: PathBuf, reason: String },
     #[error(
         "{}: {bytes} bytes, sha256 {sha256}, but the checkpoint recorded on {} has {} bytes, sha256 {}; if it was \
          replaced on purpose, delete {}",
         checkpoint.display(), expected.recorded, expected.bytes, expected.sha256, record.display()
     )]
     Other {
-        /// The checkpoint.
         checkpoint: PathBuf,
-        /// Its size.
         bytes: u64,
-        /// Its sha256.
         sha256: String,
-        /// What was recorded.
-        expected: Box<Record>,
-        /// Where.
+        expected: Box<CheckpointRecord>,
         record: PathBuf,
     },
 }
@@ -90,7 +73,7 @@ pub fn record_file() -> Option<PathBuf> {
 ///
 /// # Errors
 /// [`RecordError`] when it cannot be read.
-pub fn read(file: &Path) -> Result<Option<Record>, RecordError> {
+pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     match std::fs::read(file) {
         Ok(bytes) => {
             serde_json::from_slice(&bytes)
@@ -115,7 +98,7 @@ pub fn compare_or_record(
     file: &Path,
 ) -> Result<Standing, RecordError> {
     let metadata = std::fs::metadata(checkpoint).map_err(FileError::new(checkpoint, "read"))?;
-    let found = Record {
+    let found = CheckpointRecord {
         address: RELEASE_ADDRESS.to_owned(),
         bytes: metadata.len(),
         sha256: sha256.to_owned(),
@@ -133,10 +116,7 @@ pub fn compare_or_record(
             record: file.to_owned(),
         }),
         None => {
-            let mut text = serde_json::to_vec_pretty(&found)
-                .map_err(|error| FileError::new(file, "write")(std::io::Error::other(error)))?;
-            text.push(b'\n');
-            write_atomic(file, &text)?;
+            write_json(file, &found)?;
             Ok(Standing::Unverified(file.to_owned()))
         }
     }
@@ -144,28 +124,20 @@ pub fn compare_or_record(
 
 /// The day of a moment, UTC, as ISO 8601 writes it.
 fn day(moment: SystemTime) -> String {
-    let seconds = moment
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_secs());
-    let mut left = seconds / 86_400;
-    let mut year = 1970;
-    let leap = |year: u64| {
-        year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400))
-    };
-    while left >= 365 + u64::from(leap(year)) {
-        left -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(leap(year));
-    let mut month = 1;
-    for days in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
-        if left < days {
-            break;
-        }
-        left -= days;
-        month += 1;
-    }
-    format!("{year}-{month:02}-{:02}", left + 1)
+    let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
+    // Years from March, so that a leap day is the last one; in cycles of 400 years, of which one began on 1 March 0000,
+    // 719 468 days before the epoch.
+    let days = since.as_secs() / 86_400 + 719_468;
+    let (cycle, day) = (days / 146_097, days % 146_097);
+    let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let from_march = (5 * day + 2) / 153;
+    let month = (from_march + 2) % 12 + 1;
+    let year = 400 * cycle + year + u64::from(month <= 2);
+    format!(
+        "{year}-{month:02}-{:02}",
+        day - (153 * from_march + 2) / 5 + 1
+    )
 }
 
 #[cfg(test)]

@@ -10,10 +10,8 @@ pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
 /// Where the official release downloads it from.
 pub const RELEASE_ADDRESS: &str = "https://ml-site.cdn-apple.com/models/sharp/sharp_2572gikvuh.pt";
 
-/// What the checkpoint's licence is called.
 pub const LICENCE_NAME: &str = "Apple Machine Learning Research Model License Agreement";
 
-/// Where its text is.
 pub const LICENCE_ADDRESS: &str = "https://github.com/apple/ml-sharp/blob/main/LICENSE_MODEL";
 
 /// What it allows, in short; the text decides.
@@ -31,9 +29,7 @@ pub fn licence_text() -> String {
 /// A checkpoint to be fetched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
-    /// Its address.
     pub address: String,
-    /// The network that it must fit.
     pub config: ModelConfig,
     /// Sizes that it may have, bytes.
     pub sizes: RangeInclusive<u64>,

@@ -11,7 +11,6 @@ use image::RgbImage;
 use super::{Movie, MovieError, check_size};
 use crate::io::atomic_files::{FileError, PartialFile};
 
-/// What is looked for in PATH.
 const FFMPEG: &str = "ffmpeg";
 
 /// BT.709's matrix in video range, which is written into the file too, so that players do not guess; transfer and

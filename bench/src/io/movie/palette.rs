@@ -1,4 +1,7 @@
 //! 256 colours for a picture of many.
+//!
+//! By hand: `gif`'s own NeuQuant samples the picture and loses rare colours; `quantette`, which does not, brings a dozen
+//! crates.
 
 use image::RgbImage;
 use rayon::prelude::*;
@@ -118,7 +121,6 @@ fn cells(image: &RgbImage) -> Vec<Cell> {
 
 /// Cells that will share an entry.
 struct Group {
-    /// By index.
     members: Vec<u32>,
     cut: Option<Cut>,
 }
@@ -129,7 +131,6 @@ struct Cut {
     channel: usize,
     /// Members before it, sorted along the channel.
     before: usize,
-    /// By how much it lessens the squared error.
     gain: f64,
 }
 

@@ -53,7 +53,6 @@ struct State {
 }
 
 impl Command {
-    /// Options of the kind.
     pub const OPTIONS: [&'static str; 5] = ["run", "timeout", "version", "resize", "crop"];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
@@ -64,12 +63,11 @@ impl Command {
     /// # Errors
     /// When `run=` is missing or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let option = |key: &str| spec.options.get(key).map(String::as_str);
-        let run = option("run").unwrap_or_default().trim().to_owned();
+        let run = spec.option("run").unwrap_or_default().trim().to_owned();
         if run.is_empty() {
             return Err(spec.error("needs run='PROGRAM ARGUMENTS'"));
         }
-        let timeout = match option("timeout") {
+        let timeout = match spec.option("timeout") {
             None => Duration::from_secs(Self::TIMEOUT_SECS),
             Some(text) => text
                 .parse()
@@ -78,7 +76,7 @@ impl Command {
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
                 .ok_or_else(|| spec.error(format!("timeout={text}: seconds are needed")))?,
         };
-        let fit = FitRules::parse(option("resize"), option("crop"));
+        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
         let fit = fit.map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(
@@ -88,7 +86,7 @@ impl Command {
         Ok(Self {
             label: spec.label.clone(),
             run,
-            version: option("version").unwrap_or_default().to_owned(),
+            version: spec.option("version").unwrap_or_default().to_owned(),
             timeout,
             fit,
             log: OnceLock::new(),

@@ -1,4 +1,7 @@
 //! The process behind the method: started by the shell, asked line by line, ended for sure.
+//!
+//! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
+//! deadlines for lines and the signal at the parent's death, which is what most of this file is about.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -20,14 +23,10 @@ const GRACE: Duration = Duration::from_secs(5);
 /// How long is waited for the rest of what an ended program wrote.
 const LAST_WORDS: Duration = Duration::from_millis(500);
 
-/// Why there is no answer.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Trouble {
-    /// The program ended.
     Ended,
-    /// The deadline passed.
     Silent,
-    /// Something that no request asked for; said in words.
     Garbage(String),
 }
 
@@ -38,7 +37,6 @@ enum Heard {
     NotText,
 }
 
-/// A running program.
 #[derive(Debug)]
 pub(super) struct Process {
     child: Child,
@@ -49,7 +47,6 @@ pub(super) struct Process {
     stderr: Option<JoinHandle<()>>,
 }
 
-/// How a program ended.
 #[derive(Debug)]
 pub(super) struct Ended {
     status: Option<ExitStatus>,
@@ -147,7 +144,6 @@ impl Process {
         self.end(GRACE)
     }
 
-    /// Ends it at once.
     pub(super) fn kill(mut self) -> Ended {
         self.end(Duration::ZERO)
     }

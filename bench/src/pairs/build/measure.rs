@@ -23,7 +23,6 @@ const COPIES_WHILE_READING: u64 = 3;
 /// A view whose depth could not be read, and why.
 pub(super) type Failure = (usize, PairError);
 
-/// Depth maps by view.
 type Held = BTreeMap<usize, PosedDepth>;
 
 /// Measures what is not known yet of a scene.

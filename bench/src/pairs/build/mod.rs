@@ -6,6 +6,7 @@ mod scene;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use serde::Serialize;
 use sharp_datasets::{Pairing, Scene};
 
 use self::scene::SceneWork;
@@ -20,20 +21,15 @@ use super::sampling::sample;
 pub struct Pair {
     /// `dataset/scene/source__target`; see [`super::pair_id`].
     pub pair_id: String,
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
     /// Number of the set within the scene, from 0; `None` for a stereo scene.
     pub set: Option<u32>,
-    /// Id of the source view.
     pub source: String,
-    /// Id of the target view.
     pub target: String,
     /// The source's photograph, relative to the dataset's folder, `/` between levels; empty for a
     /// procedural view.
     pub source_file: String,
-    /// The target's photograph, likewise.
     pub target_file: String,
     /// sha256 of the source's photograph; empty if it could not be read.
     pub source_sha256: String,
@@ -49,20 +45,18 @@ pub struct Pair {
     pub overlap: Option<f64>,
     /// Share of the source's pixels that the target sees; `None` without depth.
     pub overlap_source_to_target: Option<f64>,
-    /// Whether the sampling chose it for evaluation.
     pub selected: bool,
 }
 
 /// What pair building needs besides scenes and options; nothing in it changes a pair, except for the
 /// depth that overlap is measured on.
+#[derive(Clone)]
 pub struct BuildContext<'a> {
-    /// Depth for overlap and for the median depth.
     pub depth: &'a dyn DepthSource,
     /// Folder of each dataset instance by name, to which file names become relative.
     pub roots: BTreeMap<String, PathBuf>,
     /// Depth maps held at once take no more memory than this, as long as two of them fit.
     pub depth_memory_bytes: u64,
-    /// Overlaps that were measured before, where they are kept.
     pub cache: Option<&'a OverlapCache>,
     /// Settings of each dataset's reader by name, as stable text: depth depends on them.
     pub settings: BTreeMap<String, String>,
@@ -124,29 +118,22 @@ impl PairBuild {
 pub const SPARSE_COVERAGE: f64 = 0.3;
 
 /// How the pairs of a dataset came to be so many.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct PairCounts {
-    /// Scenes given.
     pub scenes: usize,
-    /// Views given.
     pub views: usize,
     /// Of the multi-view scenes' views, those known to have depth.
     pub with_depth: usize,
     /// Of these, with depth at less than [`SPARSE_COVERAGE`] of their pixels.
     pub with_sparse_depth: usize,
-    /// Sets formed, a stereo scene counting as one.
     pub sets: usize,
     /// Ordered pairs within the sets.
     pub considered: usize,
     /// Of these, nearer to each other than the minimal baseline.
     pub too_near: usize,
-    /// Of these, without depth in one of the views.
     pub without_depth: usize,
-    /// Of these, with too little overlap.
     pub too_little_overlap: usize,
-    /// Of these, qualified.
     pub qualified: usize,
-    /// Of the qualified, selected for evaluation.
     pub selected: usize,
 }
 
@@ -160,13 +147,9 @@ impl PairCounts {
 /// A view whose files could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
-    /// Id of the view.
     pub view: String,
-    /// Names the file and the reason.
     pub reason: String,
 }
 

@@ -21,9 +21,7 @@ pub(super) struct SceneWork<'a> {
     options: &'a PairOptions,
     context: &'a BuildContext<'a>,
     build: &'a mut PairBuild,
-    /// What was measured, now or earlier.
     known: SceneOverlaps,
-    /// The name that it is kept under.
     key: Option<String>,
 }
 

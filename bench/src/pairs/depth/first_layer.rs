@@ -44,7 +44,6 @@ impl FirstLayerDepth {
         })
     }
 
-    /// sha256 of the checkpoint.
     pub fn checkpoint_sha256(&self) -> &str {
         &self.checkpoint_sha256
     }

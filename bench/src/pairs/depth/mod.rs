@@ -20,9 +20,6 @@ use super::valid_depth::{is_valid_depth, median_of};
 /// Where the depth that decides overlap comes from.
 pub trait DepthSource: Sync {
     /// Depth of a scene's view at its image's size; `None` where there is none.
-    ///
-    /// # Errors
-    /// Names the file and why it cannot be read.
     fn depth(&self, scene: &Scene, view: &View) -> Result<Option<DepthMap>, PairError>;
 
     /// Stable text for the record of a run (`ground-truth`, …).
@@ -105,9 +102,6 @@ impl PosedDepth {
     }
 
     /// Joins the two. `what` names the view in an error.
-    ///
-    /// # Errors
-    /// [`PairError::DepthSize`].
     pub fn new(
         what: &str,
         intrinsics: Intrinsics,

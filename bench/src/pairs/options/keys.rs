@@ -1,187 +1,274 @@
-//! The keys of the text form: reading, writing and help are driven by this table.
+//! The keys of the text form: one table for reading, writing and help.
 
-use super::PairOptions;
-use super::text::{
-    AT_THRESHOLD, DENOMINATORS, DEPTHS, DIRECTIONS, GROUPINGS, LOOKUPS, MISSING_DEPTHS, ORDERS,
-    REMAINDERS, SAMPLINGS, TESTS, expected, name_of, names, number, number_unless, or, parse_depth,
-    parse_test, test_text, word,
-};
-use crate::pairs::PairError;
-use crate::pairs::overlap::DepthLookup;
-use crate::pairs::sets::Grouping;
+use clap::ValueEnum;
 
-/// One choice.
-pub(super) struct Key {
-    /// As written before `=`.
-    pub(super) name: &'static str,
-    /// The values that it takes, in words.
-    pub(super) values: fn() -> String,
-    /// What it decides.
-    pub(super) meaning: &'static str,
-    /// The value in force, as text.
-    pub(super) get: fn(&PairOptions) -> String,
-    /// Takes `(options, key, value)`.
-    pub(super) set: fn(&mut PairOptions, &str, &str) -> Result<(), PairError>,
+use super::{MissingDepth, OverlapDepth, OverlapDirection, PairOptions, PairOrder};
+use crate::pairs::overlap::{Denominator, DepthLookup, OverlapTest};
+use crate::pairs::sampling::SamplingRule;
+use crate::pairs::sets::{Grouping, Remainder};
+
+/// A choice that can be written as text and read back. Errors are the bare reason.
+pub(super) trait Value {
+    /// The accepted values, for help and errors.
+    fn values(&self) -> String;
+    fn text(&self) -> String;
+    fn set(&mut self, text: &str) -> Result<(), String>;
 }
 
-/// In the order of the text form.
-pub(super) const KEYS: [Key; 19] = [
-    Key {
-        name: "sets",
-        values: || format!("{}, random:SEED", names(&GROUPINGS)),
-        meaning: "which views of a scene share a set; pairs are formed within sets",
-        get: |o| match o.sets.grouping {
-            Grouping::Random { seed } => format!("random:{seed}"),
-            other => name_of(&GROUPINGS, &other),
-        },
-        set: |o, key, text| {
-            o.sets.grouping = match text.split_once(':') {
-                Some(("random", seed)) => Grouping::Random {
-                    seed: number(key, seed)?,
-                },
-                _ => word(key, text, &GROUPINGS).map_err(|_| {
-                    let values = format!("one of {}, random:SEED", names(&GROUPINGS));
-                    expected(key, text, &values)
-                })?,
-            };
-            Ok(())
-        },
-    },
-    Key {
-        name: "size",
-        values: || "a number from 2".to_owned(),
-        meaning: "views in a set",
-        get: |o| o.sets.size.to_string(),
-        set: |o, key, text| number(key, text).map(|v| o.sets.size = v),
-    },
-    Key {
-        name: "remainder",
-        values: || names(&REMAINDERS),
-        meaning: "a last set with fewer views than the others",
-        get: |o| name_of(&REMAINDERS, &o.sets.remainder),
-        set: |o, key, text| word(key, text, &REMAINDERS).map(|v| o.sets.remainder = v),
-    },
-    Key {
-        name: "max-sets",
-        values: || "all or a number".to_owned(),
-        meaning: "sets of a scene that are used, the first ones",
-        get: |o| or(o.sets.max_sets, "all"),
-        set: |o, key, text| number_unless(key, text, "all").map(|v| o.sets.max_sets = v),
-    },
-    Key {
-        name: "order",
-        values: || names(&ORDERS),
-        meaning: "both directions between two views, or only from the earlier to the later one",
-        get: |o| name_of(&ORDERS, &o.order),
-        set: |o, key, text| word(key, text, &ORDERS).map(|v| o.order = v),
-    },
-    Key {
-        name: "missing-depth",
-        values: || names(&MISSING_DEPTHS),
-        meaning: "views without depth: join no pair, join pairs without an overlap, or leave before sets are formed",
-        get: |o| name_of(&MISSING_DEPTHS, &o.missing_depth),
-        set: |o, key, text| word(key, text, &MISSING_DEPTHS).map(|v| o.missing_depth = v),
-    },
-    Key {
-        name: "overlap",
-        values: || DEPTHS.to_owned(),
-        meaning: "whose depth decides overlap; sparse alone is sparse:8",
-        get: |o| o.depth.to_string(),
-        set: |o, key, text| parse_depth(key, text).map(|v| o.depth = v),
-    },
-    Key {
-        name: "test",
-        values: || TESTS.to_owned(),
-        meaning: "when a projected pixel counts as seen: depth within a share of z, inside the picture, or within metres and a share",
-        get: |o| test_text(&o.overlap.test),
-        set: |o, key, text| parse_test(key, text).map(|v| o.overlap.test = v),
-    },
-    Key {
-        name: "lookup",
-        values: || format!("{}, window:PIXELS", names(&LOOKUPS)),
-        meaning: "how the other view's depth is read where a pixel lands",
-        get: |o| match o.overlap.lookup {
-            DepthLookup::Window { radius } => format!("window:{radius}"),
-            other => name_of(&LOOKUPS, &other),
-        },
-        set: |o, key, text| {
-            o.overlap.lookup = match text.split_once(':') {
-                Some(("window", radius)) => DepthLookup::Window {
-                    radius: number(key, radius)?,
-                },
-                _ => word(key, text, &LOOKUPS)?,
-            };
-            Ok(())
-        },
-    },
-    Key {
-        name: "denominator",
-        values: || names(&DENOMINATORS),
-        meaning: "what seen pixels are divided by: those with depth, all, or those with depth of the other view",
-        get: |o| name_of(&DENOMINATORS, &o.overlap.denominator),
-        set: |o, key, text| word(key, text, &DENOMINATORS).map(|v| o.overlap.denominator = v),
-    },
-    Key {
-        name: "stride",
-        values: || "a number from 1".to_owned(),
-        meaning: "every so many pixels and rows are projected",
-        get: |o| o.overlap.stride.to_string(),
-        set: |o, key, text| number(key, text).map(|v| o.overlap.stride = v),
-    },
-    Key {
-        name: "max-side",
-        values: || "full or a number".to_owned(),
-        meaning: "longer side that depth maps are reduced to first, pixels",
-        get: |o| or(o.overlap.max_side, "full"),
-        set: |o, key, text| number_unless(key, text, "full").map(|v| o.overlap.max_side = v),
-    },
-    Key {
-        name: "direction",
-        values: || names(&DIRECTIONS),
-        meaning: "which of a pair's two overlaps the threshold looks at",
-        get: |o| name_of(&DIRECTIONS, &o.direction),
-        set: |o, key, text| word(key, text, &DIRECTIONS).map(|v| o.direction = v),
-    },
-    Key {
-        name: "threshold",
-        values: || "a number from 0".to_owned(),
-        meaning: "least overlap",
-        get: |o| o.threshold.to_string(),
-        set: |o, key, text| number(key, text).map(|v| o.threshold = v),
-    },
-    Key {
-        name: "at-threshold",
-        values: || names(&AT_THRESHOLD),
-        meaning: "whether an overlap equal to the threshold qualifies",
-        get: |o| name_of(&AT_THRESHOLD, &o.threshold_qualifies),
-        set: |o, key, text| word(key, text, &AT_THRESHOLD).map(|v| o.threshold_qualifies = v),
-    },
-    Key {
-        name: "min-baseline",
-        values: || "a number from 0".to_owned(),
-        meaning: "least distance of the two cameras, metres; equal qualifies",
-        get: |o| o.min_baseline_m.to_string(),
-        set: |o, key, text| number(key, text).map(|v| o.min_baseline_m = v),
-    },
-    Key {
-        name: "limit",
-        values: || "all or a number".to_owned(),
-        meaning: "pairs of a dataset that are evaluated",
-        get: |o| or(o.sampling.limit, "all"),
-        set: |o, key, text| number_unless(key, text, "all").map(|v| o.sampling.limit = v),
-    },
-    Key {
-        name: "sampling",
-        values: || names(&SAMPLINGS),
-        meaning: "how they are drawn: from all, from each scene in turn, or the first ones by id",
-        get: |o| name_of(&SAMPLINGS, &o.sampling.rule),
-        set: |o, key, text| word(key, text, &SAMPLINGS).map(|v| o.sampling.rule = v),
-    },
-    Key {
-        name: "seed",
-        values: || "a number".to_owned(),
-        meaning: "of the draw",
-        get: |o| o.sampling.seed.to_string(),
-        set: |o, key, text| number(key, text).map(|v| o.sampling.seed = v),
-    },
+/// What each key decides, in the order of the text form.
+pub(super) const MEANINGS: [&str; 19] = [
+    "which views of a scene share a set; pairs are formed within sets",
+    "views in a set, 2 or more",
+    "a last set with fewer views than the others",
+    "sets of a scene that are used, the first ones",
+    "both directions between two views, or only from the earlier to the later one",
+    "views without depth: join no pair, join pairs without an overlap, or leave before sets are formed",
+    "whose depth decides overlap; sparse alone is sparse:8",
+    "when a projected pixel counts as seen: depth within a share of z, inside the picture, or within metres and a share",
+    "how the other view's depth is read where a pixel lands",
+    "what seen pixels are divided by: those with depth, all, or those with depth of the other view",
+    "every so many pixels and rows are projected, 1 or more",
+    "longer side that depth maps are reduced to first, pixels",
+    "which of a pair's two overlaps the threshold looks at",
+    "least overlap, 0 or more",
+    "whether an overlap equal to the threshold qualifies",
+    "least distance of the two cameras, metres, 0 or more; equal qualifies",
+    "pairs of a dataset that are evaluated",
+    "how they are drawn: from all, from each scene in turn, or the first ones by id",
+    "of the draw",
 ];
+
+impl PairOptions {
+    /// Every choice by its key, in the order of the text form.
+    pub(super) fn choices(&mut self) -> [(&'static str, &mut dyn Value); MEANINGS.len()] {
+        [
+            ("sets", &mut self.sets.grouping),
+            ("size", &mut self.sets.size),
+            ("remainder", &mut self.sets.remainder),
+            ("max-sets", &mut self.sets.max_sets),
+            ("order", &mut self.order),
+            ("missing-depth", &mut self.missing_depth),
+            ("overlap", &mut self.depth),
+            ("test", &mut self.overlap.test),
+            ("lookup", &mut self.overlap.lookup),
+            ("denominator", &mut self.overlap.denominator),
+            ("stride", &mut self.overlap.stride),
+            ("max-side", &mut self.overlap.max_side),
+            ("direction", &mut self.direction),
+            ("threshold", &mut self.threshold),
+            ("at-threshold", &mut self.threshold_qualifies),
+            ("min-baseline", &mut self.min_baseline_m),
+            ("limit", &mut self.sampling.limit),
+            ("sampling", &mut self.sampling.rule),
+            ("seed", &mut self.sampling.seed),
+        ]
+    }
+}
+
+fn number<T: std::str::FromStr>(text: &str) -> Result<T, String> {
+    let number = text.parse();
+    number.map_err(|_| "not a number that fits".to_owned())
+}
+
+/// The names of the values that have one, by commas.
+fn words<T: ValueEnum>() -> String {
+    let words: Vec<String> = T::value_variants().iter().map(word_of).collect();
+    words.join(", ")
+}
+
+fn word_of<T: ValueEnum>(value: &T) -> String {
+    let named = value.to_possible_value();
+    named.map_or_else(String::new, |word| word.get_name().to_owned())
+}
+
+fn from_word<T: ValueEnum>(text: &str, values: &str) -> Result<T, String> {
+    T::from_str(text, false).map_err(|_| format!("expected one of {values}"))
+}
+
+macro_rules! numbers {
+    ($($type:ty)+) => {
+        $(impl Value for $type {
+            fn values(&self) -> String {
+                "a number".to_owned()
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+
+            fn set(&mut self, text: &str) -> Result<(), String> {
+                *self = number(text)?;
+                Ok(())
+            }
+        })+
+    };
+}
+
+/// Limits, with the word that stands for none.
+macro_rules! limits {
+    ($($type:ty, $none:literal;)+) => {
+        $(impl Value for Option<$type> {
+            fn values(&self) -> String {
+                concat!($none, " or a number").to_owned()
+            }
+
+            fn text(&self) -> String {
+                self.map_or_else(|| $none.to_owned(), |limit| limit.to_string())
+            }
+
+            fn set(&mut self, text: &str) -> Result<(), String> {
+                *self = match text {
+                    $none => None,
+                    number_text => Some(number(number_text)?),
+                };
+                Ok(())
+            }
+        })+
+    };
+}
+
+macro_rules! enums {
+    ($($type:ty)+) => {
+        $(impl Value for $type {
+            fn values(&self) -> String {
+                words::<Self>()
+            }
+
+            fn text(&self) -> String {
+                word_of(self)
+            }
+
+            fn set(&mut self, text: &str) -> Result<(), String> {
+                *self = from_word(text, &self.values())?;
+                Ok(())
+            }
+        })+
+    };
+}
+
+numbers! { usize u32 u64 f64 }
+// Counts of sets and pairs, and the side of a map in pixels.
+limits! { usize, "all"; u32, "full"; }
+enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
+
+impl Value for bool {
+    fn values(&self) -> String {
+        "out, in".to_owned()
+    }
+
+    fn text(&self) -> String {
+        if *self { "in" } else { "out" }.to_owned()
+    }
+
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        *self = match text {
+            "in" => true,
+            "out" => false,
+            _ => return Err("expected one of out, in".to_owned()),
+        };
+        Ok(())
+    }
+}
+
+impl Value for Grouping {
+    fn values(&self) -> String {
+        format!("{}, random:SEED", words::<Self>())
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Self::Random { seed } => format!("random:{seed}"),
+            other => word_of(other),
+        }
+    }
+
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        *self = match text.split_once(':') {
+            Some(("random", seed)) => Self::Random {
+                seed: number(seed)?,
+            },
+            _ => from_word(text, &self.values())?,
+        };
+        Ok(())
+    }
+}
+
+impl Value for DepthLookup {
+    fn values(&self) -> String {
+        format!("{}, window:PIXELS", words::<Self>())
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Self::Window { radius } => format!("window:{radius}"),
+            other => word_of(other),
+        }
+    }
+
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        *self = match text.split_once(':') {
+            Some(("window", radius)) => Self::Window {
+                radius: number(radius)?,
+            },
+            _ => from_word(text, &self.values())?,
+        };
+        Ok(())
+    }
+}
+
+impl Value for OverlapTest {
+    fn values(&self) -> String {
+        "consistent:RELATIVE, frustum, absolute:METRES:RELATIVE:NEAREST or map-anything".to_owned()
+    }
+
+    fn text(&self) -> String {
+        match *self {
+            Self::MAP_ANYTHING => "map-anything".to_owned(),
+            Self::Frustum => "frustum".to_owned(),
+            Self::Consistent { relative } => format!("consistent:{relative}"),
+            Self::AbsoluteRelative {
+                absolute_m,
+                relative,
+                min_depth_m,
+            } => format!("absolute:{absolute_m}:{relative}:{min_depth_m}"),
+        }
+    }
+
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        *self = match text.split(':').collect::<Vec<_>>()[..] {
+            ["frustum"] => Self::Frustum,
+            ["map-anything"] => Self::MAP_ANYTHING,
+            ["consistent", relative] => Self::Consistent {
+                relative: number(relative)?,
+            },
+            ["absolute", absolute_m, relative, min_depth_m] => Self::AbsoluteRelative {
+                absolute_m: number(absolute_m)?,
+                relative: number(relative)?,
+                min_depth_m: number(min_depth_m)?,
+            },
+            _ => return Err(format!("expected {}", self.values())),
+        };
+        Ok(())
+    }
+}
+
+impl Value for OverlapDepth {
+    fn values(&self) -> String {
+        "ground-truth, sparse:PIXELS, given, given-metric or sharp-release".to_owned()
+    }
+
+    fn text(&self) -> String {
+        self.to_string()
+    }
+
+    fn set(&mut self, text: &str) -> Result<(), String> {
+        *self = match text.split_once(':') {
+            Some(("sparse", radius)) => Self::Sparse {
+                radius: number(radius)?,
+            },
+            _ if text == "sparse" => Self::Sparse { radius: 8 },
+            _ => from_word(text, "").map_err(|_| format!("expected {}", self.values()))?,
+        };
+        Ok(())
+    }
+}

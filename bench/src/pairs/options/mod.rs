@@ -3,31 +3,102 @@
 //! The text is one line of `key=value` joined by commas, in a fixed order; it is what the command line
 //! accepts (any subset, in any order), what is printed beside a result and what manifests store.
 //!
-//! * `choices`: choices with names of their own.
 //! * `keys`: the table behind reading, writing and `pairs --help`.
-//! * `text`: words and numbers of the text form.
 //! * [`paper`]: which values are known to differ from what the paper did.
 
-mod choices;
 mod keys;
 pub mod paper;
 #[cfg(test)]
 mod tests;
-mod text;
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use self::keys::KEYS;
-
-pub use self::choices::{MissingDepth, OverlapDepth, OverlapDirection, PairOrder};
+use self::keys::MEANINGS;
 use super::PairError;
 use super::overlap::{DepthLookup, OverlapOptions, OverlapTest};
 use super::sampling::SamplingOptions;
 use super::sets::SetOptions;
+
+/// Whether both directions between two views are pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PairOrder {
+    Both,
+    /// Only from the earlier view, in natural order, to the later one.
+    Once,
+}
+
+/// What happens to views without depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MissingDepth {
+    /// They count when sets are formed, but join no pair.
+    Reject,
+    /// Their pairs qualify without an overlap.
+    Accept,
+    /// They are left out before sets are formed.
+    LeaveOut,
+}
+
+/// Which of a pair's two overlaps the threshold looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OverlapDirection {
+    /// The share of the target's pixels that the source sees: what view synthesis needs.
+    TargetInSource,
+    /// The share of the source's pixels that the target sees.
+    SourceInTarget,
+    Min,
+    Mean,
+    Max,
+}
+
+impl OverlapDirection {
+    /// The number that is compared with the threshold.
+    pub fn of(self, target_in_source: f64, source_in_target: f64) -> f64 {
+        match self {
+            Self::TargetInSource => target_in_source,
+            Self::SourceInTarget => source_in_target,
+            Self::Min => target_in_source.min(source_in_target),
+            Self::Mean => 0.5 * (target_in_source + source_in_target),
+            Self::Max => target_in_source.max(source_in_target),
+        }
+    }
+}
+
+/// Whose depth decides overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OverlapDepth {
+    /// The dataset's own, pixel by pixel.
+    GroundTruth,
+    /// The dataset's own where it is sparse: a point is seen if depth measured within `radius` pixels of where it lands
+    /// agrees.
+    #[value(skip)]
+    Sparse { radius: u32 },
+    /// Maps by anyone, scaled to the dataset's own by the median of ratios: the paper's way on ETH3D.
+    Given,
+    /// The same as they are, in metres.
+    GivenMetric,
+    /// The first depth layer of SHARP's official checkpoint, scaled like [`Self::Given`].
+    SharpRelease,
+}
+
+impl OverlapDepth {
+    pub fn is_ground_truth(self) -> bool {
+        self == Self::GroundTruth
+    }
+}
+
+impl fmt::Display for OverlapDepth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self, self.to_possible_value()) {
+            (Self::Sparse { radius }, _) => write!(f, "sparse:{radius}"),
+            (_, word) => f.write_str(word.as_ref().map_or("", |word| word.get_name())),
+        }
+    }
+}
 
 /// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with values and defaults.
 ///
@@ -40,25 +111,15 @@ use super::sets::SetOptions;
     try_from = "BTreeMap<String, String>"
 )]
 pub struct PairOptions {
-    /// How views form sets.
     pub sets: SetOptions,
-    /// Whether both directions are pairs.
     pub order: PairOrder,
-    /// What happens to views without depth.
     pub missing_depth: MissingDepth,
-    /// Whose depth decides overlap.
     pub depth: OverlapDepth,
-    /// How overlap is measured.
     pub overlap: OverlapOptions,
-    /// Which of the two overlaps counts.
     pub direction: OverlapDirection,
-    /// Least overlap.
     pub threshold: f64,
-    /// Whether an overlap equal to the threshold qualifies.
     pub threshold_qualifies: bool,
-    /// Least distance of the two cameras, metres.
     pub min_baseline_m: f64,
-    /// Which of the qualified pairs are evaluated.
     pub sampling: SamplingOptions,
 }
 
@@ -162,33 +223,33 @@ impl PairOptions {
     }
 
     fn set(&mut self, key: &str, value: &str) -> Result<(), PairError> {
-        let Some(known) = KEYS.iter().find(|known| known.name == key) else {
-            let names: Vec<&str> = KEYS.iter().map(|known| known.name).collect();
-            return Err(PairError::Options(format!(
-                "unknown key '{key}'; known: {}",
-                names.join(", ")
-            )));
+        let mut choices = self.choices();
+        let Some((_, choice)) = choices.iter_mut().find(|(name, _)| *name == key) else {
+            let names = choices.map(|(name, _)| name).join(", ");
+            let reason = format!("unknown key '{key}'; known: {names}");
+            return Err(PairError::Options(reason));
         };
-        (known.set)(self, known.name, value)
+        choice
+            .set(value)
+            .map_err(|reason| PairError::Options(format!("{key}={value}: {reason}")))
     }
 
     /// Every key with its value as text, in the order of [`PairOptions::help`].
     pub fn entries(&self) -> Vec<(&'static str, String)> {
-        let entries = KEYS.iter().map(|key| (key.name, (key.get)(self)));
-        entries.collect()
+        let mut options = self.clone();
+        let choices = options.choices().into_iter();
+        choices.map(|(key, choice)| (key, choice.text())).collect()
     }
 
     /// Every key with the values that it takes, its default and its meaning; two lines each, indented by two blanks.
     pub fn help() -> String {
-        let default = Self::default();
-        let lines = KEYS.iter().map(|key| {
+        let mut options = Self::default();
+        let choices = options.choices().into_iter().zip(MEANINGS);
+        let lines = choices.map(|((key, choice), meaning)| {
+            let (values, default) = (choice.values(), choice.text());
             format!(
-                "  {:<14} {}\n{:17}default {}; {}\n",
-                key.name,
-                (key.values)(),
-                "",
-                (key.get)(&default),
-                key.meaning
+                "  {key:<14} {values}\n{:17}default {default}; {meaning}\n",
+                ""
             )
         });
         lines.collect()
@@ -197,11 +258,9 @@ impl PairOptions {
 
 impl fmt::Display for PairOptions {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, (key, value)) in self.entries().into_iter().enumerate() {
-            let comma = if i == 0 { "" } else { "," };
-            write!(f, "{comma}{key}={value}")?;
-        }
-        Ok(())
+        let entries = self.entries().into_iter();
+        let entries: Vec<String> = entries.map(|(key, v)| format!("{key}={v}")).collect();
+        f.write_str(&entries.join(","))
     }
 }
 

@@ -1,6 +1,5 @@
 //! Options as text and back.
 
-use super::text::DIRECTIONS;
 use super::*;
 
 #[test]
@@ -77,7 +76,10 @@ fn the_threshold_is_strict_unless_told() {
 
 #[test]
 fn directions() {
-    let all = DIRECTIONS.map(|(_, d)| d.of(0.25, 0.75));
+    let all = OverlapDirection::value_variants()
+        .iter()
+        .map(|d| d.of(0.25, 0.75))
+        .collect::<Vec<_>>();
     assert_eq!(all, [0.25, 0.75, 0.25, 0.5, 0.75]);
 }
 

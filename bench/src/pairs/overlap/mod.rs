@@ -5,6 +5,7 @@
 //! seen or not. All arithmetic is f64 and the result a count, so that it depends neither on threads
 //! nor on summation order.
 
+use clap::ValueEnum;
 use glam::{DAffine3, DVec3};
 use image::Luma;
 use rayon::prelude::*;
@@ -16,7 +17,6 @@ use super::valid_depth::is_valid_depth;
 /// and inside its image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum OverlapTest {
-    /// Landing inside is enough; overstates by what is hidden.
     Frustum,
     /// The depth found there differs by at most `relative · z` from the projected z.
     Consistent {
@@ -45,7 +45,7 @@ impl OverlapTest {
 }
 
 /// How the other view's depth is read at a projected position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DepthLookup {
     /// The pixel that contains the position.
     Nearest,
@@ -54,14 +54,12 @@ pub enum DepthLookup {
     Bilinear,
     /// Any valid pixel at most this many rows and columns from the one that contains the position: for sparse depth,
     /// where a single pixel rarely has any. Seen if one of them agrees.
-    Window {
-        /// Pixels.
-        radius: u32,
-    },
+    #[value(skip)]
+    Window { radius: u32 },
 }
 
 /// What a count of seen pixels is divided by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Denominator {
     /// Pixels with valid depth of the view whose pixels are projected.
     Valid,
@@ -76,9 +74,7 @@ pub enum Denominator {
 pub struct OverlapOptions {
     /// When a projected pixel counts as seen.
     pub test: OverlapTest,
-    /// How depth is looked up.
     pub lookup: DepthLookup,
-    /// What the count is divided by.
     pub denominator: Denominator,
     /// Every `stride`-th pixel of every `stride`-th row is projected, from `stride / 2` on; ≥ 1.
     pub stride: u32,

@@ -5,7 +5,6 @@ use std::str::FromStr;
 use crate::pairs::build::Pair;
 use crate::pairs::pair_id::PairName;
 
-/// The columns, in order.
 pub const COLUMNS: [&str; 16] = [
     "pair_id",
     "dataset",
@@ -26,14 +25,11 @@ pub const COLUMNS: [&str; 16] = [
 ];
 
 pub(super) fn to_csv(pairs: &[Pair]) -> String {
-    let mut text = COLUMNS.join(",");
-    text.push('\n');
-    for pair in pairs {
-        let fields = fields(pair).map(|field| quoted(&field));
-        text.push_str(&fields.join(","));
-        text.push('\n');
-    }
-    text
+    let rows = pairs.iter().map(fields);
+    std::iter::once(COLUMNS.map(str::to_owned))
+        .chain(rows)
+        .map(|row| row.map(|field| quoted(&field)).join(",") + "\n")
+        .collect()
 }
 
 /// RFC 4180: quotes around a field only where it needs them.

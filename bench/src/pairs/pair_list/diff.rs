@@ -2,55 +2,28 @@
 
 use std::collections::BTreeMap;
 
+use serde::Serialize;
+
 use super::PairList;
 use super::csv_form::{COLUMNS, fields};
 
-impl PairList {
-    /// What differs between two lists, by pair id; the order of rows does not count.
-    pub fn diff(&self, other: &Self) -> ListDiff {
-        let index = |list: &Self| -> BTreeMap<String, [String; COLUMNS.len()]> {
-            let rows = list.pairs.iter();
-            rows.map(|p| (p.pair_id.clone(), fields(p))).collect()
-        };
-        let (a, b) = (index(self), index(other));
-        let mut diff = ListDiff::default();
-        for (id, row) in &a {
-            let Some(other_row) = b.get(id) else {
-                diff.only_first.push(id.clone());
-                continue;
-            };
-            let changes: Vec<FieldChange> = COLUMNS
-                .iter()
-                .zip(row.iter().zip(other_row))
-                .filter(|(_, (first, second))| first != second)
-                .map(|(column, (first, second))| FieldChange {
-                    column,
-                    first: first.clone(),
-                    second: second.clone(),
-                })
-                .collect();
-            if changes.is_empty() {
-                diff.equal += 1;
-            } else {
-                diff.changed.push((id.clone(), changes));
-            }
-        }
-        diff.only_second = b.into_keys().filter(|id| !a.contains_key(id)).collect();
-        diff
-    }
-}
-
-/// What differs between two lists.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+/// What differs between two lists, by pair id.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct ListDiff {
-    /// Pairs that only the first list has.
-    pub only_first: Vec<String>,
-    /// Pairs that only the second list has.
-    pub only_second: Vec<String>,
-    /// Pairs of both lists whose rows differ, and in what.
-    pub changed: Vec<(String, Vec<FieldChange>)>,
     /// Pairs whose rows are equal.
     pub equal: usize,
+    pub only_first: Vec<String>,
+    pub only_second: Vec<String>,
+    /// Pairs of both lists whose rows differ.
+    pub changed: Vec<ChangedPair>,
+}
+
+/// A pair of which two lists hold different values.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ChangedPair {
+    pub pair_id: String,
+    /// By column: the value in the first list and in the second.
+    pub columns: BTreeMap<&'static str, [String; 2]>,
 }
 
 impl ListDiff {
@@ -60,13 +33,32 @@ impl ListDiff {
     }
 }
 
-/// One value that differs.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FieldChange {
-    /// The column.
-    pub column: &'static str,
-    /// As in the first list.
-    pub first: String,
-    /// As in the second list.
-    pub second: String,
+impl PairList {
+    /// What differs between two lists; the order of rows does not count.
+    pub fn diff(&self, other: &Self) -> ListDiff {
+        let index = |list: &Self| -> BTreeMap<String, [String; COLUMNS.len()]> {
+            let rows = list.pairs.iter();
+            rows.map(|p| (p.pair_id.clone(), fields(p))).collect()
+        };
+        let (a, mut b) = (index(self), index(other));
+        let mut diff = ListDiff::default();
+        for (pair_id, row) in a {
+            let Some(other_row) = b.remove(&pair_id) else {
+                diff.only_first.push(pair_id);
+                continue;
+            };
+            let columns: BTreeMap<_, _> = COLUMNS
+                .into_iter()
+                .zip(row.into_iter().zip(other_row).map(<[String; 2]>::from))
+                .filter(|(_, [first, second])| first != second)
+                .collect();
+            if columns.is_empty() {
+                diff.equal += 1;
+            } else {
+                diff.changed.push(ChangedPair { pair_id, columns });
+            }
+        }
+        diff.only_second = b.into_keys().collect();
+        diff
+    }
 }

@@ -16,8 +16,8 @@ use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
 use self::csv_form::{parse_row, to_csv};
-pub use self::diff::{FieldChange, ListDiff};
-pub use self::verify::{HashMismatch, MovedCamera, Verification};
+pub use self::diff::{ChangedPair, ListDiff};
+pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
 use super::PairError;
 use super::build::Pair;
 use crate::io::atomic_files::{FileError, write_atomic};
@@ -26,7 +26,6 @@ use crate::io::hash::sha256_hex;
 /// A list of pairs and where each came from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairList {
-    /// What errors call the list: its file.
     pub path: PathBuf,
     /// The rows in file order.
     pub pairs: Vec<Pair>,
@@ -131,15 +130,11 @@ impl PairList {
         Self::new("pairs.csv", joined.into_values().collect())
     }
 
-    /// The file's content.
     pub fn to_csv(&self) -> String {
         to_csv(&self.pairs)
     }
 
     /// Writes the list to its path: whole or not at all.
-    ///
-    /// # Errors
-    /// [`PairError::File`].
     pub fn write(&self) -> Result<(), PairError> {
         Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
     }
@@ -190,13 +185,9 @@ impl PairList {
 /// A pair with the views that it names.
 #[derive(Debug, Clone, Copy)]
 pub struct ResolvedPair<'a> {
-    /// The row.
     pub pair: &'a Pair,
-    /// Its scene.
     pub scene: &'a Scene,
-    /// The view to predict from.
     pub source: &'a View,
-    /// The view to predict.
     pub target: &'a View,
 }
 

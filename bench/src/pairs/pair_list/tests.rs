@@ -145,8 +145,7 @@ fn differences_are_found_whatever_the_order() {
     assert_eq!(diff.only_first, [gone.pair_id]);
     assert!(diff.only_second.is_empty());
     assert_eq!(diff.changed.len(), 1);
-    assert_eq!(diff.changed[0].1[0].column, "overlap");
-    assert_eq!(diff.changed[0].1[0].second, "0.5");
+    assert_eq!(diff.changed[0].columns["overlap"][1], "0.5");
     assert!(!diff.is_empty());
 }
 

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
+use serde::Serialize;
 use sharp::camera::baseline_m;
 use sharp_datasets::{Scene, View};
 
@@ -15,27 +16,26 @@ const SAME_BASELINE_M: f64 = 1e-9;
 /// Rotations likewise, degrees. The angle comes from an arc cosine or sine of rounded numbers.
 const SAME_ROTATION_DEG: f64 = 1e-6;
 
-/// What became of a list's photographs and cameras in someone's files.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// A list's photographs and cameras against someone's files.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Verification {
     /// Different photographs that the list names.
     pub photographs: usize,
     /// Of these, read and equal to the list's.
     pub equal: usize,
     /// Of these, without a hash in the list.
+    #[serde(rename = "without_hash")]
     pub unhashed: usize,
-    /// Photographs that are other ones.
     pub different: Vec<HashMismatch>,
-    /// Photographs that cannot be read: `dataset/scene/view` and the reason.
-    pub unreadable: Vec<(String, String)>,
-    /// Datasets, scenes and views that are not there, each once.
+    pub unreadable: Vec<Unreadable>,
+    /// Datasets, scenes and views that are missing, each once.
     pub absent: Vec<String>,
-    /// Pairs whose cameras stand otherwise than in the list.
+    /// Pairs whose cameras are elsewhere than in the list.
     pub moved: Vec<MovedCamera>,
 }
 
 impl Verification {
-    /// True if every photograph with a hash is the list's and every camera stands where it did.
+    /// True if every photograph with a hash is the list's and every camera is where it was.
     pub fn is_good(&self) -> bool {
         self.different.is_empty()
             && self.unreadable.is_empty()
@@ -44,30 +44,31 @@ impl Verification {
     }
 }
 
-/// A photograph that is not the one that a list was made from.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// A photograph other than the one that a list was made from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct HashMismatch {
-    /// Name of the dataset instance.
     pub dataset: String,
-    /// Id of the scene.
     pub scene: String,
-    /// Id of the view.
     pub view: String,
-    /// The list's sha256.
+    /// sha256 in the list.
     pub expected: String,
-    /// The photograph's.
+    /// sha256 of the file.
     pub found: String,
 }
 
-/// A pair whose cameras stand otherwise than in the list.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Unreadable {
+    /// `dataset/scene/view`.
+    pub view: String,
+    pub reason: String,
+}
+
+/// A pair whose cameras are elsewhere than in the list: the list's value, then that of the files.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
-    /// The pair.
     pub pair_id: String,
-    /// Baseline and rotation in the list, metres and degrees.
-    pub expected: (f64, f64),
-    /// In the files.
-    pub found: (f64, f64),
+    pub baseline_m: [f64; 2],
+    pub rotation_deg: [f64; 2],
 }
 
 impl PairList {
@@ -140,8 +141,10 @@ fn compare(photographs: BTreeMap<(&str, &str, &str), Photograph>, report: &mut V
                 continue;
             }
             Some(Err(error)) => {
-                let name = format!("{dataset}/{scene}/{view}");
-                report.unreadable.push((name, error.to_string()));
+                report.unreadable.push(Unreadable {
+                    view: format!("{dataset}/{scene}/{view}"),
+                    reason: error.to_string(),
+                });
                 continue;
             }
             Some(Ok(found)) => found,
@@ -162,13 +165,13 @@ fn compare(photographs: BTreeMap<(&str, &str, &str), Photograph>, report: &mut V
 
 fn moved(pair: &Pair, source: &View, target: &View) -> Option<MovedCamera> {
     let (s, t) = (&source.camera_from_world, &target.camera_from_world);
-    let found = (baseline_m(s, t), t.after(&s.inverse()).rotation_deg());
-    let expected = (pair.baseline_m, pair.rotation_deg);
-    let same = (found.0 - expected.0).abs() <= SAME_BASELINE_M
-        && (found.1 - expected.1).abs() <= SAME_ROTATION_DEG;
-    (!same).then(|| MovedCamera {
+    let baseline_m = [pair.baseline_m, baseline_m(s, t)];
+    let rotation_deg = [pair.rotation_deg, t.after(&s.inverse()).rotation_deg()];
+    let same = |[listed, found]: [f64; 2], tolerance| (listed - found).abs() <= tolerance;
+    let unmoved = same(baseline_m, SAME_BASELINE_M) && same(rotation_deg, SAME_ROTATION_DEG);
+    (!unmoved).then(|| MovedCamera {
         pair_id: pair.pair_id.clone(),
-        expected,
-        found,
+        baseline_m,
+        rotation_deg,
     })
 }

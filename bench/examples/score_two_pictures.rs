@@ -1,0 +1,46 @@
+//! Scores one picture against another with the metrics crate alone.
+//!
+//! ```console
+//! $ cargo run --release -p sharp-bench --example score_two_pictures -- [FOLDER]
+//! ```
+//! Without weights PSNR and SSIM have values, and LPIPS and DISTS say what is missing: `sharp-bench weights fetch metrics`
+//! gets it. The two pictures are written into FOLDER, if one is given.
+
+#![allow(clippy::print_stdout, reason = "an example that prints its result")]
+
+use std::error::Error;
+use std::path::PathBuf;
+
+use image::{Rgb, RgbImage};
+use sharp_metrics::weights::cache_folder;
+use sharp_metrics::{Picture, Scorer, Selection, Weights};
+
+/// A pattern of waves, brightened by so many levels.
+fn waves(brighter: u8) -> RgbImage {
+    RgbImage::from_fn(160, 120, |x, y| {
+        let wave = |length: f32| (100.0 + 80.0 * ((x * x + y * y) as f32 / length).sin()) as u8;
+        Rgb([900.0, 1200.0, 1500.0].map(|length| wave(length) + brighter))
+    })
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (target, prediction) = (waves(0), waves(8));
+    if let Some(folder) = std::env::args_os().nth(1).map(PathBuf::from) {
+        std::fs::create_dir_all(&folder)?;
+        target.save(folder.join("target.png"))?;
+        prediction.save(folder.join("prediction.png"))?;
+    }
+    let weights = match cache_folder() {
+        Some(cache) => Weights::none().with_cache(&cache),
+        None => Weights::none(),
+    };
+    let scorer = Scorer::new(&Selection::parse("paper,ssim-all")?, &weights)?;
+    let (target, prediction) = (Picture::Rgb8(target), Picture::Rgb8(prediction));
+    for (key, score) in scorer.score(&prediction, &target, None)? {
+        match score {
+            Ok(value) => println!("{key:<28} {value:.6}"),
+            Err(reason) => println!("{key:<28} {reason}"),
+        }
+    }
+    Ok(())
+}
