@@ -12,7 +12,9 @@ use std::path::PathBuf;
 
 use serde_json::json;
 use sharp_bench::evaluate::record::Record;
-use sharp_bench::report::{NoPictures, Options, Published, ReportInput, text_tables, write_report};
+use sharp_bench::report::{
+    NoPictures, PublishedNumbers, ReportInput, ReportOptions, text_tables, write_report,
+};
 use sharp_metrics::MetricKey;
 
 fn record(method: &str, centimetres: u32, psnr: f64) -> serde_json::Result<Record> {
@@ -48,9 +50,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         datasets: Vec::new(),
         methods: Vec::new(),
         facts: Vec::new(),
-        published: Published::Never,
+        published: PublishedNumbers::Never,
         pictures: &NoPictures,
-        options: Options::default(),
+        options: ReportOptions::default(),
     };
     println!("{}", text_tables(&input)?);
     println!("{}", write_report(&input, &folder)?.html.display());

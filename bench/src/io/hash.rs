@@ -19,7 +19,7 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
         loop {
             let n = file.read(&mut buffer)?;
             if n == 0 {
-                return Ok(hex(&hasher.finalize()));
+                return Ok(hex(hasher.finalize()));
             }
             hasher.update(&buffer[..n]);
         }
@@ -43,7 +43,7 @@ impl StableHasher {
 
     /// sha256 of all facts, 64 hexadecimal digits.
     pub fn finish(&self) -> String {
-        hex(&self.0.clone().finalize())
+        hex(self.0.clone().finalize())
     }
 }
 

@@ -1,6 +1,6 @@
 //! From results to what a report is made of.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use image::RgbImage;
@@ -15,11 +15,12 @@ use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
 use crate::evaluate::record::Record;
 use crate::io::counts::counted;
+use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::pictures::read_rgb8;
 use crate::methods::{KINDS, Privilege};
-use crate::pairs::OpenDataset;
 use crate::pairs::options::paper::PROXY;
+use crate::pairs::{OpenDataset, PairProvenance};
 
 /// Writes the report of some results. `scenes` give the source and target pictures.
 ///
@@ -230,7 +231,7 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     let mut scoring: Vec<(String, String)> = manifest.scoring.clone().into_iter().collect();
     scoring.extend([
         fact("kernels", format!("cpu-{}", manifest.kernels)),
-        fact("metric networks", &manifest.metric_networks),
+        fact("metric networks", manifest.metric_networks),
         fact(
             "renderer",
             format!(
@@ -248,11 +249,33 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     for list in &manifest.pairs.lists {
         groups.push(group("Pair list", list_facts(list)));
     }
-    let mut build = vec![fact("sharp-bench", &manifest.version)];
-    let sources = manifest.sources.iter();
-    build.extend(sources.map(|(stage, hash)| fact(format!("sources of {stage}"), hash)));
+    let sources: String = manifest.sources.values().map(String::as_str).collect();
+    let sources = sha256_hex(sources.as_bytes());
+    let build = vec![
+        fact("sharp-bench", &manifest.version),
+        fact("sources", format!("{sources} (by stage in manifest.json)")),
+    ];
     groups.push(group("Build", build));
     groups
+}
+
+fn choice_facts(choices: &PairProvenance) -> Vec<(String, String)> {
+    let proxies = choices.options.proxies();
+    let mut facts = vec![("overlap depth".to_owned(), choices.overlap_depth.clone())];
+    if let Some(maps) = &choices.overlap_depth_maps {
+        let value = format!("{} maps, sha256 {}", maps.count, maps.sha256);
+        facts.push(("overlap depth maps".to_owned(), value));
+    }
+    facts.extend(choices.options.entries().into_iter().map(|(key, value)| {
+        let is_proxy = proxies.contains(&format!("{key}={value}"));
+        let mark = if is_proxy {
+            format!(" ({PROXY})")
+        } else {
+            String::new()
+        };
+        (key.to_owned(), format!("{value}{mark}"))
+    }));
+    facts
 }
 
 fn list_facts(list: &ListRecord) -> Vec<(String, String)> {
@@ -265,19 +288,20 @@ fn list_facts(list: &ListRecord) -> Vec<(String, String)> {
         let text = format!("{limit} (not all that are selected)");
         facts.push(fact("limit", text));
     }
+    // What holds for all datasets is said once.
+    let mut rows: BTreeMap<(String, String), Vec<&str>> = BTreeMap::new();
     for (dataset, choices) in &list.choices {
-        let name = |what: &str| format!("{dataset}: {what}");
-        facts.push(fact(name("overlap depth"), &choices.overlap_depth));
-        if let Some(maps) = &choices.overlap_depth_maps {
-            let value = format!("{} maps, sha256 {}", maps.count, maps.sha256);
-            facts.push(fact(name("overlap depth maps"), value));
-        }
-        let proxies = choices.options.proxies();
-        for (key, value) in choices.options.entries() {
-            let proxy = mark(proxies.contains(&format!("{key}={value}")));
-            facts.push(fact(name(key), format!("{value}{proxy}")));
+        for (key, value) in choice_facts(choices) {
+            rows.entry((key, value)).or_default().push(dataset);
         }
     }
+    facts.extend(rows.into_iter().map(|((key, value), datasets)| {
+        if datasets.len() == list.choices.len() {
+            (key, value)
+        } else {
+            (format!("{}: {key}", datasets.join(", ")), value)
+        }
+    }));
     facts
 }
 

@@ -144,10 +144,10 @@ fn choices_that_differ_from_the_paper_are_marked() {
     assert!(table.contains("M<sup>a</sup><br>PSNR"), "{table}");
     assert!(table.contains("proxy of the paper's column"), "{table}");
     assert!(
-        report.contains("| M: min-baseline | 0.001 (proxy: differs from the paper) |"),
+        report.contains("| min-baseline | 0.001 (proxy: differs from the paper) |"),
         "{report}"
     );
-    assert!(report.contains("| M: seed | 3 |"), "{report}");
+    assert!(report.contains("| seed | 3 |"), "{report}");
     let (_, table, _) = run("seed=3", "b");
     assert!(table.contains("M<br>PSNR"), "{table}");
 

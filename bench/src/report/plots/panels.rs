@@ -79,8 +79,11 @@ pub struct PlotArea {
 pub struct Panel<'a> {
     pub frame: PanelFrame,
     /// Draws the data, or says why there is none.
-    pub content: Result<Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>, &'static str>,
+    pub content: Result<DrawData<'a>, &'static str>,
 }
+
+/// Draws the data of a panel into its area.
+pub type DrawData<'a> = Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>;
 
 /// A figure of panels, with a legend and a caption of one line.
 ///
