@@ -22,18 +22,15 @@ fn record(method: &str, centimetres: u32, psnr: f64) -> serde_json::Result<Recor
         "pair_id": format!("Lab/desk/0__{centimetres}"),
         "dataset": "Lab", "scene": "desk", "cluster": "desk",
         "source": "0", "target": centimetres.to_string(), "method": method,
-        "baseline_m": f64::from(centimetres) / 100.0,
-        "rotation_deg": 0.0,
-        "status": "ok",
-        "scores": { "psnr": psnr },
-        "extras": {},
+        "baseline_m": f64::from(centimetres) / 100.0, "rotation_deg": 0.0,
+        "status": "ok", "scores": { "psnr": psnr }, "extras": {},
     }))
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let temporary = tempfile::tempdir()?;
-    let folder = std::env::args_os().nth(1).map(PathBuf::from);
-    let folder = folder.unwrap_or_else(|| temporary.path().to_owned());
+    let folder = std::env::args_os().nth(1);
+    let folder = folder.map_or(temporary.path().to_owned(), PathBuf::from);
 
     let mut records = Vec::new();
     for centimetres in [2, 5, 10, 20] {
