@@ -254,6 +254,21 @@ fn stages_run_apart_and_give_the_same_bytes() {
     );
     assert_eq!(asked.load(Ordering::SeqCst), networks);
     assert_eq!(scores(&whole), scores(&apart));
+
+    // Where the network cannot be opened, kept pictures are scored by name.
+    let elsewhere = dir.path().join("elsewhere");
+    for stages in [Stages::Predict, Stages::Render] {
+        let options = RunOptions {
+            stages,
+            ..RunOptions::default()
+        };
+        run_with(&elsewhere, request(methods(), "psnr", 4), options);
+    }
+    assert_eq!(Results::read(&elsewhere).unwrap().missing, 8);
+    let scoring = Scoring::new(&Selection::parse("psnr").unwrap(), &Weights::none()).unwrap();
+    let (counts, results) = rescore(&elsewhere, &scoring, &Quiet).unwrap();
+    assert_eq!((counts.scored, results.missing), (8, 0));
+    assert_eq!(scores(&whole), scores(&elsewhere));
 }
 
 #[test]
