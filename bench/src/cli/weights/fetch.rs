@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
-use super::super::{Outcome, output};
+use crate::cli::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
 use crate::io::checkpoint::release::{
