@@ -4,19 +4,19 @@ mod args;
 mod frames;
 mod job;
 mod path;
-mod target;
+mod writer;
 
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use sharp::render::{Backend, RenderOutput, RenderView};
+use sharp::render::{Backend, Background, RenderOutput, RenderView};
 
-use self::args::{BackgroundArg, Eps2d, Layers, Quantise, Range};
+use self::args::{Layers, Quantise};
 use self::job::Job;
 use self::path::PathArgs;
-use self::target::Form;
+use self::writer::OutputKind;
 use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
 
@@ -59,8 +59,8 @@ pub(super) struct RenderArgs {
     adapter: Option<String>,
     /// Low-pass added to both variances of a projected Gaussian: release (0), config (0.01), gsplat (0.3; also 3dgs),
     /// or square pixels
-    #[arg(long, value_name = "X", default_value = "release")]
-    eps2d: Eps2d,
+    #[arg(long, value_name = "X", default_value = "release", value_parser = args::eps2d)]
+    eps2d: f32,
     /// Drop Gaussians whose centre is nearer, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::NEAR)]
     near: f32,
@@ -69,8 +69,8 @@ pub(super) struct RenderArgs {
     far: f32,
     /// Behind the Gaussians: black, white, #RRGGBB (sRGB), or R,G,B in linear light; blended in linear light
     /// [default: black]
-    #[arg(long, value_name = "COLOUR")]
-    background: Option<BackgroundArg>,
+    #[arg(long, value_name = "COLOUR", value_parser = args::background)]
+    background: Option<Background>,
     /// From 0..1 to 8 bit [default: round]
     #[arg(long, alias = "quantize", value_enum, value_name = "RULE")]
     quantise: Option<Quantise>,
@@ -84,8 +84,8 @@ pub(super) struct RenderArgs {
     depth: bool,
     /// Ends of the depth colours, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of the depth of
     /// all Gaussians in front of the camera]
-    #[arg(long, value_name = "NEAR,FAR", requires = "depth")]
-    depth_range: Option<Range>,
+    #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
+    depth_range: Option<[f32; 2]>,
     /// Write coverage too, as linear grey levels (.alpha.png, or a movie)
     #[arg(long)]
     alpha: bool,
@@ -131,8 +131,8 @@ struct Summary {
 }
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let form = Form::of(&args.out)?;
-    let job = Job::prepare(args, form)?;
+    let kind = OutputKind::of(&args.out)?;
+    let job = Job::prepare(args, kind)?;
     let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 
@@ -148,7 +148,7 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         backend: renderer.name(),
         backend_reason: renderer.reason().map(str::to_owned),
         fallback: None,
-        depth_range_m: job.look.depth_m,
+        depth_range_m: job.appearance.depth_m,
         files: Vec::new(),
     };
     let mut seen = Seen::default();
@@ -157,11 +157,8 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         Some(layers) => {
             for layer in layers.indices() {
                 let part = Layers::of(&job.scene, layer).with_context(|| {
-                    format!(
-                        "{}: {} Gaussians are no two layers of equal size",
-                        args.scene.display(),
-                        job.scene.len()
-                    )
+                    let (scene, n) = (args.scene.display(), job.scene.len());
+                    format!("{scene}: {n} Gaussians are not two layers of equal size")
                 })?;
                 job.render(&mut renderer, (&part, Some(layer)), &mut seen, &mut summary)?;
             }

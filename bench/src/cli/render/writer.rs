@@ -14,7 +14,7 @@ use crate::io::rendering_files;
 
 /// What the name given by `--out` asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum OutputKind {
     /// One view: `.png`, `.exr` or `.safetensors`.
     Picture,
     /// A folder with a PNG a frame.
@@ -25,8 +25,8 @@ pub(super) enum Form {
     Mp4,
 }
 
-impl Form {
-    /// Reads the form off a name; without an extension it is a folder.
+impl OutputKind {
+    /// Reads the kind off a name; without an extension it is a folder.
     pub(super) fn of(out: &Path) -> anyhow::Result<Self> {
         let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase());
         Ok(match extension.as_deref() {
@@ -45,7 +45,7 @@ impl Form {
 
 /// How a view becomes pictures for eyes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct Appearance {
     pub(super) background: Background,
     pub(super) quantization: Quantization,
     /// The ends of the depth colours, metres; `None` where no depth is wanted.
@@ -54,7 +54,7 @@ pub(super) struct Look {
     pub(super) alpha: bool,
 }
 
-impl Look {
+impl Appearance {
     fn color(&self, view: &RenderOutput) -> RgbImage {
         view.srgb8(self.background, self.quantization)
     }
@@ -111,26 +111,26 @@ impl Look {
 }
 
 /// Takes rendered views.
-pub(super) enum Target {
+pub(super) enum ViewWriter {
     /// One file a view.
     Files {
         /// By the number of the view.
         paths: Vec<PathBuf>,
-        look: Look,
+        appearance: Appearance,
     },
     /// Movies side by side: colour, and depth and alpha where wanted.
     Movies {
         color: Box<dyn Movie>,
         depth: Option<Box<dyn Movie>>,
         alpha: Option<Box<dyn Movie>>,
-        look: Look,
+        appearance: Appearance,
     },
 }
 
-impl Target {
+impl ViewWriter {
     /// Files for views, in their order.
-    pub(super) fn files(paths: Vec<PathBuf>, look: Look) -> Self {
-        Self::Files { paths, look }
+    pub(super) fn files(paths: Vec<PathBuf>, appearance: Appearance) -> Self {
+        Self::Files { paths, appearance }
     }
 
     /// Movies at `path` and beside it.
@@ -138,41 +138,41 @@ impl Target {
         path: &Path,
         size: (u32, u32),
         fps: u32,
-        look: Look,
+        appearance: Appearance,
     ) -> anyhow::Result<Self> {
         let open = |path: &Path| -> anyhow::Result<Box<dyn Movie>> {
-            Ok(match Form::of(path)? {
-                Form::Gif => Box::new(GifMovie::create(path, size, fps)?),
+            Ok(match OutputKind::of(path)? {
+                OutputKind::Gif => Box::new(GifMovie::create(path, size, fps)?),
                 _ => Box::new(Mp4Movie::create(path, size, fps)?),
             })
         };
         let [color, depth, alpha] = movie_paths(path);
         Ok(Self::Movies {
             color: open(&color)?,
-            depth: look.depth_m.map(|_| open(&depth)).transpose()?,
-            alpha: look.alpha.then(|| open(&alpha)).transpose()?,
-            look,
+            depth: appearance.depth_m.map(|_| open(&depth)).transpose()?,
+            alpha: appearance.alpha.then(|| open(&alpha)).transpose()?,
+            appearance,
         })
     }
 
     /// Takes view `index`; a movie takes them in order.
     pub(super) fn take(&mut self, index: usize, view: &RenderOutput) -> anyhow::Result<()> {
         match self {
-            Self::Files { paths, look } => {
+            Self::Files { paths, appearance } => {
                 let path = paths.get(index).context("a view without a name")?;
-                look.write(path, view)
+                appearance.write(path, view)
             }
             Self::Movies {
                 color,
                 depth,
                 alpha,
-                look,
+                appearance,
             } => {
-                color.push(&look.color(view))?;
-                if let (Some(movie), Some(frame)) = (depth, look.depth_colors(view)) {
+                color.push(&appearance.color(view))?;
+                if let (Some(movie), Some(frame)) = (depth, appearance.depth_colors(view)) {
                     movie.push(&frame)?;
                 }
-                if let (Some(movie), Some(frame)) = (alpha, look.alpha(view)) {
+                if let (Some(movie), Some(frame)) = (alpha, appearance.alpha(view)) {
                     movie.push(&gray_as_rgb(&frame))?;
                 }
                 Ok(())
@@ -205,9 +205,9 @@ pub(super) fn movie_paths(path: &Path) -> [PathBuf; 3] {
 }
 
 /// `x.layer0.png` for `x.png`, `frames/layer0` for the folder `frames`.
-pub(super) fn of_layer(out: &Path, form: Form, layer: usize) -> PathBuf {
-    match (form, out.extension()) {
-        (Form::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
+pub(super) fn of_layer(out: &Path, kind: OutputKind, layer: usize) -> PathBuf {
+    match (kind, out.extension()) {
+        (OutputKind::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
         (_, Some(end)) => out.with_extension(format!("layer{layer}.{}", end.to_string_lossy())),
     }
 }
