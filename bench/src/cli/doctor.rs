@@ -83,7 +83,6 @@ fn findings() -> Vec<Finding> {
 }
 
 struct AdapterFacts {
-    /// Name, interface and driver.
     name: String,
     software: bool,
 }
@@ -103,7 +102,6 @@ fn adapters() -> Vec<AdapterFacts> {
         .collect()
 }
 
-/// None that this build could use.
 #[cfg(not(feature = "gpu"))]
 fn adapters() -> Vec<AdapterFacts> {
     Vec::new()

@@ -61,7 +61,6 @@ impl CameraFile {
         }
     }
 
-    /// Writes the file.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| FileError::new(path, "encode")(error.into()))?;

@@ -33,7 +33,6 @@ pub struct ExportOptions {
     pub readings: BTreeMap<String, String>,
 }
 
-/// What became of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Exported {
     pub written: usize,
@@ -89,7 +88,6 @@ struct Group {
     without_depth: BTreeSet<String>,
 }
 
-/// The pairs of one source.
 fn export_group(
     group: &[ResolvedPair],
     out: &Path,

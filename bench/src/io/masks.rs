@@ -18,7 +18,6 @@ pub enum MaskError {
 /// A mask and how many of its pixels were neither black nor white.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadMask {
-    /// Which pixels count.
     pub mask: Mask,
     /// Pixels with a level between black and white; those of 128 and more count.
     pub between: usize,

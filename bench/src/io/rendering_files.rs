@@ -12,7 +12,6 @@ use sharp::render::RenderOutput;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::gaussian_files::{Array, write_arrays};
 
-/// A PNG in memory; `path` is for errors.
 pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
     png(
         path,
@@ -22,12 +21,10 @@ pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
     )
 }
 
-/// Writes an 8-bit PNG.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
     write_atomic(path, &encode_png(image, path)?)
 }
 
-/// Writes 8-bit grey levels as PNG.
 pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
     let bytes = png(
         path,

@@ -30,7 +30,6 @@ pub struct Imported {
     fit: FitRules,
 }
 
-/// What stands beside a picture.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sidecar {

@@ -14,7 +14,6 @@ use super::spec::{MethodSpec, SpecError};
 use super::trivial::{self, Target};
 use crate::scoring::ScaleChooser;
 
-/// A kind of method, for `--help` and error messages.
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,

@@ -125,7 +125,6 @@ impl<'a> TargetCamera<'a> {
     }
 }
 
-/// A picture that a method predicted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PicturePrediction {
     /// sRGB, of the target's size, or of [`Self::region`]'s.
@@ -156,7 +155,6 @@ pub struct Candidate {
     pub prediction: PicturePrediction,
 }
 
-/// In which space Gaussians lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GaussianSpace {
@@ -258,7 +256,6 @@ pub trait Method: Send + Sync {
         ""
     }
 
-    /// What it may know of the source's depth.
     fn privilege(&self) -> Privilege {
         Privilege::None
     }
@@ -274,11 +271,9 @@ pub trait Method: Send + Sync {
     /// Told once, before the first prediction of a run, the folder for logs; it need not exist.
     fn begin(&self, _logs: &Path) {}
 
-    /// What it predicts, and how.
     fn approach(&self) -> Approach<'_>;
 }
 
-/// What a method predicts.
 pub enum Approach<'a> {
     Pictures(&'a dyn PredictPicture),
     Gaussians(&'a dyn PredictGaussians),

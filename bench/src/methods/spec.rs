@@ -51,7 +51,6 @@ impl MethodSpec {
         }
     }
 
-    /// The value of an option, where it is given.
     pub(super) fn option(&self, key: &str) -> Option<&str> {
         self.options.get(key).map(String::as_str)
     }

@@ -53,7 +53,6 @@ pub struct Count {
     pub shared: usize,
 }
 
-/// One choice, changed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
     pub about: &'static str,

@@ -41,16 +41,16 @@ pub struct BuiltList {
     pub advice: Vec<String>,
 }
 
-struct Depth {
+struct OpenDepth {
     source: Box<dyn DepthSource>,
     given: Option<GivenDepth>,
     checkpoint_sha256: Option<String>,
 }
 
-impl From<Box<dyn DepthSource>> for Depth {
-    fn from(source: Box<dyn DepthSource>) -> Self {
+impl OpenDepth {
+    fn new(source: impl DepthSource + 'static) -> Self {
         Self {
-            source,
+            source: Box::new(source),
             given: None,
             checkpoint_sha256: None,
         }
@@ -165,7 +165,7 @@ impl PairRecipe {
     fn provenance(
         &self,
         dataset: &OpenDataset,
-        depth: &Depth,
+        depth: &OpenDepth,
     ) -> Result<PairProvenance, PairError> {
         let maps = match &depth.given {
             None => None,
@@ -217,26 +217,19 @@ impl PairRecipe {
         Ok(rows)
     }
 
-    fn depth(&self) -> Result<Depth, PairError> {
+    fn depth(&self) -> Result<OpenDepth, PairError> {
         let given = || match &self.overlap_depth {
             Some(dir) => GivenDepth::open(dir),
             None => Err(PairError::Recipe(
                 "--overlap-depth DIR is needed".to_owned(),
             )),
         };
-        let boxed = |source: Box<dyn DepthSource>| Depth::from(source);
-        Ok(match self.options.depth {
+        let mut depth = match self.options.depth {
             OverlapDepth::GroundTruth | OverlapDepth::Sparse { .. } => {
-                boxed(Box::new(GroundTruthDepth))
+                return Ok(OpenDepth::new(GroundTruthDepth));
             }
-            OverlapDepth::Given => Depth {
-                given: Some(given()?),
-                ..boxed(Box::new(ScaledToGroundTruth(given()?)))
-            },
-            OverlapDepth::GivenMetric => Depth {
-                given: Some(given()?),
-                ..boxed(Box::new(given()?))
-            },
+            OverlapDepth::Given => OpenDepth::new(ScaledToGroundTruth(given()?)),
+            OverlapDepth::GivenMetric => OpenDepth::new(given()?),
             OverlapDepth::SharpRelease => {
                 let checkpoint = match &self.overlap_checkpoint {
                     Some(file) => file.clone(),
@@ -247,12 +240,14 @@ impl PairRecipe {
                     None => (ModelConfig::release(), "first layer of sharp-release"),
                 };
                 let network = FirstLayerDepth::new(&checkpoint, config, name)?;
-                Depth {
-                    checkpoint_sha256: Some(network.checkpoint_sha256().to_owned()),
-                    ..boxed(Box::new(ScaledToGroundTruth(network)))
-                }
+                let sha256 = network.checkpoint_sha256().to_owned();
+                let mut depth = OpenDepth::new(ScaledToGroundTruth(network));
+                depth.checkpoint_sha256 = Some(sha256);
+                return Ok(depth);
             }
-        })
+        };
+        depth.given = Some(given()?);
+        Ok(depth)
     }
 }
 
@@ -283,12 +278,10 @@ fn context<'a>(
     cache: Option<&'a OverlapCache>,
     progress: &'a dyn Fn(usize, usize),
 ) -> BuildContext<'a> {
-    let roots = datasets
-        .iter()
-        .filter_map(|dataset| Some((dataset.name.clone(), dataset.root.clone()?)));
-    let settings = datasets
-        .iter()
-        .map(|dataset| (dataset.name.clone(), dataset.settings.clone()));
+    let roots = datasets.iter();
+    let roots = roots.filter_map(|d| Some((d.name.clone(), d.root.clone()?)));
+    let settings = datasets.iter();
+    let settings = settings.map(|d| (d.name.clone(), d.settings.clone()));
     BuildContext {
         depth,
         roots: roots.collect(),

@@ -63,7 +63,6 @@ impl BatchRenderer {
         }
     }
 
-    /// The failure of a device, where there was one.
     pub fn fallback(&self) -> Option<&Fallback> {
         self.fallback.as_ref()
     }

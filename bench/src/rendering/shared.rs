@@ -12,7 +12,6 @@ pub struct SharedRenderer {
 }
 
 impl SharedRenderer {
-    /// Takes a renderer of any backend.
     pub fn new(renderer: Box<dyn Renderer>) -> Self {
         Self {
             name: renderer.name(),
@@ -20,7 +19,6 @@ impl SharedRenderer {
         }
     }
 
-    /// The CPU.
     pub fn cpu() -> Self {
         Self::new(Box::new(CpuRenderer::new()))
     }
@@ -38,7 +36,6 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders one view.
     pub fn render(
         &self,
         scene: &Gaussians,

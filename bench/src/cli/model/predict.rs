@@ -107,7 +107,6 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
     Ok(outputs)
 }
 
-/// What `--json` prints of a photograph.
 #[derive(Debug, Serialize)]
 struct Predicted {
     image: String,

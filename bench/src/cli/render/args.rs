@@ -23,7 +23,6 @@ pub(super) fn eps2d(text: &str) -> Result<f32, &'static str> {
     })
 }
 
-/// What lies behind the Gaussians.
 pub(super) fn background(text: &str) -> Result<Background, &'static str> {
     const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (linear light, 0 to 1)";
     let color = match text {
@@ -68,7 +67,6 @@ pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
         .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
-/// Numbers between commas.
 fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Option<Vec<T>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers?.try_into().ok()
@@ -97,7 +95,6 @@ impl FromStr for Layers {
 }
 
 impl Layers {
-    /// The numbers of the layers.
     pub(super) fn indices(self) -> Vec<usize> {
         match self {
             Self::One(layer) => vec![layer],

@@ -31,12 +31,10 @@ pub(super) struct Job<'a> {
     pub(super) screen: Intrinsics,
     views: Vec<RenderView>,
     pub(super) appearance: Appearance,
-    /// The path in words.
     path: String,
 }
 
 impl<'a> Job<'a> {
-    /// Reads the scene and finds the views.
     pub(super) fn prepare(args: &'a RenderArgs, kind: OutputKind) -> anyhow::Result<Self> {
         let file = gaussian_files::read(&args.scene)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
@@ -212,7 +210,6 @@ impl<'a> Job<'a> {
         view_writer.finish()
     }
 
-    /// Everything that the frames of a folder depend on.
     fn settings(&self, layer: Option<usize>, backend: &str) -> anyhow::Result<Value> {
         if self.kind != OutputKind::Frames {
             return Ok(Value::Null);
@@ -244,7 +241,6 @@ impl<'a> Job<'a> {
 /// The release's.
 const DEFAULT_FPS: u32 = 30;
 
-/// Why rendering ended before its last view.
 #[derive(Debug, thiserror::Error)]
 enum Stopped {
     #[error(transparent)]

@@ -106,7 +106,6 @@ pub(super) struct RenderArgs {
     json: bool,
 }
 
-/// What `--json` prints.
 #[derive(Debug, Serialize)]
 struct Summary {
     out: String,
@@ -125,7 +124,6 @@ struct Summary {
     backend_reason: Option<String>,
     /// Why the CPU took over from a device.
     fallback: Option<String>,
-    /// The ends of the depth colours.
     depth_range_m: Option<[f32; 2]>,
     files: Vec<String>,
 }
@@ -203,7 +201,6 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
     Ok(Outcome::Done)
 }
 
-/// What the views showed.
 #[derive(Debug, Default)]
 struct Seen {
     alpha: f64,

@@ -55,7 +55,6 @@ pub(super) struct PathArgs {
 pub(super) struct Poses {
     /// One a frame; `None` without a path.
     pub(super) moved: Option<Vec<RigidTransform>>,
-    /// The path in words, for records.
     pub(super) text: String,
 }
 

@@ -17,11 +17,8 @@ use crate::io::rendering_files;
 pub(super) enum OutputKind {
     /// One view: `.png`, `.exr` or `.safetensors`.
     Picture,
-    /// A folder with a PNG a frame.
     Frames,
-    /// An animated GIF.
     Gif,
-    /// MP4.
     Mp4,
 }
 
@@ -50,7 +47,6 @@ pub(super) struct Appearance {
     pub(super) quantization: Quantization,
     /// The ends of the depth colours, metres; `None` where no depth is wanted.
     pub(super) depth_m: Option<[f32; 2]>,
-    /// Whether coverage is wanted.
     pub(super) alpha: bool,
 }
 
@@ -112,7 +108,6 @@ impl Appearance {
 
 /// Takes rendered views.
 pub(super) enum ViewWriter {
-    /// One file a view.
     Files {
         /// By the number of the view.
         paths: Vec<PathBuf>,
@@ -128,12 +123,10 @@ pub(super) enum ViewWriter {
 }
 
 impl ViewWriter {
-    /// Files for views, in their order.
     pub(super) fn files(paths: Vec<PathBuf>, appearance: Appearance) -> Self {
         Self::Files { paths, appearance }
     }
 
-    /// Movies at `path` and beside it.
     pub(super) fn movies(
         path: &Path,
         size: (u32, u32),
@@ -212,7 +205,6 @@ pub(super) fn of_layer(out: &Path, kind: OutputKind, layer: usize) -> PathBuf {
     }
 }
 
-/// The colour file of a frame.
 pub(super) fn frame_path(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame-{index:05}.png"))
 }

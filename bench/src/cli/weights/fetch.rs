@@ -35,7 +35,6 @@ pub(super) struct FetchArgs {
     json: bool,
 }
 
-/// How to get a program that downloads.
 #[cfg(not(feature = "download"))]
 const CANNOT: &str = "this build cannot download; build with `cargo build --release -p sharp-bench --features download`";
 

@@ -11,7 +11,6 @@ use super::release::{RELEASE_FILE, Release};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
-/// Why the checkpoint was not fetched.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     #[error(transparent)]

@@ -12,7 +12,6 @@ use sharp_metrics::weights::cache_folder;
 use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
 use crate::io::atomic_files::{FileError, write_json};
 
-/// What was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CheckpointRecord {
     pub address: String,
@@ -22,7 +21,6 @@ pub struct CheckpointRecord {
     pub recorded: String,
 }
 
-/// How a file stands to the record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
     /// There was no record: nothing to compare with. Now there is one, in this file.

@@ -86,7 +86,6 @@ impl Default for BuildContext<'_> {
 pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
     pub pairs: Vec<Pair>,
-    /// Counts for each dataset, in order of their names.
     pub summaries: BTreeMap<String, PairCounts>,
     /// Files that could not be read. Stereo pairs stay; a multi-view view is treated as one without
     /// depth.
@@ -144,7 +143,6 @@ impl PairCounts {
     }
 }
 
-/// A view whose files could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     pub dataset: String,

@@ -36,7 +36,6 @@ pub trait DepthSource: Sync {
     }
 }
 
-/// The dataset's own depth.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GroundTruthDepth;
 
@@ -84,7 +83,6 @@ impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
     }
 }
 
-/// A depth map and the camera that sees it.
 #[derive(Debug, Clone)]
 pub struct PosedDepth {
     intrinsics: Intrinsics,

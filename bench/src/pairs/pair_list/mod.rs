@@ -182,7 +182,6 @@ impl PairList {
     }
 }
 
-/// A pair with the views that it names.
 #[derive(Debug, Clone, Copy)]
 pub struct ResolvedPair<'a> {
     pub pair: &'a Pair,
