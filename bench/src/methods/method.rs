@@ -236,6 +236,22 @@ pub enum MethodError {
     Model(String),
 }
 
+impl MethodError {
+    pub(super) fn file(path: &Path, reason: impl ToString) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
+    pub(super) fn unsuitable(view: &str, reason: impl ToString) -> Self {
+        Self::Unsuitable {
+            view: view.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+}
+
 impl From<DatasetError> for MethodError {
     fn from(error: DatasetError) -> Self {
         Self::Model(error.to_string())

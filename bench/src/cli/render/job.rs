@@ -14,7 +14,7 @@ use sharp::render::{Background, RenderError, RenderOutput, RenderView, release_s
 
 use super::args::{self, Layers};
 use super::writer::{self, Appearance, OutputKind, ViewWriter};
-use super::{RenderArgs, Seen, Summary, frames};
+use super::{RenderArgs, Summary, frames};
 use crate::cli::output::Terminal;
 use crate::export::camera_file::CameraFile;
 use crate::io::fingerprints;
@@ -106,7 +106,6 @@ impl<'a> Job<'a> {
         &self,
         renderer: &mut BatchRenderer,
         (scene, layer): (&Gaussians, Option<usize>),
-        seen: &mut Seen,
         summary: &mut Summary,
     ) -> anyhow::Result<()> {
         let out = match (layer, self.args.layer) {
@@ -143,7 +142,7 @@ impl<'a> Job<'a> {
             }
         }
         let fell_back_before = renderer.fallback().is_some();
-        self.draw(renderer, scene, &waiting, view_writer, seen)?;
+        self.draw(renderer, scene, &waiting, view_writer, summary)?;
         if let (OutputKind::Frames, Some(fallback), false) =
             (self.kind, renderer.fallback(), fell_back_before)
         {
@@ -176,7 +175,7 @@ impl<'a> Job<'a> {
         scene: &Gaussians,
         waiting: &[usize],
         mut view_writer: ViewWriter,
-        seen: &mut Seen,
+        summary: &mut Summary,
     ) -> anyhow::Result<()> {
         let views: Vec<RenderView> = waiting.iter().map(|&index| self.views[index]).collect();
         let terminal = Terminal::default();
@@ -191,7 +190,7 @@ impl<'a> Job<'a> {
                 Ok(())
             });
             let rendered = renderer.render(scene, &views, |at, view| {
-                seen.add(&view);
+                summary.add(&view);
                 terminal.step();
                 sender
                     .send((waiting[at], view))

@@ -113,6 +113,10 @@ struct Summary {
     height: u32,
     gaussians: usize,
     dropped_not_finite: u64,
+    #[serde(skip)]
+    alpha: f64,
+    #[serde(skip)]
+    pixels: usize,
     /// Over all pixels of all views rendered now.
     mean_alpha: f64,
     /// Views, layers counted apart.
@@ -140,6 +144,8 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         height: job.screen.height,
         gaussians: job.scene.len(),
         dropped_not_finite: 0,
+        alpha: 0.0,
+        pixels: 0,
         mean_alpha: 0.0,
         views: 0,
         reused: 0,
@@ -149,21 +155,18 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         depth_range_m: job.appearance.depth_m,
         files: Vec::new(),
     };
-    let mut seen = Seen::default();
     match args.layer {
-        None => job.render(&mut renderer, (&job.scene, None), &mut seen, &mut summary)?,
+        None => job.render(&mut renderer, (&job.scene, None), &mut summary)?,
         Some(layers) => {
             for layer in layers.indices() {
                 let part = Layers::of(&job.scene, layer).with_context(|| {
                     let (scene, n) = (args.scene.display(), job.scene.len());
                     format!("{scene}: {n} Gaussians are not two layers of equal size")
                 })?;
-                job.render(&mut renderer, (&part, Some(layer)), &mut seen, &mut summary)?;
+                job.render(&mut renderer, (&part, Some(layer)), &mut summary)?;
             }
         }
     }
-    summary.dropped_not_finite = seen.dropped_not_finite;
-    summary.mean_alpha = seen.alpha / seen.pixels.max(1) as f64;
     summary.fallback = renderer.fallback().map(|fallback| fallback.reason.clone());
     report(args, &summary, &renderer.name())
 }
@@ -201,17 +204,11 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
     Ok(Outcome::Done)
 }
 
-#[derive(Debug, Default)]
-struct Seen {
-    alpha: f64,
-    pixels: usize,
-    dropped_not_finite: u64,
-}
-
-impl Seen {
+impl Summary {
     fn add(&mut self, view: &RenderOutput) {
         self.alpha += view.alpha.iter().map(|&a| f64::from(a)).sum::<f64>();
         self.pixels += view.alpha.len();
+        self.mean_alpha = self.alpha / self.pixels.max(1) as f64;
         self.dropped_not_finite = self.dropped_not_finite.max(view.dropped.not_finite);
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use image::{DynamicImage, GrayImage, Luma, RgbImage};
 use sharp::color::{Quantization, quantize};
 use sharp::render::{Background, RenderOutput};
 
@@ -166,7 +166,7 @@ impl ViewWriter {
                     movie.push(&frame)?;
                 }
                 if let (Some(movie), Some(frame)) = (alpha, appearance.alpha(view)) {
-                    movie.push(&gray_as_rgb(&frame))?;
+                    movie.push(&DynamicImage::from(frame).into_rgb8())?;
                 }
                 Ok(())
             }
@@ -228,11 +228,4 @@ pub(super) fn refuse_for_floats(
         }
     }
     Ok(())
-}
-
-fn gray_as_rgb(gray: &GrayImage) -> RgbImage {
-    RgbImage::from_fn(gray.width(), gray.height(), |x, y| {
-        let Luma([level]) = *gray.get_pixel(x, y);
-        Rgb([level; 3])
-    })
 }
