@@ -60,7 +60,7 @@ impl MetricArgs {
         })
     }
 
-    /// As [`scoring`](Self::scoring), for work that takes long: a metric named itself whose weights lack is an error
+    /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
     /// before anything is computed, not an empty column after hours.
     pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
         let (selection, scoring) = (self.selection()?, self.scoring()?);

@@ -28,9 +28,6 @@ pub struct CameraFileError {
 
 impl CameraFile {
     /// Reads and checks a camera.
-    ///
-    /// # Errors
-    /// [`CameraFileError`]: the file cannot be read, or see [`Self::parse`].
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
         let text = std::fs::read_to_string(path).map_err(|error| error.to_string());
         let camera = text.and_then(|text| Self::parse(&text));

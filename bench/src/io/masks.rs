@@ -6,7 +6,7 @@ use sharp_metrics::{Mask, Picture};
 
 use crate::io::pictures::{self, ReadError};
 
-/// Why a file is no mask; names the file.
+/// Why a file cannot be used as a mask; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum MaskError {
     #[error(transparent)]

@@ -62,8 +62,8 @@ fn png(
     Ok(bytes)
 }
 
-/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. EXR files
-/// of others, which lack it, hold sRGB values when they are handed in as pictures.
+/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. Other
+/// people's EXR files, which do not have it, are taken to hold sRGB values.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 pub(crate) const LINEAR: &str = "linear";
 

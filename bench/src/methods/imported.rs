@@ -42,9 +42,6 @@ impl Imported {
     const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
 
     /// Reads the options.
-    ///
-    /// # Errors
-    /// When the folder is not there or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
         Ok(Self {

@@ -84,9 +84,6 @@ pub const KINDS: [MethodKind; 8] = [
 ];
 
 /// Builds the instances; labels must be unique. `chooser` chooses among the scales of those that have several.
-///
-/// # Errors
-/// Names the instance and what is wrong with it.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

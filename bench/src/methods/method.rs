@@ -277,9 +277,6 @@ pub trait Method: Send + Sync {
     }
 
     /// Files besides the two views that this pair's prediction depends on.
-    ///
-    /// # Errors
-    /// As predicting.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
@@ -301,9 +298,6 @@ pub enum Approach<'a> {
 
 pub trait PredictPicture: Sync {
     /// Predicts the picture of a camera.
-    ///
-    /// # Errors
-    /// Names the file or view and the reason.
     fn predict(
         &self,
         source: &SourceView,
@@ -314,9 +308,6 @@ pub trait PredictPicture: Sync {
 /// Predicts Gaussians. Which targets they will be rendered to is not known.
 pub trait PredictGaussians: Sync {
     /// Predicts the Gaussians of a source.
-    ///
-    /// # Errors
-    /// Names the file or view and the reason.
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError>;
 }
 

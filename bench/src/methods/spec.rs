@@ -33,9 +33,6 @@ impl MethodSpec {
     }
 
     /// Refuses options that the kind does not know.
-    ///
-    /// # Errors
-    /// Names the option and those that are known.
     pub fn expect_options(&self, known: &[&str]) -> Result<(), SpecError> {
         match self.options.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),

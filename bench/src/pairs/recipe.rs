@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use sharp::model::ModelConfig;
 
 use super::advice::advice;
-use super::ambiguity::{Alternative, Reading, alternatives};
+use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
 use super::depth::{
@@ -89,9 +89,6 @@ impl PairRecipe {
     }
 
     /// The recipe of a dataset: this one, changed by the dataset's own pair options.
-    ///
-    /// # Errors
-    /// As [`PairOptions::with`] and [`Self::checked`].
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let mut recipe = self.clone();
         let mut options = Vec::new();
@@ -189,13 +186,10 @@ impl PairRecipe {
     }
 
     /// How the count changes over the open choices and the datasets' other readings; overlap from one source of depth.
-    ///
-    /// # Errors
-    /// As [`Self::build`].
     pub fn ambiguity(
         &self,
         datasets: &[OpenDataset],
-        readings: &[Reading],
+        readings: &[OtherReading],
         cache: Option<&OverlapCache>,
         observer: &dyn Observer,
     ) -> Result<Vec<Alternative>, PairError> {

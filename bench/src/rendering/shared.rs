@@ -24,9 +24,6 @@ impl SharedRenderer {
     }
 
     /// Opens a backend.
-    ///
-    /// # Errors
-    /// [`RenderError`] when there is no such adapter, or its device cannot be opened.
     pub fn open(backend: &Backend) -> Result<Self, RenderError> {
         backend.open().map(Self::new)
     }

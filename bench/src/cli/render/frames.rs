@@ -26,7 +26,7 @@ struct FallbackFacts {
     from_frame: usize,
 }
 
-/// Starts a folder or goes on in it.
+/// Starts a folder or continues in it.
 ///
 /// # Errors
 /// When it holds something else: frames of other settings, or files that are no frames of ours.

@@ -40,7 +40,7 @@ impl OutputKind {
     }
 }
 
-/// How a view becomes pictures for eyes.
+/// How a view becomes 8-bit pictures.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Appearance {
     pub(super) background: Background,
@@ -209,7 +209,7 @@ pub(super) fn frame_path(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame-{index:05}.png"))
 }
 
-/// Options that only pictures for eyes obey are refused where the file holds linear floats.
+/// Refuses options of 8-bit pictures where the file holds linear floats.
 pub(super) fn refuse_for_floats(
     out: &Path,
     options: &[(&'static str, bool)],

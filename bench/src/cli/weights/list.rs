@@ -1,4 +1,4 @@
-//! `weights list`: what is published, and what is at hand.
+//! `weights list`: what is published, and what is on this machine.
 
 use std::path::PathBuf;
 

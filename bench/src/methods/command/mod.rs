@@ -59,9 +59,6 @@ impl Command {
     const TIMEOUT_SECS: u64 = 600;
 
     /// Reads the options; the program is started at the first prediction.
-    ///
-    /// # Errors
-    /// When `run=` is missing or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let run = spec.option("run").unwrap_or_default().trim().to_owned();
         if run.is_empty() {

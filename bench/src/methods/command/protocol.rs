@@ -6,7 +6,7 @@
 //!
 //! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
 //! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
-//! program could not do this pair and goes on.
+//! program could not predict this pair and is ready for the next.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -92,9 +92,6 @@ pub struct PosedDepth {
 
 impl PosedDepth {
     /// Joins a view's camera with depth of its image's size.
-    ///
-    /// # Errors
-    /// [`PairError::DepthSize`] names the view.
     pub fn of_view(view: &View, depth: DepthMap) -> Result<Self, PairError> {
         Self::new(&view.id, view.intrinsics, view.camera_from_world, depth)
     }
