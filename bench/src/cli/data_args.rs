@@ -60,7 +60,7 @@ impl MetricArgs {
         })
     }
 
-    /// As [`scoring`](Self::scoring), for work that takes long: a metric named itself whose weights lack is an error
+    /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
     /// before anything is computed, not an empty column after hours.
     pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
         let (selection, scoring) = (self.selection()?, self.scoring()?);
@@ -72,7 +72,6 @@ impl MetricArgs {
         Ok(scoring)
     }
 
-    /// What `--scale-sweep` chooses by.
     pub(super) fn scale_chooser(&self) -> anyhow::Result<Arc<ScaleChooser>> {
         match ScaleChooser::dists(&self.weights()?, self.options()?)? {
             Some(chooser) => Ok(Arc::new(chooser)),
@@ -112,7 +111,6 @@ pub(super) struct DatasetArgs {
 }
 
 impl DatasetArgs {
-    /// Opens them.
     pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
         OpenDataset::open_all(&self.datasets, self.scenes.as_deref())
     }
@@ -151,7 +149,6 @@ impl OverlapArgs {
         Ok(recipe.checked()?)
     }
 
-    /// Where measured overlaps are kept.
     pub(super) fn cache(&self) -> Option<OverlapCache> {
         if self.no_cache {
             return None;

@@ -1,4 +1,4 @@
-//! `doctor`: what this machine has, what lacks, and how to get it.
+//! `doctor`: what this machine has, what is missing, and how to get it.
 
 use clap::Args;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use crate::io::checkpoint::find_checkpoint;
 use crate::io::fingerprints;
 use crate::io::movie::mp4::ffmpeg_version;
 
-/// Show what this machine has, what lacks, and how to get it
+/// Show what this machine has, what is missing, and how to get it
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench doctor --json")]
 pub(super) struct DoctorArgs {
@@ -20,15 +20,20 @@ pub(super) struct DoctorArgs {
     json: bool,
 }
 
-/// One finding.
 #[derive(Debug, Serialize)]
 struct Finding {
-    /// What was looked at.
     what: &'static str,
-    /// What was found.
     found: String,
-    /// How to get what lacks; empty where nothing does.
+    /// How to get what is missing; empty where nothing is.
     advice: String,
+}
+
+fn finding(what: &'static str, found: impl Into<String>, advice: impl Into<String>) -> Finding {
+    Finding {
+        what,
+        found: found.into(),
+        advice: advice.into(),
+    }
 }
 
 pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
@@ -47,65 +52,37 @@ pub(super) fn execute(args: &DoctorArgs) -> anyhow::Result<Outcome> {
 }
 
 fn findings() -> Vec<Finding> {
+    let (version, sources) = (env!("CARGO_PKG_VERSION"), &fingerprints::BUILD[..12]);
+    let threads = rayon::current_num_threads().to_string();
+    let kernels = sharp_metrics::Simd::detect().instruction_set();
     let mut findings = vec![
-        Finding {
-            what: "version",
-            found: format!(
-                "{} (sources {})",
-                env!("CARGO_PKG_VERSION"),
-                &fingerprints::BUILD[..12]
-            ),
-            advice: String::new(),
-        },
-        Finding {
-            what: "threads",
-            found: rayon::current_num_threads().to_string(),
-            advice: String::new(),
-        },
-        Finding {
-            what: "cpu backend",
-            found: format!("cpu-{}", sharp_metrics::Simd::detect().instruction_set()),
-            advice: String::new(),
-        },
-        Finding {
-            what: "datasets",
-            found: "middlebury/Motorcycle-quarter and a procedural scene are built in".to_owned(),
-            advice: "use your own with --dataset FORMAT=PATH".to_owned(),
-        },
+        finding("version", format!("{version} (sources {sources})"), ""),
+        finding("threads", threads, ""),
+        finding("cpu backend", format!("cpu-{kernels}"), ""),
+        finding(
+            "datasets",
+            "middlebury/Motorcycle-quarter and a procedural scene are built in",
+            "use your own with --dataset FORMAT=PATH",
+        ),
     ];
     findings.extend(gpu_adapters(&adapters()));
     findings.push(match ffmpeg_version() {
-        Some(version) => Finding {
-            what: "ffmpeg",
-            found: version,
-            advice: String::new(),
-        },
-        None => Finding {
-            what: "ffmpeg",
-            found: "not in PATH".to_owned(),
-            advice: "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg"
-                .to_owned(),
-        },
+        Some(version) => finding("ffmpeg", version, ""),
+        None => finding(
+            "ffmpeg",
+            "not in PATH",
+            "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg",
+        ),
     });
     findings.extend(Backbone::ALL.map(backbone));
     findings.push(match find_checkpoint() {
-        Ok(path) => Finding {
-            what: "SHARP weights",
-            found: path.display().to_string(),
-            advice: String::new(),
-        },
-        Err(error) => Finding {
-            what: "SHARP weights",
-            found: "not at hand".to_owned(),
-            advice: error.to_string(),
-        },
+        Ok(path) => finding("SHARP weights", path.display().to_string(), ""),
+        Err(error) => finding("SHARP weights", "not at hand", error.to_string()),
     });
     findings
 }
 
-/// An adapter, as people see it.
 struct AdapterFacts {
-    /// Name, interface and driver.
     name: String,
     software: bool,
 }
@@ -125,7 +102,6 @@ fn adapters() -> Vec<AdapterFacts> {
         .collect()
 }
 
-/// None that this build could use.
 #[cfg(not(feature = "gpu"))]
 fn adapters() -> Vec<AdapterFacts> {
     Vec::new()
@@ -135,27 +111,22 @@ fn adapters() -> Vec<AdapterFacts> {
 fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     const WHAT: &str = "gpu adapter";
     if adapters.is_empty() {
-        return vec![Finding {
-            what: WHAT,
-            found: "none; `render` uses the CPU".to_owned(),
-            advice: "a GPU needs its Vulkan, Metal or Direct3D 12 driver".to_owned(),
-        }];
+        return vec![finding(
+            WHAT,
+            "none; `render` uses the CPU",
+            "a GPU needs its Vulkan, Metal or Direct3D 12 driver",
+        )];
     }
     let chosen = adapters.iter().position(|adapter| !adapter.software);
-    adapters
-        .iter()
-        .enumerate()
-        .map(|(index, adapter)| Finding {
-            what: WHAT,
-            found: adapter.name.clone(),
-            advice: match (adapter.software, chosen == Some(index)) {
-                (true, _) => "software: used only when named, `render --adapter NAME`",
-                (false, true) => "what `render` chooses by itself",
-                (false, false) => "used when named, `render --adapter NAME`",
-            }
-            .to_owned(),
-        })
-        .collect()
+    let of_adapter = |(index, adapter): (usize, &AdapterFacts)| {
+        let advice = match (adapter.software, chosen == Some(index)) {
+            (true, _) => "software: used only when named, `render --adapter NAME`",
+            (false, true) => "what `render` chooses by itself",
+            (false, false) => "used when named, `render --adapter NAME`",
+        };
+        finding(WHAT, &adapter.name, advice)
+    };
+    adapters.iter().enumerate().map(of_adapter).collect()
 }
 
 /// Whether the weights that LPIPS or DISTS need were fetched.
@@ -166,20 +137,14 @@ fn backbone(backbone: Backbone) -> Finding {
         Backbone::SqueezeNet1_1 => "lpips-squeeze",
     };
     let kept = cache_folder().map(|cache| Published::of(backbone).cached(&cache));
+    let name = backbone.name();
     match kept.filter(|path| path.is_file()) {
-        Some(path) => Finding {
+        Some(path) => finding(what, path.display().to_string(), ""),
+        None => finding(
             what,
-            found: path.display().to_string(),
-            advice: String::new(),
-        },
-        None => Finding {
-            what,
-            found: format!("the weights of {} are not fetched", backbone.name()),
-            advice: format!(
-                "sharp-bench weights fetch {0}, or --weights {0}=FILE",
-                backbone.name()
-            ),
-        },
+            format!("the weights of {name} are not fetched"),
+            format!("sharp-bench weights fetch {name}, or --weights {name}=FILE"),
+        ),
     }
 }
 

@@ -34,7 +34,7 @@ use outcome::UsageError;
     about,
     arg_required_else_help = true,
     after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 4 finished with recorded failures · \
-                  75 stopped early, the same command goes on\n\n\
+                  75 stopped early, the same command continues\n\n\
                   Start with: sharp-bench demo"
 )]
 pub struct Cli {

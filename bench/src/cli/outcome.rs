@@ -21,7 +21,6 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// Exit code 4 where there are problems.
     pub(super) fn of_problems(problems: bool) -> Self {
         match problems {
             true => Self::RecordedFailures,

@@ -28,9 +28,6 @@ pub struct CameraFileError {
 
 impl CameraFile {
     /// Reads and checks a camera.
-    ///
-    /// # Errors
-    /// [`CameraFileError`]: the file cannot be read, or see [`Self::parse`].
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
         let text = std::fs::read_to_string(path).map_err(|error| error.to_string());
         let camera = text.and_then(|text| Self::parse(&text));
@@ -61,7 +58,6 @@ impl CameraFile {
         }
     }
 
-    /// Writes the file.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| FileError::new(path, "encode")(error.into()))?;

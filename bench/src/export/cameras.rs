@@ -9,13 +9,14 @@ use serde::Serialize;
 use sharp_datasets::{Scene, View};
 
 use super::ExportError;
+use super::camera_file::CameraFile;
 use super::file::{Hashes, Stamp, write};
 use super::pairs::{Exported, png};
 use crate::io::atomic_files::write_json;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::view_hashes::ViewHashes;
-use crate::pairs::description::{conventions, row_major};
+use crate::pairs::description::conventions;
 use crate::pairs::pair_id::{scene_path, view_name};
 
 /// A view's camera; the names of its numbers are those of `render --camera`.
@@ -24,11 +25,8 @@ struct CameraDescription<'a> {
     dataset: &'a str,
     scene: &'a str,
     view: &'a str,
-    width: u32,
-    height: u32,
-    #[serde(rename = "K")]
-    k: [f64; 9],
-    camera_from_world: [f64; 16],
+    #[serde(flatten)]
+    camera: CameraFile,
     conventions: std::collections::BTreeMap<&'static str, &'static str>,
     #[serde(flatten)]
     stamp: Stamp,
@@ -90,10 +88,7 @@ fn export_view(
             dataset: &scene.dataset,
             scene: &scene.id,
             view: &view.id,
-            width: view.intrinsics.width,
-            height: view.intrinsics.height,
-            k: row_major(view.intrinsics.matrix()),
-            camera_from_world: view.camera_from_world.to_row_major(),
+            camera: CameraFile::of(&view.intrinsics, &view.camera_from_world.to_affine()),
             conventions: conventions(),
             stamp: Stamp { key, files },
         },

@@ -1,7 +1,7 @@
 //! The pairs of a list as folders: `OUT/<pair_id>/{source.png, pair.json}`, on request `target.png` and depth.
 //!
-//! `pair.json` is written last and holds the names of its files with their sha256 and that of what they were made from: an export that was
-//! stopped goes on where it was, one whose dataset changed is made anew.
+//! `pair.json` is written last and holds its files' names and sha256, and a hash of what they were made from: an export
+//! that was stopped continues, one whose dataset changed is made anew.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
@@ -33,7 +33,6 @@ pub struct ExportOptions {
     pub readings: BTreeMap<String, String>,
 }
 
-/// What became of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Exported {
     pub written: usize,
@@ -89,7 +88,6 @@ struct Group {
     without_depth: BTreeSet<String>,
 }
 
-/// The pairs of one source.
 fn export_group(
     group: &[ResolvedPair],
     out: &Path,
@@ -180,7 +178,7 @@ fn depth_of(view: &View) -> Result<Option<Vec<u8>>, ExportError> {
     Ok(view.content.depth()?.map(|depth| npy::to_bytes(&depth)))
 }
 
-/// Removes what an earlier export may have left of a file that is none any more.
+/// Removes a file of an earlier export that this one does not have.
 fn remove(path: &Path) -> Result<(), ExportError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != ErrorKind::NotFound => {

@@ -73,12 +73,10 @@ impl PartialFile {
         self.file.path()
     }
 
-    /// The name that the file will take.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Gives the file its name.
     pub fn commit(self) -> Result<(), FileError> {
         let Self { path, file } = self;
         let commit = || -> io::Result<()> {

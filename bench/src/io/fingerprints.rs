@@ -5,23 +5,39 @@ use std::collections::BTreeMap;
 
 use sharp_metrics::identity::Family;
 
-/// Photographs, cameras and depth as the readers give them.
-pub const READING: &str = env!("SHARP_BENCH_READING");
-/// How much of one view another one sees.
-pub const OVERLAP: &str = env!("SHARP_BENCH_OVERLAP");
-/// The methods `target`, `copy` and `mean`.
-pub const TRIVIAL: &str = env!("SHARP_BENCH_TRIVIAL");
-pub const DEPTH_SPLAT: &str = env!("SHARP_BENCH_DEPTH_SPLAT");
-pub const NETWORK: &str = env!("SHARP_BENCH_NETWORK");
-/// The methods `imported` and `gaussians`.
-pub const FILES: &str = env!("SHARP_BENCH_FILES");
-pub const COMMAND: &str = env!("SHARP_BENCH_COMMAND");
-const RENDER_CPU: &str = env!("SHARP_BENCH_RENDER_CPU");
-const RENDER_WGPU: &str = env!("SHARP_BENCH_RENDER_WGPU");
-const PSNR: &str = env!("SHARP_BENCH_PSNR");
-const SSIM: &str = env!("SHARP_BENCH_SSIM");
-const LPIPS: &str = env!("SHARP_BENCH_LPIPS");
-const DISTS: &str = env!("SHARP_BENCH_DISTS");
+macro_rules! groups {
+    ($($(#[$doc:meta])* $name:ident $text:literal)+) => {
+        $($(#[$doc])* pub const $name: &str = env!(concat!("SHARP_BENCH_", stringify!($name)));)+
+
+        /// All groups by name, for manifests.
+        pub fn all() -> BTreeMap<String, String> {
+            [$(($text, $name)),+]
+                .map(|(name, fingerprint)| (name.to_owned(), fingerprint.to_owned()))
+                .into()
+        }
+    };
+}
+
+groups! {
+    /// Photographs, cameras and depth as the readers give them.
+    READING "reading"
+    /// How much of one view another one sees.
+    OVERLAP "overlap"
+    /// The methods `target`, `copy` and `mean`.
+    TRIVIAL "trivial"
+    DEPTH_SPLAT "depth-splat"
+    /// The method `sharp`.
+    NETWORK "network"
+    /// The methods `imported` and `gaussians`.
+    FILES "files"
+    COMMAND "command"
+    RENDER_CPU "render-cpu"
+    RENDER_WGPU "render-wgpu"
+    PSNR "psnr"
+    SSIM "ssim"
+    LPIPS "lpips"
+    DISTS "dists"
+}
 
 /// All of them together: which build this is.
 pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
@@ -29,7 +45,6 @@ pub const BUILD: &str = env!("SHARP_BENCH_BUILD");
 /// Crates that decode pictures, with versions: two JPEG decoders may differ by a level.
 pub const DECODERS: &str = env!("SHARP_BENCH_DECODERS");
 
-/// The code of a metric.
 pub fn of_metric(family: Family) -> &'static str {
     match family {
         Family::Psnr => PSNR,
@@ -46,26 +61,6 @@ pub fn of_renderer(name: &str) -> &'static str {
     } else {
         RENDER_CPU
     }
-}
-
-pub fn all() -> BTreeMap<String, String> {
-    [
-        ("reading", READING),
-        ("overlap", OVERLAP),
-        ("trivial", TRIVIAL),
-        ("depth-splat", DEPTH_SPLAT),
-        ("network", NETWORK),
-        ("files", FILES),
-        ("command", COMMAND),
-        ("render-cpu", RENDER_CPU),
-        ("render-wgpu", RENDER_WGPU),
-        ("psnr", PSNR),
-        ("ssim", SSIM),
-        ("lpips", LPIPS),
-        ("dists", DISTS),
-    ]
-    .map(|(name, fingerprint)| (name.to_owned(), fingerprint.to_owned()))
-    .into()
 }
 
 #[cfg(test)]

@@ -19,7 +19,6 @@ use super::atomic_files::{FileError, write_atomic};
 pub struct GaussianFile {
     /// In whatever space the file's producer says.
     pub gaussians: Gaussians,
-    /// Intrinsics and `camera_from_world`.
     pub camera: Option<(Intrinsics, DAffine3)>,
 }
 

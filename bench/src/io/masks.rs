@@ -6,7 +6,7 @@ use sharp_metrics::{Mask, Picture};
 
 use crate::io::pictures::{self, ReadError};
 
-/// Why a file is no mask; names the file.
+/// Why a file cannot be used as a mask; names the file.
 #[derive(Debug, thiserror::Error)]
 pub enum MaskError {
     #[error(transparent)]
@@ -18,7 +18,6 @@ pub enum MaskError {
 /// A mask and how many of its pixels were neither black nor white.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadMask {
-    /// Which pixels count.
     pub mask: Mask,
     /// Pixels with a level between black and white; those of 128 and more count.
     pub between: usize,

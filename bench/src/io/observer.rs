@@ -14,7 +14,6 @@ pub trait Observer: Sync {
     /// One more step of the phase is done.
     fn step(&self) {}
 
-    /// The phase has ended.
     fn end(&self) {}
 }
 

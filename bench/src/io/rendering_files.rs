@@ -12,7 +12,6 @@ use sharp::render::RenderOutput;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::gaussian_files::{Array, write_arrays};
 
-/// A PNG in memory; `path` is for errors.
 pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
     png(
         path,
@@ -22,12 +21,10 @@ pub fn encode_png(image: &RgbImage, path: &Path) -> Result<Vec<u8>, FileError> {
     )
 }
 
-/// Writes an 8-bit PNG.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), FileError> {
     write_atomic(path, &encode_png(image, path)?)
 }
 
-/// Writes 8-bit grey levels as PNG.
 pub fn write_gray_png(path: &Path, image: &GrayImage) -> Result<(), FileError> {
     let bytes = png(
         path,
@@ -65,8 +62,8 @@ fn png(
     Ok(bytes)
 }
 
-/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. EXR files
-/// of others, which lack it, hold sRGB values when they are handed in as pictures.
+/// The attribute of an EXR's layer that says how its colours are encoded, and its value for linear light. Other
+/// people's EXR files, which do not have it, are taken to hold sRGB values.
 pub(crate) const TRANSFER: &str = "sharpBenchTransfer";
 pub(crate) const LINEAR: &str = "linear";
 

@@ -19,9 +19,6 @@ pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, Slot>>);
 
 impl ViewHashes {
     /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.
-    ///
-    /// # Errors
-    /// Names the file and what the system said; the next call tries again.
     pub(crate) fn file(&self, path: &Path) -> Result<String, FileError> {
         let slot = Arc::clone(lock(&self.0).entry(path.to_owned()).or_default());
         let mut known = lock(&slot);

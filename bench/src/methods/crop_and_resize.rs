@@ -50,7 +50,7 @@ impl FitRules {
         self.crop
     }
 
-    /// True if the region is only known with a file at hand.
+    /// True if the region depends on a file beside the picture or on the picture itself.
     pub(super) fn needs_file(&self) -> bool {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }

@@ -73,12 +73,8 @@ impl DepthSplat {
         let colors = bilinear_align_corners(&planes(image), size, square);
         let layer = nearest(depth.as_raw(), size, square);
         let layers = [layer.as_slice(), layer.as_slice()].concat();
-        BaseGaussians::new(&colors, &layers, grid, InvalidDepth::Skip).map_err(|error| {
-            MethodError::Unsuitable {
-                view: view.to_owned(),
-                reason: error.to_string(),
-            }
-        })
+        let base = BaseGaussians::new(&colors, &layers, grid, InvalidDepth::Skip);
+        base.map_err(|error| MethodError::unsuitable(view, error))
     }
 }
 
@@ -108,23 +104,20 @@ impl Method for DepthSplat {
 impl PredictGaussians for DepthSplat {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
         let (view, image) = (&source.camera().id, source.image());
-        let unsuitable = |reason: String| MethodError::Unsuitable {
-            view: view.clone(),
-            reason,
-        };
         let depth = source.depth().ok_or_else(|| {
-            unsuitable("the source view has no depth, which depth-splat needs".into())
+            MethodError::unsuitable(
+                view,
+                "the source view has no depth, which depth-splat needs",
+            )
         })?;
         if depth.dimensions() != image.dimensions() {
-            return Err(unsuitable(format!(
-                "depth is {:?} pixels, the photograph {:?}",
-                depth.dimensions(),
-                image.dimensions()
-            )));
+            let (depth, image) = (depth.dimensions(), image.dimensions());
+            let reason = format!("depth is {depth:?} pixels, the photograph {image:?}");
+            return Err(MethodError::unsuitable(view, reason));
         }
         let base = self.base_gaussians(image, depth, view)?;
         let gaussians = compose(&base, None, &ComposerConfig::default())
-            .map_err(|error| unsuitable(error.to_string()))?;
+            .map_err(|error| MethodError::unsuitable(view, error))?;
         Ok(GaussianPrediction {
             gaussians,
             space: GaussianSpace::Normalized,

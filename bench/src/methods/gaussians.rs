@@ -34,9 +34,9 @@ impl GaussianFiles {
             .iter()
             .map(|extension| self.dir.join(format!("{source}.{extension}")))
             .find(|path| path.is_file())
-            .ok_or_else(|| MethodError::File {
-                path: self.dir.join(source),
-                reason: "no Gaussians (looked for .ply and .safetensors)".into(),
+            .ok_or_else(|| {
+                let reason = "no Gaussians (looked for .ply and .safetensors)";
+                MethodError::file(&self.dir.join(source), reason)
             })
     }
 }

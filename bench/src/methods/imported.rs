@@ -30,7 +30,6 @@ pub struct Imported {
     fit: FitRules,
 }
 
-/// What stands beside a picture.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sidecar {
@@ -43,9 +42,6 @@ impl Imported {
     const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
 
     /// Reads the options.
-    ///
-    /// # Errors
-    /// When the folder is not there or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
         Ok(Self {
@@ -75,14 +71,17 @@ impl Imported {
             .collect();
         match candidates.as_slice() {
             [path] => Ok(path.clone()),
-            [] => Err(MethodError::File {
-                path: self.dir.join(pair_id),
-                reason: format!("no picture (looked for {})", Self::EXTENSIONS.join(", ")),
-            }),
-            [first, second, ..] => Err(MethodError::File {
-                path: first.clone(),
-                reason: format!("ambiguous, {} exists too", display_name(second)),
-            }),
+            [] => {
+                let reason = format!("no picture (looked for {})", Self::EXTENSIONS.join(", "));
+                Err(MethodError::file(&self.dir.join(pair_id), reason))
+            }
+            [first, second, ..] => {
+                let other = second.file_name().unwrap_or_default().to_string_lossy();
+                Err(MethodError::file(
+                    first,
+                    format!("ambiguous, {other} exists too"),
+                ))
+            }
         }
     }
 
@@ -93,21 +92,16 @@ impl Imported {
 
     fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {
         let path = self.sidecar_path(pair_id);
-        let read = || -> Result<Sidecar, String> {
-            let bytes = std::fs::read(&path).map_err(|error| error.to_string())?;
-            serde_json::from_slice(&bytes).map_err(|error| error.to_string())
-        };
-        match read() {
-            Ok(Sidecar {
-                crop: [x, y, width, height],
-            }) => Ok(Region {
-                x,
-                y,
-                width,
-                height,
-            }),
-            Err(reason) => Err(MethodError::File { path, reason }),
-        }
+        let bytes = std::fs::read(&path).map_err(|error| MethodError::file(&path, error))?;
+        let sidecar = serde_json::from_slice(&bytes);
+        let Sidecar { crop } = sidecar.map_err(|error| MethodError::file(&path, error))?;
+        let [x, y, width, height] = crop;
+        Ok(Region {
+            x,
+            y,
+            width,
+            height,
+        })
     }
 
     /// The part of the target that the picture of a pair shows.
@@ -117,31 +111,21 @@ impl Imported {
         pair_id: &str,
         target: (u32, u32),
     ) -> Result<Option<Region>, MethodError> {
-        let error = |reason: String| MethodError::File {
-            path: path.to_owned(),
-            reason,
-        };
         let (own, sidecar) = match self.fit.crop() {
+            CropRule::CenterOfOwnAspect if path.extension().is_some_and(|e| e == "exr") => {
+                let picture = pictures::read(path).map_err(|e| MethodError::file(path, e))?;
+                (Some(picture.dimensions()), None)
+            }
             CropRule::CenterOfOwnAspect => {
-                let size = if path.extension().is_some_and(|e| e == "exr") {
-                    pictures::read(path)
-                        .map(|picture| picture.dimensions())
-                        .map_err(|e| error(e.to_string()))?
-                } else {
-                    picture::dimensions(path).map_err(|e| error(e.to_string()))?
-                };
+                let size = picture::dimensions(path).map_err(|e| MethodError::file(path, e))?;
                 (Some(size), None)
             }
             CropRule::Sidecar => (None, Some(self.sidecar(pair_id)?)),
             _ => (None, None),
         };
-        self.fit.region(target, own, sidecar).map_err(error)
+        let region = self.fit.region(target, own, sidecar);
+        region.map_err(|reason| MethodError::file(path, reason))
     }
-}
-
-fn display_name(path: &Path) -> String {
-    path.file_name()
-        .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
 impl Method for Imported {
@@ -183,11 +167,8 @@ impl PredictPicture for Imported {
     ) -> Result<PicturePrediction, MethodError> {
         let path = self.find(target.pair_id())?;
         let region = self.region_of(&path, target.pair_id(), target.size())?;
-        let error = |reason: String| MethodError::File {
-            path: path.clone(),
-            reason,
-        };
-        let picture = pictures::read(&path).map_err(|e| error(e.to_string()))?;
-        self.fit.fit(picture, region, target.size()).map_err(error)
+        let picture = pictures::read(&path).map_err(|e| MethodError::file(&path, e))?;
+        let fitted = self.fit.fit(picture, region, target.size());
+        fitted.map_err(|reason| MethodError::file(&path, reason))
     }
 }

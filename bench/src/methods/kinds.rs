@@ -14,7 +14,6 @@ use super::spec::{MethodSpec, SpecError};
 use super::trivial::{self, Target};
 use crate::scoring::ScaleChooser;
 
-/// A kind of method, for `--help` and error messages.
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
@@ -85,9 +84,6 @@ pub const KINDS: [MethodKind; 8] = [
 ];
 
 /// Builds the instances; labels must be unique. `chooser` chooses among the scales of those that have several.
-///
-/// # Errors
-/// Names the instance and what is wrong with it.
 pub fn build(
     specs: &[MethodSpec],
     chooser: Option<&Arc<ScaleChooser>>,

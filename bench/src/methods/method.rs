@@ -125,7 +125,6 @@ impl<'a> TargetCamera<'a> {
     }
 }
 
-/// A picture that a method predicted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PicturePrediction {
     /// sRGB, of the target's size, or of [`Self::region`]'s.
@@ -156,7 +155,6 @@ pub struct Candidate {
     pub prediction: PicturePrediction,
 }
 
-/// In which space Gaussians lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GaussianSpace {
@@ -238,6 +236,22 @@ pub enum MethodError {
     Model(String),
 }
 
+impl MethodError {
+    pub(super) fn file(path: &Path, reason: impl ToString) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+
+    pub(super) fn unsuitable(view: &str, reason: impl ToString) -> Self {
+        Self::Unsuitable {
+            view: view.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+}
+
 impl From<DatasetError> for MethodError {
     fn from(error: DatasetError) -> Self {
         Self::Model(error.to_string())
@@ -258,15 +272,11 @@ pub trait Method: Send + Sync {
         ""
     }
 
-    /// What it may know of the source's depth.
     fn privilege(&self) -> Privilege {
         Privilege::None
     }
 
     /// Files besides the two views that this pair's prediction depends on.
-    ///
-    /// # Errors
-    /// As predicting.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())
     }
@@ -274,11 +284,9 @@ pub trait Method: Send + Sync {
     /// Told once, before the first prediction of a run, the folder for logs; it need not exist.
     fn begin(&self, _logs: &Path) {}
 
-    /// What it predicts, and how.
     fn approach(&self) -> Approach<'_>;
 }
 
-/// What a method predicts.
 pub enum Approach<'a> {
     Pictures(&'a dyn PredictPicture),
     Gaussians(&'a dyn PredictGaussians),
@@ -290,9 +298,6 @@ pub enum Approach<'a> {
 
 pub trait PredictPicture: Sync {
     /// Predicts the picture of a camera.
-    ///
-    /// # Errors
-    /// Names the file or view and the reason.
     fn predict(
         &self,
         source: &SourceView,
@@ -303,9 +308,6 @@ pub trait PredictPicture: Sync {
 /// Predicts Gaussians. Which targets they will be rendered to is not known.
 pub trait PredictGaussians: Sync {
     /// Predicts the Gaussians of a source.
-    ///
-    /// # Errors
-    /// Names the file or view and the reason.
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError>;
 }
 

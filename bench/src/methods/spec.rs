@@ -33,9 +33,6 @@ impl MethodSpec {
     }
 
     /// Refuses options that the kind does not know.
-    ///
-    /// # Errors
-    /// Names the option and those that are known.
     pub fn expect_options(&self, known: &[&str]) -> Result<(), SpecError> {
         match self.options.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),
@@ -51,7 +48,6 @@ impl MethodSpec {
         }
     }
 
-    /// The value of an option, where it is given.
     pub(super) fn option(&self, key: &str) -> Option<&str> {
         self.options.get(key).map(String::as_str)
     }

@@ -28,7 +28,7 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
 }
 
 /// A sentence for a dataset of which no pair is selected, or whose depth is too sparse for the choices made; `None` where
-/// nothing is amiss. `spec` is the dataset as asked for.
+/// there is nothing to say. `spec` is the dataset as asked for.
 pub(super) fn advice(
     name: &str,
     spec: &str,
@@ -76,7 +76,7 @@ fn sparseness(counts: &PairCounts) -> String {
     )
 }
 
-/// Not one view has depth: by whose fault, and what has some.
+/// No view has depth: which side is missing it, and where depth could come from.
 fn without_depth(spec: &str, options: &PairOptions) -> String {
     let spec = DatasetSpec::parse(spec).ok();
     let (format, split) = spec

@@ -53,7 +53,6 @@ pub struct Count {
     pub shared: usize,
 }
 
-/// One choice, changed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Alternative {
     pub about: &'static str,
@@ -67,7 +66,7 @@ pub struct Alternative {
 
 /// A dataset under another of its settings.
 #[derive(Debug, Clone)]
-pub struct Reading {
+pub struct OtherReading {
     pub dataset: String,
     /// The setting, `key=value`.
     pub change: String,
@@ -81,13 +80,10 @@ pub struct Reading {
 /// sense with them, and under other readings of the datasets. A choice that does not concern stereo pairs is not counted
 /// for datasets that have no others. Overlaps are measured once for each way of measuring: with the context's cache, or
 /// in memory. `advance(done, all)` is told after each.
-///
-/// # Errors
-/// As [`build_pairs`].
 pub fn alternatives(
     scenes: &[Scene],
     base: &PairOptions,
-    readings: &[Reading],
+    readings: &[OtherReading],
     context: &BuildContext,
     advance: &dyn Fn(usize, usize),
 ) -> Result<Vec<Alternative>, PairError> {
@@ -164,7 +160,7 @@ pub fn alternatives(
 }
 
 fn counts_of_reading(
-    reading: &Reading,
+    reading: &OtherReading,
     base: &PairOptions,
     context: &BuildContext,
     selected: &BTreeSet<&str>,
@@ -217,7 +213,7 @@ const NO_READINGS: [&str; 2] = ["outside", "camera-size"];
 pub fn other_readings(
     datasets: &[OpenDataset],
     only_scenes: Option<&str>,
-) -> Result<Vec<Reading>, PairError> {
+) -> Result<Vec<OtherReading>, PairError> {
     let mut readings = Vec::new();
     for dataset in datasets {
         let spec = DatasetSpec::parse(&dataset.spec)?;
@@ -230,7 +226,7 @@ pub fn other_readings(
                 other.settings.insert(setting.key, value.to_owned());
                 let opened = OpenDataset::open_all(&[other.to_string()], only_scenes);
                 let opened = opened.map(|mut opened| opened.pop());
-                readings.push(Reading {
+                readings.push(OtherReading {
                     dataset: dataset.name.clone(),
                     change: format!("{}={value}", setting.key),
                     settings: format!("{} {:?}", other.entry.format, other.settings),
@@ -285,7 +281,7 @@ mod tests {
     fn other_readings_are_counted_or_said_to_be_out_of_reach() {
         let views = row("d", "s", 0.3, &[Depth::Wall(2.0); 6]);
         let fewer = row("d", "s", 0.3, &[Depth::Wall(2.0); 4]);
-        let reading = |change: &str, scenes| Reading {
+        let reading = |change: &str, scenes| OtherReading {
             dataset: "d".to_owned(),
             change: change.to_owned(),
             settings: change.to_owned(),

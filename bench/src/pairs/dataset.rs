@@ -12,13 +12,11 @@ use super::error::PairError;
 /// Starts a key of a dataset that is a pair option, so that it cannot collide with a reading.
 const PAIR_OPTION: &str = "pairs.";
 
-/// A dataset with the scenes found in it.
 #[derive(Debug, Clone)]
 pub struct OpenDataset {
     pub name: String,
     /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
     pub spec: String,
-    /// The reader, as in `FORMAT=`.
     pub format: &'static str,
     /// The dataset's folder; `None` for a procedural one.
     pub root: Option<PathBuf>,
@@ -31,7 +29,6 @@ pub struct OpenDataset {
     pub scenes: Vec<Scene>,
 }
 
-/// One setting in force.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct DatasetReading {
     pub key: String,

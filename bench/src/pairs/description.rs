@@ -32,11 +32,9 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Where the prediction is looked for, and of which size.
     pub prediction: ExpectedPrediction,
-    /// What the numbers above mean.
     pub conventions: BTreeMap<&'static str, &'static str>,
 }
 
-/// A view's name and the size of its picture.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ViewDescription {
     pub id: String,
@@ -44,7 +42,6 @@ pub struct ViewDescription {
     pub height: u32,
 }
 
-/// What a method should hand back.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ExpectedPrediction {
     /// Relative to the folder that is named by `imported:dir=`; `.jpg`, `.jpeg` and `.exr` are accepted too.

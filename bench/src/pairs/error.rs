@@ -9,7 +9,6 @@ use sharp::model::ModelError;
 use crate::io::atomic_files::FileError;
 use crate::io::checkpoint::NoCheckpoint;
 
-/// Why pairs could not be made, read or measured.
 #[derive(Debug, thiserror::Error)]
 pub enum PairError {
     #[error("pair options: {0}")]

@@ -23,7 +23,7 @@ use crate::io::hash::sha256_hex;
 use crate::io::view_hashes::{ViewHashes, lock};
 
 /// Changes with the form of the files.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// The two overlaps of views a < b, by index into the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -44,37 +44,54 @@ pub(super) struct DepthFacts {
 }
 
 /// What is known of a scene under one way of measuring.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct SceneOverlaps {
     /// `None` for a view without valid depth.
     pub(super) depths: BTreeMap<usize, Option<DepthFacts>>,
-    /// Of views a < b with valid depth.
-    pub(super) couples: BTreeMap<(usize, usize), Option<Overlaps>>,
+    /// By a, then by b, of views a < b with valid depth.
+    couples: BTreeMap<usize, BTreeMap<usize, Option<Overlaps>>>,
     /// Views whose depth could not be read. Never stored: the file may be mended.
+    #[serde(skip)]
     pub(super) failed: BTreeSet<usize>,
 }
 
 impl SceneOverlaps {
+    pub(super) fn insert(&mut self, (a, b): (usize, usize), overlaps: Option<Overlaps>) {
+        self.couples.entry(a).or_default().insert(b, overlaps);
+    }
+
+    fn couple(&self, a: usize, b: usize) -> Option<&Option<Overlaps>> {
+        self.couples.get(&a.min(b))?.get(&a.max(b))
+    }
+
     /// True if nothing has to be measured to know these two views' overlaps.
     pub(super) fn knows(&self, a: usize, b: usize) -> bool {
-        let key = (a.min(b), a.max(b));
-        self.couples.contains_key(&key) || self.has_none(a) || self.has_none(b)
+        self.couple(a, b).is_some() || self.has_none(a) || self.has_none(b)
     }
 
     /// The share of the target that the source sees, and of the source that the target sees; `None` without depth.
     pub(super) fn overlaps(&self, source: usize, target: usize) -> Option<(f64, f64)> {
-        let key = (source.min(target), source.max(target));
-        let found = self.couples.get(&key).copied().flatten()?;
-        Some(if target < source {
-            (found.a_in_b, found.b_in_a)
-        } else {
-            (found.b_in_a, found.a_in_b)
+        let found = (*self.couple(source, target)?)?;
+        Some(match target < source {
+            true => (found.a_in_b, found.b_in_a),
+            false => (found.b_in_a, found.a_in_b),
         })
     }
 
     /// True if the view is known to have no depth that could be used.
     pub(super) fn has_none(&self, view: usize) -> bool {
         self.failed.contains(&view) || self.depths.get(&view) == Some(&None)
+    }
+
+    fn sha256(&self) -> Option<String> {
+        Some(sha256_hex(&serde_json::to_vec(self).ok()?))
+    }
+
+    /// True if it is of a scene of so many views.
+    fn fits(&self, views: usize) -> bool {
+        let couples = self.couples.iter();
+        let mut couples = couples.flat_map(|(a, of_a)| of_a.keys().map(move |b| (*a, *b)));
+        self.depths.keys().all(|view| *view < views) && couples.all(|(a, b)| a < b && b < views)
     }
 }
 
@@ -85,19 +102,7 @@ struct TableFile {
     key: String,
     /// sha256 of the content's JSON, so that a damaged file is noticed.
     sha256: String,
-    content: Content,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Content {
-    depths: Vec<(usize, Option<DepthFacts>)>,
-    couples: Vec<(usize, usize, Option<Overlaps>)>,
-}
-
-impl Content {
-    fn sha256(&self) -> Option<String> {
-        Some(sha256_hex(&serde_json::to_vec(self).ok()?))
-    }
+    content: SceneOverlaps,
 }
 
 /// Tables of scenes, in memory and, where it has a folder, in files. A file that cannot be used is as good as none,
@@ -189,7 +194,7 @@ impl OverlapCache {
             ..table.clone()
         };
         if let Some(path) = self.path(key)
-            && let Err(reason) = write(&path, key, &table)
+            && let Err(reason) = write(&path, key, table.clone())
         {
             self.warn(format!("{reason}; overlaps are not kept"));
         }
@@ -228,38 +233,19 @@ fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, S
     if file.content.sha256().as_ref() != Some(&file.sha256) {
         return Err("damaged (its checksum differs)".to_owned());
     }
-    let table = SceneOverlaps {
-        depths: file.content.depths.into_iter().collect(),
-        couples: file
-            .content
-            .couples
-            .into_iter()
-            .map(|(a, b, overlaps)| ((a, b), overlaps))
-            .collect(),
-        failed: BTreeSet::new(),
-    };
-    let known = table.depths.keys().all(|view| *view < views)
-        && table.couples.keys().all(|(a, b)| a < b && *b < views);
-    known
-        .then_some(Some(table))
-        .ok_or_else(|| "it names views that the scene does not have".to_owned())
+    if !file.content.fits(views) {
+        return Err("it names views that the scene does not have".to_owned());
+    }
+    Ok(Some(file.content))
 }
 
-fn write(path: &Path, key: &str, table: &SceneOverlaps) -> Result<(), FileError> {
-    let content = Content {
-        depths: table.depths.iter().map(|(view, d)| (*view, *d)).collect(),
-        couples: table
-            .couples
-            .iter()
-            .map(|((a, b), overlaps)| (*a, *b, *overlaps))
-            .collect(),
-    };
-    let encode = |error: serde_json::Error| FileError::new(path, "encode")(error.into());
+fn write(path: &Path, key: &str, table: SceneOverlaps) -> Result<(), FileError> {
     let file = TableFile {
         format: FORMAT,
         key: key.to_owned(),
-        sha256: content.sha256().unwrap_or_default(),
-        content,
+        sha256: table.sha256().unwrap_or_default(),
+        content: table,
     };
+    let encode = |error: serde_json::Error| FileError::new(path, "encode")(error.into());
     write_atomic(path, &serde_json::to_vec(&file).map_err(encode)?)
 }

@@ -11,7 +11,6 @@ use super::options::PairOptions;
 use super::pair_list::PairList;
 use crate::io::atomic_files::{FileError, write_json};
 
-/// How the pairs of one dataset were chosen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PairProvenance {
     pub options: PairOptions,
@@ -23,7 +22,6 @@ pub struct PairProvenance {
     pub overlap_checkpoint: Option<String>,
 }
 
-/// Depth maps that someone handed in.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct DepthMaps {
     pub count: usize,
@@ -75,7 +73,6 @@ impl ListCompanion {
         name.into()
     }
 
-    /// Writes it beside its list.
     pub fn write(&self, list: &Path) -> Result<(), FileError> {
         write_json(&Self::path(list), self)
     }

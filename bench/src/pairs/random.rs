@@ -8,12 +8,10 @@ pub struct SplitMix64 {
 }
 
 impl SplitMix64 {
-    /// Starts from a seed; every seed is good.
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    /// The next 64 bits.
     pub fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use sharp::model::ModelConfig;
 
 use super::advice::advice;
-use super::ambiguity::{Alternative, Reading, alternatives};
+use super::ambiguity::{Alternative, OtherReading, alternatives};
 use super::build::{BuildContext, PairBuild, build_pairs};
 use super::dataset::{OpenDataset, scenes_of};
 use super::depth::{
@@ -41,16 +41,16 @@ pub struct BuiltList {
     pub advice: Vec<String>,
 }
 
-struct Depth {
+struct OpenDepth {
     source: Box<dyn DepthSource>,
     given: Option<GivenDepth>,
     checkpoint_sha256: Option<String>,
 }
 
-impl From<Box<dyn DepthSource>> for Depth {
-    fn from(source: Box<dyn DepthSource>) -> Self {
+impl OpenDepth {
+    fn new(source: impl DepthSource + 'static) -> Self {
         Self {
-            source,
+            source: Box::new(source),
             given: None,
             checkpoint_sha256: None,
         }
@@ -89,9 +89,6 @@ impl PairRecipe {
     }
 
     /// The recipe of a dataset: this one, changed by the dataset's own pair options.
-    ///
-    /// # Errors
-    /// As [`PairOptions::with`] and [`Self::checked`].
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
         let mut recipe = self.clone();
         let mut options = Vec::new();
@@ -165,7 +162,7 @@ impl PairRecipe {
     fn provenance(
         &self,
         dataset: &OpenDataset,
-        depth: &Depth,
+        depth: &OpenDepth,
     ) -> Result<PairProvenance, PairError> {
         let maps = match &depth.given {
             None => None,
@@ -189,13 +186,10 @@ impl PairRecipe {
     }
 
     /// How the count changes over the open choices and the datasets' other readings; overlap from one source of depth.
-    ///
-    /// # Errors
-    /// As [`Self::build`].
     pub fn ambiguity(
         &self,
         datasets: &[OpenDataset],
-        readings: &[Reading],
+        readings: &[OtherReading],
         cache: Option<&OverlapCache>,
         observer: &dyn Observer,
     ) -> Result<Vec<Alternative>, PairError> {
@@ -217,26 +211,19 @@ impl PairRecipe {
         Ok(rows)
     }
 
-    fn depth(&self) -> Result<Depth, PairError> {
+    fn depth(&self) -> Result<OpenDepth, PairError> {
         let given = || match &self.overlap_depth {
             Some(dir) => GivenDepth::open(dir),
             None => Err(PairError::Recipe(
                 "--overlap-depth DIR is needed".to_owned(),
             )),
         };
-        let boxed = |source: Box<dyn DepthSource>| Depth::from(source);
-        Ok(match self.options.depth {
+        let mut depth = match self.options.depth {
             OverlapDepth::GroundTruth | OverlapDepth::Sparse { .. } => {
-                boxed(Box::new(GroundTruthDepth))
+                return Ok(OpenDepth::new(GroundTruthDepth));
             }
-            OverlapDepth::Given => Depth {
-                given: Some(given()?),
-                ..boxed(Box::new(ScaledToGroundTruth(given()?)))
-            },
-            OverlapDepth::GivenMetric => Depth {
-                given: Some(given()?),
-                ..boxed(Box::new(given()?))
-            },
+            OverlapDepth::Given => OpenDepth::new(ScaledToGroundTruth(given()?)),
+            OverlapDepth::GivenMetric => OpenDepth::new(given()?),
             OverlapDepth::SharpRelease => {
                 let checkpoint = match &self.overlap_checkpoint {
                     Some(file) => file.clone(),
@@ -247,12 +234,14 @@ impl PairRecipe {
                     None => (ModelConfig::release(), "first layer of sharp-release"),
                 };
                 let network = FirstLayerDepth::new(&checkpoint, config, name)?;
-                Depth {
-                    checkpoint_sha256: Some(network.checkpoint_sha256().to_owned()),
-                    ..boxed(Box::new(ScaledToGroundTruth(network)))
-                }
+                let sha256 = network.checkpoint_sha256().to_owned();
+                let mut depth = OpenDepth::new(ScaledToGroundTruth(network));
+                depth.checkpoint_sha256 = Some(sha256);
+                return Ok(depth);
             }
-        })
+        };
+        depth.given = Some(given()?);
+        Ok(depth)
     }
 }
 
@@ -283,12 +272,10 @@ fn context<'a>(
     cache: Option<&'a OverlapCache>,
     progress: &'a dyn Fn(usize, usize),
 ) -> BuildContext<'a> {
-    let roots = datasets
-        .iter()
-        .filter_map(|dataset| Some((dataset.name.clone(), dataset.root.clone()?)));
-    let settings = datasets
-        .iter()
-        .map(|dataset| (dataset.name.clone(), dataset.settings.clone()));
+    let roots = datasets.iter();
+    let roots = roots.filter_map(|d| Some((d.name.clone(), d.root.clone()?)));
+    let settings = datasets.iter();
+    let settings = settings.map(|d| (d.name.clone(), d.settings.clone()));
     BuildContext {
         depth,
         roots: roots.collect(),

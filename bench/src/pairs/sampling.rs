@@ -19,7 +19,6 @@ pub enum SamplingRule {
     First,
 }
 
-/// How many pairs are evaluated, and which.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SamplingOptions {
     /// Pairs of a dataset at most; `None` for all.

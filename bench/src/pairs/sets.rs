@@ -29,10 +29,8 @@ pub enum Remainder {
     Drop,
 }
 
-/// How views form sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SetOptions {
-    /// Which views share a set.
     pub grouping: Grouping,
     /// Views in a set, ≥ 2; without meaning for [`Grouping::Whole`].
     pub size: usize,

@@ -11,7 +11,7 @@ pub struct Fallback {
     pub from_view: usize,
 }
 
-/// Renders batches of views; a device that is lost or out of memory is given up for good and the CPU goes on.
+/// Renders batches of views; a device that is lost or out of memory is given up for good and the CPU continues.
 pub struct BatchRenderer {
     device: Option<Box<dyn Renderer>>,
     cpu: CpuRenderer,
@@ -63,7 +63,6 @@ impl BatchRenderer {
         }
     }
 
-    /// The failure of a device, where there was one.
     pub fn fallback(&self) -> Option<&Fallback> {
         self.fallback.as_ref()
     }

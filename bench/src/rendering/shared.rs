@@ -12,7 +12,6 @@ pub struct SharedRenderer {
 }
 
 impl SharedRenderer {
-    /// Takes a renderer of any backend.
     pub fn new(renderer: Box<dyn Renderer>) -> Self {
         Self {
             name: renderer.name(),
@@ -20,15 +19,11 @@ impl SharedRenderer {
         }
     }
 
-    /// The CPU.
     pub fn cpu() -> Self {
         Self::new(Box::new(CpuRenderer::new()))
     }
 
     /// Opens a backend.
-    ///
-    /// # Errors
-    /// [`RenderError`] when there is no such adapter, or its device cannot be opened.
     pub fn open(backend: &Backend) -> Result<Self, RenderError> {
         backend.open().map(Self::new)
     }
@@ -38,7 +33,6 @@ impl SharedRenderer {
         &self.name
     }
 
-    /// Renders one view.
     pub fn render(
         &self,
         scene: &Gaussians,

@@ -13,16 +13,13 @@ use crate::cli::{Outcome, output};
 use crate::io::counts::counted;
 use crate::pairs::PairList;
 
-/// What a list needs of one dataset.
 #[derive(Debug, Serialize)]
 struct Needed {
     /// The dataset's name in the list.
     dataset: String,
     /// Its format; `None` where neither the name nor --dataset says.
     format: Option<&'static str>,
-    /// Selected pairs.
     pairs: usize,
-    /// What to download from the official page.
     archives: BTreeSet<String>,
     files: Vec<Listed>,
     /// Of the files, how many are not there; `None` where it is not known where the dataset lies.

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
 use sharp::model::{DeviceChoice, ModelConfig, NetworkSpec, Precision, Predictor};
 
-use super::super::output;
+use crate::cli::output;
 use crate::io::checkpoint::find_checkpoint;
 
 /// Which network.
@@ -22,48 +22,23 @@ pub(crate) struct ModelArgs {
     /// Accept tensors of this name prefix that the network does not have; repeatable
     #[arg(long, value_name = "PREFIX")]
     pub(crate) allow_unused: Vec<String>,
-    /// Where to compute
-    #[arg(long, value_enum, default_value_t = DeviceArg::Auto)]
-    pub(crate) device: DeviceArg,
+    /// Where to compute: auto (CUDA or Metal where this build has it, else the CPU), cpu, cuda (an NVIDIA GPU; needs a
+    /// build with --features cuda; untested) or metal (an Apple GPU; likewise)
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub(crate) device: DeviceChoice,
     /// On the CPU: plain sums of products instead of Winograd convolutions; slower, rounding errors five times smaller
     #[arg(long)]
     pub(crate) exact: bool,
 }
 
-/// As [`DeviceChoice`], for the command line.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum DeviceArg {
-    /// CUDA or Metal where this build has it, else the CPU
-    Auto,
-    /// The CPU
-    Cpu,
-    /// An NVIDIA GPU (needs a build with --features cuda; untested)
-    Cuda,
-    /// An Apple GPU (needs a build with --features metal; untested)
-    Metal,
-}
-
-impl From<DeviceArg> for DeviceChoice {
-    fn from(arg: DeviceArg) -> Self {
-        match arg {
-            DeviceArg::Auto => Self::Auto,
-            DeviceArg::Cpu => Self::Cpu,
-            DeviceArg::Cuda => Self::Cuda,
-            DeviceArg::Metal => Self::Metal,
-        }
-    }
-}
-
 impl ModelArgs {
-    /// The configuration: that of the file, or the release's.
-    pub(crate) fn config(&self) -> anyhow::Result<ModelConfig> {
+    fn config(&self) -> anyhow::Result<ModelConfig> {
         Ok(match &self.config {
             Some(file) => ModelConfig::load(file)?,
             None => ModelConfig::release(),
         })
     }
 
-    /// Loads the network.
     pub(crate) fn load(&self) -> anyhow::Result<Predictor> {
         let checkpoint = match &self.checkpoint {
             Some(file) => file.clone(),
@@ -74,11 +49,10 @@ impl ModelArgs {
             checkpoint,
             config: self.config()?,
             allow_unused: self.allow_unused.clone(),
-            device: self.device.into(),
-            precision: if self.exact {
-                Precision::Exact
-            } else {
-                Precision::Fast
+            device: self.device,
+            precision: match self.exact {
+                true => Precision::Exact,
+                false => Precision::Fast,
             },
         })?)
     }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{GaussianScene, PlyForm, ReadOptions, load, to_bytes};
 
-use super::super::{Outcome, output};
+use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
 
 /// Look into a PLY file of Gaussians, or rewrite it
@@ -37,8 +37,8 @@ enum GaussiansCommand {
         /// The file to write
         out: PathBuf,
         /// Which elements the result has
-        #[arg(long, value_enum, default_value_t = Form::Plain)]
-        to: Form,
+        #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
+        to: TargetForm,
         /// Drop Gaussians of lower opacity, 0..1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
@@ -46,7 +46,7 @@ enum GaussiansCommand {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Form {
+enum TargetForm {
     /// Only the Gaussians, for any viewer
     Plain,
     /// With the release's extra elements
@@ -172,7 +172,6 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Ten bins as bars of eighths.
 fn bars(histogram: &[usize; 10]) -> String {
     const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
     let most = histogram.iter().copied().max().unwrap_or(0).max(1);
@@ -182,7 +181,7 @@ fn bars(histogram: &[usize; 10]) -> String {
         .collect()
 }
 
-fn convert(ply: &Path, out: &Path, to: Form, min_opacity: f32) -> anyhow::Result<Outcome> {
+fn convert(ply: &Path, out: &Path, to: TargetForm, min_opacity: f32) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         (0.0..=1.0).contains(&min_opacity),
         "--min-opacity {min_opacity}: a number from 0 to 1 is needed"
@@ -194,8 +193,8 @@ fn convert(ply: &Path, out: &Path, to: Form, min_opacity: f32) -> anyhow::Result
         scene.gaussians = scene.gaussians.filtered(|k| opacities[k] >= min_opacity);
     }
     let form = match to {
-        Form::Plain => PlyForm::Plain,
-        Form::Release => PlyForm::Release,
+        TargetForm::Plain => PlyForm::Plain,
+        TargetForm::Release => PlyForm::Release,
     };
     write_atomic(out, &to_bytes(&scene, form))?;
     output::line(format!(

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::Args;
 use serde_json::json;
-use sharp::model::recording::{Recording, RecordingComparison, compare};
+use sharp::model::recording::{Recording, compare};
 
-use super::super::{Outcome, output};
 use super::args::{ModelArgs, PhotoArgs};
+use crate::cli::{Outcome, output};
+use crate::evaluate::record::finite_or_text;
 
 /// Compare a network with a recording, stage by stage, and name the first stage that diverges
 #[derive(Debug, Args)]
@@ -62,13 +63,21 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
     )?;
     let first = comparison.first_divergence(args.tolerance);
     if args.json {
-        output::json(&to_json(&comparison, args.tolerance))?;
+        // A number that is not finite has no form in JSON.
+        let number = |value: f64| finite_or_text::text(value).map_or(json!(value), |t| json!(t));
+        let stages = comparison.stages.iter();
+        let stages = stages.map(
+            |s| json!({ "stage": s.stage, "rel_error": number(s.rel_error), "values": s.values }),
+        );
+        output::json(&json!({
+            "stages": stages.collect::<Vec<_>>(),
+            "first_divergence": first.map(|s| s.stage.as_str()),
+        }))?;
     } else {
         for stage in &comparison.stages {
-            let mark = if stage.rel_error <= args.tolerance {
-                ' '
-            } else {
-                '!'
+            let mark = match stage.rel_error <= args.tolerance {
+                true => ' ',
+                false => '!',
             };
             let note = stage.note.as_deref().unwrap_or_default();
             output::line(format!(
@@ -78,41 +87,19 @@ pub(crate) fn execute(args: &ParityArgs) -> anyhow::Result<Outcome> {
         }
     }
     if let Some(stage) = first {
+        let note = stage.note.as_ref();
         bail!(
             "{}: diverges first at stage {}: {:.2e} > {:.1e}{}",
             args.golden.display(),
             stage.stage,
             stage.rel_error,
             args.tolerance,
-            stage
-                .note
-                .as_ref()
-                .map_or_else(String::new, |note| format!(" ({note})"))
+            note.map_or_else(String::new, |note| format!(" ({note})"))
         );
     }
     if !args.json {
-        output::line(format!(
-            "all {} stages within {:.1e}",
-            comparison.stages.len(),
-            args.tolerance
-        ))?;
+        let stages = comparison.stages.len();
+        output::line(format!("all {stages} stages within {:.1e}", args.tolerance))?;
     }
     Ok(Outcome::Done)
-}
-
-fn to_json(comparison: &RecordingComparison, tolerance: f64) -> serde_json::Value {
-    // A stage that is not finite has no number in JSON.
-    let stages: Vec<_> = comparison
-        .stages
-        .iter()
-        .map(|stage| {
-            let error = crate::evaluate::record::finite_or_text::text(stage.rel_error)
-                .map_or_else(|| json!(stage.rel_error), |text| json!(text));
-            json!({ "stage": stage.stage, "rel_error": error, "values": stage.values })
-        })
-        .collect();
-    json!({
-        "stages": stages,
-        "first_divergence": comparison.first_divergence(tolerance).map(|s| s.stage.as_str()),
-    })
 }

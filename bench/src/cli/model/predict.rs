@@ -7,14 +7,14 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::json;
+use serde::Serialize;
 use sharp::model::preprocess::Photo;
 use sharp::model::{NetworkOutput, Predictor, StageProgress};
 use sharp::ply::{GaussianScene, PlyForm, to_bytes};
 use sharp::unprojection::{release_intrinsics, unproject};
 
-use super::super::{Outcome, output};
 use super::args::{ModelArgs, PhotoArgs, focal_text};
+use crate::cli::{Outcome, output};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::process_memory::peak_bytes;
 use crate::io::rendering_files;
@@ -107,12 +107,30 @@ fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>
     Ok(outputs)
 }
 
+#[derive(Debug, Serialize)]
+struct Predicted {
+    image: String,
+    ply: String,
+    depth: Vec<String>,
+    gaussians: usize,
+    focal_px: f64,
+    seconds: f64,
+    stages: Vec<StageTime>,
+    peak_memory_bytes: Option<u64>,
+}
+
+#[derive(Debug, Serialize)]
+struct StageTime {
+    stage: &'static str,
+    seconds: f64,
+}
+
 fn predict_one(
     args: &PredictArgs,
     predictor: &Predictor,
     image: &Path,
     ply: &Path,
-) -> anyhow::Result<serde_json::Value> {
+) -> anyhow::Result<Predicted> {
     let started = Instant::now();
     let photo = args.photo.load(image)?;
     let mut parts = Parts::new();
@@ -146,16 +164,16 @@ fn predict_one(
             ))
         ))?;
     }
-    Ok(json!({
-        "image": image.display().to_string(),
-        "ply": ply.display().to_string(),
-        "depth": depth.iter().map(|d| d.display().to_string()).collect::<Vec<_>>(),
-        "gaussians": count,
-        "focal_px": photo.focal_px,
-        "seconds": seconds,
-        "stages": parts.to_json(),
-        "peak_memory_bytes": peak_bytes(),
-    }))
+    Ok(Predicted {
+        image: image.display().to_string(),
+        ply: ply.display().to_string(),
+        depth: depth.iter().map(|d| d.display().to_string()).collect(),
+        gaussians: count,
+        focal_px: photo.focal_px,
+        seconds,
+        stages: parts.stages,
+        peak_memory_bytes: peak_bytes(),
+    })
 }
 
 /// Runs the network under a progress bar, or with a line a part where standard error is no terminal.
@@ -180,17 +198,16 @@ fn forward(
 
 /// How long each part of the network took.
 struct Parts {
-    /// When the last milestone was reached.
-    last: Instant,
-    seconds: Vec<(&'static str, f64)>,
+    last_milestone: Instant,
+    stages: Vec<StageTime>,
     terminal: bool,
 }
 
 impl Parts {
     fn new() -> Self {
         Self {
-            last: Instant::now(),
-            seconds: Vec::new(),
+            last_milestone: Instant::now(),
+            stages: Vec::new(),
             terminal: std::io::stderr().is_terminal(),
         }
     }
@@ -198,29 +215,25 @@ impl Parts {
     /// A milestone of a part: the time since the last one was its.
     fn reached(&mut self, part: &'static str) {
         let now = Instant::now();
-        let passed = now.duration_since(self.last).as_secs_f64();
-        self.last = now;
-        match self.seconds.last_mut() {
-            Some((name, seconds)) if *name == part => *seconds += passed,
+        let passed = now.duration_since(self.last_milestone).as_secs_f64();
+        self.last_milestone = now;
+        match self.stages.last_mut() {
+            Some(last) if last.stage == part => last.seconds += passed,
             _ => {
                 self.finish();
-                self.seconds.push((part, passed));
+                self.stages.push(StageTime {
+                    stage: part,
+                    seconds: passed,
+                });
             }
         }
     }
 
     /// Says that the last part is over.
     fn finish(&self) {
-        if let Some((name, seconds)) = self.seconds.last()
-            && !self.terminal
-        {
-            output::remark(format!("  {name:<18} {seconds:>8.2} s"));
+        if let (Some(StageTime { stage, seconds }), false) = (self.stages.last(), self.terminal) {
+            output::remark(format!("  {stage:<18} {seconds:>8.2} s"));
         }
-    }
-
-    fn to_json(&self) -> Vec<serde_json::Value> {
-        let one = |(stage, seconds): &(&str, f64)| json!({ "stage": stage, "seconds": seconds });
-        self.seconds.iter().map(one).collect()
     }
 }
 

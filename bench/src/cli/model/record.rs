@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use sharp::model::recording::{self, RecordOptions};
 
-use super::super::{Outcome, output};
 use super::args::{ModelArgs, PhotoArgs};
+use crate::cli::{Outcome, output};
 
 /// Record every stage of a network's prediction, for `parity` to compare with
 #[derive(Debug, Args)]

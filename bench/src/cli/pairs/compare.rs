@@ -112,7 +112,6 @@ pub(super) struct VerifyArgs {
     json: bool,
 }
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct VerifiedList<'a> {
     list: String,

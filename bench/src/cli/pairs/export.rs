@@ -17,7 +17,7 @@ use crate::pairs::PairList;
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
 ///
 /// OUT/<pair_id>/source.png and pair.json (K_s, K_t, target_from_source, sizes, conventions, the prediction's file
-/// name). Stopped and started again, it goes on where it was; files of a changed dataset are made anew.
+/// name). An export that was stopped continues when started again; files of a changed dataset are made anew.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:

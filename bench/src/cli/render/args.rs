@@ -10,97 +10,63 @@ use sharp::render::trajectory::{LookAt, TrajectoryKind};
 use sharp::render::{Background, RenderView};
 
 /// Low-pass added to both variances of a projected Gaussian: a preset or square pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Eps2d(pub(super) f32);
-
-impl FromStr for Eps2d {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let value = match text {
-            "release" => RenderView::EPS2D_RELEASE,
-            "config" => RenderView::EPS2D_CONFIG,
-            "gsplat" | "3dgs" => RenderView::EPS2D_GSPLAT,
-            number => number
-                .parse()
-                .ok()
-                .filter(|value: &f32| *value >= 0.0 && value.is_finite())
-                .ok_or("release (0), config (0.01), gsplat (0.3), or square pixels ≥ 0")?,
-        };
-        Ok(Self(value))
-    }
+pub(super) fn eps2d(text: &str) -> Result<f32, &'static str> {
+    Ok(match text {
+        "release" => RenderView::EPS2D_RELEASE,
+        "config" => RenderView::EPS2D_CONFIG,
+        "gsplat" | "3dgs" => RenderView::EPS2D_GSPLAT,
+        number => number
+            .parse()
+            .ok()
+            .filter(|value: &f32| *value >= 0.0 && value.is_finite())
+            .ok_or("release (0), config (0.01), gsplat (0.3), or square pixels ≥ 0")?,
+    })
 }
 
-/// What lies behind the Gaussians.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct BackgroundArg(pub(super) Background);
-
-impl BackgroundArg {
-    /// Linear RGB as text, for records.
-    pub(super) fn text(background: Background) -> String {
-        match background {
-            Background::Black => "black".to_owned(),
-            Background::White => "white".to_owned(),
-            Background::Color([r, g, b]) => format!("{r},{g},{b}"),
-        }
-    }
+pub(super) fn background(text: &str) -> Result<Background, &'static str> {
+    const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (linear light, 0 to 1)";
+    let color = match text {
+        "black" => return Ok(Background::Black),
+        "white" => return Ok(Background::White),
+        _ => match text.strip_prefix('#') {
+            Some(hex) => {
+                let digits = hex.len() == 6 && hex.bytes().all(|b| b.is_ascii_hexdigit());
+                let code = u32::from_str_radix(hex, 16).ok().filter(|_| digits);
+                let [_, r, g, b] = code.ok_or(FORMS)?.to_be_bytes();
+                [r, g, b].map(|level| linear_from_srgb(f32::from(level) / 255.0))
+            }
+            None => numbers(text)
+                .filter(|rgb: &[f32; 3]| rgb.iter().all(|v| (0.0..=1.0).contains(v)))
+                .ok_or(FORMS)?,
+        },
+    };
+    Ok(Background::Color(color))
 }
 
-impl FromStr for BackgroundArg {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        const FORMS: &str = "black, white, #RRGGBB (sRGB) or R,G,B (linear light, 0 to 1)";
-        let color = match text {
-            "black" => return Ok(Self(Background::Black)),
-            "white" => return Ok(Self(Background::White)),
-            _ => match text.strip_prefix('#') {
-                Some(hex) => {
-                    let digits = hex.len() == 6 && hex.bytes().all(|b| b.is_ascii_hexdigit());
-                    let code = u32::from_str_radix(hex, 16).ok().filter(|_| digits);
-                    let [_, r, g, b] = code.ok_or(FORMS)?.to_be_bytes();
-                    [r, g, b].map(|level| linear_from_srgb(f32::from(level) / 255.0))
-                }
-                None => numbers(text)
-                    .filter(|rgb: &[f32; 3]| rgb.iter().all(|v| (0.0..=1.0).contains(v)))
-                    .ok_or(FORMS)?,
-            },
-        };
-        Ok(Self(Background::Color(color)))
+/// A background as text for records: linear RGB.
+pub(super) fn background_text(background: Background) -> String {
+    match background {
+        Background::Black => "black".to_owned(),
+        Background::White => "white".to_owned(),
+        Background::Color([r, g, b]) => format!("{r},{g},{b}"),
     }
 }
 
 /// How far the camera moves, metres, x right, y down, z forward.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Offset(pub(super) DVec3);
-
-impl FromStr for Offset {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        numbers(text)
-            .filter(|xyz: &[f64; 3]| xyz.iter().all(|v| v.is_finite()))
-            .map(|xyz| Self(DVec3::from(xyz)))
-            .ok_or("three numbers are needed: X,Y,Z in metres")
-    }
+pub(super) fn offset(text: &str) -> Result<DVec3, &'static str> {
+    numbers(text)
+        .map(DVec3::from_array)
+        .filter(|xyz| xyz.is_finite())
+        .ok_or("three numbers are needed: X,Y,Z in metres")
 }
 
 /// The ends of the depth colours, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Range(pub(super) [f32; 2]);
-
-impl FromStr for Range {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        numbers(text)
-            .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())
-            .map(Self)
-            .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
-    }
+pub(super) fn depth_range(text: &str) -> Result<[f32; 2], &'static str> {
+    numbers(text)
+        .filter(|[near, far]: &[f32; 2]| *near > 0.0 && near < far && far.is_finite())
+        .ok_or("two numbers are needed: NEAR,FAR in metres, 0 < NEAR < FAR")
 }
 
-/// Numbers between commas.
 fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Option<Vec<T>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers?.try_into().ok()
@@ -129,7 +95,6 @@ impl FromStr for Layers {
 }
 
 impl Layers {
-    /// The numbers of the layers.
     pub(super) fn indices(self) -> Vec<usize> {
         match self {
             Self::One(layer) => vec![layer],
@@ -149,7 +114,7 @@ impl Layers {
 
 /// The release's paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Path {
+pub(super) enum PathArg {
     /// From left to right along a line
     Swipe,
     /// Left and right, then up and down
@@ -161,31 +126,31 @@ pub(super) enum Path {
     RotateForward,
 }
 
-impl From<Path> for TrajectoryKind {
-    fn from(path: Path) -> Self {
+impl From<PathArg> for TrajectoryKind {
+    fn from(path: PathArg) -> Self {
         match path {
-            Path::Swipe => Self::Swipe,
-            Path::Shake => Self::Shake,
-            Path::Rotate => Self::Rotate,
-            Path::RotateForward => Self::RotateForward,
+            PathArg::Swipe => Self::Swipe,
+            PathArg::Shake => Self::Shake,
+            PathArg::Rotate => Self::Rotate,
+            PathArg::RotateForward => Self::RotateForward,
         }
     }
 }
 
 /// Where a moved camera looks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Look {
+pub(super) enum LookArg {
     /// At a point on the photograph's axis: the 0.1 quantile of depth, at least 2 m away
     Point,
     /// The way the photograph's camera does
     Ahead,
 }
 
-impl From<Look> for LookAt {
-    fn from(look: Look) -> Self {
+impl From<LookArg> for LookAt {
+    fn from(look: LookArg) -> Self {
         match look {
-            Look::Point => Self::Point,
-            Look::Ahead => Self::Ahead,
+            LookArg::Point => Self::Point,
+            LookArg::Ahead => Self::Ahead,
         }
     }
 }
@@ -214,7 +179,7 @@ mod tests {
 
     #[test]
     fn presets_and_numbers_of_eps2d() {
-        let parse = |text: &str| text.parse::<Eps2d>().map(|eps| eps.0);
+        let parse = eps2d;
         assert_eq!(parse("release"), Ok(0.0));
         assert_eq!(parse("config"), Ok(0.01));
         assert_eq!(parse("gsplat"), parse("3dgs"));
@@ -227,7 +192,7 @@ mod tests {
 
     #[test]
     fn backgrounds_are_linear_light_and_hex_codes_are_srgb() {
-        let parse = |text: &str| text.parse::<BackgroundArg>().map(|b| b.0);
+        let parse = background;
         assert_eq!(parse("black"), Ok(Background::Black));
         assert_eq!(parse("white"), Ok(Background::White));
         assert_eq!(parse("0.5, 0,1"), Ok(Background::Color([0.5, 0.0, 1.0])));
@@ -245,16 +210,13 @@ mod tests {
 
     #[test]
     fn offsets_ranges_and_layers() {
-        assert_eq!(
-            "-0.1,0,2e-1".parse(),
-            Ok(Offset(DVec3::new(-0.1, 0.0, 0.2)))
-        );
+        assert_eq!(offset("-0.1,0,2e-1"), Ok(DVec3::new(-0.1, 0.0, 0.2)));
         for bad in ["1,2", "a,b,c", "1,2,inf", ""] {
-            assert!(bad.parse::<Offset>().is_err(), "{bad}");
+            assert!(offset(bad).is_err(), "{bad}");
         }
-        assert_eq!("0.5,20".parse(), Ok(Range([0.5, 20.0])));
+        assert_eq!(depth_range("0.5,20"), Ok([0.5, 20.0]));
         for bad in ["0,1", "2,1", "1,inf", "1"] {
-            assert!(bad.parse::<Range>().is_err(), "{bad}");
+            assert!(depth_range(bad).is_err(), "{bad}");
         }
         assert_eq!("all".parse(), Ok(Layers::All));
         assert_eq!("1".parse(), Ok(Layers::One(1)));

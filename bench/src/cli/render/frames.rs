@@ -12,10 +12,8 @@ use crate::rendering::Fallback;
 /// What the frames of a folder have in common.
 const NAME: &str = "frames.json";
 
-/// `frames.json`.
 #[derive(Debug, Serialize, Deserialize)]
 struct FramesFile {
-    /// Everything that the frames depend on.
     settings: Value,
     /// A device that failed on the way, and the first frame that the CPU rendered instead.
     #[serde(default)]
@@ -28,7 +26,7 @@ struct FallbackFacts {
     from_frame: usize,
 }
 
-/// Starts a folder or goes on in it.
+/// Starts a folder or continues in it.
 ///
 /// # Errors
 /// When it holds something else: frames of other settings, or files that are no frames of ours.
@@ -60,7 +58,6 @@ pub(super) fn start(folder: &Path, settings: &Value) -> anyhow::Result<()> {
     }
 }
 
-/// Records that a device failed.
 pub(super) fn record_fallback(
     folder: &Path,
     settings: &Value,

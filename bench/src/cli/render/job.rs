@@ -12,9 +12,9 @@ use sharp::gaussians::Gaussians;
 use sharp::render::trajectory::DepthRange;
 use sharp::render::{Background, RenderError, RenderOutput, RenderView, release_screen};
 
-use super::args::{BackgroundArg, Layers};
-use super::target::{self, Form, Look, Target};
-use super::{RenderArgs, Seen, Summary, frames};
+use super::args::{self, Layers};
+use super::writer::{self, Appearance, OutputKind, ViewWriter};
+use super::{RenderArgs, Summary, frames};
 use crate::cli::output::Terminal;
 use crate::export::camera_file::CameraFile;
 use crate::io::fingerprints;
@@ -26,18 +26,16 @@ use crate::rendering::BatchRenderer;
 /// Everything that is known before a backend is.
 pub(super) struct Job<'a> {
     args: &'a RenderArgs,
-    form: Form,
+    kind: OutputKind,
     pub(super) scene: Gaussians,
     pub(super) screen: Intrinsics,
     views: Vec<RenderView>,
-    pub(super) look: Look,
-    /// The path in words.
+    pub(super) appearance: Appearance,
     path: String,
 }
 
 impl<'a> Job<'a> {
-    /// Reads the scene and finds the views.
-    pub(super) fn prepare(args: &'a RenderArgs, form: Form) -> anyhow::Result<Self> {
+    pub(super) fn prepare(args: &'a RenderArgs, kind: OutputKind) -> anyhow::Result<Self> {
         let file = gaussian_files::read(&args.scene)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
@@ -53,7 +51,7 @@ impl<'a> Job<'a> {
             .path
             .poses(&scene, &photo, &camera_from_scene)
             .with_context(named)?;
-        check_form(args, form, poses.moved.as_ref().map(Vec::len))?;
+        check_kind(args, kind, poses.moved.as_ref().map(Vec::len))?;
 
         let screen = if args.release_screen {
             release_screen(&photo)
@@ -61,7 +59,7 @@ impl<'a> Job<'a> {
             photo
         };
         let view = |camera_from_scene: DAffine3| RenderView {
-            eps2d: args.eps2d.0,
+            eps2d: args.eps2d,
             near: args.near,
             far: args.far,
             ..RenderView::new(camera_from_scene, screen)
@@ -75,7 +73,7 @@ impl<'a> Job<'a> {
         };
         let depth_m = match (args.depth, args.depth_range) {
             (false, _) => None,
-            (true, Some(range)) => Some(range.0),
+            (true, range @ Some(_)) => range,
             (true, None) => Some(
                 DepthRange::seen_from(&scene, &camera_from_scene)
                     // Nothing to colour, then.
@@ -89,11 +87,11 @@ impl<'a> Job<'a> {
         };
         Ok(Self {
             args,
-            form,
+            kind,
             screen,
             views,
-            look: Look {
-                background: args.background.map_or(Background::Black, |b| b.0),
+            appearance: Appearance {
+                background: args.background.unwrap_or(Background::Black),
                 quantization: rule,
                 depth_m,
                 alpha: args.alpha,
@@ -108,34 +106,33 @@ impl<'a> Job<'a> {
         &self,
         renderer: &mut BatchRenderer,
         (scene, layer): (&Gaussians, Option<usize>),
-        seen: &mut Seen,
         summary: &mut Summary,
     ) -> anyhow::Result<()> {
         let out = match (layer, self.args.layer) {
-            (Some(layer), Some(Layers::All)) => target::of_layer(&self.args.out, self.form, layer),
+            (Some(layer), Some(Layers::All)) => writer::of_layer(&self.args.out, self.kind, layer),
             _ => self.args.out.clone(),
         };
         let mut waiting: Vec<usize> = (0..self.views.len()).collect();
         let settings = self.settings(layer, &renderer.name())?;
-        let (target, names) = match self.form {
-            Form::Picture => {
+        let (view_writer, names) = match self.kind {
+            OutputKind::Picture => {
                 let paths = vec![out.clone()];
-                (Target::files(paths.clone(), self.look), paths)
+                (ViewWriter::files(paths.clone(), self.appearance), paths)
             }
-            Form::Frames => {
+            OutputKind::Frames => {
                 frames::start(&out, &settings)?;
-                let name = |index| target::frame_path(&out, index);
+                let name = |index| writer::frame_path(&out, index);
                 let paths: Vec<PathBuf> = (0..self.views.len()).map(name).collect();
                 waiting.retain(|&index| !paths[index].is_file());
-                (Target::files(paths.clone(), self.look), paths)
+                (ViewWriter::files(paths.clone(), self.appearance), paths)
             }
-            Form::Gif | Form::Mp4 => {
+            OutputKind::Gif | OutputKind::Mp4 => {
                 let size = (self.screen.width, self.screen.height);
                 let fps = self.args.fps.unwrap_or(DEFAULT_FPS);
                 let cameras = out.with_extension("cameras");
-                let name = |index| target::frame_path(&cameras, index);
-                let target = Target::movies(&out, size, fps, self.look)?;
-                (target, (0..self.views.len()).map(name).collect())
+                let name = |index| writer::frame_path(&cameras, index);
+                let view_writer = ViewWriter::movies(&out, size, fps, self.appearance)?;
+                (view_writer, (0..self.views.len()).map(name).collect())
             }
         };
         if self.args.write_cameras {
@@ -145,9 +142,9 @@ impl<'a> Job<'a> {
             }
         }
         let fell_back_before = renderer.fallback().is_some();
-        self.draw(renderer, scene, &waiting, target, seen)?;
-        if let (Form::Frames, Some(fallback), false) =
-            (self.form, renderer.fallback(), fell_back_before)
+        self.draw(renderer, scene, &waiting, view_writer, summary)?;
+        if let (OutputKind::Frames, Some(fallback), false) =
+            (self.kind, renderer.fallback(), fell_back_before)
         {
             let from_frame = waiting.get(fallback.from_view).copied().unwrap_or(0);
             frames::record_fallback(&out, &settings, fallback, from_frame)?;
@@ -155,13 +152,13 @@ impl<'a> Job<'a> {
 
         summary.views += self.views.len();
         summary.reused += self.views.len() - waiting.len();
-        let files = match self.form {
-            Form::Picture => self.look.files(&out),
-            Form::Frames => vec![out],
-            Form::Gif | Form::Mp4 => {
-                let [color, depth, alpha] = target::movie_paths(&out);
-                let depth = self.look.depth_m.map(|_| depth);
-                let alpha = self.look.alpha.then_some(alpha);
+        let files = match self.kind {
+            OutputKind::Picture => self.appearance.files(&out),
+            OutputKind::Frames => vec![out],
+            OutputKind::Gif | OutputKind::Mp4 => {
+                let [color, depth, alpha] = writer::movie_paths(&out);
+                let depth = self.appearance.depth_m.map(|_| depth);
+                let alpha = self.appearance.alpha.then_some(alpha);
                 [Some(color), depth, alpha].into_iter().flatten().collect()
             }
         };
@@ -177,30 +174,30 @@ impl<'a> Job<'a> {
         renderer: &mut BatchRenderer,
         scene: &Gaussians,
         waiting: &[usize],
-        mut target: Target,
-        seen: &mut Seen,
+        mut view_writer: ViewWriter,
+        summary: &mut Summary,
     ) -> anyhow::Result<()> {
         let views: Vec<RenderView> = waiting.iter().map(|&index| self.views[index]).collect();
         let terminal = Terminal::default();
         terminal.begin("rendering", views.len(), "views");
         let (sender, receiver) = sync_channel::<(usize, RenderOutput)>(0);
         let (rendered, written) = std::thread::scope(|scope| {
-            let target = &mut target;
-            let writer = scope.spawn(move || -> anyhow::Result<()> {
+            let view_writer = &mut view_writer;
+            let thread = scope.spawn(move || -> anyhow::Result<()> {
                 for (index, view) in receiver {
-                    target.take(index, &view)?;
+                    view_writer.take(index, &view)?;
                 }
                 Ok(())
             });
             let rendered = renderer.render(scene, &views, |at, view| {
-                seen.add(&view);
+                summary.add(&view);
                 terminal.step();
                 sender
                     .send((waiting[at], view))
                     .map_err(|_| Stopped::Writing)
             });
             drop(sender);
-            let written = writer
+            let written = thread
                 .join()
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             (rendered, written)
@@ -209,12 +206,11 @@ impl<'a> Job<'a> {
         // Where writing failed, rendering only says that it was stopped.
         written?;
         rendered.with_context(|| self.args.scene.display().to_string())?;
-        target.finish()
+        view_writer.finish()
     }
 
-    /// Everything that the frames of a folder depend on.
     fn settings(&self, layer: Option<usize>, backend: &str) -> anyhow::Result<Value> {
-        if self.form != Form::Frames {
+        if self.kind != OutputKind::Frames {
             return Ok(Value::Null);
         }
         let cameras: Vec<CameraFile> = self
@@ -228,13 +224,13 @@ impl<'a> Job<'a> {
             "path": self.path,
             "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
             "frames": self.views.len(),
-            "eps2d": self.args.eps2d.0,
+            "eps2d": self.args.eps2d,
             "near": self.args.near,
             "far": self.args.far,
-            "background": BackgroundArg::text(self.look.background),
-            "quantization": format!("{:?}", self.look.quantization),
-            "depth_range_m": self.look.depth_m,
-            "alpha": self.look.alpha,
+            "background": args::background_text(self.appearance.background),
+            "quantization": format!("{:?}", self.appearance.quantization),
+            "depth_range_m": self.appearance.depth_m,
+            "alpha": self.appearance.alpha,
             "backend": backend,
             "source_fingerprint": fingerprints::BUILD,
         }))
@@ -244,7 +240,6 @@ impl<'a> Job<'a> {
 /// The release's.
 const DEFAULT_FPS: u32 = 30;
 
-/// Why rendering ended before its last view.
 #[derive(Debug, thiserror::Error)]
 enum Stopped {
     #[error(transparent)]
@@ -254,29 +249,29 @@ enum Stopped {
 }
 
 /// One view goes to a picture, a path to frames or a movie.
-fn check_form(args: &RenderArgs, form: Form, moved: Option<usize>) -> anyhow::Result<()> {
+fn check_kind(args: &RenderArgs, kind: OutputKind, moved: Option<usize>) -> anyhow::Result<()> {
     let out = args.out.display();
-    match (form, moved) {
-        (Form::Picture, Some(n)) if n != 1 => {
+    match (kind, moved) {
+        (OutputKind::Picture, Some(n)) if n != 1 => {
             bail!(
                 "{out}: a picture holds one view, the path has {n}: choose a folder, .gif or .mp4"
             )
         }
-        (Form::Gif | Form::Mp4, None) => {
+        (OutputKind::Gif | OutputKind::Mp4, None) => {
             bail!("{out}: nothing moves: add --trajectory or --offset-m")
         }
-        (Form::Frames, None) => bail!(
+        (OutputKind::Frames, None) => bail!(
             "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"
         ),
         _ => {}
     }
     ensure!(
-        args.fps.is_none() || matches!(form, Form::Gif | Form::Mp4),
+        args.fps.is_none() || matches!(kind, OutputKind::Gif | OutputKind::Mp4),
         "{out}: --fps is for .gif and .mp4"
     );
     let options = [
         ("--background", args.background.is_some()),
         ("--quantise", args.quantise.is_some()),
     ];
-    target::refuse_for_floats(&args.out, &options)
+    writer::refuse_for_floats(&args.out, &options)
 }

@@ -4,19 +4,19 @@ mod args;
 mod frames;
 mod job;
 mod path;
-mod target;
+mod writer;
 
 use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use sharp::render::{Backend, RenderOutput, RenderView};
+use sharp::render::{Backend, Background, RenderOutput, RenderView};
 
-use self::args::{BackgroundArg, Eps2d, Layers, Quantise, Range};
+use self::args::{Layers, Quantise};
 use self::job::Job;
 use self::path::PathArgs;
-use self::target::Form;
+use self::writer::OutputKind;
 use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
 
@@ -39,8 +39,8 @@ cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by r
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
    \"camera_from_world\": [1,0,0,0.1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}
 
-A folder of frames that was stopped goes on where it was with the same command. A GPU that is lost or out of memory is
-given up: the CPU goes on, and the command says so.")]
+The same command continues a folder of frames that was stopped. A GPU that is lost or out of memory is
+given up: the CPU takes over, and the command says so.")]
 pub(super) struct RenderArgs {
     /// The Gaussians: .ply or .safetensors
     scene: PathBuf,
@@ -59,8 +59,8 @@ pub(super) struct RenderArgs {
     adapter: Option<String>,
     /// Low-pass added to both variances of a projected Gaussian: release (0), config (0.01), gsplat (0.3; also 3dgs),
     /// or square pixels
-    #[arg(long, value_name = "X", default_value = "release")]
-    eps2d: Eps2d,
+    #[arg(long, value_name = "X", default_value = "release", value_parser = args::eps2d)]
+    eps2d: f32,
     /// Drop Gaussians whose centre is nearer, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::NEAR)]
     near: f32,
@@ -69,8 +69,8 @@ pub(super) struct RenderArgs {
     far: f32,
     /// Behind the Gaussians: black, white, #RRGGBB (sRGB), or R,G,B in linear light; blended in linear light
     /// [default: black]
-    #[arg(long, value_name = "COLOUR")]
-    background: Option<BackgroundArg>,
+    #[arg(long, value_name = "COLOUR", value_parser = args::background)]
+    background: Option<Background>,
     /// From 0..1 to 8 bit [default: round]
     #[arg(long, alias = "quantize", value_enum, value_name = "RULE")]
     quantise: Option<Quantise>,
@@ -84,8 +84,8 @@ pub(super) struct RenderArgs {
     depth: bool,
     /// Ends of the depth colours, metres: dark red and dark blue [default: the 0.001 and 0.999 quantiles of the depth of
     /// all Gaussians in front of the camera]
-    #[arg(long, value_name = "NEAR,FAR", requires = "depth")]
-    depth_range: Option<Range>,
+    #[arg(long, value_name = "NEAR,FAR", requires = "depth", value_parser = args::depth_range)]
+    depth_range: Option<[f32; 2]>,
     /// Write coverage too, as linear grey levels (.alpha.png, or a movie)
     #[arg(long)]
     alpha: bool,
@@ -106,7 +106,6 @@ pub(super) struct RenderArgs {
     json: bool,
 }
 
-/// What `--json` prints.
 #[derive(Debug, Serialize)]
 struct Summary {
     out: String,
@@ -114,6 +113,10 @@ struct Summary {
     height: u32,
     gaussians: usize,
     dropped_not_finite: u64,
+    #[serde(skip)]
+    alpha: f64,
+    #[serde(skip)]
+    pixels: usize,
     /// Over all pixels of all views rendered now.
     mean_alpha: f64,
     /// Views, layers counted apart.
@@ -125,14 +128,13 @@ struct Summary {
     backend_reason: Option<String>,
     /// Why the CPU took over from a device.
     fallback: Option<String>,
-    /// The ends of the depth colours.
     depth_range_m: Option<[f32; 2]>,
     files: Vec<String>,
 }
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let form = Form::of(&args.out)?;
-    let job = Job::prepare(args, form)?;
+    let kind = OutputKind::of(&args.out)?;
+    let job = Job::prepare(args, kind)?;
     let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 
@@ -142,33 +144,29 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         height: job.screen.height,
         gaussians: job.scene.len(),
         dropped_not_finite: 0,
+        alpha: 0.0,
+        pixels: 0,
         mean_alpha: 0.0,
         views: 0,
         reused: 0,
         backend: renderer.name(),
         backend_reason: renderer.reason().map(str::to_owned),
         fallback: None,
-        depth_range_m: job.look.depth_m,
+        depth_range_m: job.appearance.depth_m,
         files: Vec::new(),
     };
-    let mut seen = Seen::default();
     match args.layer {
-        None => job.render(&mut renderer, (&job.scene, None), &mut seen, &mut summary)?,
+        None => job.render(&mut renderer, (&job.scene, None), &mut summary)?,
         Some(layers) => {
             for layer in layers.indices() {
                 let part = Layers::of(&job.scene, layer).with_context(|| {
-                    format!(
-                        "{}: {} Gaussians are no two layers of equal size",
-                        args.scene.display(),
-                        job.scene.len()
-                    )
+                    let (scene, n) = (args.scene.display(), job.scene.len());
+                    format!("{scene}: {n} Gaussians are not two layers of equal size")
                 })?;
-                job.render(&mut renderer, (&part, Some(layer)), &mut seen, &mut summary)?;
+                job.render(&mut renderer, (&part, Some(layer)), &mut summary)?;
             }
         }
     }
-    summary.dropped_not_finite = seen.dropped_not_finite;
-    summary.mean_alpha = seen.alpha / seen.pixels.max(1) as f64;
     summary.fallback = renderer.fallback().map(|fallback| fallback.reason.clone());
     report(args, &summary, &renderer.name())
 }
@@ -206,18 +204,11 @@ fn report(args: &RenderArgs, summary: &Summary, last_backend: &str) -> anyhow::R
     Ok(Outcome::Done)
 }
 
-/// What the views showed.
-#[derive(Debug, Default)]
-struct Seen {
-    alpha: f64,
-    pixels: usize,
-    dropped_not_finite: u64,
-}
-
-impl Seen {
+impl Summary {
     fn add(&mut self, view: &RenderOutput) {
         self.alpha += view.alpha.iter().map(|&a| f64::from(a)).sum::<f64>();
         self.pixels += view.alpha.len();
+        self.mean_alpha = self.alpha / self.pixels.max(1) as f64;
         self.dropped_not_finite = self.dropped_not_finite.max(view.dropped.not_finite);
     }
 }

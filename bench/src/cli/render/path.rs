@@ -7,7 +7,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::gaussians::Gaussians;
 use sharp::render::trajectory::{DepthRange, Trajectory, TrajectoryKind, looking, shifted};
 
-use super::args::{Look, Offset, Path};
+use super::args::{self, LookArg, PathArg};
 
 /// Frames a path may have.
 const MAX_FRAMES: i64 = 100_000;
@@ -18,7 +18,7 @@ const MAX_FRAMES: i64 = 100_000;
 pub(super) struct PathArgs {
     /// Move the camera along one of the release's paths; as large as the scene's near depth allows
     #[arg(long, value_enum, value_name = "PATH", conflicts_with = "offset_m")]
-    trajectory: Option<Path>,
+    trajectory: Option<PathArg>,
     /// Frames of one round
     #[arg(long, value_name = "N", default_value_t = 60, requires = "trajectory",
           value_parser = clap::value_parser!(u32).range(1..=MAX_FRAMES))]
@@ -44,18 +44,17 @@ pub(super) struct PathArgs {
     )]
     max_zoom: f64,
     /// Move the camera by this many metres along its own axes: right, down, forward; repeatable, a frame each
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    offset_m: Vec<Offset>,
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = args::offset)]
+    offset_m: Vec<DVec3>,
     /// Where the moved camera looks [default: point with --trajectory, ahead with --offset-m]
     #[arg(long, value_enum)]
-    look_at: Option<Look>,
+    look_at: Option<LookArg>,
 }
 
 /// Poses of a path, from the photograph's camera to each frame's.
 pub(super) struct Poses {
     /// One a frame; `None` without a path.
     pub(super) moved: Option<Vec<RigidTransform>>,
-    /// The path in words, for records.
     pub(super) text: String,
 }
 
@@ -88,7 +87,7 @@ impl PathArgs {
                 self.frames
             );
             let kind = TrajectoryKind::from(path);
-            let look = self.look_at.unwrap_or(Look::Point);
+            let look = self.look_at.unwrap_or(LookArg::Point);
             let trajectory = Trajectory {
                 kind,
                 look_at: look.into(),
@@ -112,10 +111,10 @@ impl PathArgs {
                 text: "none".to_owned(),
             });
         }
-        let eyes = self.offset_m.iter().map(|offset| offset.0);
-        let (moved, look) = match self.look_at.unwrap_or(Look::Ahead) {
-            Look::Ahead => (eyes.map(shifted).collect(), "ahead"),
-            Look::Point => {
+        let eyes = self.offset_m.iter().copied();
+        let (moved, look) = match self.look_at.unwrap_or(LookArg::Ahead) {
+            LookArg::Ahead => (eyes.map(shifted).collect(), "ahead"),
+            LookArg::Point => {
                 let focus = DVec3::new(0.0, 0.0, depth()?.focus);
                 (eyes.map(|eye| looking(eye, focus)).collect(), "point")
             }

@@ -3,16 +3,17 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use serde::Serialize;
 use serde_json::json;
 use sharp::model::inventory::inventory;
 use sharp_checkpoint::{Checkpoint, Expected};
 
-use super::super::{Outcome, output};
 use super::load_config;
+use crate::cli::{Outcome, output};
 use crate::io::checkpoint::RELEASE_FILE;
 use crate::io::checkpoint::record::{compare_or_record, record_file};
 
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize)]
 struct Module {
     tensors: usize,
     parameters: usize,
@@ -39,15 +40,6 @@ pub(super) fn execute(
     let sha256 = checkpoint.sha256();
     let standing = standing(file, &sha256)?;
     if json {
-        let modules: BTreeMap<_, _> = modules
-            .iter()
-            .map(|(name, m)| {
-                let facts = json!({
-                    "tensors": m.tensors, "parameters": m.parameters, "not_finite": m.not_finite,
-                });
-                (name, facts)
-            })
-            .collect();
         output::json(&json!({
             "file": file.display().to_string(),
             "sha256": sha256,
@@ -125,15 +117,10 @@ fn module_of(name: &str) -> String {
 
 /// Thousands apart: 702 305 169.
 fn grouped(n: usize) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (at, digit) in digits.chars().enumerate() {
-        if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            text.push(' ');
-        }
-        text.push(digit);
+    match n / 1000 {
+        0 => n.to_string(),
+        thousands => format!("{} {:03}", grouped(thousands), n % 1000),
     }
-    text
 }
 
 #[cfg(test)]

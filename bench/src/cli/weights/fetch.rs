@@ -1,14 +1,15 @@
 //! `weights fetch`: published weights into the cache.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use serde_json::{Value, json};
 use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
-use super::super::{Outcome, output};
+use crate::cli::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
 use crate::io::checkpoint::release::{
@@ -35,20 +36,19 @@ pub(super) struct FetchArgs {
     json: bool,
 }
 
-/// How to get a program that downloads.
 #[cfg(not(feature = "download"))]
 const CANNOT: &str = "this build cannot download; build with `cargo build --release -p sharp-bench --features download`";
 
 pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
-    let wanted = Wanted::of(&args.names)?;
+    let (backbones, sharp) = wanted(&args.names)?;
     let Some(cache) = cache_folder() else {
         bail!("no cache folder: set HOME or SHARP_BENCH_WEIGHTS");
     };
     let mut results = Vec::new();
-    for backbone in wanted.backbones {
+    for backbone in backbones {
         results.push(backbone_features(args, backbone, &cache)?);
     }
-    if wanted.sharp {
+    if sharp {
         results.push(checkpoint(args, &cache)?);
     }
     if args.json {
@@ -57,31 +57,21 @@ pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What a list of names stands for, each once.
-#[derive(Debug, Default, PartialEq, Eq)]
-struct Wanted {
-    backbones: Vec<Backbone>,
-    sharp: bool,
-}
-
-impl Wanted {
-    fn of(names: &[String]) -> anyhow::Result<Self> {
-        let mut wanted = Self::default();
-        for name in names {
-            match name.as_str() {
-                "metrics" => wanted.backbones.extend(Backbone::ALL),
-                "sharp" => wanted.sharp = true,
-                name => wanted.backbones.push(name.parse().map_err(|error| {
-                    anyhow::anyhow!(
-                        "{error}; `metrics` means these three, `sharp` the official checkpoint"
-                    )
-                })?),
+/// The backbones that a list of names stands for, each once, and whether it names SHARP's checkpoint.
+fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
+    let (mut backbones, mut sharp) = (BTreeSet::new(), false);
+    for name in names {
+        match name.as_str() {
+            "metrics" => backbones.extend(Backbone::ALL),
+            "sharp" => sharp = true,
+            name => {
+                let hint = "`metrics` means these three, `sharp` the official checkpoint";
+                let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
+                backbones.insert(known?);
             }
         }
-        wanted.backbones.sort();
-        wanted.backbones.dedup();
-        Ok(wanted)
     }
+    Ok((backbones, sharp))
 }
 
 /// Brings a backbone's features to the cache and says where they are.
@@ -183,12 +173,14 @@ mod tests {
 
     #[test]
     fn names_stand_for_files_and_each_is_fetched_once() {
-        let of =
-            |names: &[&str]| Wanted::of(&names.iter().map(ToString::to_string).collect::<Vec<_>>());
-        let found = of(&["vgg16", "metrics", "sharp", "sharp"]).unwrap();
-        assert_eq!(found.backbones, Backbone::ALL);
-        assert!(found.sharp);
-        assert!(!of(&["alexnet"]).unwrap().sharp);
+        let of = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+            wanted(&names)
+        };
+        let (backbones, sharp) = of(&["vgg16", "metrics", "sharp", "sharp"]).unwrap();
+        assert!(backbones.into_iter().eq(Backbone::ALL));
+        assert!(sharp);
+        assert!(!of(&["alexnet"]).unwrap().1);
         let error = of(&["vgg19"]).unwrap_err().to_string();
         assert!(
             error.contains("vgg19") && error.contains("`sharp`"),

@@ -1,30 +1,31 @@
-//! `weights list`: what is published, and what is at hand.
+//! `weights list`: what is published, and what is on this machine.
+
+use std::path::PathBuf;
 
 use serde_json::json;
 use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
 
-use super::super::{Outcome, output};
+use crate::cli::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{self, record_file};
 use crate::io::checkpoint::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
 
-/// Prints one entry a file.
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     let cache = cache_folder();
+    let shown = |file: Option<PathBuf>| file.map(|path| path.display().to_string());
     let mut entries = Vec::new();
     for backbone in Backbone::ALL {
         let published = Published::of(backbone);
         let kept = cache.as_deref().map(|cache| published.cached(cache));
-        let kept = kept.filter(|path| path.is_file());
+        let kept = shown(kept.filter(|path| path.is_file()));
+        let mib = published.size_milli_mib as f64 / 1000.0;
         if !json {
             output::line(format!(
-                "{:<14} {:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
+                "{:<14} {mib:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
                 backbone.name(),
-                published.size_milli_mib as f64 / 1000.0,
                 published.address,
-                kept.as_ref()
-                    .map_or_else(|| "not fetched".to_owned(), |p| p.display().to_string()),
+                kept.as_deref().unwrap_or("not fetched"),
                 "",
                 published.sha256_prefix,
                 published.licence
@@ -33,17 +34,15 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         entries.push(json!({
             "name": backbone.name(),
             "address": published.address,
-            "size_mib": published.size_milli_mib as f64 / 1000.0,
+            "size_mib": mib,
             "sha256_prefix": published.sha256_prefix,
             "licence": published.licence,
-            "file": kept.map(|p| p.display().to_string()),
+            "file": kept,
         }));
     }
-    let sharp = find_checkpoint().ok();
-    let recorded = match record_file() {
-        Some(file) => record::read(&file)?,
-        None => None,
-    };
+    let sharp = shown(find_checkpoint().ok());
+    let recorded = record_file().map(|file| record::read(&file)).transpose()?;
+    let recorded = recorded.flatten();
     if json {
         entries.push(json!({
             "name": "sharp",
@@ -51,7 +50,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "licence": LICENCE_NAME,
             "licence_address": LICENCE_ADDRESS,
             "recorded": recorded,
-            "file": sharp.map(|p| p.display().to_string()),
+            "file": sharp,
         }));
         output::json(&entries)?;
     } else {
@@ -63,7 +62,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "{:<14} {:>13}  {RELEASE_ADDRESS}  {}\n{:<14} {known}, licence {LICENCE_NAME} (research only)",
             "sharp",
             "2.8 GB",
-            sharp.map_or_else(|| "not at hand".to_owned(), |p| p.display().to_string()),
+            sharp.as_deref().unwrap_or("not at hand"),
             "",
         ))?;
     }

@@ -11,7 +11,6 @@ use super::release::{RELEASE_FILE, Release};
 use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
-/// Why the checkpoint was not fetched.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     #[error(transparent)]
@@ -29,9 +28,6 @@ pub enum FetchError {
 /// A transfer that was broken off, now or by an earlier call, is resumed. What arrives must have a size that the
 /// network can have, be complete for it, and equal the recorded file where there is a record; only then it gets its
 /// name.
-///
-/// # Errors
-/// [`FetchError`] with the address or file and the reason.
 pub fn fetch(
     release: &Release,
     cache: &Path,

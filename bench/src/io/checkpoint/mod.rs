@@ -26,9 +26,6 @@ pub struct NoCheckpoint {
 }
 
 /// The release's checkpoint, where the release itself (torch's hub folder) or we keep it.
-///
-/// # Errors
-/// [`NoCheckpoint`] with the places searched.
 pub fn find_checkpoint() -> Result<PathBuf, NoCheckpoint> {
     let ours = cache_folder().map(|folder| folder.join(RELEASE_FILE));
     first_file(hub_file(variable).into_iter().chain(ours).collect())

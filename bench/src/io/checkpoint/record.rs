@@ -1,7 +1,7 @@
 //! Size and sha256 of the official checkpoint as they were when it was first used.
 //!
-//! Apple publishes no hash. So the first file that is used is taken at its word and recorded, and every later one has
-//! to be the same. The record lies in our cache folder, wherever the checkpoint itself lies.
+//! Apple publishes no hash, so the first file that is used is trusted and recorded, and every later one has to be the
+//! same. The record lies in our cache folder, wherever the checkpoint itself lies.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -12,7 +12,6 @@ use sharp_metrics::weights::cache_folder;
 use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
 use crate::io::atomic_files::{FileError, write_json};
 
-/// What was recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CheckpointRecord {
     pub address: String,
@@ -22,7 +21,6 @@ pub struct CheckpointRecord {
     pub recorded: String,
 }
 
-/// How a file stands to the record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Standing {
     /// There was no record: nothing to compare with. Now there is one, in this file.
@@ -70,9 +68,6 @@ pub fn record_file() -> Option<PathBuf> {
 }
 
 /// The record, if there is one.
-///
-/// # Errors
-/// [`RecordError`] when it cannot be read.
 pub fn read(file: &Path) -> Result<Option<CheckpointRecord>, RecordError> {
     match std::fs::read(file) {
         Ok(bytes) => {

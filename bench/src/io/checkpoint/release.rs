@@ -4,10 +4,8 @@ use std::ops::RangeInclusive;
 
 use sharp::model::ModelConfig;
 
-/// File name of the official release's checkpoint.
 pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
 
-/// Where the official release downloads it from.
 pub const RELEASE_ADDRESS: &str = "https://ml-site.cdn-apple.com/models/sharp/sharp_2572gikvuh.pt";
 
 pub const LICENCE_NAME: &str = "Apple Machine Learning Research Model License Agreement";
@@ -26,7 +24,6 @@ pub fn licence_text() -> String {
     )
 }
 
-/// A checkpoint to be fetched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Release {
     pub address: String,

@@ -28,9 +28,7 @@ pub enum MovieError {
     #[error("{}: a frame is {}x{}, the movie {}x{}", path.display(), found.0, found.1, expected.0, expected.1)]
     Size {
         path: PathBuf,
-        /// Of the frame, pixels.
         found: (u32, u32),
-        /// Of the movie, pixels.
         expected: (u32, u32),
     },
     #[error("{}: {reason}", path.display())]
@@ -39,14 +37,12 @@ pub enum MovieError {
 
 /// A movie in the making; the file appears when it is finished.
 pub trait Movie: Send {
-    /// Appends a frame.
     fn push(&mut self, frame: &RgbImage) -> Result<(), MovieError>;
 
     /// Writes what is left and gives the file its name.
     fn finish(self: Box<Self>) -> Result<(), MovieError>;
 }
 
-/// Refuses a frame of another size.
 fn check_size(path: &Path, frame: &RgbImage, expected: (u32, u32)) -> Result<(), MovieError> {
     if frame.dimensions() == expected {
         return Ok(());

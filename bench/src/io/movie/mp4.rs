@@ -65,9 +65,6 @@ impl Drop for Running {
 
 impl Mp4Movie {
     /// Starts ffmpeg on a movie of `size` pixels; the file's sides are rounded up to even numbers.
-    ///
-    /// # Errors
-    /// [`MovieError::NoFfmpeg`], [`MovieError::Ffmpeg`], [`MovieError::File`].
     pub fn create(path: &Path, (width, height): (u32, u32), fps: u32) -> Result<Self, MovieError> {
         let failed = |error: io::Error| MovieError::Ffmpeg {
             path: path.to_owned(),

@@ -15,7 +15,6 @@ pub(super) const ENTRIES: usize = 256;
 /// Rounds of moving each entry to the mean of the colours nearest to it.
 const REFINEMENTS: usize = 8;
 
-/// A palette and the picture in it.
 pub(super) struct Indexed {
     /// RGB after RGB, at most [`ENTRIES`].
     pub(super) palette: Vec<u8>,
@@ -236,7 +235,6 @@ fn refined(cells: &[Cell], palette: &[[f32; 3]]) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// The first of the nearest entries.
 fn nearest(palette: &[[f32; 3]], color: [f32; 3]) -> usize {
     let mut best = (f32::INFINITY, 0);
     for (index, entry) in palette.iter().enumerate() {

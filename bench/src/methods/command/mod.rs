@@ -13,7 +13,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 use self::process::{Process, Trouble};
-use self::protocol::{Answer, Request};
+use self::protocol::{Answer, PairRequest};
 use super::crop_and_resize::FitRules;
 use super::method::{
     Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
@@ -59,9 +59,6 @@ impl Command {
     const TIMEOUT_SECS: u64 = 600;
 
     /// Reads the options; the program is started at the first prediction.
-    ///
-    /// # Errors
-    /// When `run=` is missing or an option's value makes no sense.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let run = spec.option("run").unwrap_or_default().trim().to_owned();
         if run.is_empty() {
@@ -110,7 +107,7 @@ impl Command {
         source_picture: &Path,
         write_to: &Path,
     ) -> Result<Answer, MethodError> {
-        let line = Request::new(source, target, source_picture, write_to)
+        let line = PairRequest::new(source, target, source_picture, write_to)
             .to_line()
             .map_err(|error| self.failure(error.to_string()))?;
         loop {
@@ -152,21 +149,18 @@ impl Command {
 impl State {
     /// The scratch folder with the source's picture in it.
     fn source_picture(&mut self, source: &SourceView) -> Result<PathBuf, MethodError> {
-        let fail = |path: &Path, reason: String| MethodError::File {
-            path: path.to_owned(),
-            reason,
-        };
         if self.scratch.is_none() {
             let made = tempfile::Builder::new().prefix("sharp-bench-").tempdir();
-            let made = made.map_err(|error| fail(&std::env::temp_dir(), error.to_string()))?;
-            self.scratch = Some(made);
+            let failed = |error| MethodError::file(&std::env::temp_dir(), error);
+            self.scratch = Some(made.map_err(failed)?);
         }
         let folder = self.scratch.as_ref().map_or(Path::new("."), TempDir::path);
         let path = folder.join("source.png");
         let hash = sha256_hex(source.image().as_raw());
         let hash = format!("{hash} {:?}", source.image().dimensions());
         if self.source.as_ref() != Some(&hash) {
-            write_png(&path, source.image()).map_err(|error| fail(&path, error.to_string()))?;
+            let written = write_png(&path, source.image());
+            written.map_err(|error| MethodError::file(&path, error))?;
             self.source = Some(hash);
         }
         Ok(path)
@@ -223,23 +217,16 @@ impl PredictPicture for Command {
         if let Err(error) = std::fs::remove_file(&write_to)
             && error.kind() != std::io::ErrorKind::NotFound
         {
-            return Err(MethodError::File {
-                path: write_to,
-                reason: error.to_string(),
-            });
+            return Err(MethodError::file(&write_to, error));
         }
         let answer = self.ask(&mut state, source, target, &source_picture, &write_to)?;
         if let Some(reason) = answer.error {
             return Err(self.failure(format!("the program says: {reason}")));
         }
         let path = answer.picture.unwrap_or(write_to);
-        let file_error = |reason: String| MethodError::File {
-            path: path.clone(),
-            reason,
-        };
-        let picture = pictures::read(&path).map_err(|error| file_error(error.to_string()))?;
+        let picture = pictures::read(&path).map_err(|error| MethodError::file(&path, error))?;
         let fitted = self.fit.fit(picture, region, target.size());
-        let mut prediction = fitted.map_err(file_error)?;
+        let mut prediction = fitted.map_err(|reason| MethodError::file(&path, reason))?;
         prediction.extras = answer.extras;
         Ok(prediction)
     }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use super::protocol::{VERSION, excerpt};
 
-/// An answer that is longer is none.
+/// Bytes; a longer line is not an answer.
 const LONGEST_LINE: u64 = 1 << 20;
 
 /// How long a program may take to end after its input has ended.

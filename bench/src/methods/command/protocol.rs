@@ -6,7 +6,7 @@
 //!
 //! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
 //! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
-//! program could not do this pair and goes on.
+//! program could not predict this pair and is ready for the next.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::pairs::description::PairDescription;
 pub(super) const VERSION: u32 = 1;
 
 #[derive(Debug, Serialize)]
-pub(super) struct Request<'a> {
+pub(super) struct PairRequest<'a> {
     protocol: u32,
     pair_id: &'a str,
     source_picture: &'a Path,
@@ -28,7 +28,7 @@ pub(super) struct Request<'a> {
     pair: PairDescription,
 }
 
-impl<'a> Request<'a> {
+impl<'a> PairRequest<'a> {
     pub(super) fn new(
         source: &SourceView,
         target: &TargetCamera<'a>,

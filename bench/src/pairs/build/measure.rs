@@ -195,16 +195,16 @@ impl<'a> Measuring<'a> {
         let how = &self.how;
         let measured: Vec<_> = couples
             .par_iter()
-            .map(|&(key, a, b)| {
+            .map(|&(couple, a, b)| {
                 let share = |of, by| overlap(of, by, how).share(how.denominator);
                 let overlaps = share(a, b).zip(share(b, a));
-                (
-                    key,
-                    overlaps.map(|(a_in_b, b_in_a)| Overlaps { a_in_b, b_in_a }),
-                )
+                let overlaps = overlaps.map(|(a_in_b, b_in_a)| Overlaps { a_in_b, b_in_a });
+                (couple, overlaps)
             })
             .collect();
-        known.couples.extend(measured);
+        for (couple, overlaps) in measured {
+            known.insert(couple, overlaps);
+        }
     }
 }
 

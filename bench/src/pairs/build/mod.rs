@@ -86,7 +86,6 @@ impl Default for BuildContext<'_> {
 pub struct PairBuild {
     /// Qualified pairs, sorted bytewise by id.
     pub pairs: Vec<Pair>,
-    /// Counts for each dataset, in order of their names.
     pub summaries: BTreeMap<String, PairCounts>,
     /// Files that could not be read. Stereo pairs stay; a multi-view view is treated as one without
     /// depth.
@@ -102,9 +101,6 @@ impl PairBuild {
     }
 
     /// Sorts by pair id.
-    ///
-    /// # Errors
-    /// [`PairError::DuplicatePair`] when two pairs share an id.
     pub(super) fn finish(&mut self) -> Result<(), PairError> {
         self.pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
         match self.pairs.windows(2).find(|p| p[0].pair_id == p[1].pair_id) {
@@ -144,7 +140,6 @@ impl PairCounts {
     }
 }
 
-/// A view whose files could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     pub dataset: String,
@@ -155,7 +150,7 @@ pub struct Problem {
 
 /// Makes the pairs of all scenes.
 ///
-/// A file that cannot be read is a [`Problem`], not an error: the rest of the scenes go on.
+/// A file that cannot be read is a [`Problem`], not an error: the other scenes continue.
 ///
 /// # Errors
 /// [`PairError::Options`]; [`PairError::DuplicatePair`] if two scenes share dataset and id, or

@@ -72,7 +72,6 @@ impl<'a> SceneWork<'a> {
             .or_default()
     }
 
-    /// The one pair of a stereo scene.
     pub(super) fn stereo(&mut self, source: usize, target: usize) {
         let views = self.scene.views.len();
         let counts = self.counts();

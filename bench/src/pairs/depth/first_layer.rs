@@ -25,9 +25,6 @@ pub struct FirstLayerDepth {
 impl FirstLayerDepth {
     /// The network of a checkpoint; its weights are loaded when the first depth is asked for. `name` is what records
     /// call it, before the checkpoint's sha256.
-    ///
-    /// # Errors
-    /// [`PairError::File`] if the checkpoint cannot be read.
     pub fn new(
         checkpoint: &Path,
         config: ModelConfig,

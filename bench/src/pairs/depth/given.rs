@@ -30,9 +30,6 @@ pub struct GivenDepth {
 
 impl GivenDepth {
     /// Maps in a folder.
-    ///
-    /// # Errors
-    /// [`PairError::Depth`] if there is no such folder.
     pub fn open(dir: &Path) -> Result<Self, PairError> {
         if !dir.is_dir() {
             return Err(wrong(dir, "is not a folder"));

@@ -36,7 +36,6 @@ pub trait DepthSource: Sync {
     }
 }
 
-/// The dataset's own depth.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GroundTruthDepth;
 
@@ -84,7 +83,6 @@ impl<S: DepthSource> DepthSource for ScaledToGroundTruth<S> {
     }
 }
 
-/// A depth map and the camera that sees it.
 #[derive(Debug, Clone)]
 pub struct PosedDepth {
     intrinsics: Intrinsics,
@@ -94,9 +92,6 @@ pub struct PosedDepth {
 
 impl PosedDepth {
     /// Joins a view's camera with depth of its image's size.
-    ///
-    /// # Errors
-    /// [`PairError::DepthSize`] names the view.
     pub fn of_view(view: &View, depth: DepthMap) -> Result<Self, PairError> {
         Self::new(&view.id, view.intrinsics, view.camera_from_world, depth)
     }

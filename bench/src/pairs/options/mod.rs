@@ -150,7 +150,7 @@ impl PairOptions {
     /// These options with some changed; `text` is as for parsing.
     ///
     /// # Errors
-    /// [`PairError::Options`] if a change is none or makes no sense with the rest.
+    /// [`PairError::Options`] if a change cannot be read or contradicts the rest.
     pub fn with(&self, text: &str) -> Result<Self, PairError> {
         let mut options = self.clone();
         let mut seen = Vec::new();

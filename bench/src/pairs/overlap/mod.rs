@@ -69,10 +69,8 @@ pub enum Denominator {
     ValidOther,
 }
 
-/// How overlap is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverlapOptions {
-    /// When a projected pixel counts as seen.
     pub test: OverlapTest,
     pub lookup: DepthLookup,
     pub denominator: Denominator,

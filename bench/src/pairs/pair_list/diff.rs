@@ -7,10 +7,8 @@ use serde::Serialize;
 use super::PairList;
 use super::csv_form::{COLUMNS, fields};
 
-/// What differs between two lists, by pair id.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct ListDiff {
-    /// Pairs whose rows are equal.
     pub equal: usize,
     pub only_first: Vec<String>,
     pub only_second: Vec<String>,

@@ -51,7 +51,7 @@ impl PairList {
     ///
     /// # Errors
     /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong: a
-    /// missing column, a number that is none, an id that disagrees with its row, a pair given twice.
+    /// missing column, an unreadable number, an id that disagrees with its row, a pair given twice.
     pub fn read(path: &Path) -> Result<Self, PairError> {
         let bytes = fs::read(path).map_err(FileError::new(path, "read"))?;
         Self::parse(path, &bytes)
@@ -182,7 +182,6 @@ impl PairList {
     }
 }
 
-/// A pair with the views that it names.
 #[derive(Debug, Clone, Copy)]
 pub struct ResolvedPair<'a> {
     pub pair: &'a Pair,

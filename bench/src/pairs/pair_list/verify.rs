@@ -50,9 +50,7 @@ pub struct HashMismatch {
     pub dataset: String,
     pub scene: String,
     pub view: String,
-    /// sha256 in the list.
     pub expected: String,
-    /// sha256 of the file.
     pub found: String,
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use image::{GrayImage, Luma, Rgb, RgbImage};
+use image::{DynamicImage, GrayImage, Luma, RgbImage};
 use sharp::color::{Quantization, quantize};
 use sharp::render::{Background, RenderOutput};
 
@@ -14,19 +14,16 @@ use crate::io::rendering_files;
 
 /// What the name given by `--out` asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum OutputKind {
     /// One view: `.png`, `.exr` or `.safetensors`.
     Picture,
-    /// A folder with a PNG a frame.
     Frames,
-    /// An animated GIF.
     Gif,
-    /// MP4.
     Mp4,
 }
 
-impl Form {
-    /// Reads the form off a name; without an extension it is a folder.
+impl OutputKind {
+    /// Reads the kind off a name; without an extension it is a folder.
     pub(super) fn of(out: &Path) -> anyhow::Result<Self> {
         let extension = out.extension().map(|e| e.to_string_lossy().to_lowercase());
         Ok(match extension.as_deref() {
@@ -43,18 +40,17 @@ impl Form {
     }
 }
 
-/// How a view becomes pictures for eyes.
+/// How a view becomes 8-bit pictures.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct Appearance {
     pub(super) background: Background,
     pub(super) quantization: Quantization,
     /// The ends of the depth colours, metres; `None` where no depth is wanted.
     pub(super) depth_m: Option<[f32; 2]>,
-    /// Whether coverage is wanted.
     pub(super) alpha: bool,
 }
 
-impl Look {
+impl Appearance {
     fn color(&self, view: &RenderOutput) -> RgbImage {
         view.srgb8(self.background, self.quantization)
     }
@@ -111,69 +107,66 @@ impl Look {
 }
 
 /// Takes rendered views.
-pub(super) enum Target {
-    /// One file a view.
+pub(super) enum ViewWriter {
     Files {
         /// By the number of the view.
         paths: Vec<PathBuf>,
-        look: Look,
+        appearance: Appearance,
     },
     /// Movies side by side: colour, and depth and alpha where wanted.
     Movies {
         color: Box<dyn Movie>,
         depth: Option<Box<dyn Movie>>,
         alpha: Option<Box<dyn Movie>>,
-        look: Look,
+        appearance: Appearance,
     },
 }
 
-impl Target {
-    /// Files for views, in their order.
-    pub(super) fn files(paths: Vec<PathBuf>, look: Look) -> Self {
-        Self::Files { paths, look }
+impl ViewWriter {
+    pub(super) fn files(paths: Vec<PathBuf>, appearance: Appearance) -> Self {
+        Self::Files { paths, appearance }
     }
 
-    /// Movies at `path` and beside it.
     pub(super) fn movies(
         path: &Path,
         size: (u32, u32),
         fps: u32,
-        look: Look,
+        appearance: Appearance,
     ) -> anyhow::Result<Self> {
         let open = |path: &Path| -> anyhow::Result<Box<dyn Movie>> {
-            Ok(match Form::of(path)? {
-                Form::Gif => Box::new(GifMovie::create(path, size, fps)?),
+            Ok(match OutputKind::of(path)? {
+                OutputKind::Gif => Box::new(GifMovie::create(path, size, fps)?),
                 _ => Box::new(Mp4Movie::create(path, size, fps)?),
             })
         };
         let [color, depth, alpha] = movie_paths(path);
         Ok(Self::Movies {
             color: open(&color)?,
-            depth: look.depth_m.map(|_| open(&depth)).transpose()?,
-            alpha: look.alpha.then(|| open(&alpha)).transpose()?,
-            look,
+            depth: appearance.depth_m.map(|_| open(&depth)).transpose()?,
+            alpha: appearance.alpha.then(|| open(&alpha)).transpose()?,
+            appearance,
         })
     }
 
     /// Takes view `index`; a movie takes them in order.
     pub(super) fn take(&mut self, index: usize, view: &RenderOutput) -> anyhow::Result<()> {
         match self {
-            Self::Files { paths, look } => {
+            Self::Files { paths, appearance } => {
                 let path = paths.get(index).context("a view without a name")?;
-                look.write(path, view)
+                appearance.write(path, view)
             }
             Self::Movies {
                 color,
                 depth,
                 alpha,
-                look,
+                appearance,
             } => {
-                color.push(&look.color(view))?;
-                if let (Some(movie), Some(frame)) = (depth, look.depth_colors(view)) {
+                color.push(&appearance.color(view))?;
+                if let (Some(movie), Some(frame)) = (depth, appearance.depth_colors(view)) {
                     movie.push(&frame)?;
                 }
-                if let (Some(movie), Some(frame)) = (alpha, look.alpha(view)) {
-                    movie.push(&gray_as_rgb(&frame))?;
+                if let (Some(movie), Some(frame)) = (alpha, appearance.alpha(view)) {
+                    movie.push(&DynamicImage::from(frame).into_rgb8())?;
                 }
                 Ok(())
             }
@@ -205,19 +198,18 @@ pub(super) fn movie_paths(path: &Path) -> [PathBuf; 3] {
 }
 
 /// `x.layer0.png` for `x.png`, `frames/layer0` for the folder `frames`.
-pub(super) fn of_layer(out: &Path, form: Form, layer: usize) -> PathBuf {
-    match (form, out.extension()) {
-        (Form::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
+pub(super) fn of_layer(out: &Path, kind: OutputKind, layer: usize) -> PathBuf {
+    match (kind, out.extension()) {
+        (OutputKind::Frames, _) | (_, None) => out.join(format!("layer{layer}")),
         (_, Some(end)) => out.with_extension(format!("layer{layer}.{}", end.to_string_lossy())),
     }
 }
 
-/// The colour file of a frame.
 pub(super) fn frame_path(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("frame-{index:05}.png"))
 }
 
-/// Options that only pictures for eyes obey are refused where the file holds linear floats.
+/// Refuses options of 8-bit pictures where the file holds linear floats.
 pub(super) fn refuse_for_floats(
     out: &Path,
     options: &[(&'static str, bool)],
@@ -236,11 +228,4 @@ pub(super) fn refuse_for_floats(
         }
     }
     Ok(())
-}
-
-fn gray_as_rgb(gray: &GrayImage) -> RgbImage {
-    RgbImage::from_fn(gray.width(), gray.height(), |x, y| {
-        let Luma([level]) = *gray.get_pixel(x, y);
-        Rgb([level; 3])
-    })
 }
