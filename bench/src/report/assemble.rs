@@ -230,7 +230,7 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     let mut scoring: Vec<(String, String)> = manifest.scoring.clone().into_iter().collect();
     scoring.extend([
         fact("kernels", format!("cpu-{}", manifest.kernels)),
-        fact("metric networks", &manifest.metric_networks),
+        fact("metric networks", manifest.metric_networks),
         fact(
             "renderer",
             format!(

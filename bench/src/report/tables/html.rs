@@ -36,7 +36,9 @@ impl HtmlTable<'_> {
             (_, Some(_)) => Some("partial"),
             _ => None,
         };
-        let first = (*index % self.table.columns.len() == 0).then_some("first");
+        let first = index
+            .is_multiple_of(self.table.columns.len())
+            .then_some("first");
         let classes = [first, rank.as_deref(), state];
         classes.into_iter().flatten().collect::<Vec<_>>().join(" ")
     }
