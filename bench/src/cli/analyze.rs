@@ -2,22 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use clap::{Args, Subcommand};
-use serde_json::{Map, Value, json};
-use sharp_metrics::{Scorer, Selection};
+use serde_json::{Value, json};
+use sharp_metrics::Scorer;
 
 use super::data_args::MetricArgs;
+use super::metrics::demand_explicit;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::analyze::translation::{Axis, Experiment, Shifts, figure, strip, table};
-use crate::evaluate::record::finite_or_text;
+use crate::analyze::translation::{Axis, Comparison, Experiment, Shifts, figure, strip, table};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::io::pictures;
 use crate::io::rendering_files::write_png;
+use crate::pictures::keyed_scores::json_scores;
 use crate::report::tables::{latex::latex, markdown::markdown, text::text};
-use sharp_metrics::MetricInfo;
 
 /// The paper's explanatory experiments on pictures of yours
 #[derive(Debug, Args)]
@@ -86,7 +86,9 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
     let experiment = Experiment::run(&picture, args.axis, &args.shifts, &scorer, advance)
         .with_context(|| args.image.display().to_string())?;
     terminal.end();
-    demand_explicit(&experiment, &selection, &args.image)?;
+    for comparison in &experiment.comparisons {
+        demand_explicit(&selection, &comparison.scores, &args.image)?;
+    }
     let name = args.image.file_name();
     let name = name.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let written = match &args.out {
@@ -102,24 +104,6 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         output::line(format!("wrote {}", path.display()))?;
     }
     Ok(Outcome::Done)
-}
-
-/// A metric named itself must be there.
-fn demand_explicit(
-    experiment: &Experiment,
-    selection: &Selection,
-    image: &Path,
-) -> anyhow::Result<()> {
-    for (key, score) in experiment.comparisons.iter().flat_map(|c| &c.scores) {
-        if let Err(reason) = score {
-            ensure!(
-                !selection.is_explicit(*key),
-                "{}: {key} cannot be computed: {reason}",
-                image.display()
-            );
-        }
-    }
-    Ok(())
 }
 
 /// The files written.
@@ -163,16 +147,8 @@ fn to_json(
     args: &TranslationArgs,
     written: &[PathBuf],
 ) -> Value {
-    let number =
-        |value: f64| finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text));
-    let comparison = |c: &crate::analyze::translation::Comparison| {
-        let (mut scores, mut unavailable) = (Map::new(), Map::new());
-        for (key, score) in &c.scores {
-            match score {
-                Ok(value) => scores.insert(key.to_string(), number(*value)),
-                Err(reason) => unavailable.insert(key.to_string(), json!(reason)),
-            };
-        }
+    let comparison = |c: &Comparison| {
+        let [scores, unavailable] = json_scores(&c.scores);
         json!({
             "comparison": c.label(),
             "shift_percent": c.shift.map(|(percent, _)| percent),
@@ -181,17 +157,13 @@ fn to_json(
             "unavailable": unavailable,
         })
     };
-    let facts = scorer
-        .keys()
-        .iter()
-        .map(|key| MetricInfo::new(*key, scorer.weights()));
     let (width, height) = experiment.reference.dimensions();
     json!({
         "image": args.image.display().to_string(),
         "axis": match experiment.axis { Axis::X => "x", Axis::Y => "y" },
         "window": [width, height],
         "comparisons": experiment.comparisons.iter().map(comparison).collect::<Vec<_>>(),
-        "metrics": facts.collect::<Vec<_>>(),
+        "metrics": scorer.info(),
         "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
     })
 }

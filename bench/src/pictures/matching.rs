@@ -8,38 +8,26 @@ use crate::io::pictures;
 /// Two folders that do not match up.
 #[derive(Debug, thiserror::Error)]
 pub enum MatchError {
-    /// A folder cannot be listed.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The folder.
         path: PathBuf,
-        /// What the system said.
         source: std::io::Error,
     },
-    /// Nothing to compare.
     #[error("{}: no picture in it (looked for {})", path.display(), pictures::EXTENSIONS.join(", "))]
-    Empty {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// A picture without partner.
+    Empty { path: PathBuf },
+    /// A picture without a partner.
     #[error("{}: no picture of the same {by} in {}", path.display(), other.display())]
     Unmatched {
-        /// The picture.
         path: PathBuf,
-        /// Where its partner was looked for.
+        /// Where a partner was sought.
         other: PathBuf,
-        /// `stem` or `name`.
         by: MatchBy,
     },
     /// Two pictures that match the same one.
     #[error("{} and {} have the same {by}", first.display(), second.display())]
     Ambiguous {
-        /// The first picture.
         first: PathBuf,
-        /// The second picture.
         second: PathBuf,
-        /// `stem` or `name`.
         by: MatchBy,
     },
 }
@@ -64,7 +52,7 @@ impl std::fmt::Display for MatchBy {
 }
 
 /// Pairs the pictures of two folders, sorted by name. Hidden files (and the `._` files that some archives carry) are
-/// no pictures.
+/// skipped.
 ///
 /// # Errors
 /// [`MatchError`]: every picture of either folder needs exactly one partner.

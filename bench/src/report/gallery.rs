@@ -20,7 +20,7 @@ use super::statistics;
 const PAIRS: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
-/// Pictures smaller than this help nobody; rather fewer pairs are shown.
+/// Nothing can be told from smaller pictures; fewer pairs are shown instead.
 const MIN_SIDE: u32 = 240;
 /// Measured on photographs at the quality used: bytes per pixel, as text.
 const BYTES_PER_PIXEL: f64 = 0.5;

@@ -3,6 +3,8 @@
 use image::RgbImage;
 use sharp_metrics::{MetricKey, Picture, ScoreError, Scorer};
 
+use crate::pictures::keyed_scores::KeyedScores;
+
 use super::shift::{Axis, Shifts, ShiftsError, Windows, mean_image};
 
 /// A picture compared with itself, moved and averaged.
@@ -24,7 +26,7 @@ pub struct Comparison {
     /// What is compared with the reference.
     pub picture: RgbImage,
     /// Its scores, or why there are none.
-    pub scores: Vec<(MetricKey, Result<f64, String>)>,
+    pub scores: KeyedScores,
 }
 
 /// Why a picture cannot be analysed.
@@ -60,14 +62,13 @@ impl Experiment {
         });
         for (shift, picture) in moved.chain([(None, mean_image(&reference))]) {
             let scores = scorer.score(&Picture::from(picture.clone()), &target, None)?;
-            let in_words = |(key, score): (MetricKey, Result<f64, _>)| {
-                let score = score.map_err(|reason: sharp_metrics::Unavailable| reason.to_string());
-                (key, score)
-            };
             comparisons.push(Comparison {
                 shift,
                 picture,
-                scores: scores.into_iter().map(in_words).collect(),
+                scores: scores
+                    .into_iter()
+                    .map(|(key, score)| (key, score.map_err(|reason| reason.to_string())))
+                    .collect(),
             });
             progress();
         }

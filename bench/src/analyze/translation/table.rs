@@ -4,6 +4,7 @@ use sharp_metrics::Family;
 
 use super::experiment::Experiment;
 use crate::evaluate::results::number;
+use crate::pictures::keyed_scores::csv_cells;
 use crate::report::input::Column;
 use crate::report::paper;
 use crate::report::tables::{Cell, Group, Row, Table};
@@ -117,18 +118,7 @@ pub fn csv(experiment: &Experiment) -> Result<Vec<u8>, ::csv::Error> {
                 (number(percent), number(px))
             });
         let mut row = vec![comparison.label(), percent, pixels];
-        let mut reasons = Vec::new();
-        for (key, score) in &comparison.scores {
-            row.push(
-                score
-                    .as_ref()
-                    .map_or_else(|_| String::new(), |v| number(*v)),
-            );
-            if let Err(reason) = score {
-                reasons.push(format!("{key}: {reason}"));
-            }
-        }
-        row.push(reasons.join("; "));
+        row.extend(csv_cells(&comparison.scores));
         out.write_record(&row)?;
     }
     out.into_inner().map_err(|error| error.into_error().into())

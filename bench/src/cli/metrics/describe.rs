@@ -2,34 +2,29 @@
 
 use serde_json::json;
 use sharp_metrics::weights::Published;
-use sharp_metrics::{Direction, MetricInfo, MetricKey, Scorer, Selection};
+use sharp_metrics::{MetricInfo, Scorer, Selection};
 
 use super::{Outcome, output};
 use crate::pictures::methods_text::MethodsText;
+use crate::report::Column;
 
 /// Each key with its convention and the public code that computes the same.
 pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outcome> {
+    let infos = selection.keys().map(|key| MetricInfo::new(key, &[]));
     if json {
-        let keys: Vec<_> = selection.keys().map(explanation).collect();
-        output::json(&keys)?;
+        output::json(&infos.collect::<Vec<_>>())?;
         return Ok(Outcome::Done);
     }
-    for key in selection.keys() {
-        let facts = MetricInfo::new(key, &[]);
-        let direction = match facts.direction {
-            Direction::Higher => "higher",
-            Direction::Lower => "lower",
-        };
-        output::line(format!(
-            "{key}  (--metrics {}; {direction} is better)",
-            key.alias()
-        ))?;
-        output::line(format!("    {}", facts.convention))?;
+    for info in infos {
+        let direction = Column::from(&info).direction_words();
+        let MetricInfo { key, alias, .. } = &info;
+        output::line(format!("{key}  (--metrics {alias}; {direction})"))?;
+        output::line(format!("    {}", info.convention))?;
         output::line(format!(
             "    Input range {}; resizing: {}; {}.",
-            facts.input_range, facts.resize, facts.precision
+            info.input_range, info.resize, info.precision
         ))?;
-        if let (Some(own), Some(backbone)) = (facts.own_weights, facts.backbone) {
+        if let (Some(own), Some(backbone)) = (info.own_weights, info.backbone) {
             let published = Published::of(backbone.name);
             output::line(format!(
                 "    Weights: {} of torchvision, to be fetched; {} of {}, built in (sha256 {}).",
@@ -39,27 +34,6 @@ pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outco
         output::line("")?;
     }
     Ok(Outcome::Done)
-}
-
-fn explanation(key: MetricKey) -> serde_json::Value {
-    let facts = MetricInfo::new(key, &[]);
-    let mut value = json!({
-        "key": key.to_string(),
-        "alias": key.alias(),
-        "explanation": facts.convention,
-        "higher_is_better": facts.direction == Direction::Higher,
-        "unit": facts.unit,
-        "input_range": facts.input_range,
-        "resize": facts.resize,
-        "precision": facts.precision,
-    });
-    if let (Some(own), Some(backbone)) = (facts.own_weights, facts.backbone) {
-        value["backbone"] =
-            json!({"name": backbone.name, "file": Published::of(backbone.name).file});
-        value["own_weights"] =
-            json!({"package": own.package, "file": own.file, "sha256": own.sha256});
-    }
-    value
 }
 
 /// A paragraph for a paper.

@@ -1,7 +1,6 @@
 //! `metrics PREDICTION TARGET`: two pictures, or two folders of them.
 //!
 //! * `inputs`: which pictures and masks belong together.
-//! * `kernels`: what the numbers are computed with.
 //! * `scored`: a pair's results, maps included.
 //! * `show`: results as text, JSON and CSV.
 //! * `find`: which convention gives a stranger's number.
@@ -10,22 +9,24 @@
 mod describe;
 mod find;
 mod inputs;
-mod kernels;
 mod scored;
 mod show;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::Args;
-use sharp_metrics::{MetricRegion, ResizeKernel, Scorer, Selection};
+use sharp_metrics::{
+    Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
+};
 
-use self::kernels::KernelArgs;
 use super::data_args::MetricArgs;
+use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
+use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
 
 /// Score a prediction against a target: two pictures, or two folders
@@ -78,8 +79,12 @@ pub(super) struct MetricsArgs {
     /// it unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
-    #[command(flatten)]
-    kernels: KernelArgs,
+    /// Class of CPU kernels for the networks: avx512, avx2 or portable; the fastest of the machine without it
+    #[arg(long, value_name = "SET")]
+    simd: Option<InstructionSet>,
+    /// Convolve directly instead of by Winograd: slower, rounds less
+    #[arg(long)]
+    exact: bool,
     /// Write one row a pair; an unavailable score is an empty cell
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -99,7 +104,13 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     if args.explain {
         return describe::explain(&selection, args.json);
     }
-    let options = args.kernels.applied_to(args.metrics.options()?)?;
+    if let Some(set) = args.simd {
+        Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
+    }
+    let mut options = args.metrics.options()?;
+    if args.exact {
+        options.algorithm = Algorithm::Direct;
+    }
     let scorer = Scorer::with_options(&selection, &args.metrics.weights()?, options)?;
     if args.methods_text {
         return describe::methods_text(&scorer, args.json);
@@ -123,7 +134,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         scored.push(scored::score(&scorer, &selection, input, args)?);
     }
     terminal.end();
-    let results = show::Results {
+    let results = show::ScoredPairs {
         scored: &scored,
         scorer: &scorer,
         terms: args.terms,
@@ -139,6 +150,22 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         write_atomic(path, &results.csv()?)?;
     }
     Ok(Outcome::Done)
+}
+
+/// A metric named itself must be there.
+pub(super) fn demand_explicit(
+    selection: &Selection,
+    scores: &KeyedScores,
+    file: &Path,
+) -> anyhow::Result<()> {
+    for (key, score) in scores {
+        if let Err(reason) = score
+            && selection.is_explicit(*key)
+        {
+            bail!("{}: {key} cannot be computed: {reason}", file.display());
+        }
+    }
+    Ok(())
 }
 
 impl MetricsArgs {

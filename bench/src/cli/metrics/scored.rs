@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resize};
 
 use super::inputs::Input;
-use super::{MetricsArgs, output};
+use super::{MetricsArgs, demand_explicit, output};
 use crate::io::{masks, pictures};
-use crate::pictures::maps::{LocalMap, MapFiles, Scale, write_map};
+use crate::pictures::keyed_scores::KeyedScores;
+use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
 
 /// Everything about one pair.
 pub(super) struct Scored {
@@ -19,10 +20,10 @@ pub(super) struct Scored {
     pub(super) resized_from: Option<(u32, u32)>,
     /// Of prediction and target as scored: `8 bit` or `f32`.
     pub(super) depths: [&'static str; 2],
-    pub(super) scores: Vec<(MetricKey, Result<f64, String>)>,
+    pub(super) scores: KeyedScores,
     pub(super) terms: Vec<(MetricKey, Terms)>,
     /// Key, files and scale of each map.
-    pub(super) maps: Vec<(String, MapFiles, Scale)>,
+    pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
 }
 
 /// Reads, scores, and writes maps.
@@ -64,7 +65,10 @@ pub(super) fn score(
             Some(mask) => format!("{names} (mask {})", mask.display()),
             None => names,
         })?;
-    let scores = scores(&examined, selection, &input.prediction)?;
+    let scores = examined.scores.iter();
+    let scores = scores.map(|(key, s)| (*key, s.as_ref().copied().map_err(ToString::to_string)));
+    let scores: KeyedScores = scores.collect();
+    demand_explicit(selection, &scores, &input.prediction)?;
     let maps = match &args.maps {
         Some(folder) => maps(&examined, [&prediction, &target], folder, &input.name)?,
         None => Vec::new(),
@@ -119,34 +123,12 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
     Ok(found.mask)
 }
 
-/// The scores; an error if one that was asked for by name is not there.
-fn scores(
-    examined: &Examined,
-    selection: &Selection,
-    prediction: &Path,
-) -> anyhow::Result<Vec<(MetricKey, Result<f64, String>)>> {
-    for (key, score) in &examined.scores {
-        if let Err(reason) = score {
-            ensure!(
-                !selection.is_explicit(*key),
-                "{}: {key} cannot be computed: {reason}",
-                prediction.display()
-            );
-        }
-    }
-    let scores = examined.scores.iter().map(|(key, score)| {
-        let score = score.as_ref().copied();
-        (*key, score.map_err(ToString::to_string))
-    });
-    Ok(scores.collect())
-}
-
 fn maps(
     examined: &Examined,
     [prediction, target]: [&Picture; 2],
     folder: &Path,
     name: &str,
-) -> anyhow::Result<Vec<(String, MapFiles, Scale)>> {
+) -> anyhow::Result<Vec<(String, MapFiles, ColourScale)>> {
     let size = target.dimensions();
     let mut maps = vec![LocalMap::difference(prediction, target)];
     for (key, map) in &examined.maps {

@@ -6,13 +6,14 @@ use sharp_metrics::{MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsU
 use super::find::Sought;
 use super::output;
 use super::scored::Scored;
-use crate::evaluate::record::finite_or_text;
 use crate::evaluate::results::number;
+use crate::io::counts::counted;
 use crate::io::fingerprints;
 use crate::io::fingerprints::DECODERS;
+use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
 
 /// All pairs and what they were scored with.
-pub(super) struct Results<'a> {
+pub(super) struct ScoredPairs<'a> {
     pub(super) scored: &'a [Scored],
     pub(super) scorer: &'a Scorer,
     pub(super) terms: bool,
@@ -20,7 +21,7 @@ pub(super) struct Results<'a> {
     pub(super) resize: Option<ResizeKernel>,
 }
 
-impl Results<'_> {
+impl ScoredPairs<'_> {
     fn keys(&self) -> impl Iterator<Item = (usize, MetricKey)> + '_ {
         self.scorer.keys().iter().copied().enumerate()
     }
@@ -35,11 +36,13 @@ impl Results<'_> {
         sum.map(|sum| sum / self.scored.len() as f64)
     }
 
+    fn means(&self) -> impl Iterator<Item = (MetricKey, f64)> + '_ {
+        let keys = self.keys();
+        keys.filter_map(|(at, key)| Some((key, self.mean(at)?)))
+    }
+
     /// The interface that others script against; members are only ever added.
     pub(super) fn json(&self) -> Value {
-        let means = self
-            .keys()
-            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
         let infinite = self.keys().filter_map(|(at, key)| {
             let scores = self.scored.iter().map(|pair| &pair.scores[at].1);
             let count = scores
@@ -47,14 +50,11 @@ impl Results<'_> {
                 .count();
             (count > 0).then(|| (key.to_string(), json!(count)))
         });
-        let facts = self
-            .keys()
-            .map(|(_, key)| MetricInfo::new(key, self.scorer.weights()));
         let mut results = json!({
             "pairs": self.scored.iter().map(|pair| self.pair_json(pair)).collect::<Vec<_>>(),
-            "mean": means.map(|(key, v)| (key.to_string(), json_number(v))).collect::<Map<_, _>>(),
+            "mean": self.means().map(|(key, v)| (key.to_string(), json_number(v))).collect::<Map<_, _>>(),
             "infinite": infinite.collect::<Map<_, _>>(),
-            "metrics": facts.collect::<Vec<_>>(),
+            "metrics": self.scorer.info(),
             "conditions": {
                 "version": env!("CARGO_PKG_VERSION"),
                 "source_fingerprint": fingerprints::BUILD,
@@ -74,13 +74,7 @@ impl Results<'_> {
     }
 
     fn pair_json(&self, pair: &Scored) -> Value {
-        let (mut scores, mut unavailable) = (Map::new(), Map::new());
-        for (key, score) in &pair.scores {
-            match score {
-                Ok(value) => scores.insert(key.to_string(), json_number(*value)),
-                Err(reason) => unavailable.insert(key.to_string(), json!(reason)),
-            };
-        }
+        let [scores, unavailable] = json_scores(&pair.scores);
         let [prediction, target] = pair.depths;
         let mut value = json!({
             "prediction": pair.prediction.display().to_string(),
@@ -124,21 +118,12 @@ impl Results<'_> {
         } else {
             self.print_folder()?;
         }
-        let resized = self
-            .scored
-            .iter()
-            .filter(|pair| pair.resized_from.is_some())
-            .count();
+        let resized = self.scored.iter();
+        let resized = resized.filter(|pair| pair.resized_from.is_some()).count();
         if let Some(kernel) = self.resize.filter(|_| resized > 0) {
-            let pictures = if resized == 1 {
-                "prediction"
-            } else {
-                "predictions"
-            };
-            output::line(format!(
-                "{resized} {pictures} resized: {kernel}, {}",
-                kernel.describe()
-            ))?;
+            let predictions = counted(resized, "prediction");
+            let how = kernel.describe();
+            output::line(format!("{predictions} resized: {kernel}, {how}"))?;
         }
         for used in self.scorer.weights() {
             output::line(weights_line(used))?;
@@ -199,10 +184,9 @@ impl Results<'_> {
 
     /// The metrics whose value (or mean over the pairs) is the number sought, to its digits.
     fn found(&self, sought: &Sought) -> Vec<(MetricKey, f64)> {
-        let values = self
-            .keys()
-            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
-        values.filter(|(_, value)| sought.is(*value)).collect()
+        self.means()
+            .filter(|(_, value)| sought.is(*value))
+            .collect()
     }
 
     fn print_found(&self, sought: &Sought) -> anyhow::Result<()> {
@@ -214,11 +198,9 @@ impl Results<'_> {
         if !found.is_empty() {
             return Ok(());
         }
-        let values = self
-            .keys()
-            .filter_map(|(at, key)| Some((key, self.mean(at)?)));
-        let nearest =
-            values.min_by(|(_, a), (_, b)| sought.distance(*a).total_cmp(&sought.distance(*b)));
+        let distance = |value| sought.distance(value);
+        let nearest = self.means();
+        let nearest = nearest.min_by(|(_, a), (_, b)| distance(*a).total_cmp(&distance(*b)));
         output::line(match nearest {
             Some((key, value)) => format!(
                 "{} is none of the selected metrics; the nearest is {key} ({})",
@@ -254,18 +236,7 @@ impl Results<'_> {
                 let size = pair.resized_from.map(|(w, h)| format!("{w}x{h}"));
                 row.push(size.unwrap_or_default());
             }
-            let mut reasons = Vec::new();
-            for (key, score) in &pair.scores {
-                row.push(
-                    score
-                        .as_ref()
-                        .map_or_else(|_| String::new(), |v| number(*v)),
-                );
-                if let Err(reason) = score {
-                    reasons.push(format!("{key}: {reason}"));
-                }
-            }
-            row.push(reasons.join("; "));
+            row.extend(csv_cells(&pair.scores));
             out.write_record(&row)?;
         }
         Ok(out.into_inner().map_err(csv::IntoInnerError::into_error)?)
@@ -286,10 +257,6 @@ fn weights_line(used: &WeightsUsed) -> String {
         "weights of {}: features sha256 {}{file}",
         used.backbone, used.features_sha256
     )
-}
-
-fn json_number(value: f64) -> Value {
-    finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
 }
 
 fn terms_json(key: MetricKey, terms: &Terms) -> Value {

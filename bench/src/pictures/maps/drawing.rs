@@ -3,9 +3,9 @@
 //! The colours (inferno) have equal steps of lightness for equal steps of value, so they stay in order in grey and
 //! under every form of colour blindness. Dark is alike, bright is different, in every map.
 
-use image::{Rgb, RgbImage};
+use image::{Rgb, RgbImage, imageops};
 
-use super::map::{LocalMap, Scale};
+use super::{ColourScale, LocalMap};
 use crate::report::error_map::colour;
 use crate::report::plots::canvas::{INK, MUTED};
 use crate::report::plots::scale::Step;
@@ -52,7 +52,7 @@ struct Ticks(Vec<(f64, String)>);
 
 impl Ticks {
     fn of(map: &LocalMap) -> Self {
-        let Scale { alike, different } = map.scale;
+        let ColourScale { alike, different } = map.scale;
         let (low, high) = (alike.min(different), alike.max(different));
         let step = Step::nice(high - low, 5);
         let below = has_values_below(map, low);
@@ -126,21 +126,17 @@ fn caption(map: &LocalMap) -> String {
 }
 
 fn draw_map(picture: &mut RgbImage, map: &LocalMap, layout: &Layout) {
-    for y in 0..layout.map.1 {
-        for x in 0..layout.map.0 {
-            let at = (x / layout.enlargement, y / layout.enlargement);
-            let value = map.values.get_pixel(at.0, at.1).0[0];
-            let rgb = if value.is_nan() {
-                NO_VALUE
-            } else {
-                colour(map.scale.share(value))
-            };
-            picture.put_pixel(layout.margin + x, layout.top + y, rgb);
+    let drawn = RgbImage::from_fn(layout.map.0, layout.map.1, |x, y| {
+        let (x, y) = (x / layout.enlargement, y / layout.enlargement);
+        match map.values.get_pixel(x, y).0[0] {
+            value if value.is_nan() => NO_VALUE,
+            value => colour(map.scale.share(value)),
         }
-    }
+    });
+    imageops::replace(picture, &drawn, layout.margin.into(), layout.top.into());
 }
 
-fn draw_bar(picture: &mut RgbImage, scale: Scale, ticks: &Ticks, layout: &Layout) {
+fn draw_bar(picture: &mut RgbImage, scale: ColourScale, ticks: &Ticks, layout: &Layout) {
     let (bar_width, bar_height) = layout.bar;
     let span = f64::from(bar_height - 1);
     for y in 0..bar_height {
@@ -185,10 +181,10 @@ fn draw_texts(picture: &mut RgbImage, layout: &Layout) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pictures::maps::map::Values;
+    use crate::pictures::maps::Values;
     use image::Luma;
 
-    fn map(width: u32, height: u32, scale: Scale) -> LocalMap {
+    fn map(width: u32, height: u32, scale: ColourScale) -> LocalMap {
         let values = Values::from_fn(width, height, |x, y| {
             Luma([if (x, y) == (0, 0) {
                 f32::NAN
@@ -207,7 +203,7 @@ mod tests {
 
     #[test]
     fn values_become_squares_of_the_colours_of_the_bar() {
-        let scale = Scale {
+        let scale = ColourScale {
             alike: 0.0,
             different: 1.0,
         };
@@ -238,7 +234,7 @@ mod tests {
                 .map(|(_, label)| label)
                 .collect()
         };
-        let mut map = map(30, 10, Scale::SSIM);
+        let mut map = map(30, 10, ColourScale::SSIM);
         assert_eq!(ticks(&map), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
         map.values.put_pixel(5, 5, Luma([-0.1]));
         assert_eq!(ticks(&map)[0], "≤ 0.0");
@@ -247,7 +243,7 @@ mod tests {
     #[test]
     fn odd_shapes_can_be_drawn() {
         for (width, height) in [(2, 1), (3, 700), (700, 2)] {
-            let picture = drawing(&map(width, height, Scale::SSIM));
+            let picture = drawing(&map(width, height, ColourScale::SSIM));
             assert!(picture.width() > width && picture.height() > height);
         }
     }

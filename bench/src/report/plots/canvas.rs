@@ -27,14 +27,12 @@ const PLOTTERS_FONT_FACTOR: f64 = 1.24;
 /// sRGB and opacity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ink {
-    /// 8 bit each.
     pub rgb: (u8, u8, u8),
     /// 0..1.
     pub alpha: f64,
 }
 
 impl Ink {
-    /// Opaque.
     pub const fn opaque(r: u8, g: u8, b: u8) -> Self {
         Self {
             rgb: (r, g, b),
@@ -74,14 +72,11 @@ pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
 /// Background.
 pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
 
-/// Where text sits relative to its point.
+/// Which part of the text is at its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// The text begins there.
     Start,
-    /// The text is centred there.
     Middle,
-    /// The text ends there.
     End,
 }
 
@@ -90,9 +85,7 @@ pub enum Anchor {
 pub struct Lettering {
     /// Font size, CSS pixels.
     pub size: f64,
-    /// Weight.
     pub weight: Weight,
-    /// Colour.
     pub ink: Ink,
     /// Horizontal anchor; the point's y is the baseline.
     pub anchor: Anchor,

@@ -75,15 +75,15 @@ pub struct PlotArea {
     pub infinity: f64,
 }
 
+/// Draws the data of a panel.
+pub type DrawData<'a> = Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>;
+
 /// A panel of a figure.
 pub struct Panel<'a> {
     pub frame: PanelFrame,
-    /// Draws the data, or says why there is none.
+    /// `Err` says why there is no data.
     pub content: Result<DrawData<'a>, &'static str>,
 }
-
-/// Draws the data of a panel into its area.
-pub type DrawData<'a> = Box<dyn Fn(&mut dyn Surface, &PlotArea) + 'a>;
 
 /// A figure of panels, with a legend and a caption of one line.
 ///

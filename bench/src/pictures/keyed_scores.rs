@@ -1,0 +1,41 @@
+//! Scores with their metrics, for JSON and CSV.
+
+use serde_json::{Map, Value, json};
+use sharp_metrics::MetricKey;
+
+use crate::evaluate::record::finite_or_text;
+use crate::evaluate::results::number;
+
+/// Each metric's score, or why there is none.
+pub type KeyedScores = Vec<(MetricKey, Result<f64, String>)>;
+
+/// The number; `"inf"`, `"-inf"` or `"nan"` for one that JSON cannot hold.
+pub fn json_number(value: f64) -> Value {
+    finite_or_text::text(value).map_or_else(|| json!(value), |text| json!(text))
+}
+
+/// The scores by key, and the reasons why others are missing.
+pub fn json_scores(scores: &KeyedScores) -> [Map<String, Value>; 2] {
+    let (mut values, mut unavailable) = (Map::new(), Map::new());
+    for (key, score) in scores {
+        match score {
+            Ok(value) => values.insert(key.to_string(), json_number(*value)),
+            Err(reason) => unavailable.insert(key.to_string(), json!(reason)),
+        };
+    }
+    [values, unavailable]
+}
+
+/// A cell a score, empty where it is missing, and a last one that says why.
+pub fn csv_cells(scores: &KeyedScores) -> Vec<String> {
+    let value = |score: &Result<f64, String>| {
+        score
+            .as_ref()
+            .map_or_else(|_| String::new(), |v| number(*v))
+    };
+    let mut cells: Vec<String> = scores.iter().map(|(_, score)| value(score)).collect();
+    let missing = scores.iter();
+    let missing = missing.filter_map(|(key, s)| Some(format!("{key}: {}", s.as_ref().err()?)));
+    cells.push(missing.collect::<Vec<_>>().join("; "));
+    cells
+}
