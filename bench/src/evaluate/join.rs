@@ -152,8 +152,9 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         let text = |manifest: &Manifest| manifest.scoring.get(rule).cloned().unwrap_or_default();
         differs(rule, &text(&a), &text(&b))?;
     }
-    if a.common_region != b.common_region {
-        return Err("one was scored on the methods' common region (--common-region)".to_owned());
+    if a.common_region || b.common_region {
+        let reason = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
+        return Err(reason.to_owned());
     }
     for metric in b.metrics {
         match a
@@ -311,7 +312,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
             plan.add(block);
         }
         for unit in current.units {
-            copy_unit(&folder, &target, unit, current.manifest.common_region)?;
+            copy_unit(&folder, &target, unit)?;
         }
     }
     if let Some(list) = list {
@@ -357,18 +358,8 @@ fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
 }
 
 /// Copies a unit with its pictures; scores that another copy has are kept.
-fn copy_unit(
-    from: &RunFolder,
-    to: &RunFolder,
-    mut unit: Unit,
-    common_region: bool,
-) -> Result<(), EvaluateError> {
-    let to_units = if common_region {
-        to.common_region()
-    } else {
-        to.clone()
-    };
-    if let Some(before) = to_units.load(&unit.slot)? {
+fn copy_unit(from: &RunFolder, to: &RunFolder, mut unit: Unit) -> Result<(), EvaluateError> {
+    if let Some(before) = to.load(&unit.slot)? {
         for (key, score) in before.scores {
             unit.scores.entry(key).or_insert(score);
         }
@@ -383,6 +374,6 @@ fn copy_unit(
             write_atomic(&copy, &bytes)?;
         }
     }
-    to_units.save(unit)?;
+    to.save(unit)?;
     Ok(())
 }

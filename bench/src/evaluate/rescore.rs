@@ -14,9 +14,11 @@ use super::pipeline::{Counts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, write_tables};
 use super::score::{PairTruth, Unscored, crop, missing, score_pair};
-use super::unit::Unit;
+use super::unit::{Slot, Unit};
+use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
 use crate::io::pictures::read_rgb8;
+use crate::io::rendering_files::write_png;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::{OpenDataset, PairList};
@@ -180,15 +182,19 @@ pub(super) fn score_common_region(
                 Cut::Failed(unit) => {
                     common_folder.save(*unit)?;
                 }
-                Cut::Picture(item) => {
-                    let stored = common_folder.load(&item.unit.slot)?;
-                    let stored = stored.filter(|stored| stored.picture == item.unit.picture);
-                    let item = match stored {
-                        Some(unit) => Unscored { unit, ..*item },
-                        None => *item,
-                    };
-                    if !missing(&item.unit, scoring, keys, planned).is_empty() {
-                        unscored.push(item);
+                Cut::Picture(mut item) => {
+                    let stored = common_folder.load(&item.unit.slot)?.filter(|stored| {
+                        let sha256 = |unit: &Unit| unit.picture.as_ref().map(|p| p.sha256.clone());
+                        sha256(stored) == sha256(&item.unit) && common_folder.has_picture(stored)
+                    });
+                    match stored {
+                        Some(unit) => item.unit = unit,
+                        None => keep_cut(&common_folder, &mut item)?,
+                    }
+                    if missing(&item.unit, scoring, keys, planned).is_empty() {
+                        common_folder.save(item.unit)?;
+                    } else {
+                        unscored.push(*item);
                     }
                 }
             }
@@ -198,6 +204,20 @@ pub(super) fn score_common_region(
         }
     }
     observer.end();
+    Ok(())
+}
+
+/// Keeps the picture that is scored, which is what reports show.
+fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
+    let Slot {
+        method, pair_id, ..
+    } = &item.unit.slot;
+    let path = folder.prediction_path(method, pair_id, "png");
+    write_png(&path, &item.picture)?;
+    if let Some(scored) = &mut item.unit.picture {
+        scored.file_sha256 = Some(file_sha256(&path)?);
+        scored.float_sha256 = None;
+    }
     Ok(())
 }
 

@@ -62,12 +62,7 @@ impl Current {
             .iter()
             .map(|d| d.identity.as_str())
             .collect();
-        let units_folder = if manifest.common_region {
-            folder.common_region()
-        } else {
-            folder.clone()
-        };
-        let (mut units, _) = units_folder.units()?;
+        let (mut units, _) = units_folder(folder, &manifest).units()?;
         units.retain(|unit| {
             methods
                 .get(unit.slot.method.as_str())
@@ -113,6 +108,14 @@ impl Current {
     }
 }
 
+/// Where the units that tables show are: with a common region, those that were scored on it.
+fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
+    match manifest.common_region {
+        true => folder.common_region(),
+        false => folder.clone(),
+    }
+}
+
 /// Scored, or a recorded failure: not one that waits for its scores.
 fn is_done(unit: &Unit) -> bool {
     unit.record.status != Status::Ok || !unit.scores.is_empty()
@@ -138,7 +141,7 @@ impl Results {
             missing: current.missing,
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
-                folder: folder.unlocked(),
+                folder: units_folder(folder, &current.manifest).unlocked(),
             }],
             manifest: current.manifest.clone(),
         })
