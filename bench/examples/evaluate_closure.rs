@@ -12,11 +12,10 @@ use std::path::PathBuf;
 
 use glam::DVec2;
 use image::RgbImage;
-use sharp::render::Backend;
-use sharp_bench::evaluate::{PairOrigin, Request, RunOptions, prepare};
+use sharp_bench::evaluate::{Request, RunOptions, prepare};
 use sharp_bench::io::observer::Quiet;
 use sharp_bench::methods::{Closure, MethodError, PicturePrediction, SourceView, TargetCamera};
-use sharp_bench::pairs::{OpenDataset, PairOptions, PairRecipe};
+use sharp_bench::pairs::OpenDataset;
 use sharp_bench::report::assemble;
 use sharp_bench::scoring::Scoring;
 use sharp_metrics::{Selection, Weights};
@@ -40,19 +39,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = folder.unwrap_or_else(|| temporary.path().to_owned());
 
     let data = sharp_datasets::bundled::extract(&folder.join("data"))?;
-    let request = Request {
-        datasets: OpenDataset::open_all(&[format!("middlebury={}", data.display())], None)?,
-        only_scenes: None,
-        pairs: PairOrigin::Built {
-            recipe: Box::new(PairRecipe::new(PairOptions::default())),
-            cache: None,
-        },
-        limit: None,
-        methods: vec![(String::new(), Box::new(Closure::new("plane", "1", plane)))],
-        scoring: Scoring::new(&Selection::parse("psnr,ssim")?, &Weights::none())?,
-        common_region: false,
-        backend: Backend::Cpu,
-    };
+    let request = Request::new(
+        OpenDataset::open_all(&[format!("middlebury={}", data.display())], None)?,
+        vec![Box::new(Closure::new("plane", "1", plane))],
+        Scoring::new(&Selection::parse("psnr,ssim")?, &Weights::none())?,
+    );
     let run = prepare(request, &Quiet)?.run(&folder.join("run"), RunOptions::default(), &Quiet)?;
     println!("{}", assemble::tables(&run.results)?);
     Ok(())

@@ -63,6 +63,30 @@ pub struct Request {
     pub backend: Backend,
 }
 
+impl Request {
+    /// The rest by default: pairs by the paper's rules, all of them, rendered on the CPU.
+    pub fn new(
+        datasets: Vec<OpenDataset>,
+        methods: Vec<Box<dyn Method>>,
+        scoring: Scoring,
+    ) -> Self {
+        let methods = methods.into_iter();
+        Self {
+            datasets,
+            only_scenes: None,
+            pairs: PairOrigin::Built {
+                recipe: Box::default(),
+                cache: None,
+            },
+            limit: None,
+            methods: methods.map(|method| (String::new(), method)).collect(),
+            scoring,
+            common_region: false,
+            backend: Backend::Cpu,
+        }
+    }
+}
+
 /// Everything that decides what is evaluated.
 pub struct Evaluation {
     datasets: Vec<OpenDataset>,

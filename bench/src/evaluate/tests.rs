@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use sharp::gaussians::Gaussians;
-use sharp::render::{Backend, CpuRenderer, LoadedScene, RenderError, Renderer};
+use sharp::render::{CpuRenderer, LoadedScene, RenderError, Renderer};
 use sharp_metrics::{Selection, Weights};
 
 use super::*;
@@ -18,7 +18,7 @@ use crate::methods::{
     self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
     PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
 };
-use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
+use crate::pairs::OpenDataset;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Scoring;
 
@@ -39,17 +39,13 @@ fn by_spec(specs: &[&str]) -> Methods {
 fn request(methods: Methods, metrics: &str, limit: usize) -> Request {
     let selection = Selection::parse(metrics).unwrap();
     Request {
-        datasets: OpenDataset::open_all(&[DATASET.to_owned()], None).unwrap(),
-        only_scenes: None,
-        pairs: PairOrigin::Built {
-            recipe: Box::new(PairRecipe::new(PairOptions::default())),
-            cache: None,
-        },
         limit: Some(limit),
         methods,
-        scoring: Scoring::new(&selection, &Weights::deterministic("")).unwrap(),
-        common_region: false,
-        backend: Backend::Cpu,
+        ..Request::new(
+            OpenDataset::open_all(&[DATASET.to_owned()], None).unwrap(),
+            Vec::new(),
+            Scoring::new(&selection, &Weights::deterministic("")).unwrap(),
+        )
     }
 }
 
