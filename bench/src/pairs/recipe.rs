@@ -75,7 +75,7 @@ impl PairRecipe {
             self.options.depth = OverlapDepth::Given;
         }
         let depth = self.options.depth;
-        let given = matches!(depth, OverlapDepth::Given | OverlapDepth::GivenMetric);
+        let given = self.takes_maps();
         if given != self.overlap_depth.is_some() {
             let needs = if given { "needs" } else { "does not take" };
             let reason = format!("overlap={depth} {needs} --overlap-depth DIR");
@@ -100,19 +100,26 @@ impl PairRecipe {
                 _ => options.push(entry),
             }
         }
-        // A dataset that says whose depth decides does not take the files of another choice.
-        let own = |key: &str| dataset.pair_options.contains(key);
-        if own("overlap=") && !own("overlap-depth=") {
-            recipe.overlap_depth = None;
-        }
-        if own("overlap=") && !own("overlap-checkpoint=") {
-            recipe.overlap_checkpoint = None;
-        }
-        recipe.options = recipe.options.with(&options.join(","))?;
-        recipe.checked().map_err(|error| PairError::DatasetSpec {
+        let named = |error: PairError| PairError::DatasetSpec {
             spec: format!("{},{}", dataset.spec, dataset.pair_options),
             reason: error.to_string(),
-        })
+        };
+        recipe.options = recipe.options.with(&options.join(",")).map_err(named)?;
+        // Files of the common choice are left to the datasets that it holds for.
+        let own = |key: &str| dataset.pair_options.contains(key);
+        if own("overlap=") && !own("overlap-depth=") && !recipe.takes_maps() {
+            recipe.overlap_depth = None;
+        }
+        if own("overlap=") && recipe.options.depth != OverlapDepth::SharpRelease {
+            recipe.overlap_checkpoint = None;
+        }
+        recipe.checked().map_err(named)
+    }
+
+    /// True if depth maps by anyone decide overlap.
+    fn takes_maps(&self) -> bool {
+        let depth = self.options.depth;
+        matches!(depth, OverlapDepth::Given | OverlapDepth::GivenMetric)
     }
 
     /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read are warnings.
@@ -289,5 +296,40 @@ fn context<'a>(
 fn warn(cache: Option<&OverlapCache>, observer: &dyn Observer) {
     for warning in cache.map(OverlapCache::take_warnings).unwrap_or_default() {
         observer.warn(&warning);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dataset_changes_the_common_choices_for_itself() {
+        let open = |options: &str| {
+            let text = format!("S:synthetic=size=48x36,views=2{options}");
+            OpenDataset::open_all(&[text], None).unwrap().remove(0)
+        };
+        let common = PairRecipe {
+            overlap_depth: Some("maps".into()),
+            ..PairRecipe::new("threshold=0.5".parse().unwrap())
+        };
+        let common = common.checked().unwrap();
+        assert_eq!(common.of(&open("")).unwrap(), common);
+        let dense = common.of(&open(",pairs.overlap=ground-truth")).unwrap();
+        assert_eq!(dense.overlap_depth, None);
+        assert_eq!(dense.options.threshold, 0.5);
+        let metric = common.of(&open(",pairs.overlap=given-metric,pairs.size=4"));
+        let metric = metric.unwrap();
+        assert_eq!(metric.overlap_depth, common.overlap_depth);
+        assert_eq!(metric.options.sets.size, 4);
+        let own = common.of(&open(",pairs.overlap-depth=mine")).unwrap();
+        assert_eq!(own.overlap_depth, Some("mine".into()));
+        for wrong in [
+            ",pairs.bogus=1",
+            ",pairs.overlap=ground-truth,pairs.overlap-depth=x,pairs.overlap=given",
+        ] {
+            let error = common.of(&open(wrong)).unwrap_err();
+            assert!(matches!(error, PairError::DatasetSpec { .. }), "{error}");
+        }
     }
 }
