@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(cache) => Weights::none().with_cache(&cache),
         None => Weights::none(),
     };
-    let scorer = Scorer::new(&Selection::parse("paper,ssim-all")?, &weights)?;
+    let scorer = Scorer::new(&Selection::parse("paper,ssim")?, &weights)?;
     let (target, prediction) = (Picture::Rgb8(target), Picture::Rgb8(prediction));
     for (key, score) in scorer.score(&prediction, &target, None)? {
         match score {

@@ -17,9 +17,9 @@
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored.
 //! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
 //!   `prediction_file`: predictions of sources, made once.
-//! * [`record`]: one result; [`unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
+//! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
 //!   [`manifest`]: what its results share.
-//! * [`results`]: a folder as records and tables; [`join`]: several folders as one; [`mod@rescore`]: kept predictions
+//! * [`results`]: a folder as records and tables; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
 //!   scored again.
 
 pub mod error;
