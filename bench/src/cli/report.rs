@@ -8,7 +8,7 @@ use serde_json::json;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::evaluate::{Counts, Named, Results, join};
+use crate::evaluate::{Named, Results, UnitCounts, join};
 use crate::report::{PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
@@ -80,7 +80,7 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
 }
 
 /// Exit code 4 where units are recorded failures.
-pub(super) fn outcome(counts: Counts) -> Outcome {
+pub(super) fn outcome(counts: UnitCounts) -> Outcome {
     if counts.failed == 0 {
         return Outcome::Done;
     }

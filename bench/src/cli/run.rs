@@ -13,7 +13,7 @@ use super::output::Terminal;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::{
-    EvaluateError, Evaluation, Keep, Request, RunOptions, Stages, Standing, prepare,
+    EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages, prepare,
 };
 use crate::io::counts::counted;
 use crate::methods::{self, KINDS, MethodSpec};
@@ -243,7 +243,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     for metric in &manifest.metrics {
         output::line(format!("metric  {}", metric.info.key))?;
     }
-    let Standing {
+    let RunStatus {
         units,
         done,
         unscored,

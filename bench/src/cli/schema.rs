@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 
 use super::{Outcome, output};
 use crate::evaluate::Manifest;
-use crate::evaluate::folder::Plan;
+use crate::evaluate::folder::RunPlan;
 use crate::evaluate::record::Record;
 use crate::evaluate::unit::Unit;
 
@@ -34,7 +34,7 @@ pub(super) fn execute(args: &SchemaArgs) -> anyhow::Result<Outcome> {
         SchemaFile::Manifest => schemars::schema_for!(Manifest),
         SchemaFile::Unit => schemars::schema_for!(Unit),
         SchemaFile::Record => schemars::schema_for!(Record),
-        SchemaFile::Plan => schemars::schema_for!(Plan),
+        SchemaFile::Plan => schemars::schema_for!(RunPlan),
     })?;
     Ok(Outcome::Done)
 }

@@ -37,7 +37,7 @@ pub struct RunFolder {
 
 /// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct Plan {
+pub struct RunPlan {
     /// [`FORMAT`] of the writer.
     pub format: u32,
     /// All pairs of a block are evaluated by all its methods.
@@ -53,7 +53,7 @@ pub struct PlanBlock {
     pub methods: Vec<String>,
 }
 
-impl Plan {
+impl RunPlan {
     /// Adds a block unless it is there.
     pub fn add(&mut self, block: PlanBlock) {
         self.format = FORMAT;
@@ -217,12 +217,12 @@ impl RunFolder {
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
-    pub fn plan(&self) -> Result<Plan, FileError> {
+    pub fn plan(&self) -> Result<RunPlan, FileError> {
         let path = self.root.join("plan.json");
         match fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes)
                 .map_err(|error| FileError::new(&path, "parse")(error.into())),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Plan::default()),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(RunPlan::default()),
             Err(error) => Err(FileError::new(&path, "read")(error)),
         }
     }
@@ -231,7 +231,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// Names the file and what the system said.
-    pub fn write_plan(&self, plan: &Plan) -> Result<(), FileError> {
+    pub fn write_plan(&self, plan: &RunPlan) -> Result<(), FileError> {
         write_json(&self.root.join("plan.json"), plan)
     }
 
@@ -402,7 +402,7 @@ mod tests {
             pairs: pairs.iter().map(|&p| p.to_owned()).collect(),
             methods: methods.iter().map(|&m| m.to_owned()).collect(),
         };
-        let mut plan = Plan::default();
+        let mut plan = RunPlan::default();
         plan.add(block(&["p", "q"], &["a"]));
         plan.add(block(&["p", "q"], &["a"]));
         plan.add(block(&["q"], &["a", "b"]));

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::EvaluateError;
-use super::folder::{Plan, RunFolder};
+use super::folder::{RunFolder, RunPlan};
 use super::manifest::Manifest;
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
@@ -301,7 +301,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     }
     let target = RunFolder::create(out)?;
     let mut list: Option<PairList> = None;
-    let mut plan = Plan::default();
+    let mut plan = RunPlan::default();
     for (folder, current) in opened {
         let of_folder = PairList::read(&folder.pairs_path())?;
         list = Some(match list {

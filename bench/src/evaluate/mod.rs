@@ -1,17 +1,16 @@
 //! The evaluation core: what is evaluated, by which stages, and the folder that keeps its results.
 //!
-//! ```no_run
-//! use sharp_bench::evaluate::{Request, RunOptions, prepare};
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let request: Request = unimplemented!();
+//! ```
+//! use sharp_bench::evaluate::{EvaluateError, Request, RunOptions, prepare};
 //! use sharp_bench::io::observer::Quiet;
 //!
-//! let finished = prepare(request, &Quiet)?.run("runs/first".as_ref(), RunOptions::default(), &Quiet)?;
-//! for record in &finished.results.records {
-//!     println!("{} {} {:?}", record.pair_id, record.method, record.scores);
+//! fn evaluate(request: Request) -> Result<(), EvaluateError> {
+//!     let run = prepare(request, &Quiet)?.run("runs/first".as_ref(), RunOptions::default(), &Quiet)?;
+//!     for record in &run.results.records {
+//!         println!("{} {} {:?}", record.pair_id, record.method, record.scores);
+//!     }
+//!     Ok(())
 //! }
-//! # Ok(())
-//! # }
 //! ```
 //!
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored.
@@ -44,7 +43,7 @@ pub use error::EvaluateError;
 pub use folder::RunFolder;
 pub use join::{Named, join, merge};
 pub use manifest::Manifest;
-pub use pipeline::{Counts, Keep, RunOptions, Stages};
-pub use prepare::{Evaluation, Finished, PairOrigin, Request, Standing, prepare};
+pub use pipeline::{Keep, RunOptions, Stages, UnitCounts};
+pub use prepare::{Evaluation, Finished, PairOrigin, Request, RunStatus, prepare};
 pub use rescore::rescore;
 pub use results::Results;

@@ -98,7 +98,7 @@ pub(super) struct Job<'a> {
 
 /// What happened to the units of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct UnitCounts {
     /// Units of the plan.
     pub units: usize,
     /// Units whose stored result was complete.
@@ -135,7 +135,7 @@ enum Reuse {
 struct PreparedPair<'a> {
     truth: PairTruth<'a>,
     units: Vec<(String, Prepared)>,
-    made: Counts,
+    made: UnitCounts,
 }
 
 /// Runs a plan into a folder. Finished units are taken over, recorded failures tried again; a failing pair becomes a
@@ -147,7 +147,7 @@ pub(super) fn run(
     job: &Job,
     folder: &RunFolder,
     observer: &dyn Observer,
-) -> Result<Counts, EvaluateError> {
+) -> Result<UnitCounts, EvaluateError> {
     for method in job.methods {
         method.begin(&folder.logs_path());
     }
@@ -156,7 +156,7 @@ pub(super) fn run(
     observer.begin("", job.pairs.len() * job.methods.len(), "units");
     std::thread::scope(|scope| {
         scope.spawn(move || prepare_all(job, folder, &sender));
-        let mut counts = Counts::default();
+        let mut counts = UnitCounts::default();
         for pair in pairs {
             let PreparedPair { truth, units, made } = pair?;
             counts.predicted += made.predicted;
@@ -211,7 +211,7 @@ fn prepare_all<'a>(
             source: planned.source.into(),
             target: planned.target.into(),
             truth: PairTruth::new(*planned),
-            made: Counts::default(),
+            made: UnitCounts::default(),
         };
         let units: Result<Vec<_>, EvaluateError> = job
             .methods
@@ -301,7 +301,7 @@ struct PairWork<'j, 'a> {
     source: PosedCamera,
     target: PosedCamera,
     truth: PairTruth<'a>,
-    made: Counts,
+    made: UnitCounts,
 }
 
 impl<'a> PairWork<'_, 'a> {

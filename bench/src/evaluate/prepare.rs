@@ -13,7 +13,7 @@ use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, RendererRecord,
     metric_records, scoring_conventions,
 };
-use super::pipeline::{Counts, Job, Keep, RunOptions, Stages, run as run_pipeline};
+use super::pipeline::{Job, Keep, RunOptions, Stages, UnitCounts, run as run_pipeline};
 use super::record::Status;
 use super::rescore::score_common_region;
 use super::results::{Results, write_tables};
@@ -105,7 +105,7 @@ pub struct Evaluation {
 
 /// What a folder holds of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-pub struct Standing {
+pub struct RunStatus {
     /// Units of the plan.
     pub units: usize,
     /// Units with all their scores.
@@ -123,7 +123,7 @@ pub struct Finished {
     /// The folder.
     pub folder: RunFolder,
     /// What was done.
-    pub counts: Counts,
+    pub counts: UnitCounts,
     /// All results of the folder, also those of earlier runs.
     pub results: Results,
     /// The scenes that were opened.
@@ -305,15 +305,15 @@ impl Evaluation {
         })
     }
 
-    /// Counts what a folder holds of the evaluation, and measures nothing.
+    /// UnitCounts what a folder holds of the evaluation, and measures nothing.
     ///
     /// # Errors
     /// When the folder cannot be read.
-    pub fn status(&self, root: &Path) -> Result<Standing, EvaluateError> {
+    pub fn status(&self, root: &Path) -> Result<RunStatus, EvaluateError> {
         let pairs = self.pairs()?;
-        let mut standing = Standing {
+        let mut standing = RunStatus {
             units: pairs.len() * self.methods.len(),
-            ..Standing::default()
+            ..RunStatus::default()
         };
         let Ok(folder) = RunFolder::open(root) else {
             standing.missing = standing.units;

@@ -10,7 +10,7 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
 use super::manifest::metric_records;
-use super::pipeline::{Counts, picture_sha256};
+use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, write_tables};
 use super::score::{PairTruth, Unscored, crop, missing, score_pair};
@@ -32,7 +32,7 @@ pub fn rescore(
     root: &Path,
     scoring: &Scoring,
     observer: &dyn Observer,
-) -> Result<(Counts, Results), EvaluateError> {
+) -> Result<(UnitCounts, Results), EvaluateError> {
     // Reading first: a mistyped path is not created.
     RunFolder::open(root)?;
     let folder = RunFolder::create(root)?;
@@ -70,7 +70,7 @@ pub fn rescore(
             .or_default()
             .push(unit.clone());
     }
-    let mut counts = Counts::default();
+    let mut counts = UnitCounts::default();
     observer.begin("", current.units.len(), "units");
     let mut not_kept = 0;
     for planned in list.resolve(&scenes)? {
