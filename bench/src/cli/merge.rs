@@ -38,18 +38,18 @@ pub(super) fn execute(args: &MergeArgs) -> anyhow::Result<Outcome> {
         output::json(&json!({
             "run": target,
             "units": results.records.len(),
-            "missing": results.missing,
+            "missing": results.missing.len(),
             "failed": results.failures(),
         }))?;
     } else {
         output::line(format!(
             "{} in {target}: {} missing, {} failed",
             counted(results.records.len(), "unit"),
-            results.missing,
+            results.missing.len(),
             results.failures()
         ))?;
     }
-    Ok(match (results.missing, results.failures()) {
+    Ok(match (results.missing.len(), results.failures()) {
         (0, 0) => Outcome::Done,
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,

@@ -50,11 +50,11 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
             return Err(UsageError(reason.to_owned()).into());
         }
     };
-    if results.missing > 0 {
+    if !results.missing.is_empty() {
         output::remark(format!(
             "note: {} of {} units are done; the report is of those",
             results.records.len(),
-            results.records.len() + results.missing
+            results.records.len() + results.missing.len()
         ));
     }
     let scenes = assemble::scenes(&results.manifest, &Terminal::default());

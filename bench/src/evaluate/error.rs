@@ -87,7 +87,7 @@ pub enum EvaluateError {
         /// The first difference.
         difference: String,
     },
-    /// Predictions that a rescore needs were not kept.
+    /// What is there does not suffice for what is asked.
     #[error("{}: {reason}", folder.display())]
     NotKept {
         /// The run folder.

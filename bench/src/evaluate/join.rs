@@ -91,6 +91,10 @@ fn rename(results: &mut Results, name: &str) {
     for method in &mut results.manifest.methods {
         method.label = renamed(&method.label);
     }
+    let missing = std::mem::take(&mut results.missing).into_iter();
+    results.missing = missing
+        .map(|(pair, method)| (pair, renamed(&method)))
+        .collect();
     for pictures in &mut results.pictures {
         let labels = std::mem::take(&mut pictures.labels).into_values();
         pictures.labels = labels.map(|label| (renamed(&label), label)).collect();
@@ -123,12 +127,18 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
         let at = |record: &Record| order.get(record.method.as_str()).copied();
         a.pair_id.cmp(&b.pair_id).then_with(|| at(a).cmp(&at(b)))
     });
+    // What one folder lacks, the other may have.
+    let mut missing = a.missing;
+    missing.extend(b.missing);
+    for record in &records {
+        missing.remove(&(record.pair_id.clone(), record.method.clone()));
+    }
     let mut pictures = a.pictures;
     pictures.extend(b.pictures);
     Ok(Results {
         manifest,
         records,
-        missing: a.missing + b.missing,
+        missing,
         pictures,
     })
 }

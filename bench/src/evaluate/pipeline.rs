@@ -317,7 +317,8 @@ impl<'a> PairWork<'_, 'a> {
         let keys = job.keys.picture(method, &planned);
         let stored = self.folder.load(&slot)?;
         let stored = stored
-            .filter(|unit| unit.record.status == Status::Ok && unit.picture_key == keys.picture);
+            .filter(|unit| unit.picture_key == keys.picture)
+            .and_then(Unit::scorable);
         if let Some(unit) = stored {
             let unit = self.refreshed(unit)?;
             let renders = matches!(method.approach(), Approach::Gaussians(_));

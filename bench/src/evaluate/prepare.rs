@@ -305,7 +305,7 @@ impl Evaluation {
         })
     }
 
-    /// UnitCounts what a folder holds of the evaluation, and measures nothing.
+    /// Counts what a folder holds of the evaluation, and measures nothing.
     ///
     /// # Errors
     /// When the folder cannot be read.
@@ -383,6 +383,14 @@ impl Evaluation {
         manifest.pairs.sha256.clone_from(&list.sha256);
         manifest.pairs.listed = list.pairs.len();
         manifest.pairs.evaluated = plan.pairs().len();
+        if self.common_region && plan.pairs().len() != pairs.len() {
+            return Err(EvaluateError::NotKept {
+                folder: out.to_owned(),
+                reason: "it holds pairs that this run leaves out; --common-region is that of all methods on all pairs: \
+                         run it with the same pairs, or into a folder of its own"
+                    .to_owned(),
+            });
+        }
         folder.remove_tables()?;
         write_atomic(&folder.pairs_path(), list.to_csv().as_bytes())?;
         folder.write_plan(&plan)?;

@@ -12,7 +12,7 @@ use super::keys::Keys;
 use super::manifest::metric_records;
 use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
-use super::results::{Current, Results, write_tables};
+use super::results::{Current, Results, units_folder, write_tables};
 use super::score::{PairTruth, Unscored, crop, missing, score_pair};
 use super::unit::{Slot, Unit};
 use crate::io::hash::file_sha256;
@@ -43,6 +43,7 @@ pub fn rescore(
     new.metric_networks = scoring.scorer.options().arithmetic();
     new.kernels = scoring.scorer.options().simd.instruction_set();
     let datasets = open_datasets(&manifest)?;
+    let store = units_folder(&folder, &manifest);
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
     manifest = extended;
     for what in replaced {
@@ -82,19 +83,24 @@ pub fn rescore(
         {
             observer.progress(counts.units, &planned.pair.pair_id);
             counts.units += 1;
-            if unit.record.status != Status::Ok {
+            let Some(unit) = unit.scorable() else {
                 counts.failed += 1;
-            } else if missing(&unit, scoring, &keys, &planned).is_empty() {
+                continue;
+            };
+            if missing(&unit, scoring, &keys, &planned).is_empty() {
                 counts.reused += 1;
-            } else {
-                match kept_picture(&folder, &unit) {
-                    Some(picture) => unscored.push(Unscored { unit, picture }),
-                    None => not_kept += 1,
-                }
+                continue;
+            }
+            match kept_picture(&store, &unit) {
+                Some(picture) => unscored.push(Unscored { unit, picture }),
+                None => not_kept += 1,
             }
         }
         if !unscored.is_empty() {
-            counts.scored += score_pair(&truth, unscored, scoring, &keys, &folder)?.len();
+            for unit in score_pair(&truth, unscored, scoring, &keys, &store)? {
+                counts.scored += 1;
+                counts.failed += usize::from(unit.record.status != Status::Ok);
+            }
         }
     }
     observer.end();

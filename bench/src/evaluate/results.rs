@@ -19,8 +19,8 @@ pub struct Results {
     pub manifest: Manifest,
     /// One a unit, by pair id, then in the order of the methods.
     pub records: Vec<Record>,
-    /// Units that the plan asks for and that have no result yet.
-    pub missing: usize,
+    /// Pair id and method of units that the plan asks for and that have no result yet.
+    pub missing: BTreeSet<(String, String)>,
     /// Where the kept pictures are.
     pub pictures: Vec<PictureFolder>,
 }
@@ -39,7 +39,7 @@ pub struct PictureFolder {
 pub(super) struct Current {
     pub(super) manifest: Manifest,
     pub(super) units: Vec<Unit>,
-    pub(super) missing: usize,
+    pub(super) missing: BTreeSet<(String, String)>,
 }
 
 impl Current {
@@ -80,7 +80,10 @@ impl Current {
             .map(|unit| (unit.slot.pair_id.as_str(), unit.slot.method.as_str()))
             .collect();
         let plan = folder.plan()?;
-        let missing = plan.units().difference(&done).count();
+        let planned = plan.units();
+        let missing = planned.difference(&done);
+        let missing = missing.map(|(pair, method)| ((*pair).to_owned(), (*method).to_owned()));
+        let missing = missing.collect();
         Ok(Self {
             missing,
             units,
@@ -109,7 +112,7 @@ impl Current {
 }
 
 /// Where the units that tables show are: with a common region, those that were scored on it.
-fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
+pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
         false => folder.clone(),
@@ -138,7 +141,7 @@ impl Results {
         let labels = labels.map(|method| (method.label.clone(), method.label.clone()));
         Ok(Self {
             records: current.records(&list.pairs),
-            missing: current.missing,
+            missing: current.missing.clone(),
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
                 folder: units_folder(folder, &current.manifest).unlocked(),

@@ -68,13 +68,6 @@ pub(super) struct Unscored {
     pub(super) picture: RgbImage,
 }
 
-impl Unscored {
-    /// The part of the target that the picture shows.
-    fn region(&self) -> Option<Region> {
-        self.unit.record.crop.map(|crop| crop.region)
-    }
-}
-
 /// The metrics whose stored values are missing, or of something else.
 pub(super) fn missing<'s>(
     unit: &Unit,
@@ -125,25 +118,26 @@ pub(super) fn score_pair(
             (_, Err(reason)) => Err(reason.clone()),
             (Ok(truth), Ok(mask)) => Ok((truth, mask)),
         };
+        let (units, pictures): (Vec<Unit>, Vec<Picture>) = group
+            .into_iter()
+            .map(|item| (item.unit, Picture::Rgb8(item.picture)))
+            .unzip();
+        let regions = units
+            .iter()
+            .map(|unit| unit.record.crop.map(|crop| crop.region));
+        let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().zip(regions).collect();
         let results = match read {
-            Err(reason) => group.iter().map(|_| Err(reason.clone())).collect(),
+            Err(reason) => vec![Err(reason); units.len()],
             Ok((truth, mask)) => {
-                let scorer = scoring.scorer.restricted(&metrics);
-                let pictures: Vec<(Picture, Option<Region>)> = group
-                    .iter()
-                    .map(|item| (Picture::Rgb8(item.picture.clone()), item.region()))
-                    .collect();
-                let pictures: Vec<_> = pictures.iter().map(|(p, region)| (p, *region)).collect();
-                truth.score(&scorer, &pictures, mask.as_ref())
+                truth.score(&scoring.scorer.restricted(&metrics), &shown, mask.as_ref())
             }
         };
-        for (item, result) in group.into_iter().zip(results) {
-            let region = item.region();
-            let mut unit = item.unit;
+        for (mut unit, result) in units.into_iter().zip(results) {
             match result {
                 Ok(scores) => {
-                    let valid_share = truth.get().ok().and_then(|truth| truth.valid_share(region));
-                    unit.record.valid_share = valid_share;
+                    let region = unit.record.crop.map(|crop| crop.region);
+                    unit.record.valid_share =
+                        truth.get().ok().and_then(|truth| truth.valid_share(region));
                     for (key, score) in scores {
                         if let Some(stored) =
                             stored(key, score, &unit, scoring, keys, &truth.planned)

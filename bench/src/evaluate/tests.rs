@@ -260,10 +260,10 @@ fn stages_run_apart_and_give_the_same_bytes() {
         };
         run_with(&elsewhere, request(methods(), "psnr", 4), options);
     }
-    assert_eq!(Results::read(&elsewhere).unwrap().missing, 8);
+    assert_eq!(Results::read(&elsewhere).unwrap().missing.len(), 8);
     let scoring = Scoring::new(&Selection::parse("psnr").unwrap(), &Weights::none()).unwrap();
     let (counts, results) = rescore(&elsewhere, &scoring, &Quiet).unwrap();
-    assert_eq!((counts.scored, results.missing), (8, 0));
+    assert_eq!((counts.scored, results.missing.len()), (8, 0));
     assert_eq!(scores(&whole), scores(&elsewhere));
 }
 
@@ -318,7 +318,7 @@ fn a_folder_keeps_what_it_has_when_methods_pairs_and_metrics_are_added() {
         .map(|m| m.label.as_str())
         .collect();
     assert_eq!(labels, ["copy", "mean", "depth-splat"]);
-    assert_eq!(finished.results.missing, 0);
+    assert_eq!(finished.results.missing.len(), 0);
     assert_eq!(finished.results.manifest.pairs.evaluated, 5);
     let standing = prepare(request(by_spec(&["copy"]), "psnr", 5), &Quiet).unwrap();
     let standing = standing.status(&out).unwrap();
@@ -336,6 +336,10 @@ fn folders_join_unless_they_contradict_each_other() {
     let plain = |name: &str| named(&path(name).display().to_string());
     let joined = join(&[plain("a"), plain("b")]).unwrap();
     assert_eq!(joined.records, whole.results.records);
+    // What one folder lacks and the other has is not missing.
+    std::fs::remove_dir_all(path("a").join("units")).unwrap();
+    let joined = join(&[plain("a"), plain("b")]).unwrap();
+    assert_eq!((joined.records.len(), joined.missing.len()), (6, 0));
 
     let merged = merge(&[path("a"), path("b")], Some(&path("m"))).unwrap();
     assert_eq!(merged.records, whole.results.records);
@@ -426,6 +430,58 @@ fn a_damaged_unit_is_made_again() {
     assert_eq!(run(&out, by_spec(&["copy"]), "psnr", 1).counts.reused, 1);
 }
 
+#[test]
+fn a_truth_that_could_not_be_read_costs_no_prediction() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let evaluate = || {
+        let spec = format!("middlebury={}", data.display());
+        let request = Request {
+            datasets: OpenDataset::open_all(&[spec], None).unwrap(),
+            ..request(by_spec(&["mean"]), "psnr", 1)
+        };
+        run_with(&dir.path().join("r"), request, RunOptions::default())
+    };
+    let scene = std::fs::read_dir(&data).unwrap().next().unwrap().unwrap();
+    let target = scene.path().join("im1.png");
+    let whole = std::fs::read(&target).unwrap();
+    std::fs::write(&target, &whole[..whole.len() / 2]).unwrap();
+    let counts = evaluate().counts;
+    assert_eq!((counts.predicted, counts.failed), (1, 1));
+    std::fs::write(&target, &whole).unwrap();
+    let mended = evaluate();
+    assert_eq!((mended.counts.predicted, mended.counts.failed), (0, 0));
+    assert!(mended.results.records[0].scores["psnr"].value().is_some());
+    assert_eq!(evaluate().counts.reused, 1);
+}
+
+#[test]
+fn the_common_region_is_that_of_all_pairs_and_can_be_scored_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    let common = |limit| {
+        let request = Request {
+            common_region: true,
+            ..request(by_spec(&["copy", "mean"]), "psnr", limit)
+        };
+        let evaluation = prepare(request, &Quiet).unwrap();
+        evaluation.run(&out, RunOptions::default(), &Quiet)
+    };
+    assert_eq!(common(3).unwrap().results.records.len(), 6);
+    let error = common(2).err().unwrap();
+    assert!(matches!(error, EvaluateError::NotKept { .. }), "{error}");
+    let selection = Selection::parse("ssim-gauss11-valid").unwrap();
+    let scoring = Scoring::new(&selection, &Weights::none()).unwrap();
+    let (counts, results) = rescore(&out, &scoring, &Quiet).unwrap();
+    assert_eq!((counts.scored, counts.waiting), (6, 0));
+    assert!(
+        results
+            .records
+            .iter()
+            .all(|record| record.scores.len() == 2)
+    );
+}
+
 /// Renders like the CPU until its device is lost.
 struct Mortal {
     cpu: CpuRenderer,
@@ -478,7 +534,7 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
     assert!(error.to_string().contains("lost"));
     // A run that has not ended can be read, and says what is missing.
     let cut = Results::read(&dir.path().join("cut")).unwrap();
-    assert_eq!((cut.records.len(), cut.missing), (2, 3));
+    assert_eq!((cut.records.len(), cut.missing.len()), (2, 3));
 
     let resumed = on(mortal(usize::MAX), "cut").unwrap().counts;
     assert_eq!(resumed.reused, 2);

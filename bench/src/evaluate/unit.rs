@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Record, Score};
+use super::record::{Record, Score, Status};
 use crate::io::hash::{StableHasher, sha256_hex};
 
 /// What a unit's file holds.
@@ -104,6 +104,14 @@ impl Unit {
         self.checksum == self.computed_checksum()
     }
 
+    /// A unit with a picture as it is before it is scored: what failed was the scoring, which is tried again. `None`
+    /// where there is no picture.
+    pub(super) fn scorable(mut self) -> Option<Self> {
+        self.picture.as_ref()?;
+        self.record.status = Status::Ok;
+        Some(self)
+    }
+
     fn computed_checksum(&self) -> String {
         let open = Self {
             checksum: String::new(),
@@ -130,7 +138,6 @@ impl Unit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::record::Status;
 
     pub(in crate::evaluate) fn unit(pair_id: &str, method: &str, psnr: f64) -> Unit {
         let slot = Slot {

@@ -70,7 +70,7 @@ fn input<'a>(
     let Results {
         manifest, records, ..
     } = results;
-    let going = match results.missing {
+    let going = match results.missing.len() {
         0 => String::new(),
         missing => format!(
             " The run has not ended: {} of {} are done.",
