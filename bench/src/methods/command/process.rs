@@ -149,7 +149,10 @@ impl Process {
     }
 
     fn end(&mut self, grace: Duration) -> Ended {
-        self.stdin = None;
+        // A program that is ended at once must not see its input end first and go on to act on it.
+        if !grace.is_zero() {
+            self.stdin = None;
+        }
         let deadline = Instant::now() + grace;
         let mut status = self.child.try_wait().ok().flatten();
         while status.is_none() && Instant::now() < deadline {
