@@ -60,7 +60,10 @@ const FEATURES: &[&str] = &[
     "metrics/src/engines.rs",
     "metrics/src/maps.rs",
     "metrics/src/weights",
-    "metrics/weights",
+    "metrics/weights/dists.safetensors",
+    "metrics/weights/lpips_v0.1_alex.safetensors",
+    "metrics/weights/lpips_v0.1_squeeze.safetensors",
+    "metrics/weights/lpips_v0.1_vgg.safetensors",
     "sharp/kernels/src",
     "sharp/checkpoint/src",
 ];

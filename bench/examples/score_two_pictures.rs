@@ -3,8 +3,7 @@
 //! ```console
 //! $ cargo run --release -p sharp-bench --example score_two_pictures -- [FOLDER]
 //! ```
-//! Without weights PSNR and SSIM have values, and LPIPS and DISTS say what is missing: `sharp-bench weights fetch metrics`
-//! gets it. The two pictures are written into FOLDER, if one is given.
+//! LPIPS and DISTS use torchvision's published features, which the crate brings along. The two pictures are written into FOLDER, if one is given.
 
 #![allow(clippy::print_stdout, reason = "an example that prints its result")]
 
@@ -12,7 +11,6 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use image::{Rgb, RgbImage};
-use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
 /// A pattern of waves, brightened by so many levels.
@@ -30,11 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         target.save(folder.join("target.png"))?;
         prediction.save(folder.join("prediction.png"))?;
     }
-    let weights = match cache_folder() {
-        Some(cache) => Weights::none().with_cache(&cache),
-        None => Weights::none(),
-    };
-    let scorer = Scorer::new(&Selection::parse("paper,ssim")?, &weights)?;
+    let scorer = Scorer::new(&Selection::parse("paper,ssim-all")?, &Weights::at_hand())?;
     let (target, prediction) = (Picture::Rgb8(target), Picture::Rgb8(prediction));
     for (key, score) in scorer.score(&prediction, &target, None)? {
         match score {

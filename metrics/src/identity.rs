@@ -344,9 +344,14 @@ impl FromStr for MetricKey {
         if base.starts_with("lpips") && base.contains("v0.0") {
             return Err(IdentityError::LpipsVersion0 { name: name() });
         }
-        let key = Self::all()
-            .into_iter()
-            .find(|key| key.canonical_base() == base || key.alias() == base)
+        let default = match base {
+            "ssim" => Some(Self::SSIM),
+            "lpips" => Some(Self::LPIPS),
+            _ => None,
+        };
+        let named = |key: &Self| key.canonical_base() == base || key.alias() == base;
+        let key = default
+            .or_else(|| Self::all().into_iter().find(named))
             .ok_or_else(|| IdentityError::Unknown { name: name() })?;
         key.inside(region)
             .ok_or_else(|| IdentityError::MaskedDists { name: name() })

@@ -140,6 +140,8 @@ impl MetricInfo {
             Family::Ssim => ("", Direction::Higher, 3),
             Family::Lpips | Family::Dists => ("", Direction::Lower, 3),
         };
+        let backbone = Backbone::of(metric).map(|name| BackboneInfo::new(name, used));
+        let unpublished = backbone.as_ref().is_some_and(BackboneInfo::is_unpublished);
         Self {
             key,
             alias: key.alias(),
@@ -149,11 +151,11 @@ impl MetricInfo {
             unit: unit.to_owned(),
             direction,
             decimals,
-            convention: convention(key),
+            convention: convention(key, unpublished),
             input_range: input_range.to_owned(),
             resize: resize.to_owned(),
             precision: precision.to_owned(),
-            backbone: Backbone::of(metric).map(|name| BackboneInfo::new(name, used)),
+            backbone,
             own_weights: own_weights(metric),
         }
     }
@@ -183,7 +185,7 @@ impl BackboneInfo {
         let used = used.iter().find(|used| used.backbone == name);
         let salt = |used: &WeightsUsed| match &used.source {
             WeightsSource::Deterministic(salt) => Some(salt.clone()),
-            WeightsSource::File(_) => None,
+            WeightsSource::File(_) | WeightsSource::BuiltIn => None,
         };
         Self {
             name,
@@ -191,6 +193,15 @@ impl BackboneInfo {
             file_sha256: used.and_then(|used| used.original_sha256.clone()),
             deterministic: used.and_then(salt),
         }
+    }
+}
+
+impl BackboneInfo {
+    /// Whether the features are other than the published ones, so that values compare with no one
+    /// else's; false without weights.
+    pub fn is_unpublished(&self) -> bool {
+        let found = self.features_sha256.as_deref();
+        found.is_some_and(|sha256| sha256 != self.name.published_features())
     }
 }
 
@@ -233,15 +244,18 @@ fn own_weights(metric: Metric) -> Option<OwnWeights> {
     })
 }
 
-fn convention(key: MetricKey) -> String {
+/// How a metric is computed. Which code computes the same is said only of the published features.
+fn convention(key: MetricKey, unpublished: bool) -> String {
+    let same = |text: &'static str| if unpublished { UNPUBLISHED } else { text };
     let base = match key.metric() {
         Metric::Psnr => PSNR.to_owned(),
         Metric::Ssim(variant) => format!("{SSIM} {}", ssim(variant)),
         Metric::Lpips(net, variant) => {
-            format!("{LPIPS} {} {}", lpips_net(net), lpips_variant(variant))
+            let (how, as_whom) = lpips_variant(variant);
+            format!("{LPIPS} {} {how} {}", lpips_net(net), same(as_whom))
         }
-        Metric::Dists => format!("{DISTS} {DISTS_FULL}"),
-        Metric::DistsResize256 => format!("{DISTS} {DISTS_256}"),
+        Metric::Dists => format!("{DISTS} {DISTS_FULL} {}", same(DISTS_FULL_SAME)),
+        Metric::DistsResize256 => format!("{DISTS} {DISTS_256} {}", same(DISTS_256_SAME)),
     };
     let mask = match key.region() {
         MetricRegion::Whole => return base,
@@ -337,34 +351,40 @@ fn lpips_net(net: LpipsNet) -> &'static str {
     }
 }
 
-fn lpips_variant(variant: LpipsVariant) -> &'static str {
+/// What a variant does, and which public code does the same.
+fn lpips_variant(variant: LpipsVariant) -> (&'static str, &'static str) {
     match variant {
-        LpipsVariant::Official => {
-            "Pictures scaled to -1..1, 1e-10 added to the norm. Same as lpips.LPIPS(version='0.1') \
-             on tensors in -1..1, pyiqa, and torchmetrics up to version 1.1 with normalize=True \
-             for pictures in 0..1."
-        }
-        LpipsVariant::Unscaled => {
+        LpipsVariant::Official => (
+            "Pictures scaled to -1..1, 1e-10 added to the norm.",
+            "Same as lpips.LPIPS(version='0.1') on tensors in -1..1, pyiqa, and torchmetrics up to \
+             version 1.1 with normalize=True for pictures in 0..1.",
+        ),
+        LpipsVariant::Unscaled => (
             "Pictures in 0..1 are passed to a network that expects -1..1, which makes differences \
-             look smaller. Same as the metrics script of 3D Gaussian Splatting and torchmetrics \
-             with net_type='vgg' and normalize=False on pictures in 0..1, as gsplat calls it."
-        }
-        LpipsVariant::TorchmetricsEps => {
-            "Pictures scaled to -1..1, 1e-8 added to the squared norm before the root. Same as \
-             torchmetrics since version 1.2 with normalize=True on pictures in 0..1."
-        }
+             look smaller.",
+            "Same as the metrics script of 3D Gaussian Splatting and torchmetrics with \
+             net_type='vgg' and normalize=False on pictures in 0..1, as gsplat calls it.",
+        ),
+        LpipsVariant::TorchmetricsEps => (
+            "Pictures scaled to -1..1, 1e-8 added to the squared norm before the root.",
+            "Same as torchmetrics since version 1.2 with normalize=True on pictures in 0..1.",
+        ),
     }
 }
+
+const UNPUBLISHED: &str = "Computed on features that are not those torchvision published: comparable \
+     only with values on the same weights.";
 
 const DISTS: &str = "Deep image structure and texture similarity on torchvision's VGG16 with L2 \
      pooling, pictures in 0..1: per channel, means (structure) and covariance (texture) over the \
      whole picture, weighted and subtracted from 1. Not clamped, so identical pictures may give a \
      tiny negative number.";
-const DISTS_FULL: &str = "No resizing. Same as DISTS-pytorch's forward and its resize=False, \
-     pyiqa and torchmetrics. Not the same as piq, which always shrinks inside.";
+const DISTS_FULL: &str = "No resizing.";
+const DISTS_FULL_SAME: &str = "Same as DISTS-pytorch's forward and its resize=False, pyiqa and \
+     torchmetrics. Not the same as piq, which always shrinks inside.";
 const DISTS_256: &str = "Pictures whose shorter side exceeds 256 are first reduced so that it is \
-     256 (bilinear with antialiasing on 8-bit values, as PIL does). Same as the reference script's \
-     prepare_image with resize=True.";
+     256 (bilinear with antialiasing on 8-bit values, as PIL does).";
+const DISTS_256_SAME: &str = "Same as the reference script's prepare_image with resize=True.";
 
 /// Names of the parts that [`Scorer::examine`](crate::Scorer::examine) splits a metric into, in their order: layers of the
 /// network, for DISTS the picture itself before them. Empty for metrics that are not split.

@@ -320,7 +320,7 @@ mod tests {
         let text = |i: usize| scores[i].1.clone().unwrap_err().to_string();
         assert_eq!(scores[0].0, MetricKey::DISTS);
         assert!(text(0).contains("--weights vgg16=FILE"));
-        assert!(text(1).contains("sharp-bench weights fetch metrics"));
+        assert!(text(1).contains("sharp-bench weights fetch "));
         assert_eq!(scores[2].1, Ok(f64::INFINITY));
         assert_eq!(scores[3].1, Ok(1.0));
         assert_eq!(scores[4].1, Err(Unavailable::NoFrustumMask));
@@ -406,7 +406,8 @@ mod tests {
     #[test]
     fn one_examination_gives_what_three_calls_give() {
         let selection =
-            Selection::parse("psnr,ssim,lpips-alex,lpips-alex@mask,lpips-squeeze,dists").unwrap();
+            Selection::parse("psnr,ssim-all,lpips-alex,lpips-alex@mask,lpips-squeeze,dists")
+                .unwrap();
         let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
         let (a, b) = (texture(1), texture(90));
         let mask = Mask::new(50, 40, (0..2000).map(|i| i % 3 == 0).collect()).unwrap();
@@ -429,7 +430,7 @@ mod tests {
 
     #[test]
     fn together_as_alone() {
-        let list = "psnr,ssim,psnr@mask,lpips-alex,lpips-alex@mask,lpips-vgg-unscaled,\
+        let list = "psnr,ssim-all,psnr@mask,lpips-alex,lpips-alex@mask,lpips-vgg-unscaled,\
                     lpips-squeeze-eps-tm,dists,dists-resize256";
         let selection = Selection::parse(list).unwrap();
         let weights = Weights::deterministic("");

@@ -23,7 +23,7 @@ pub enum SelectionError {
     #[error("the list of metrics is empty; try 'paper', 'all', 'psnr' or 'lpips-vgg,dists'")]
     Empty,
     /// One of the names is no key, family or group.
-    #[error("{0}; families: psnr ssim lpips dists; groups: paper all")]
+    #[error("{0}; names: psnr ssim lpips dists; groups: paper all ssim-all lpips-all dists-all")]
     Name(#[from] IdentityError),
 }
 
@@ -47,10 +47,10 @@ impl Selection {
     }
 
     /// Reads a comma-separated list of keys (`ssim[gauss11,valid]`), aliases (`lpips-vgg`), family
-    /// names (`ssim`: all its variants), `paper` and `all`.
+    /// names (`ssim`: its default variant; `ssim-all`: all of them), `paper` and `all`.
     ///
-    /// A name that is both a key and a family (`dists`) means the key. The suffix `@frustum` or
-    /// `@mask` on a family or group selects the masked form of its members that have one.
+    /// The suffix `@frustum` or `@mask` on a group selects the masked form of its members that have
+    /// one.
     ///
     /// # Errors
     /// [`SelectionError`] when the list is empty or a name in it unknown or refused.
@@ -61,8 +61,9 @@ impl Selection {
             let (group, explicit) = match base {
                 "paper" => (PAPER.to_vec(), false),
                 "all" => (MetricKey::all(), false),
-                "ssim" => (family(Family::Ssim), true),
-                "lpips" => (family(Family::Lpips), true),
+                "ssim-all" => (family(Family::Ssim), true),
+                "lpips-all" => (family(Family::Lpips), true),
+                "dists-all" => (family(Family::Dists), true),
                 _ => {
                     selection.extend([name.parse()?], true);
                     continue;
@@ -201,9 +202,18 @@ mod tests {
 
     #[test]
     fn families_and_groups() {
-        assert_eq!(keys("ssim").len(), 8);
-        assert_eq!(keys("lpips").len(), 7);
-        assert_eq!(keys("dists"), ["dists"]);
+        assert_eq!(keys("ssim-all").len(), 8);
+        assert_eq!(keys("lpips-all").len(), 7);
+        assert_eq!(keys("dists-all").len(), 2);
+        assert_eq!(
+            keys("ssim,lpips,dists,ssim@frustum"),
+            [
+                "ssim[gauss11,valid]",
+                "lpips[alex,v0.1]",
+                "dists",
+                "ssim[gauss11,valid]@frustum"
+            ]
+        );
         assert_eq!(keys("all").len(), MetricKey::all().len());
         assert_eq!(
             keys("paper@frustum"),

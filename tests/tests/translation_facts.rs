@@ -13,7 +13,6 @@ use std::path::Path;
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use sharp_bench::analyze::translation::{Axis, Experiment};
-use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Backbone, MetricKey, Scorer, Selection, Weights};
 
 const PHOTOGRAPHS: [(&str, &str); 4] = [
@@ -39,8 +38,7 @@ type Fact = fn(&Values) -> bool;
 
 fn main() {
     let weightless = Some(Weights::none());
-    let cached =
-        cache_folder().map_or_else(Weights::none, |cache| Weights::none().with_cache(&cache));
+    let published = Weights::at_hand();
     let facts: [(&str, &str, Option<Weights>, Fact); 6] = [
         (
             "one_per_cent_costs_psnr_what_the_mean_does",
@@ -63,7 +61,7 @@ fn main() {
         (
             "dists_grows_and_stays_far_below_the_mean_with_published_weights",
             "dists",
-            cached.has(Backbone::Vgg16).then(|| cached.clone()),
+            Some(published.clone()),
             grows_far_below,
         ),
         (
@@ -75,7 +73,7 @@ fn main() {
         (
             "lpips_alex_grows_below_the_mean_with_published_weights",
             "lpips-alex",
-            cached.has(Backbone::AlexNet).then_some(cached),
+            Some(published),
             grows_below,
         ),
     ];

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
-use sharp_metrics::weights::cache_folder;
 use sharp_metrics::{Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
@@ -17,7 +16,8 @@ use crate::scoring::{ScaleChooser, Scoring};
 /// Which metrics, with which weights.
 #[derive(Debug, Args)]
 pub(super) struct MetricArgs {
-    /// Metric keys, aliases, families (ssim, lpips, dists), or `paper` or `all`; comma-separated
+    /// Metrics, comma-separated: keys or aliases; ssim, lpips, dists (their default variants) or ssim-all, lpips-all,
+    /// dists-all; `paper` (dists, lpips, psnr, ssim) or `all`
     #[arg(long, value_name = "LIST", default_value = "paper")]
     pub(super) metrics: String,
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
@@ -82,9 +82,9 @@ impl MetricArgs {
         }
     }
 
-    /// The files given, then what was fetched earlier.
+    /// The files given; for other networks what is at hand.
     pub(super) fn weights(&self) -> anyhow::Result<Weights> {
-        let mut weights = Weights::none();
+        let mut weights = Weights::at_hand();
         for spec in &self.weights {
             let Some((name, file)) = spec.split_once('=') else {
                 let reason = "NAME=FILE is needed, as in vgg16=vgg16-397923af.pth";
@@ -92,10 +92,7 @@ impl MetricArgs {
             };
             weights = weights.with_file(name.parse()?, file);
         }
-        Ok(match cache_folder() {
-            Some(cache) => weights.with_cache(&cache),
-            None => weights,
-        })
+        Ok(weights)
     }
 }
 

@@ -3,8 +3,7 @@
 use clap::Args;
 use serde::Serialize;
 
-use sharp_metrics::Backbone;
-use sharp_metrics::weights::{Published, cache_folder};
+use sharp_metrics::{Backbone, Weights};
 
 use super::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
@@ -74,7 +73,8 @@ fn findings() -> Vec<Finding> {
             "needed only for `render --out x.mp4`; Debian: apt-get install ffmpeg",
         ),
     });
-    findings.extend(Backbone::ALL.map(backbone));
+    let weights = Weights::at_hand();
+    findings.extend(Backbone::ALL.map(|network| backbone(network, &weights)));
     findings.push(match find_checkpoint() {
         Ok(path) => finding("SHARP weights", path.display().to_string(), ""),
         Err(error) => finding("SHARP weights", "not at hand", error.to_string()),
@@ -129,20 +129,19 @@ fn gpu_adapters(adapters: &[AdapterFacts]) -> Vec<Finding> {
     adapters.iter().enumerate().map(of_adapter).collect()
 }
 
-/// Whether the weights that LPIPS or DISTS need were fetched.
-fn backbone(backbone: Backbone) -> Finding {
+/// Where the weights that LPIPS or DISTS need are.
+fn backbone(backbone: Backbone, weights: &Weights) -> Finding {
     let what = match backbone {
         Backbone::AlexNet => "lpips-alex",
         Backbone::Vgg16 => "lpips-vgg, dists",
         Backbone::SqueezeNet1_1 => "lpips-squeeze",
     };
-    let kept = cache_folder().map(|cache| Published::of(backbone).cached(&cache));
     let name = backbone.name();
-    match kept.filter(|path| path.is_file()) {
-        Some(path) => finding(what, path.display().to_string(), ""),
+    match weights.source(backbone) {
+        Some(source) => finding(what, source.to_string(), ""),
         None => finding(
             what,
-            format!("the weights of {name} are not fetched"),
+            format!("the weights of {name} are not at hand"),
             format!("sharp-bench weights fetch {name}, or --weights {name}=FILE"),
         ),
     }

@@ -91,7 +91,7 @@ fn help() -> String {
         "Methods (each also takes label=NAME):\n{kinds}\n{}\n\
          Examples:\n  \
          sharp-bench run --dataset middlebury=data/Middlebury2014 --method copy --method depth-splat --out runs/first\n  \
-         sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim --out runs/mine",
+         sharp-bench run --dataset synthetic --method imported:label=mine,dir=predictions --metrics paper,ssim-all --out runs/mine",
         data_args::formats_help()
     )
 }

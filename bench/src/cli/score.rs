@@ -15,7 +15,7 @@ use crate::evaluate::rescore;
 ///
 /// Nothing is predicted or rendered. Units whose pictures were not kept are counted and stay without the new values.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sharp-bench score runs/first --metrics ssim,lpips")]
+#[command(after_help = "Example:\n  sharp-bench score runs/first --metrics lpips-vgg,ssim-all")]
 pub(super) struct ScoreArgs {
     /// The run folder
     #[arg(value_name = "RUN")]

@@ -161,7 +161,7 @@ fn dists(info: &MetricInfo) -> String {
     )
 }
 
-/// The network's weights by hash; torchvision's file by name where the hash says that it is that file.
+/// The network's weights by hash; torchvision's file by name where these are its features.
 fn backbone(info: &MetricInfo) -> String {
     let known = info.backbone.as_ref();
     let known = known.and_then(|b| Some((b, b.features_sha256.as_deref()?)));
@@ -169,13 +169,15 @@ fn backbone(info: &MetricInfo) -> String {
         return "torchvision weights, sha256 \\textbf{[hash of the weights]}".to_owned();
     };
     let published = Published::of(backbone.name);
-    let (name, file) = match (&backbone.file_sha256, &backbone.deterministic) {
-        (Some(sha256), _) if sha256.starts_with(&*published.sha256_prefix) => {
+    let file = backbone.file_sha256.as_ref();
+    let (name, file) = match &backbone.deterministic {
+        Some(_) => ("untrained weights".to_owned(), None),
+        None if backbone.is_unpublished() => ("weights from a file".to_owned(), file),
+        None => {
             let name = published.file.replace('_', "\\_");
-            (format!("torchvision's \\texttt{{{name}}}"), Some(sha256))
+            let torchs = file.filter(|sha256| sha256.starts_with(&*published.sha256_prefix));
+            (format!("torchvision's \\texttt{{{name}}}"), torchs)
         }
-        (sha256, None) => ("weights from a file".to_owned(), sha256.as_ref()),
-        (_, Some(_)) => ("untrained weights".to_owned(), None),
     };
     let file = file.map_or_else(String::new, |sha256| {
         format!(", sha256 \\texttt{{{}}}", short(sha256))

@@ -212,7 +212,7 @@ mod tests {
     }
 
     fn scores(truth: &GroundTruth, prediction: &RgbImage) -> Vec<f64> {
-        let selection = Selection::parse("psnr,ssim").unwrap();
+        let selection = Selection::parse("psnr,ssim-all").unwrap();
         let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
         let picture = Picture::Rgb8(prediction.clone());
         let mut scores = truth.score(&scorer, &[(&picture, None)], None);
@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn predictions_scored_together_have_the_bits_of_each_alone() {
-        let selection = Selection::parse("psnr,ssim,lpips-alex,dists,psnr@frustum").unwrap();
+        let selection = Selection::parse("psnr,ssim-all,lpips-alex,dists,psnr@frustum").unwrap();
         let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
         let truth = GroundTruth::of(picture(1), Some(&valid()));
         let frustum = Mask::new(40, 30, (0..1200).map(|i| i % 40 > 10).collect()).unwrap();

@@ -1,4 +1,4 @@
-//! The metrics' own weights, which ship with the crate.
+//! Weights inside the program: the metrics' own, and the network that is small enough.
 
 use safetensors::SafeTensors;
 
@@ -6,62 +6,83 @@ use super::{Backbone, WeightsError};
 use crate::backbone::architecture::tap_channels;
 use crate::identity::LpipsNet;
 
+/// A file of weights that was compiled in.
+pub(crate) struct Embedded {
+    file: &'static str,
+    bytes: &'static [u8],
+}
+
+macro_rules! embedded {
+    ($file:literal) => {
+        Embedded {
+            file: $file,
+            bytes: include_bytes!(concat!("../../weights/", $file)),
+        }
+    };
+}
+
+/// torchvision's AlexNet, its convolutions.
+pub(crate) const ALEXNET: Embedded = embedded!("alexnet.safetensors");
+const LPIPS_ALEX: Embedded = embedded!("lpips_v0.1_alex.safetensors");
+const LPIPS_VGG: Embedded = embedded!("lpips_v0.1_vgg.safetensors");
+const LPIPS_SQUEEZE: Embedded = embedded!("lpips_v0.1_squeeze.safetensors");
+const DISTS: Embedded = embedded!("dists.safetensors");
+
 /// LPIPS v0.1: for each tap the non-negative weight of each channel.
 pub(crate) fn linear_weights(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsError> {
-    let (file, bytes): (_, &[u8]) = match net {
-        LpipsNet::Alex => (
-            "lpips_v0.1_alex.safetensors",
-            include_bytes!("../../weights/lpips_v0.1_alex.safetensors"),
-        ),
-        LpipsNet::Vgg => (
-            "lpips_v0.1_vgg.safetensors",
-            include_bytes!("../../weights/lpips_v0.1_vgg.safetensors"),
-        ),
-        LpipsNet::Squeeze => (
-            "lpips_v0.1_squeeze.safetensors",
-            include_bytes!("../../weights/lpips_v0.1_squeeze.safetensors"),
-        ),
+    let file = match net {
+        LpipsNet::Alex => LPIPS_ALEX,
+        LpipsNet::Vgg => LPIPS_VGG,
+        LpipsNet::Squeeze => LPIPS_SQUEEZE,
     };
-    let channels = tap_channels(Backbone::of_lpips(net))
-        .into_iter()
-        .enumerate();
+    let channels = tap_channels(Backbone::of_lpips(net)).into_iter();
     channels
-        .map(|(tap, channels)| read(file, bytes, &format!("lin{tap}.model.1.weight"), channels))
+        .enumerate()
+        .map(|(tap, channels)| file.not_negative(&format!("lin{tap}.model.1.weight"), channels))
         .collect()
 }
 
 /// DISTS: weights of the structure and of the texture terms for all 1475 channels.
 pub(crate) fn dists_weights() -> Result<[Vec<f32>; 2], WeightsError> {
-    let bytes = include_bytes!("../../weights/dists.safetensors");
     let channels = 3 + tap_channels(Backbone::Vgg16).iter().sum::<usize>();
-    let weights = |name| read("dists.safetensors", bytes, name, channels);
+    let weights = |name| DISTS.not_negative(name, channels);
     Ok([weights("alpha")?, weights("beta")?])
 }
 
-fn read(
-    file: &'static str,
-    bytes: &[u8],
-    name: &str,
-    channels: usize,
-) -> Result<Vec<f32>, WeightsError> {
-    let damaged = |reason: String| WeightsError::Embedded { file, reason };
-    let tensors = SafeTensors::deserialize(bytes).map_err(|e| damaged(e.to_string()))?;
-    let tensor = tensors.tensor(name).map_err(|e| damaged(e.to_string()))?;
-    let (values, _) = tensor.data().as_chunks::<4>();
-    let values: Vec<f32> = values.iter().map(|&v| f32::from_le_bytes(v)).collect();
-    // A negative weight would let a distance be negative.
-    if values.len() == channels && values.iter().all(|value| *value >= 0.0) {
-        Ok(values)
-    } else {
-        Err(damaged(format!(
-            "{name} is not {channels} non-negative weights"
-        )))
+impl Embedded {
+    /// The values of a tensor.
+    pub(crate) fn values(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
+        let tensors =
+            SafeTensors::deserialize(self.bytes).map_err(|e| self.damaged(e.to_string()))?;
+        let tensor = tensors
+            .tensor(name)
+            .map_err(|e| self.damaged(e.to_string()))?;
+        let (values, _) = tensor.data().as_chunks::<4>();
+        if values.len() != count {
+            return Err(self.damaged(format!("{name} has {} values, not {count}", values.len())));
+        }
+        Ok(values.iter().map(|&v| f32::from_le_bytes(v)).collect())
+    }
+
+    /// The same for weights of which a negative one would let a distance be negative.
+    fn not_negative(&self, name: &str, count: usize) -> Result<Vec<f32>, WeightsError> {
+        let values = self.values(name, count)?;
+        match values.iter().all(|value| *value >= 0.0) {
+            true => Ok(values),
+            false => Err(self.damaged(format!("{name} has a negative weight"))),
+        }
+    }
+
+    fn damaged(&self, reason: String) -> WeightsError {
+        let file = self.file;
+        WeightsError::Embedded { file, reason }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Weights, WeightsSource};
 
     #[test]
     fn the_weights_are_whole() {
@@ -79,15 +100,36 @@ mod tests {
     }
 
     #[test]
+    fn the_bundled_networks_are_the_published_ones() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/weights");
+        let vgg = format!("{folder}/vgg16.safetensors");
+        let sources = [
+            (Backbone::AlexNet, WeightsSource::BuiltIn),
+            (Backbone::Vgg16, WeightsSource::File(vgg.into())),
+        ];
+        for (backbone, source) in sources {
+            let weights = Weights {
+                sources: [(backbone, source)].into(),
+            };
+            let used = weights.load(backbone).unwrap().unwrap().used;
+            assert_eq!(used.features_sha256, backbone.published_features());
+        }
+    }
+
+    #[test]
     fn damage_is_named() {
-        let bytes = include_bytes!("../../weights/dists.safetensors");
+        let cut = Embedded {
+            bytes: &DISTS.bytes[..90],
+            ..DISTS
+        };
         for error in [
-            read("dists.safetensors", &bytes[..90], "alpha", 1475),
-            read("dists.safetensors", bytes, "gamma", 1475),
-            read("dists.safetensors", bytes, "alpha", 1474),
+            cut.values("alpha", 1475),
+            DISTS.values("gamma", 1475),
+            DISTS.values("alpha", 1474),
+            ALEXNET.not_negative("features.0.bias", 64),
         ] {
             let error = error.unwrap_err().to_string();
-            assert!(error.contains("dists.safetensors"), "{error}");
+            assert!(error.contains(".safetensors"), "{error}");
         }
     }
 }

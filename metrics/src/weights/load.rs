@@ -8,6 +8,7 @@ use sharp_checkpoint::deterministic::backbone_weights;
 use sharp_checkpoint::hash::hex;
 use sharp_checkpoint::{Checkpoint, Expected, Incomplete};
 
+use super::embedded::ALEXNET;
 use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
@@ -52,6 +53,7 @@ impl Weights {
                 let (tensors, original) = read(backbone, path)?;
                 (tensors, Some(original))
             }
+            WeightsSource::BuiltIn => (built_in(backbone)?, None),
             WeightsSource::Deterministic(salt) => (deterministic(backbone, salt), None),
         };
         let used = WeightsUsed {
@@ -62,6 +64,16 @@ impl Weights {
         };
         Ok(Some(LoadedBackbone { tensors, used }))
     }
+}
+
+/// The published convolutions that are part of this program: AlexNet's.
+fn built_in(backbone: Backbone) -> Result<Tensors, WeightsError> {
+    let tensors = architecture::tensors(backbone).into_iter().map(|tensor| {
+        let name = format!("features.{}", tensor.name);
+        let values = ALEXNET.values(&name, tensor.shape.iter().product())?;
+        Ok((tensor.name, (tensor.shape, values)))
+    });
+    Ok(Tensors(tensors.collect::<Result<_, _>>()?))
 }
 
 fn deterministic(backbone: Backbone, salt: &str) -> Tensors {

@@ -1,8 +1,9 @@
 //! Weights of LPIPS and DISTS: which a metric needs, where they come from, what they are.
 //!
-//! The metrics' own small weights ship with the crate. The networks' come from files of the
-//! user's: torchvision's `.pth`, or a `.safetensors` with the same names (with or without the
-//! leading `features.`); only the convolutions are read.
+//! The metrics' own small weights ship with the crate, and so do the convolutions that torchvision
+//! published of AlexNet and VGG16 ([`Weights::at_hand`]). Files of the user's come before them:
+//! torchvision's `.pth`, or a `.safetensors` with the same names (with or without the leading
+//! `features.`); only the convolutions are read.
 
 mod embedded;
 #[cfg(any(feature = "download", test))]
@@ -12,7 +13,7 @@ mod registry;
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ pub(crate) use embedded::{dists_weights, linear_weights};
 #[cfg(any(feature = "download", test))]
 pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
-pub use registry::{Published, cache_folder, user_cache};
+pub use registry::{Published, cache_folder, mirrored, torch_hub, user_cache};
 
 use crate::identity::{LpipsNet, Metric};
 use crate::options::Device;
@@ -95,6 +96,20 @@ impl Backbone {
         }
     }
 
+    /// sha256 of the published features, as [`WeightsUsed::features_sha256`] counts it.
+    ///
+    /// With these, AlexNet's and SqueezeNet's give the values that the documentation of lpips (0.722
+    /// for its first pair of examples) and of torchmetrics (0.1005) shows.
+    pub fn published_features(self) -> &'static str {
+        match self {
+            Self::AlexNet => "8eed026b364dd02bdf76d6ca5a9bfaa0efb090d22a8b79ad51186269c08605c7",
+            Self::Vgg16 => "2b36fb93d5999585cb8768685c9bf7c6c5e6a7982cca582d3138b2910433df50",
+            Self::SqueezeNet1_1 => {
+                "8f728f13ffc4c9ed6b00faa9362ec13d7d3520652d0a8357047045aba9def764"
+            }
+        }
+    }
+
     /// The network of an LPIPS.
     pub fn of_lpips(net: LpipsNet) -> Self {
         match net {
@@ -122,10 +137,12 @@ impl FromStr for Backbone {
     }
 }
 
-/// Where a network's weights come from; shown as the file, or as `deterministic:SALT`.
+/// Where a network's weights come from; shown as the file, as `built in` or as `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum WeightsSource {
     File(PathBuf),
+    /// The published ones, inside this program; AlexNet only.
+    BuiltIn,
     /// A pure function of the tensors' names and this salt.
     Deterministic(String),
 }
@@ -134,6 +151,7 @@ impl fmt::Display for WeightsSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::File(path) => path.display().fmt(f),
+            Self::BuiltIn => f.write_str("built in"),
             Self::Deterministic(salt) => write!(f, "deterministic:{salt}"),
         }
     }
@@ -169,17 +187,9 @@ impl Weights {
         self
     }
 
-    /// The file given for a network.
-    pub fn file(&self, backbone: Backbone) -> Option<&Path> {
-        match self.sources.get(&backbone)? {
-            WeightsSource::File(path) => Some(path),
-            WeightsSource::Deterministic(_) => None,
-        }
-    }
-
-    /// Whether there are weights for a network, sound or not.
-    pub fn has(&self, backbone: Backbone) -> bool {
-        self.sources.contains_key(&backbone)
+    /// Where a network's weights are, sound or not; `None` without any.
+    pub fn source(&self, backbone: Backbone) -> Option<&WeightsSource> {
+        self.sources.get(&backbone)
     }
 }
 

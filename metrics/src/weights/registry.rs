@@ -1,10 +1,10 @@
-//! Where torchvision's weights are published, and where they are kept here.
+//! Where torchvision's weights are published, and where they are found on this machine.
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use super::{Backbone, Weights};
+use super::{Backbone, Weights, WeightsSource};
 
 /// A published file of weights.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,30 +23,15 @@ pub struct Published {
 impl Published {
     /// torchvision's file for a network.
     pub fn of(backbone: Backbone) -> Self {
-        let (file, address, size_milli_mib, sha256_prefix) = match backbone {
-            Backbone::AlexNet => (
-                "alexnet-owt-7be5be79.pth",
-                "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth",
-                233_087,
-                "7be5be79",
-            ),
-            Backbone::Vgg16 => (
-                "vgg16-397923af.pth",
-                "https://download.pytorch.org/models/vgg16-397923af.pth",
-                527_796,
-                "397923af",
-            ),
-            Backbone::SqueezeNet1_1 => (
-                "squeezenet1_1-b8a52dc0.pth",
-                "https://download.pytorch.org/models/squeezenet1_1-b8a52dc0.pth",
-                4_729,
-                "b8a52dc0",
-            ),
+        let (file, size_milli_mib, sha256_prefix) = match backbone {
+            Backbone::AlexNet => ("alexnet-owt-7be5be79.pth", 233_087, "7be5be79"),
+            Backbone::Vgg16 => ("vgg16-397923af.pth", 527_796, "397923af"),
+            Backbone::SqueezeNet1_1 => ("squeezenet1_1-b8a52dc0.pth", 4_729, "b8a52dc0"),
         };
         Self {
             backbone,
             file: file.into(),
-            address: address.into(),
+            address: mirrored(&format!("https://download.pytorch.org/models/{file}")).into(),
             size_milli_mib,
             sha256_prefix: sha256_prefix.into(),
             licence: "BSD-3-Clause (torchvision)",
@@ -65,6 +50,26 @@ impl Published {
     pub fn cached(&self, cache: &Path) -> PathBuf {
         let stem = self.file.trim_end_matches(".pth");
         cache.join(format!("{stem}.features.safetensors"))
+    }
+
+    /// The network's weights in a folder: as fetched here, as torchvision names its file, or under the
+    /// network's plain name.
+    fn in_folder(&self, folder: &Path) -> Option<PathBuf> {
+        let plain = folder.join(format!("{}.safetensors", self.backbone));
+        let files = [self.cached(folder), folder.join(&*self.file), plain];
+        files.into_iter().find(|file| file.is_file())
+    }
+}
+
+/// Where to fetch the file of a publisher's address: there, or under the same name below
+/// `SHARP_BENCH_MIRROR`, if that is set.
+pub fn mirrored(address: &str) -> String {
+    let mirror = std::env::var("SHARP_BENCH_MIRROR").unwrap_or_default();
+    match address.rsplit_once('/') {
+        Some((_, file)) if !mirror.is_empty() => {
+            format!("{}/{file}", mirror.trim_end_matches('/'))
+        }
+        _ => address.to_owned(),
     }
 }
 
@@ -93,22 +98,52 @@ pub fn user_cache() -> Option<PathBuf> {
     Some(base.join("sharp-bench"))
 }
 
+/// Where torch keeps what it downloads, by its own rule on every system: `TORCH_HOME`, else `torch` in
+/// `XDG_CACHE_HOME`, else `~/.cache/torch`.
+pub fn torch_hub() -> Option<PathBuf> {
+    torch_hub_by(variable)
+}
+
+fn torch_hub_by(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
+    let home = || variable("HOME").or_else(|| variable("USERPROFILE"));
+    let cache = || variable("XDG_CACHE_HOME").or_else(|| Some(home()?.join(".cache")));
+    let torch = variable("TORCH_HOME").or_else(|| Some(cache()?.join("torch")))?;
+    Some(torch.join("hub").join("checkpoints"))
+}
+
 fn variable(name: &str) -> Option<PathBuf> {
     let value = std::env::var_os(name).filter(|value| !value.is_empty());
     value.map(PathBuf::from)
 }
 
 impl Weights {
-    /// Takes from a cache folder the weights of those networks for which nothing else is given.
-    #[must_use]
-    pub fn with_cache(mut self, cache: &Path) -> Self {
-        for backbone in Backbone::ALL {
-            let file = Published::of(backbone).cached(cache);
-            if !self.has(backbone) && file.is_file() {
-                self = self.with_file(backbone, file);
-            }
+    /// The weights on this machine, for each network from the first place that has them: the folder
+    /// that is fetched to ([`cache_folder`]); this program, which carries AlexNet's, and the folder
+    /// of its executable or the sources that it was built from, where VGG16's lie; torch's hub folder.
+    pub fn at_hand() -> Self {
+        let executable = std::env::current_exe().ok();
+        let beside = executable.and_then(|file| Some(file.parent()?.to_owned()));
+        let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
+        let bundled = [beside, Some(sources)].map(Option::unwrap_or_default);
+        let [cache, hub] = [cache_folder(), torch_hub()].map(Option::unwrap_or_default);
+        Self::found_in(&cache, &bundled, &hub)
+    }
+
+    fn found_in(cache: &Path, bundled: &[PathBuf], hub: &Path) -> Self {
+        let find = |backbone| {
+            let published = Published::of(backbone);
+            let file = |folder: &Path| Some(WeightsSource::File(published.in_folder(folder)?));
+            let built_in = || match backbone {
+                Backbone::AlexNet => Some(WeightsSource::BuiltIn),
+                _ => bundled.iter().find_map(|folder| file(folder)),
+            };
+            file(cache).or_else(built_in).or_else(|| file(hub))
+        };
+        let sources = Backbone::ALL.into_iter();
+        let sources = sources.filter_map(|backbone| Some((backbone, find(backbone)?)));
+        Self {
+            sources: sources.collect(),
         }
-        self
     }
 }
 
@@ -129,18 +164,57 @@ mod tests {
     }
 
     #[test]
-    fn the_cache_yields_to_files_that_were_given() {
-        let cache = tempfile::tempdir().unwrap();
-        let squeeze = Published::of(Backbone::SqueezeNet1_1).cached(cache.path());
-        let vgg = Published::of(Backbone::Vgg16).cached(cache.path());
-        for file in [&squeeze, &vgg] {
-            std::fs::write(file, b"").unwrap();
+    fn the_first_place_that_has_weights_is_taken() {
+        let dir = tempfile::tempdir().unwrap();
+        let [cache, empty, bundled, hub] = ["cache", "empty", "bundled", "hub"].map(|name| {
+            let folder = dir.path().join(name);
+            std::fs::create_dir(&folder).unwrap();
+            folder
+        });
+        let put = |folder: &Path, file: &str| {
+            std::fs::write(folder.join(file), b"").unwrap();
+            Some(WeightsSource::File(folder.join(file)))
+        };
+        let found = || Weights::found_in(&cache, &[empty.clone(), bundled.clone()], &hub);
+        let of = |backbone| found().source(backbone).cloned();
+
+        assert_eq!(of(Backbone::AlexNet), Some(WeightsSource::BuiltIn));
+        assert_eq!(of(Backbone::Vgg16), None);
+        let torchs = put(&hub, "vgg16-397923af.pth");
+        assert_eq!(of(Backbone::Vgg16), torchs);
+        let ours = put(&bundled, "vgg16.safetensors");
+        assert_eq!(of(Backbone::Vgg16), ours);
+        let fetched = put(&cache, "vgg16-397923af.features.safetensors");
+        assert_eq!(of(Backbone::Vgg16), fetched);
+        assert_eq!(of(Backbone::SqueezeNet1_1), None);
+        let whole = put(&cache, "squeezenet1_1-b8a52dc0.pth");
+        assert_eq!(of(Backbone::SqueezeNet1_1), whole);
+        let mine = found().with_file(Backbone::AlexNet, "mine.pth");
+        let given = WeightsSource::File("mine.pth".into());
+        assert_eq!(mine.source(Backbone::AlexNet), Some(&given));
+    }
+
+    #[test]
+    fn torchs_folder_is_found_by_torchs_rules() {
+        let folder = |set: &[(&str, &str)]| {
+            torch_hub_by(|name| {
+                let (_, value) = set.iter().find(|(key, _)| *key == name)?;
+                Some(PathBuf::from(value))
+            })
+        };
+        let (home, cache, torch) = (
+            ("HOME", "/h"),
+            ("XDG_CACHE_HOME", "/c"),
+            ("TORCH_HOME", "/t"),
+        );
+        for (set, expected) in [
+            (&[home, cache, torch][..], "/t/hub/checkpoints"),
+            (&[home, cache], "/c/torch/hub/checkpoints"),
+            (&[home], "/h/.cache/torch/hub/checkpoints"),
+            (&[("USERPROFILE", "/u")], "/u/.cache/torch/hub/checkpoints"),
+        ] {
+            assert_eq!(folder(set), Some(PathBuf::from(expected)), "{set:?}");
         }
-        let weights = Weights::none()
-            .with_file(Backbone::Vgg16, "mine.pth")
-            .with_cache(cache.path());
-        assert_eq!(weights.file(Backbone::Vgg16), Some(Path::new("mine.pth")));
-        assert_eq!(weights.file(Backbone::SqueezeNet1_1), Some(&*squeeze));
-        assert!(!weights.has(Backbone::AlexNet));
+        assert_eq!(folder(&[]), None);
     }
 }

@@ -10,7 +10,7 @@
 //! * [`completeness`]: every tensor expected is there, every tensor there is expected.
 //! * [`convert`]: writing safetensors.
 //! * [`deterministic`]: weights as a pure function of names, for tests and golden data.
-//! * `download`: fetching a file, resumed and bounded (feature `transfer`, with TLS: `download`).
+//! * `download`: fetching a file, resumed and bounded (feature `download`).
 //! * [`error`]: why a file was refused.
 //! * [`hash`]: SHA-256 as text.
 //! * [`tensor`]: element types and strided layouts.
@@ -22,7 +22,7 @@ pub mod checkpoint;
 pub mod completeness;
 pub mod convert;
 pub mod deterministic;
-#[cfg(any(feature = "transfer", test))]
+#[cfg(any(feature = "download", test))]
 pub mod download;
 pub mod error;
 pub mod hash;

@@ -84,7 +84,7 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
 
 /// Every view predicted by a copy of the one before it, in bits.
 fn scores(views: &[View]) -> Vec<Vec<u64>> {
-    let selection = Selection::parse("psnr,ssim").unwrap();
+    let selection = Selection::parse("psnr,ssim-all").unwrap();
     let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
     let pictures: Vec<Picture> = views
         .iter()

@@ -2,17 +2,17 @@
 
 use serde_json::json;
 use sharp_metrics::weights::Published;
-use sharp_metrics::{MetricInfo, Scorer, Selection};
+use sharp_metrics::{MetricInfo, Scorer};
 
 use super::{Outcome, output};
 use crate::pictures::methods_text::MethodsText;
 use crate::report::Column;
 
 /// Each key with its convention and the public code that computes the same.
-pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outcome> {
-    let infos = selection.keys().map(|key| MetricInfo::new(key, &[]));
+pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
+    let infos = scorer.info();
     if json {
-        output::json(&infos.collect::<Vec<_>>())?;
+        output::json(&infos)?;
         return Ok(Outcome::Done);
     }
     for info in infos {
@@ -25,10 +25,17 @@ pub(super) fn explain(selection: &Selection, json: bool) -> anyhow::Result<Outco
             info.input_range, info.resize, info.precision
         ))?;
         if let (Some(own), Some(backbone)) = (info.own_weights, info.backbone) {
-            let published = Published::of(backbone.name);
+            let network = match &backbone.features_sha256 {
+                None => format!(
+                    "{} of torchvision, not at hand",
+                    Published::of(backbone.name).file
+                ),
+                Some(_) if backbone.is_unpublished() => format!("{backbone}, unpublished"),
+                Some(_) => format!("{backbone}, torchvision's"),
+            };
             output::line(format!(
-                "    Weights: {} of torchvision, to be fetched; {} of {}, built in (sha256 {}).",
-                published.file, own.file, own.package, own.sha256
+                "    Weights: {network}; {} of {}, built in (sha256 {}).",
+                own.file, own.package, own.sha256
             ))?;
         }
         output::line("")?;

@@ -101,9 +101,6 @@ pub(super) struct MetricsArgs {
 
 pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     let selection = args.selection()?;
-    if args.explain {
-        return describe::explain(&selection, args.json);
-    }
     if let Some(set) = args.simd {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
@@ -112,6 +109,9 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         options.algorithm = Algorithm::Direct;
     }
     let scorer = Scorer::with_options(&selection, &args.metrics.weights()?, options)?;
+    if args.explain {
+        return describe::explain(&scorer, args.json);
+    }
     if args.methods_text {
         return describe::methods_text(&scorer, args.json);
     }

@@ -3,26 +3,28 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use anyhow::{anyhow, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use serde_json::{Value, json};
-use sharp_metrics::Backbone;
 use sharp_metrics::weights::{Published, cache_folder};
+use sharp_metrics::{Backbone, Weights};
 
+use crate::cli::output::Terminal;
 use crate::cli::{Outcome, output};
+use crate::io::checkpoint::fetch::fetch;
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{Standing, compare_or_record, record_file};
 use crate::io::checkpoint::release::{
-    LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, licence_text,
+    LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS, RELEASE_FILE, Release, licence_text,
 };
 use crate::io::hash::file_sha256;
-#[cfg(feature = "download")]
-use crate::{cli::output::Terminal, io::observer::Observer};
+use crate::io::observer::Observer;
 
 /// What to fetch, and what was agreed to.
 #[derive(Debug, Args)]
 pub(super) struct FetchArgs {
-    /// `metrics` for all three backbones; alexnet, vgg16, squeezenet1_1; `sharp` for the official checkpoint
+    /// `metrics` for the backbones that are not at hand; alexnet, vgg16, squeezenet1_1; `sharp` for the official
+    /// checkpoint
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Only say whether they are at hand
@@ -35,9 +37,6 @@ pub(super) struct FetchArgs {
     #[arg(long)]
     json: bool,
 }
-
-#[cfg(not(feature = "download"))]
-const CANNOT: &str = "this build cannot download; build with `cargo build --release -p sharp-bench --features download`";
 
 pub(super) fn execute(args: &FetchArgs) -> anyhow::Result<Outcome> {
     let (backbones, sharp) = wanted(&args.names)?;
@@ -74,33 +73,27 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
     Ok((backbones, sharp))
 }
 
-/// Brings a backbone's features to the cache and says where they are.
+/// Brings a backbone's features to the cache, unless they are at hand and were not asked for by name; says where they
+/// are.
 fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyhow::Result<Value> {
-    let published = Published::of(backbone);
-    #[cfg(feature = "download")]
-    let file = {
-        let terminal = Terminal::default();
-        let file = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
-            terminal.advance(backbone.name(), "bytes", at.done, at.total);
-        })?;
-        terminal.end();
-        file
-    };
-    #[cfg(not(feature = "download"))]
-    let file = {
-        let file = published.cached(cache);
-        if !file.is_file() {
-            bail!(
-                "{}: not at hand; {CANNOT}, or get the file yourself and pass --weights {backbone}=FILE",
-                published.address
-            );
+    let by_name = args.names.iter().any(|name| name == backbone.name());
+    let at_hand = Weights::at_hand();
+    let file = match at_hand.source(backbone) {
+        Some(source) if !by_name => source.to_string(),
+        _ => {
+            let terminal = Terminal::default();
+            let published = Published::of(backbone);
+            let file = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
+                terminal.advance(backbone.name(), "bytes", at.done, at.total);
+            })?;
+            terminal.end();
+            file.display().to_string()
         }
-        file
     };
     if !args.json {
-        output::line(format!("{:<14} {}", backbone.name(), file.display()))?;
+        output::line(format!("{:<14} {file}", backbone.name()))?;
     }
-    Ok(json!({ "name": backbone.name(), "file": file.display().to_string() }))
+    Ok(json!({ "name": backbone.name(), "file": file }))
 }
 
 /// Finds or fetches the official checkpoint, compares it with its record and says how it stands.
@@ -145,26 +138,18 @@ fn transfer(args: &FetchArgs, cache: &Path) -> anyhow::Result<(std::path::PathBu
             "the checkpoint is not at hand and was not fetched, because --offline was given; {by_hand}"
         );
     }
-    let agree = if args.accept_licence {
-        ""
-    } else {
-        " and accept the licence above with --accept-licence"
-    };
-    #[cfg(not(feature = "download"))]
-    bail!("{CANNOT}{agree}; or {by_hand}");
-    #[cfg(feature = "download")]
-    {
-        if !args.accept_licence {
-            bail!("nothing was fetched: read{agree}; or {by_hand}");
-        }
-        let terminal = Terminal::default();
-        let release = crate::io::checkpoint::release::Release::official();
-        let found = crate::io::checkpoint::fetch::fetch(&release, cache, |at| {
-            terminal.advance("sharp", "bytes", at.done, at.total);
-        })?;
-        terminal.end();
-        Ok(found)
+    if !args.accept_licence {
+        bail!(
+            "nothing was fetched: read and accept the licence above with --accept-licence; or {by_hand}"
+        );
     }
+    let terminal = Terminal::default();
+    let found = fetch(&Release::official(), cache, |at| {
+        terminal.advance("sharp", "bytes", at.done, at.total);
+    })
+    .with_context(|| format!("the checkpoint was not fetched; {by_hand}"))?;
+    terminal.end();
+    Ok(found)
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde_json::json;
-use sharp_metrics::Backbone;
-use sharp_metrics::weights::{Published, cache_folder};
+use sharp_metrics::weights::Published;
+use sharp_metrics::{Backbone, Weights};
 
 use crate::cli::{Outcome, output};
 use crate::io::checkpoint::find_checkpoint;
@@ -12,20 +12,19 @@ use crate::io::checkpoint::record::{self, record_file};
 use crate::io::checkpoint::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
-    let cache = cache_folder();
+    let weights = Weights::at_hand();
     let shown = |file: Option<PathBuf>| file.map(|path| path.display().to_string());
     let mut entries = Vec::new();
     for backbone in Backbone::ALL {
         let published = Published::of(backbone);
-        let kept = cache.as_deref().map(|cache| published.cached(cache));
-        let kept = shown(kept.filter(|path| path.is_file()));
+        let kept = weights.source(backbone).map(ToString::to_string);
         let mib = published.size_milli_mib as f64 / 1000.0;
         if !json {
             output::line(format!(
                 "{:<14} {mib:>9.3} MiB  {}  {}\n{:<14} sha256 {}…, licence {}",
                 backbone.name(),
                 published.address,
-                kept.as_deref().unwrap_or("not fetched"),
+                kept.as_deref().unwrap_or("not at hand"),
                 "",
                 published.sha256_prefix,
                 published.licence
@@ -36,6 +35,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             "address": published.address,
             "size_mib": mib,
             "sha256_prefix": published.sha256_prefix,
+            "features_sha256": backbone.published_features(),
             "licence": published.licence,
             "file": kept,
         }));

@@ -39,7 +39,8 @@ enum WeightsCommand {
     ///
     /// Of a backbone only the features are kept. For SHARP's checkpoint no hash is published: its size and sha256 are
     /// recorded at the first use and compared from then on; a file in the release's own cache folder is used as it is.
-    /// Needs a build with `--features download`. Proxies are taken from the usual environment variables.
+    /// Proxies are taken from the usual environment variables; with SHARP_BENCH_MIRROR set to an address, files are
+    /// fetched from there under the names that their publishers give them.
     Fetch(fetch::FetchArgs),
     /// What a file holds: modules, parameters, values that are not finite
     ///

@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use sharp::model::ModelConfig;
+use sharp_metrics::weights::mirrored;
 
 pub const RELEASE_FILE: &str = "sharp_2572gikvuh.pt";
 
@@ -43,7 +44,7 @@ impl Release {
     /// table of contents.
     pub fn official() -> Self {
         Self {
-            address: RELEASE_ADDRESS.to_owned(),
+            address: mirrored(RELEASE_ADDRESS),
             config: ModelConfig::release(),
             sizes: 4 * PARAMETERS..=4 * PARAMETERS + OVERHEAD,
         }

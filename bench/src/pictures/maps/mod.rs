@@ -198,7 +198,7 @@ mod tests {
             }))
         };
         let (a, b) = (picture(3), picture(11));
-        let selection = Selection::parse("ssim").unwrap();
+        let selection = Selection::parse("ssim-all").unwrap();
         let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
         let all = scorer.examine(&a, &b, None, true).unwrap();
         for ((key, score), (_, map)) in all.scores.iter().zip(&all.maps) {
