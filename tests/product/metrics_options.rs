@@ -326,19 +326,18 @@ fn csv_has_a_row_a_pair_and_says_what_is_missing() {
     let (p, t) = (picture(5, (WIDTH, HEIGHT)), picture(6, (WIDTH, HEIGHT)));
     assert_eq!(&rows[1][0], "p/b.png");
     assert!((rows[1][4].parse::<f64>().unwrap() - psnr(&p, &t, |_| true)).abs() < 1e-9);
-    assert_eq!(&rows[0][2], "");
-    assert!(
-        rows[0][6].contains("dists: needs the weights of vgg16"),
-        "{}",
-        &rows[0][6]
-    );
+    assert!(rows[0][2].parse::<f64>().unwrap() > 0.0);
+    metrics(dir.path(), "p t --metrics all --csv all.csv").ends_with(0);
+    let all = std::fs::read_to_string(dir.path().join("all.csv")).unwrap();
+    let missing = "lpips[squeeze,v0.1]: needs the weights of squeezenet1_1";
+    assert!(all.contains(missing), "{all}");
     metrics(dir.path(), "p t --csv p/a.png/x.csv").is_error_with(&["p/a.png", "cannot write into"]);
 }
 
 #[test]
 fn a_strangers_number_is_traced_to_its_convention() {
     let dir = folder();
-    let json = metrics(dir.path(), "p/a.png t/a.png --metrics ssim --json")
+    let json = metrics(dir.path(), "p/a.png t/a.png --metrics ssim-all --json")
         .ends_with(0)
         .json();
     let value = json["mean"]["ssim[gauss11,zero]"].as_f64().unwrap();
@@ -362,10 +361,16 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
         "scikit-image",
         "kornia",
         "--metrics dists-resize256",
-        "alexnet-owt-7be5be79.pth",
+        "Same as lpips.LPIPS",
+        "alexnet=8eed026b364dd02bdf76d6ca5a9bfaa0efb090d22a8b79ad51186269c08605c7, torchvision's",
+        "squeezenet1_1-b8a52dc0.pth of torchvision, not at hand",
     ] {
         assert!(said.out.contains(part), "{part}");
     }
+    // On other features nobody else's numbers are the same.
+    let args = "--explain --metrics lpips --weights alexnet=alexnet.safetensors";
+    let said = metrics(dir.path(), args).ends_with(0);
+    assert!(!said.out.contains("Same as") && said.out.contains("not those torchvision published"));
     let keys = metrics(dir.path(), "--explain --metrics all --json").json();
     assert_eq!(keys.as_array().unwrap().len(), 18);
     let args = "--methods-text --metrics lpips-alex,psnr --weights alexnet=alexnet.safetensors";
@@ -381,6 +386,6 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
     ] {
         assert!(said.out.contains(part), "{part}: {}", said.out);
     }
-    let said = metrics(dir.path(), "--methods-text --metrics dists").ends_with(0);
-    assert!(said.err.contains("vgg16") && said.out.contains("[hash of the weights]"));
+    let said = metrics(dir.path(), "--methods-text --metrics lpips-squeeze").ends_with(0);
+    assert!(said.err.contains("squeezenet1_1") && said.out.contains("[hash of the weights]"));
 }

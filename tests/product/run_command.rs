@@ -361,3 +361,36 @@ fn what_cannot_work_is_one_line() {
     sharp_bench(dir.path(), &absent).is_error_with(&["nowhere"]);
     sharp_bench(dir.path(), &["report", "nowhere"]).is_error_with(&["nowhere", "manifest.json"]);
 }
+
+#[test]
+fn an_estimate_and_a_count_write_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let args = [
+        "run",
+        "--dataset",
+        DATASET,
+        "--method",
+        "copy",
+        "--method",
+        "depth-splat:resolution=256",
+    ];
+    let with = |more: &[&str]| sharp_bench(dir.path(), &[&args[..], more].concat());
+    let count = with(&["--dry-run", "--json"]).ends_with(0).json();
+    assert_eq!(count["units"]["missing"], count["units"]["units"]);
+    let estimate = with(&["--estimate", "--json", "--metrics", "psnr"])
+        .ends_with(0)
+        .json();
+    assert_eq!(estimate["units"], count["units"]["units"]);
+    // Two pairs of each of three sources.
+    assert_eq!(estimate["measured_pairs"], 6);
+    assert_eq!(estimate["measured_failures"], 0);
+    for field in ["cpu_secs", "wall_secs", "disk_bytes"] {
+        assert!(estimate[field].as_f64().unwrap() > 0.0, "{field}");
+    }
+    let words = with(&["--estimate", "--metrics", "psnr"]).ends_with(0).out;
+    assert!(words.contains("CPU") && words.contains("memory"), "{words}");
+    let left = std::fs::read_dir(dir.path()).unwrap();
+    let left: Vec<_> = left.flatten().map(|entry| entry.file_name()).collect();
+    assert!(left.iter().all(|name| name == ".cache"), "{left:?}");
+    assert_eq!(with(&[]).code, 2);
+}

@@ -217,8 +217,31 @@ fn at_home(dir: &Path, args: &[&str]) -> Said {
         ("XDG_CACHE_HOME", &*cache),
         ("TORCH_HOME", &*torch),
         ("SHARP_BENCH_WEIGHTS", &*ours),
+        // Where nobody listens.
+        ("SHARP_BENCH_MIRROR", Path::new("http://127.0.0.1:9")),
     ];
     sharp_bench_with(dir, &variables, args)
+}
+
+#[test]
+fn networks_that_ship_are_at_hand_and_others_are_fetched_from_the_mirror() {
+    let dir = tempfile::tempdir().unwrap();
+    let list = at_home(dir.path(), &["weights", "list", "--json"]);
+    let list = list.ends_with(0).json();
+    let file = |i: usize| list[i]["file"].as_str();
+    assert_eq!(file(0), Some("built in"));
+    assert!(file(1).unwrap().ends_with("weights/vgg16.safetensors"));
+    assert_eq!(
+        (list[2]["name"].as_str(), file(2)),
+        (Some("squeezenet1_1"), None)
+    );
+
+    let fetch = |name: &str| at_home(dir.path(), &["weights", "fetch", name]);
+    // Only what is not at hand, unless it is asked for by name.
+    fetch("metrics").is_error_with(&["http://127.0.0.1:9/squeezenet1_1-b8a52dc0.pth"]);
+    fetch("vgg16").is_error_with(&["http://127.0.0.1:9/vgg16-397923af.pth"]);
+    let offline = ["weights", "fetch", "metrics", "--offline"];
+    at_home(dir.path(), &offline).is_error_with(&["--offline", "squeezenet1_1=FILE"]);
 }
 
 #[test]
@@ -234,13 +257,15 @@ fn without_a_checkpoint_the_licence_and_the_ways_to_get_it_are_shown() {
     ] {
         assert!(said.err.contains(part), "{part}: {}", said.err);
     }
-    if !cfg!(feature = "download") {
-        let accepted = at_home(
-            dir.path(),
-            &["weights", "fetch", "sharp", "--accept-licence"],
-        );
-        accepted.is_error_with(&["--features download", address, "--checkpoint FILE"]);
-    }
+    let accepted = at_home(
+        dir.path(),
+        &["weights", "fetch", "sharp", "--accept-licence"],
+    );
+    accepted.is_error_with(&[
+        "127.0.0.1:9/sharp_2572gikvuh.pt",
+        address,
+        "--checkpoint FILE",
+    ]);
     let offline = ["weights", "fetch", "sharp", "--offline", "--accept-licence"];
     at_home(dir.path(), &offline).is_error_with(&["--offline", address]);
     at_home(dir.path(), &["weights", "fetch", "sharpe"]).is_error_with(&["sharpe"]);

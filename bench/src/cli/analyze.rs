@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use sharp_metrics::Scorer;
 
-use super::data_args::MetricArgs;
+use super::data_args::{MetricArgs, demand_weights};
 use super::metrics::demand_explicit;
 use super::output::Terminal;
 use super::{Outcome, output};
@@ -76,6 +76,7 @@ fn translation(args: &TranslationArgs) -> anyhow::Result<Outcome> {
         &args.metrics.weights()?,
         args.metrics.options()?,
     )?;
+    demand_weights(&selection, &scorer)?;
     let picture = pictures::read_rgb8(&args.image)?;
     if let Some(folder) = &args.out {
         check_writable(folder)?;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
-use sharp_metrics::{Device, MetricRegion, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{Device, MetricRegion, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
 use crate::evaluate::PairOrigin;
@@ -63,12 +63,8 @@ impl MetricArgs {
     /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
     /// before anything is computed, not an empty column after hours.
     pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
-        let (selection, scoring) = (self.selection()?, self.scoring()?);
-        for (key, backbone) in scoring.missing_weights() {
-            if selection.is_explicit(key) {
-                bail!("--metrics {key}: {}", Unavailable::NoWeights { backbone });
-            }
-        }
+        let scoring = self.scoring()?;
+        demand_weights(&self.selection()?, &scoring.scorer)?;
         Ok(scoring)
     }
 
@@ -94,6 +90,24 @@ impl MetricArgs {
         }
         Ok(weights)
     }
+}
+
+/// Refuses missing weights of metrics that were named explicitly.
+pub(super) fn demand_weights(selection: &Selection, scorer: &Scorer) -> anyhow::Result<()> {
+    for info in scorer.info() {
+        if let Some(network) = info.backbone
+            && network.features_sha256.is_none()
+            && selection.is_explicit(info.key)
+        {
+            let backbone = network.name;
+            bail!(
+                "--metrics {}: {}",
+                info.key,
+                Unavailable::NoWeights { backbone }
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Which datasets, and which of their scenes.

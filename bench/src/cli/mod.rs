@@ -38,6 +38,9 @@ use outcome::UsageError;
                   Start with: sharp-bench demo"
 )]
 pub struct Cli {
+    /// Show no progress; warnings, results and errors stay
+    #[arg(long, short, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -71,6 +74,9 @@ impl Cli {
     /// # Errors
     /// What could not be finished, with its context; exit code 1.
     pub fn execute(self) -> anyhow::Result<Outcome> {
+        if self.quiet {
+            output::silence_progress();
+        }
         match self.command {
             Command::Demo(args) => demo::execute(&args),
             Command::Run(args) => run::execute(&args),

@@ -7,6 +7,7 @@ use sharp_metrics::SelectionError;
 use sharp_metrics::weights::UnknownBackbone;
 
 use crate::evaluate::EvaluateError;
+use crate::methods::SpecError;
 use crate::pairs::PairError;
 
 /// Success in three shades; a command that cannot finish returns an error instead.
@@ -50,6 +51,10 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
         cause.is::<UsageError>()
             || cause.is::<SelectionError>()
             || cause.is::<UnknownBackbone>()
+            || matches!(
+                cause.downcast_ref::<SpecError>(),
+                Some(SpecError::UnknownKind { .. })
+            )
             || dataset_error(cause).is_some_and(|e| {
                 matches!(
                     e,

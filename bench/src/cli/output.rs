@@ -1,7 +1,9 @@
 //! Results on standard output, so that they can be piped; remarks, warnings and progress on standard error.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -27,72 +29,192 @@ pub(super) fn remark(text: impl AsRef<str>) {
     let _ = writeln!(io::stderr().lock(), "{}", text.as_ref());
 }
 
-/// Warnings as lines, progress as a bar. indicatif draws nothing unless standard error is a terminal.
+/// Set by `--quiet`.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// No progress from now on; warnings and results stay.
+pub(super) fn silence_progress() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Warnings as lines, progress as a bar, or as a line now and then where standard error is no terminal.
 #[derive(Debug, Default)]
-pub(super) struct Terminal(Mutex<Option<ProgressBar>>);
+pub(super) struct Terminal(Mutex<Option<Phase>>);
+
+/// Work that is going on.
+#[derive(Debug)]
+struct Phase {
+    bar: ProgressBar,
+    unit: String,
+    failed: u64,
+    /// When the last plain line came, and how much was done then; at first when the phase began.
+    said: (Instant, u64),
+    lines: usize,
+}
+
+/// Between two plain lines.
+const INTERVAL: Duration = Duration::from_secs(30);
+
+impl Phase {
+    fn new(name: &str, unit: &str) -> Self {
+        let template =
+            format!("{{msg:28!}} {{bar:32}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
+        let style = ProgressStyle::with_template(&template)
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = match QUIET.load(Ordering::Relaxed) {
+            true => ProgressBar::hidden(),
+            false => ProgressBar::new(0),
+        };
+        Self {
+            bar: bar.with_style(style).with_message(name.to_owned()),
+            unit: unit.to_owned(),
+            failed: 0,
+            said: (Instant::now(), 0),
+            lines: 0,
+        }
+    }
+
+    fn say_now_and_then(&mut self) {
+        if !QUIET.load(Ordering::Relaxed)
+            && !io::stderr().is_terminal()
+            && let Some(line) = self.plain_line(Instant::now())
+        {
+            remark(line);
+        }
+    }
+
+    /// How far it has come, once an interval. The time left is judged by the last interval: what an earlier run left
+    /// done takes no time and says nothing about the rest.
+    fn plain_line(&mut self, now: Instant) -> Option<String> {
+        let (then, before) = self.said;
+        let elapsed = now.saturating_duration_since(then);
+        let done = self.bar.position();
+        if elapsed < INTERVAL || done <= before {
+            return None;
+        }
+        let total = self.bar.length().unwrap_or(0);
+        let mut line = match total {
+            0 => format!("{done} {}", self.unit),
+            _ => format!("{done} of {total} {}", self.unit),
+        };
+        if self.failed > 0 {
+            line += &format!(", {} failed", self.failed);
+        }
+        if self.lines > 0 && total > done {
+            let each = elapsed.as_secs_f64() / (done - before) as f64;
+            line += &format!(", {} left", span(each * (total - done) as f64));
+        }
+        self.said = (now, done);
+        self.lines += 1;
+        Some(line)
+    }
+}
+
+/// A time in words: `40 s`, `12 min`, `3 h 20 min`.
+pub(super) fn span(secs: f64) -> String {
+    let minutes = (secs / 60.0).round() as u64;
+    match (secs as u64, minutes) {
+        (..=99, _) => format!("{secs:.0} s"),
+        (_, ..=99) => format!("{minutes} min"),
+        _ => format!("{} h {} min", minutes / 60, minutes % 60),
+    }
+}
 
 impl Terminal {
-    fn with_bar(&self, act: impl FnOnce(&mut Option<ProgressBar>)) {
+    fn with_phase(&self, act: impl FnOnce(&mut Option<Phase>)) {
         act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn in_phase(&self, act: impl FnOnce(&mut Phase)) {
+        self.with_phase(|phase| {
+            if let Some(phase) = phase {
+                act(phase);
+                phase.say_now_and_then();
+            }
+        });
     }
 
     /// Progress of a phase whose number of steps is known only once it runs.
     pub(super) fn advance(&self, phase: &str, unit: &str, done: u64, total: u64) {
-        self.with_bar(|bar| {
-            let bar = bar.get_or_insert_with(|| new_bar(phase, unit));
-            bar.set_length(total);
-            bar.set_position(done);
+        self.with_phase(|slot| {
+            let phase = slot.get_or_insert_with(|| Phase::new(phase, unit));
+            phase.bar.set_length(total);
+            phase.bar.set_position(done);
+            phase.say_now_and_then();
         });
     }
 }
 
-fn new_bar(phase: &str, unit: &str) -> ProgressBar {
-    let template =
-        format!("{{msg:28!}} {{bar:32}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
-    let style =
-        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(0).with_style(style);
-    bar.with_message(phase.to_owned())
-}
-
 impl Observer for Terminal {
     fn warn(&self, text: &str) {
-        self.with_bar(|bar| match bar {
-            Some(bar) => bar.suspend(|| remark(format!("warning: {text}"))),
+        self.with_phase(|phase| match phase {
+            Some(phase) => phase.bar.suspend(|| remark(format!("warning: {text}"))),
             None => remark(format!("warning: {text}")),
         });
     }
 
     fn begin(&self, phase: &str, steps: usize, unit: &'static str) {
-        let new = new_bar(phase, unit);
-        new.set_length(steps as u64);
-        self.with_bar(|bar| *bar = Some(new));
+        let new = Phase::new(phase, unit);
+        new.bar.set_length(steps as u64);
+        self.with_phase(|phase| *phase = Some(new));
     }
 
     fn progress(&self, done: usize, current: &str) {
-        self.with_bar(|bar| {
-            if let Some(bar) = bar {
-                bar.set_position(done as u64);
-                if !current.is_empty() {
-                    bar.set_message(current.to_owned());
-                }
+        self.in_phase(|phase| {
+            phase.bar.set_position(done as u64);
+            if !current.is_empty() {
+                phase.bar.set_message(current.to_owned());
             }
         });
     }
 
     fn step(&self) {
-        self.with_bar(|bar| {
-            if let Some(bar) = bar {
-                bar.inc(1);
-            }
-        });
+        self.in_phase(|phase| phase.bar.inc(1));
+    }
+
+    fn failed(&self) {
+        self.in_phase(|phase| phase.failed += 1);
     }
 
     fn end(&self) {
-        self.with_bar(|bar| {
-            if let Some(bar) = bar.take() {
-                bar.finish_and_clear();
+        self.with_phase(|phase| {
+            if let Some(phase) = phase.take() {
+                phase.bar.finish_and_clear();
             }
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_lines_come_now_and_then_and_judge_by_the_last_interval() {
+        let mut phase = Phase::new("", "units");
+        phase.bar.set_length(1000);
+        let (start, _) = phase.said;
+        let mut at = |secs: u64, done: u64, failed: u64| {
+            phase.bar.set_position(done);
+            phase.failed = failed;
+            phase.plain_line(start + Duration::from_secs(secs))
+        };
+        assert_eq!(at(10, 400, 0), None);
+        // An earlier run's units, taken over at once.
+        assert_eq!(at(30, 500, 0).as_deref(), Some("500 of 1000 units"));
+        assert_eq!(at(59, 501, 0), None);
+        // 10 units a minute.
+        let line = at(90, 510, 3);
+        assert_eq!(
+            line.as_deref(),
+            Some("510 of 1000 units, 3 failed, 49 min left")
+        );
+        assert_eq!(at(200, 510, 3), None);
+    }
+
+    #[test]
+    fn spans_have_fitting_units() {
+        let spans = [0.4, 40.0, 720.0, 12_000.0].map(span);
+        assert_eq!(spans, ["0 s", "40 s", "12 min", "3 h 20 min"]);
     }
 }

@@ -9,11 +9,11 @@ use sharp_metrics::{InstructionSet, Simd};
 
 use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
 use super::outcome::UsageError;
-use super::output::Terminal;
+use super::output::{Terminal, span};
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::{
-    EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages, prepare,
+    Estimate, EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages, prepare,
 };
 use crate::io::counts::counted;
 use crate::methods::{self, KINDS, MethodSpec};
@@ -35,7 +35,7 @@ pub(super) struct RunArgs {
     metrics: MetricArgs,
     #[command(flatten)]
     pairs: PairArgs,
-    /// Evaluate at most this many pairs: the first ones by id of each dataset in turn
+    /// Evaluate at most this many pairs, spread over datasets and scenes; those of a smaller N are among those of a larger
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// Score all methods of a pair on the part of the target that all of them predict
@@ -46,8 +46,8 @@ pub(super) struct RunArgs {
     #[arg(long)]
     scale_sweep: bool,
     /// The run folder
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate"])]
+    out: Option<PathBuf>,
     /// Which predicted pictures to keep
     #[arg(long, value_enum, default_value_t = Keep::All)]
     keep: Keep,
@@ -77,6 +77,9 @@ pub(super) struct RunArgs {
     /// Count what is done, failed and missing, and evaluate nothing
     #[arg(long)]
     dry_run: bool,
+    /// Evaluate a few pairs, tell what all of them would cost (CPU time, memory, disk), and keep nothing
+    #[arg(long, conflicts_with = "dry_run")]
+    estimate: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -105,18 +108,6 @@ pub(super) fn build_methods(
         .iter()
         .map(|text| text.parse())
         .collect::<Result<_, _>>()?;
-    if let Some(spec) = specs
-        .iter()
-        .find(|spec| KINDS.iter().all(|kind| kind.name != spec.kind))
-    {
-        let known: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
-        let reason = format!(
-            "--method {}: unknown kind; known: {}",
-            spec.text,
-            known.join(", ")
-        );
-        return Err(UsageError(reason).into());
-    }
     let built = methods::build(&specs, chooser)?;
     Ok(specs.into_iter().map(|spec| spec.text).zip(built).collect())
 }
@@ -167,16 +158,19 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         backend,
     };
     let evaluation = prepare(request, &terminal)?;
-    if args.dry_run {
-        return dry_run(&evaluation, args);
-    }
     let options = RunOptions {
         stages: args.stage,
         keep: args.keep,
         keep_gaussians: args.keep_gaussians,
         memory_limit_bytes: args.memory_limit,
     };
-    let finished = match evaluation.run(&args.out, options, &terminal) {
+    if args.estimate {
+        return estimate(&evaluation, options, args.json);
+    }
+    let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
+        return dry_run(&evaluation, args);
+    };
+    let finished = match evaluation.run(out, options, &terminal) {
         Err(error @ EvaluateError::Device { .. }) => {
             output::remark(format!("stopped: {error:#}"));
             return Ok(Outcome::Resumable);
@@ -217,7 +211,8 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
 }
 
 fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
-    let (manifest, standing) = (evaluation.manifest()?, evaluation.status(&args.out)?);
+    let manifest = evaluation.manifest()?;
+    let standing = evaluation.status(args.out.as_deref())?;
     if args.json {
         let mut json = serde_json::to_value(&manifest)?;
         json["units"] = serde_json::to_value(standing)?;
@@ -253,6 +248,53 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     output::line(format!(
         "units   {units}: {done} done, {unscored} to score, {missing} missing, {failed} failed"
     ))?;
+    Ok(Outcome::Done)
+}
+
+fn estimate(
+    evaluation: &Evaluation,
+    options: RunOptions,
+    as_json: bool,
+) -> anyhow::Result<Outcome> {
+    let estimate = evaluation.estimate(options)?;
+    if as_json {
+        output::json(&estimate)?;
+        return Ok(Outcome::Done);
+    }
+    let Estimate {
+        units,
+        sources,
+        pairs,
+        measured_pairs,
+        measured_failures,
+        cpu_secs,
+        wall_secs,
+        peak_bytes,
+        disk_bytes,
+    } = estimate;
+    let gib = |bytes: u64| format!("{:.2} GiB", bytes as f64 / f64::from(1 << 30));
+    output::line(format!(
+        "{} ({} of {}), by measuring {measured_pairs} of them:",
+        counted(units, "unit"),
+        counted(pairs, "pair"),
+        counted(sources, "source"),
+    ))?;
+    output::line(format!("CPU     {:.2} h", cpu_secs / 3600.0))?;
+    output::line(format!(
+        "time    {}, like this machine now",
+        span(wall_secs)
+    ))?;
+    output::line(format!(
+        "memory  {}",
+        peak_bytes.map_or_else(|| "unknown".to_owned(), gib)
+    ))?;
+    output::line(format!("disk    {}", gib(disk_bytes)))?;
+    if measured_failures > 0 {
+        output::remark(format!(
+            "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` says why",
+            counted(measured_failures, "unit")
+        ));
+    }
     Ok(Outcome::Done)
 }
 

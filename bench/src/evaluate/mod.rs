@@ -13,7 +13,8 @@
 //! }
 //! ```
 //!
-//! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored.
+//! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored; `estimate`: what that
+//!   would cost.
 //! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
 //!   `prediction_file`: predictions of sources, made once.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
@@ -22,6 +23,7 @@
 //!   scored again.
 
 pub mod error;
+mod estimate;
 pub mod folder;
 mod gaussian_store;
 pub mod join;
@@ -40,6 +42,7 @@ mod tests;
 pub mod unit;
 
 pub use error::EvaluateError;
+pub use estimate::Estimate;
 pub use folder::RunFolder;
 pub use join::{Named, join, merge};
 pub use manifest::Manifest;

@@ -115,6 +115,16 @@ pub struct UnitCounts {
     pub waiting: usize,
 }
 
+impl UnitCounts {
+    /// Counts a record that says why there is no score.
+    pub(super) fn count(&mut self, record: &Record, observer: &dyn Observer) {
+        if record.status != Status::Ok {
+            self.failed += 1;
+            observer.failed();
+        }
+    }
+}
+
 /// A unit as it comes from the predicting to the scoring thread.
 enum Prepared {
     /// Nothing is left to do, or it failed.
@@ -168,7 +178,7 @@ pub(super) fn run(
                 counts.units += 1;
                 match unit {
                     Prepared::Done(unit, reuse) => {
-                        counts.failed += usize::from(unit.record.status != Status::Ok);
+                        counts.count(&unit.record, observer);
                         counts.reused += usize::from(reuse == Reuse::Complete);
                     }
                     Prepared::Waiting => counts.waiting += 1,
@@ -178,7 +188,7 @@ pub(super) fn run(
             if !unscored.is_empty() {
                 for unit in score_pair(&truth, unscored, job.scoring, job.keys, folder)? {
                     counts.scored += 1;
-                    counts.failed += usize::from(unit.record.status != Status::Ok);
+                    counts.count(&unit.record, observer);
                 }
             }
         }
@@ -545,7 +555,9 @@ impl<'a> PairWork<'_, 'a> {
                     .as_ref()
                     .is_none_or(|(key, _)| *key != keys.predict)
                 {
-                    let scale = depth_scale(&prediction, depth.as_ref());
+                    let scale =
+                        depth_scale(&prediction, depth.as_ref(), &self.source, self.job.renderer);
+                    let scale = scale.map_err(|error| self.render_failure(method, &error))?;
                     sources.scale = Some((keys.predict.clone(), scale));
                 }
                 let scale = sources.scale.as_ref().map(|(_, scale)| scale.clone());

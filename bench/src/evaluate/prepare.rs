@@ -25,6 +25,7 @@ use crate::methods::Method;
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
+use crate::pairs::sampling::spread;
 use crate::pairs::{OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe};
 use crate::rendering::SharedRenderer;
 use crate::scoring::Scoring;
@@ -51,7 +52,7 @@ pub struct Request {
     pub only_scenes: Option<String>,
     /// Which pairs.
     pub pairs: PairOrigin,
-    /// Evaluate at most this many of the selected pairs: the first ones by id of each dataset in turn.
+    /// Evaluate at most this many of the selected pairs, spread over datasets and scenes.
     pub limit: Option<usize>,
     /// Methods with what was given for each, for the record. Labels are unique.
     pub methods: Vec<(String, Box<dyn Method>)>,
@@ -89,7 +90,7 @@ impl Request {
 
 /// Everything that decides what is evaluated.
 pub struct Evaluation {
-    datasets: Vec<OpenDataset>,
+    pub(super) datasets: Vec<OpenDataset>,
     only_scenes: Option<String>,
     scenes: Vec<Scene>,
     list: PairList,
@@ -97,8 +98,8 @@ pub struct Evaluation {
     choices: BTreeMap<String, PairProvenance>,
     limit: Option<usize>,
     specs: Vec<String>,
-    methods: Vec<Box<dyn Method>>,
-    scoring: Scoring,
+    pub(super) methods: Vec<Box<dyn Method>>,
+    pub(super) scoring: Scoring,
     common_region: bool,
     pub(super) renderer: SharedRenderer,
 }
@@ -229,26 +230,15 @@ fn warn_of_other_files(list: &PairList, scenes: &[Scene], observer: &dyn Observe
 }
 
 impl Evaluation {
-    /// The selected pairs by id. A limit takes the first of each dataset in turn, so that every one is tried.
-    fn pairs(&self) -> Result<Vec<ResolvedPair<'_>>, EvaluateError> {
+    /// The selected pairs by id, up to the limit.
+    pub(super) fn pairs(&self) -> Result<Vec<ResolvedPair<'_>>, EvaluateError> {
         let mut pairs = self.list.resolve(&self.scenes)?;
         pairs.retain(|resolved| resolved.pair.selected);
         pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
-        let Some(limit) = self.limit else {
-            return Ok(pairs);
-        };
-        let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
-        let mut turns: Vec<(usize, ResolvedPair<'_>)> = Vec::with_capacity(pairs.len());
-        for resolved in pairs {
-            let turn = taken.entry(resolved.pair.dataset.as_str()).or_default();
-            turns.push((*turn, resolved));
-            *turn += 1;
-        }
-        turns.sort_by_key(|(turn, _)| *turn);
-        turns.truncate(limit);
-        let mut pairs: Vec<ResolvedPair<'_>> = turns.into_iter().map(|(_, pair)| pair).collect();
-        pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
-        Ok(pairs)
+        Ok(match self.limit {
+            Some(limit) => spread(&pairs, limit),
+            None => pairs,
+        })
     }
 
     /// The metrics.
@@ -305,17 +295,17 @@ impl Evaluation {
         })
     }
 
-    /// Counts what a folder holds of the evaluation, and measures nothing.
+    /// Counts what a folder holds of the evaluation, and measures nothing. Without a folder all is missing.
     ///
     /// # Errors
     /// When the folder cannot be read.
-    pub fn status(&self, root: &Path) -> Result<RunStatus, EvaluateError> {
+    pub fn status(&self, root: Option<&Path>) -> Result<RunStatus, EvaluateError> {
         let pairs = self.pairs()?;
         let mut standing = RunStatus {
             units: pairs.len() * self.methods.len(),
             ..RunStatus::default()
         };
-        let Ok(folder) = RunFolder::open(root) else {
+        let Some(Ok(folder)) = root.map(RunFolder::open) else {
             standing.missing = standing.units;
             return Ok(standing);
         };

@@ -17,17 +17,60 @@ use crate::rendering::SharedRenderer;
 /// Below this alpha a pixel counts as a hole: more background than surface.
 const HOLE_ALPHA: f32 = 0.5;
 
-/// The factor that brings predicted to true depth: the median of their ratios over the first layer (the paper's eq.
-/// global_scale). The error is the bare reason.
+/// The factor that brings predicted to true depth: the median of their ratios (the paper's eq. global_scale). The inner
+/// error is the bare reason.
+///
+/// # Errors
+/// See [`RenderError`]: a method without a depth layer is rendered into the source.
 pub(super) fn depth_scale(
     prediction: &GaussianPrediction,
     truth: Option<&DepthMap>,
-) -> Result<f64, String> {
-    let truth = truth.ok_or("the source view has no depth, which depth=privileged needs")?;
-    let first_layer = prediction.first_layer.as_ref();
-    let first_layer = first_layer.ok_or("the method predicts no depth layer to align")?;
-    let found = median_scale(truth, first_layer).map_err(|error| error.to_string())?;
-    Ok(found.scale)
+    source: &PosedCamera,
+    renderer: &SharedRenderer,
+) -> Result<Result<f64, String>, RenderError> {
+    let Some(truth) = truth else {
+        let reason = "the source view has no depth, which depth=privileged needs";
+        return Ok(Err(reason.to_owned()));
+    };
+    let seen;
+    let predicted = match &prediction.first_layer {
+        Some(layer) => layer,
+        None => {
+            seen = seen_depth(prediction, source, renderer)?;
+            &seen
+        }
+    };
+    let found = median_scale(truth, predicted);
+    Ok(found.map(|found| found.scale).map_err(|e| e.to_string()))
+}
+
+/// Expected z-depth of the Gaussians in their source camera, metres; 0 in holes.
+fn seen_depth(
+    prediction: &GaussianPrediction,
+    source: &PosedCamera,
+    renderer: &SharedRenderer,
+) -> Result<DepthMap, RenderError> {
+    let view = placed(prediction.space, source, source);
+    let output = renderer.render(&prediction.gaussians, &view)?;
+    let mut depth = output.expected_depth();
+    for (depth, &alpha) in depth.iter_mut().zip(&output.alpha) {
+        if alpha < HOLE_ALPHA {
+            *depth = 0.0;
+        }
+    }
+    Ok(depth)
+}
+
+/// The target's view of Gaussians that lie in a space of the source.
+fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedCamera) -> RenderView {
+    let target_from_source = source.to(target);
+    let target_camera_from_gaussians = match space {
+        GaussianSpace::Normalized => {
+            target_camera_from_source_ndc(&source.intrinsics, &target_from_source)
+        }
+        GaussianSpace::Camera => target_from_source.to_affine(),
+    };
+    RenderView::new(target_camera_from_gaussians, target.intrinsics)
 }
 
 /// Renders a prediction into the target: placed by the dataset's own cameras, composited over black in linear light,
@@ -45,14 +88,7 @@ pub(super) fn render(
     target: &PosedCamera,
     renderer: &SharedRenderer,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
-    let target_from_source = source.to(target);
-    let target_camera_from_gaussians = match prediction.space {
-        GaussianSpace::Normalized => {
-            target_camera_from_source_ndc(&source.intrinsics, &target_from_source)
-        }
-        GaussianSpace::Camera => target_from_source.to_affine(),
-    };
-    let view = RenderView::new(target_camera_from_gaussians, target.intrinsics);
+    let view = placed(prediction.space, source, target);
     let output = match scale {
         None => renderer.render(&prediction.gaussians, &view)?,
         Some(scale) => renderer.render(&scaled(&prediction.gaussians, scale), &view)?,
@@ -90,6 +126,51 @@ fn scaled(gaussians: &Gaussians, scale: f64) -> Gaussians {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A wall 2 m in front of the camera, where it is 4 m away.
+    #[test]
+    fn gaussians_without_a_depth_layer_are_scaled_by_the_depth_that_is_seen() {
+        let source = PosedCamera {
+            id: "s".to_owned(),
+            intrinsics: sharp::camera::Intrinsics {
+                fx: 20.0,
+                fy: 20.0,
+                cx: 10.0,
+                cy: 8.0,
+                width: 20,
+                height: 16,
+            },
+            camera_from_world: sharp::camera::RigidTransform::IDENTITY,
+        };
+        let means: Vec<[f32; 3]> = (0..20 * 16)
+            .map(|i| {
+                [
+                    (i % 20) as f32 * 0.1 - 0.95,
+                    (i / 20) as f32 * 0.1 - 0.75,
+                    2.0,
+                ]
+            })
+            .collect();
+        let n = means.len();
+        let prediction = GaussianPrediction {
+            gaussians: Gaussians::new(
+                means,
+                vec![[1.0, 0.0, 0.0, 0.0]; n],
+                vec![[0.1, 0.1, 1e-4]; n],
+                vec![0.9; n],
+                vec![[0.5; 3]; n],
+            )
+            .unwrap(),
+            space: GaussianSpace::Camera,
+            first_layer: None,
+            extras: BTreeMap::new(),
+        };
+        let truth = DepthMap::from_pixel(20, 16, image::Luma([4.0]));
+        let renderer = SharedRenderer::cpu();
+        let scale = |truth| depth_scale(&prediction, truth, &source, &renderer).unwrap();
+        assert!((scale(Some(&truth)).unwrap() - 2.0).abs() < 1e-5);
+        assert!(scale(None).unwrap_err().contains("depth=privileged"));
+    }
 
     #[test]
     fn scaling_keeps_directions_and_multiplies_depth() {

@@ -99,7 +99,7 @@ pub fn rescore(
         if !unscored.is_empty() {
             for unit in score_pair(&truth, unscored, scoring, &keys, &store)? {
                 counts.scored += 1;
-                counts.failed += usize::from(unit.record.status != Status::Ok);
+                counts.count(&unit.record, observer);
             }
         }
     }

@@ -321,7 +321,7 @@ fn a_folder_keeps_what_it_has_when_methods_pairs_and_metrics_are_added() {
     assert_eq!(finished.results.missing.len(), 0);
     assert_eq!(finished.results.manifest.pairs.evaluated, 5);
     let standing = prepare(request(by_spec(&["copy"]), "psnr", 5), &Quiet).unwrap();
-    let standing = standing.status(&out).unwrap();
+    let standing = standing.status(Some(&out)).unwrap();
     assert_eq!((standing.done, standing.missing, standing.units), (3, 2, 5));
 }
 

@@ -23,7 +23,7 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_list::ResolvedPair;
 
 /// What is written besides the source's picture and the cameras, and how the datasets were read.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
     /// `target.png`: the ground truth.
     pub target: bool,
@@ -31,6 +31,8 @@ pub struct ExportOptions {
     pub depth: bool,
     /// By dataset: the settings in force, which decide what depth means. An export under other settings is made anew.
     pub readings: BTreeMap<String, String>,
+    /// Scales for which cameras are written, each with the name of its folder of predictions.
+    pub scales: Vec<(String, f64)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -147,7 +149,8 @@ fn export_group(
         }
         let (source, target) = (pair.source.into(), pair.target.into());
         let file = PairFile {
-            description: PairDescription::new(&pair.pair.pair_id, &source, &target),
+            description: PairDescription::new(&pair.pair.pair_id, &source, &target)
+                .with_scales(&options.scales),
             stamp: Stamp { key, files },
         };
         write_json(&folder.join("pair.json"), &file)?;
@@ -196,9 +199,10 @@ fn key(
     let names = pair.pair;
     let readings = options.readings.get(&names.dataset);
     let text = format!(
-        "pair {FORMAT} {} {} {}\n{}\n{}\n{}\n",
+        "pair {FORMAT} {} {} {:?} {}\n{}\n{}\n{}\n",
         options.target,
         options.depth,
+        options.scales,
         names.pair_id,
         readings.map_or("", String::as_str),
         hashes.view(pair.source)?,

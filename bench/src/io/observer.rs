@@ -14,6 +14,9 @@ pub trait Observer: Sync {
     /// One more step of the phase is done.
     fn step(&self) {}
 
+    /// One of the steps done has failed.
+    fn failed(&self) {}
+
     fn end(&self) {}
 }
 

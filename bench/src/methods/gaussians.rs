@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
-    PredictGaussians, SourceView,
+    PredictGaussians, Privilege, SourceView,
 };
 use super::spec::{MethodSpec, SpecError};
 use crate::io::{fingerprints, gaussian_files};
@@ -19,6 +19,7 @@ use crate::io::{fingerprints, gaussian_files};
 pub struct GaussianFiles {
     label: String,
     dir: PathBuf,
+    privilege: Privilege,
 }
 
 impl GaussianFiles {
@@ -26,6 +27,7 @@ impl GaussianFiles {
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,
+            privilege: spec.privilege(Privilege::DepthScale)?,
         })
     }
 
@@ -58,6 +60,10 @@ impl Method for GaussianFiles {
         // Ids encode underscores that would form a second separator.
         let source = pair_id.split("__").next().unwrap_or(pair_id);
         Ok(vec![self.find(source)?])
+    }
+
+    fn privilege(&self) -> Privilege {
+        self.privilege
     }
 
     fn approach(&self) -> Approach<'_> {

@@ -62,8 +62,9 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "gaussians",
-        options: &["dir"],
-        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR)",
+        options: &["dir", "depth"],
+        summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
+                  depth=none|privileged: scaled by the median of true over rendered depth)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {
@@ -78,7 +79,7 @@ pub const KINDS: [MethodKind; 8] = [
         name: "command",
         options: &Command::OPTIONS,
         summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
-                  crop=x:y:w:h|center:W:H)",
+                  crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth)",
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
     },
 ];
@@ -107,9 +108,9 @@ pub fn build(
 
 fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
     let kind = KINDS.iter().find(|kind| kind.name == spec.kind);
-    kind.ok_or_else(|| {
-        let known = KINDS.each_ref().map(|kind| kind.name).join(", ");
-        spec.error(format!("unknown kind; known: {known}"))
+    kind.ok_or_else(|| SpecError::UnknownKind {
+        spec: spec.text.clone(),
+        known: KINDS.each_ref().map(|kind| kind.name).join(", "),
     })
 }
 

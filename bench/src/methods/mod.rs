@@ -28,4 +28,5 @@ pub use method::{
     MethodIdentity, PicturePrediction, PredictGaussians, PredictPicture, PredictScales, Privilege,
     SourceView, TargetCamera,
 };
+pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};

@@ -37,17 +37,13 @@ impl ScaleSweep {
         let pictures = Imported::from_spec(spec)?;
         let names = spec.option("scales").unwrap_or_default().to_owned();
         let mut scales: Vec<(f64, Imported)> = Vec::new();
-        for name in names.split('+').map(str::trim) {
-            let scale = name.parse().ok();
-            let Some(scale) = scale.filter(|s: &f64| s.is_finite() && *s > 0.0) else {
-                return Err(spec.error(format!(
-                    "scales={names}: positive numbers joined by '+' are needed, each the name of a folder"
-                )));
-            };
-            if scales.iter().any(|(known, _)| *known == scale) {
-                return Err(spec.error(format!("scale {name} is given twice")));
-            }
-            let of_scale = pictures.in_folder(name);
+        let folders: Vec<String> = names
+            .split('+')
+            .map(|name| name.trim().to_owned())
+            .collect();
+        let of_names = sweep_scales(&folders);
+        for (name, scale) in of_names.map_err(|e| spec.error(format!("scales={names}: {e}")))? {
+            let of_scale = pictures.in_folder(&name);
             if !of_scale.dir().is_dir() {
                 let dir = of_scale.dir().display();
                 return Err(spec.error(format!("{dir} is not a folder")));
@@ -61,6 +57,22 @@ impl ScaleSweep {
             chooser,
         })
     }
+}
+
+/// The scales of a sweep, each the name of a folder of predictions; the error is the bare reason.
+pub fn sweep_scales(names: &[String]) -> Result<Vec<(String, f64)>, String> {
+    let mut scales: Vec<(String, f64)> = Vec::new();
+    for name in names {
+        let scale = name.parse().ok();
+        let Some(scale) = scale.filter(|s: &f64| s.is_finite() && *s > 0.0) else {
+            return Err(format!("'{name}': positive numbers are needed"));
+        };
+        if scales.iter().any(|(_, known)| *known == scale) {
+            return Err(format!("scale {name} is given twice"));
+        }
+        scales.push((name.clone(), scale));
+    }
+    Ok(scales)
 }
 
 impl Method for ScaleSweep {

@@ -40,11 +40,7 @@ impl Sharp {
     /// When the checkpoint is not found or is not the one recorded, the device is not there, or an option's value is
     /// not known.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let privilege = match spec.option("depth") {
-            None | Some("none") => Privilege::None,
-            Some("privileged") => Privilege::DepthScale,
-            Some(other) => return Err(spec.error(format!("depth={other}: none or privileged"))),
-        };
+        let privilege = spec.privilege(Privilege::DepthScale)?;
         let refused = |error: &dyn std::fmt::Display| spec.error(error.to_string());
         let device: DeviceChoice = spec
             .option("device")

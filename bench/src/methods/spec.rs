@@ -4,11 +4,15 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use super::method::Privilege;
+
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("method '{spec}': {reason}")]
-pub struct SpecError {
-    pub spec: String,
-    pub reason: String,
+pub enum SpecError {
+    #[error("method '{spec}': unknown kind; known: {known}")]
+    UnknownKind { spec: String, known: String },
+    /// An option that is not understood, or a file or folder it names.
+    #[error("method '{spec}': {reason}")]
+    Refused { spec: String, reason: String },
 }
 
 /// One instance: a kind, a label (the kind's name unless `label=` is given) and options.
@@ -26,7 +30,7 @@ pub struct MethodSpec {
 
 impl MethodSpec {
     pub fn error(&self, reason: impl Into<String>) -> SpecError {
-        SpecError {
+        SpecError::Refused {
             spec: self.text.clone(),
             reason: reason.into(),
         }
@@ -52,6 +56,15 @@ impl MethodSpec {
         self.options.get(key).map(String::as_str)
     }
 
+    /// `depth=none|privileged`: without depth, or with the privilege that this kind of method can have.
+    pub(super) fn privilege(&self, privileged: Privilege) -> Result<Privilege, SpecError> {
+        match self.option("depth") {
+            None | Some("none") => Ok(Privilege::None),
+            Some("privileged") => Ok(privileged),
+            Some(other) => Err(self.error(format!("depth={other}: none or privileged"))),
+        }
+    }
+
     pub(super) fn folder(&self) -> Result<PathBuf, SpecError> {
         let Some(dir) = self.option("dir").map(PathBuf::from) else {
             return Err(self.error("needs dir=FOLDER"));
@@ -67,7 +80,7 @@ impl FromStr for MethodSpec {
     type Err = SpecError;
 
     fn from_str(text: &str) -> Result<Self, SpecError> {
-        let error = |reason: String| SpecError {
+        let error = |reason: String| SpecError::Refused {
             spec: text.to_owned(),
             reason,
         };

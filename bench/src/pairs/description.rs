@@ -32,6 +32,9 @@ pub struct PairDescription {
     pub target_from_source: [f64; 16],
     /// Where the prediction is looked for, and of which size.
     pub prediction: ExpectedPrediction,
+    /// The same for methods without metric scale, which render several scales of which the best is scored.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scales: Vec<ScaledCamera>,
     pub conventions: BTreeMap<&'static str, &'static str>,
 }
 
@@ -40,6 +43,17 @@ pub struct ViewDescription {
     pub id: String,
     pub width: u32,
     pub height: u32,
+}
+
+/// One camera of a scale sweep.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScaledCamera {
+    /// As `imported:scales=` names it.
+    pub scale: String,
+    /// The motion with its translation times the scale, in the method's own units of length.
+    pub target_from_source: [f64; 16],
+    /// Where the prediction of this scale is looked for.
+    pub file: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -72,8 +86,27 @@ impl PairDescription {
                 width: target.intrinsics.width,
                 height: target.intrinsics.height,
             },
+            scales: Vec::new(),
             conventions: conventions(),
         }
+    }
+
+    /// The same with cameras for a sweep over scales, each given as it names its folder.
+    #[must_use]
+    pub fn with_scales(mut self, scales: &[(String, f64)]) -> Self {
+        let camera = |(name, scale): &(String, f64)| {
+            let mut target_from_source = self.target_from_source;
+            for row in 0..3 {
+                target_from_source[4 * row + 3] *= scale;
+            }
+            ScaledCamera {
+                scale: name.clone(),
+                target_from_source,
+                file: format!("{name}/{}", self.prediction.file),
+            }
+        };
+        self.scales = scales.iter().map(camera).collect();
+        self
     }
 }
 

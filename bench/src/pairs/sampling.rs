@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use clap::ValueEnum;
 
+use super::pair_list::ResolvedPair;
 use super::random::SplitMix64;
 
 /// How pairs are drawn when there are more than the limit.
@@ -56,18 +57,11 @@ pub fn sample(scenes: &[&str], options: &SamplingOptions) -> Vec<bool> {
             order
         }
         SamplingRule::PerScene => {
-            let mut by_scene: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-            for (i, scene) in scenes.iter().enumerate() {
-                by_scene.entry(scene).or_default().push(i);
-            }
-            for pairs in by_scene.values_mut() {
+            let mut by_scene = grouped(scenes);
+            for pairs in &mut by_scene {
                 generator.shuffle(pairs);
             }
-            let rounds = by_scene.values().map(Vec::len).max().unwrap_or(0);
-            (0..rounds)
-                .flat_map(|round| by_scene.values().filter_map(move |pairs| pairs.get(round)))
-                .copied()
-                .collect()
+            in_turn(&by_scene)
         }
     };
     let mut selected = vec![false; n];
@@ -77,8 +71,54 @@ pub fn sample(scenes: &[&str], options: &SamplingOptions) -> Vec<bool> {
     selected
 }
 
+/// At most so many of a list's pairs: one of each dataset in turn, in it one of each scene in turn, scenes and their pairs
+/// shuffled. Those of a smaller limit are among those of a larger one.
+pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<'a>> {
+    let names = pairs.iter().map(|p| (&*p.pair.dataset, &*p.pair.scene));
+    let chosen = spread_positions(&names.collect::<Vec<_>>(), limit);
+    chosen.into_iter().map(|i| pairs[i]).collect()
+}
+
+/// Ascending positions among pairs of these datasets and scenes.
+fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
+    let datasets: Vec<&str> = names.iter().map(|(dataset, _)| *dataset).collect();
+    let in_dataset = |members: Vec<usize>| {
+        let scenes: Vec<&str> = members.iter().map(|&i| names[i].1).collect();
+        let mut generator = SplitMix64::new(0);
+        let mut by_scene = grouped(&scenes);
+        generator.shuffle(&mut by_scene);
+        for scene in &mut by_scene {
+            generator.shuffle(scene);
+        }
+        in_turn(&by_scene).into_iter().map(|i| members[i]).collect()
+    };
+    let orders: Vec<Vec<usize>> = grouped(&datasets).into_iter().map(in_dataset).collect();
+    let mut chosen = in_turn(&orders);
+    chosen.truncate(limit);
+    chosen.sort_unstable();
+    chosen
+}
+
+/// Positions by name, names in bytewise order.
+fn grouped(names: &[&str]) -> Vec<Vec<usize>> {
+    let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (i, name) in names.iter().enumerate() {
+        groups.entry(name).or_default().push(i);
+    }
+    groups.into_values().collect()
+}
+
+/// The first of each group, then the second of each, and so on.
+fn in_turn(groups: &[Vec<usize>]) -> Vec<usize> {
+    let rounds = groups.iter().map(Vec::len).max().unwrap_or(0);
+    let round = |round| groups.iter().filter_map(move |group| group.get(round));
+    (0..rounds).flat_map(round).copied().collect()
+}
+
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     fn chosen(scenes: &[&str], limit: usize, rule: SamplingRule, seed: u64) -> Vec<usize> {
@@ -112,6 +152,27 @@ mod tests {
         assert_eq!(chosen(&["s"; 10], 3, SamplingRule::Uniform, 0), [1, 5, 9]);
         // And of 0..7 with seed 3: 2, 4, 6.
         assert_eq!(chosen(&["s"; 7], 3, SamplingRule::Uniform, 3), [2, 4, 6]);
+    }
+
+    #[test]
+    fn a_limit_spreads_over_datasets_and_scenes_and_holds_smaller_ones() {
+        let mut names = vec![("a", "large"); 50];
+        names.extend([("a", "small"), ("b", "one"), ("b", "one"), ("b", "two")]);
+        let chosen = |limit| spread_positions(&names, limit);
+        let scenes = |limit| -> BTreeSet<_> { chosen(limit).iter().map(|&i| names[i]).collect() };
+        assert_eq!(
+            scenes(2).iter().map(|(d, _)| d).collect::<Vec<_>>(),
+            [&"a", &"b"]
+        );
+        assert_eq!(scenes(4).len(), 4);
+        // Not the first one of the large scene.
+        assert_ne!(chosen(4)[0], 0);
+        for limit in 1..names.len() {
+            let (less, more) = (chosen(limit), chosen(limit + 1));
+            assert_eq!((less.len(), more.len()), (limit, limit + 1));
+            assert!(less.iter().all(|i| more.contains(i)), "{limit}");
+        }
+        assert_eq!(chosen(100).len(), names.len());
     }
 
     #[test]

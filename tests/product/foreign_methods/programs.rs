@@ -219,3 +219,69 @@ def predict(path, pair):
         assert_eq!(mine["steps"], "50");
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn a_program_that_never_answers_is_started_three_times() {
+    let dir = tempfile::tempdir().unwrap();
+    let method = [
+        "--method",
+        "command:label=mine,run='echo no licence >&2; exit 7'",
+    ];
+    let limit = ["--limit", "8"];
+    run(dir.path(), "r", &[&method[..], &limit].concat()).ends_with(4);
+    let log = read(dir.path().join("r/logs/mine.log"));
+    assert_eq!(log.matches("== started").count(), 3, "{log}");
+    let rows = &scores(dir.path(), "r")["mine"];
+    assert_eq!(rows.len(), 8);
+    for row in &rows[2..] {
+        assert_eq!(row["reason"], rows[2]["reason"]);
+    }
+    for part in [
+        "not started again",
+        "3 times",
+        "exit status: 7",
+        "no licence",
+    ] {
+        assert!(rows[7]["reason"].contains(part), "{}", rows[7]["reason"]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn the_sources_depth_is_handed_to_a_program_with_that_privilege() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = r#"
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed -n "s/.*\"$1\":\"\([^\"]*\)\".*/\1/p"; }
+  id=$(printf '%s' "$line" | sed 's/.*"pair_id":"\([^"]*\)","source_picture".*/\1/')
+  depth=$(printf '%s' "$line" | sed -n 's/.*"source_depth":"\([^"]*\)".*/\1/p')
+  if [ -n "$depth" ]; then bytes=$(wc -c < "$depth"); else bytes=0; fi
+  echo "{\"pair_id\":\"$id\",\"picture\":\"gray.png\",\"extras\":{\"bytes\":$bytes}}"
+done
+"#;
+    std::fs::write(dir.path().join("my.sh"), script).unwrap();
+    RgbImage::from_pixel(96, 72, Rgb([9; 3]))
+        .save(dir.path().join("gray.png"))
+        .unwrap();
+    let methods = [
+        "--method",
+        "command:label=blind,run='sh my.sh'",
+        "--method",
+        "command:label=told,run='sh my.sh',depth=privileged",
+        "--limit",
+        "2",
+    ];
+    run(dir.path(), "r", &methods).ends_with(0);
+    let found = scores(dir.path(), "r");
+    assert!(found["blind"].iter().all(|row| row["bytes"] == "0"));
+    // A header of 128 bytes and 96 x 72 floats.
+    assert!(
+        found["told"]
+            .iter()
+            .all(|row| row["bytes"] == (128 + 4 * 96 * 72).to_string())
+    );
+    let manifest: serde_json::Value =
+        serde_json::from_str(&read(dir.path().join("r/manifest.json"))).unwrap();
+    assert_eq!(manifest["methods"][1]["privilege"], "source_depth");
+}

@@ -25,7 +25,10 @@ fn exported_pairs_are_what_is_scored() {
     let json = export(&[]).ends_with(0).json();
     assert_eq!((&json["written"], &json["kept"]), (&3.into(), &0.into()));
     let list = read(dir.path().join("p.csv"));
-    let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
+    let ids = list.lines().skip(1).map(|line| line.split(',').next());
+    let exported = |id: &&str| dir.path().join("e").join(id).is_dir();
+    let ids: Vec<&str> = ids.flatten().filter(exported).collect();
+    let id = ids[0];
     let folder = dir.path().join("e").join(id);
     let pair: serde_json::Value = serde_json::from_str(&read(folder.join("pair.json"))).unwrap();
     assert_eq!(pair["pair_id"], id);
@@ -44,8 +47,7 @@ fn exported_pairs_are_what_is_scored() {
 
     // The exported source, handed back, is what `copy` predicts.
     let predictions = dir.path().join("predictions");
-    for line in list.lines().skip(1).take(3) {
-        let id = line.split(',').next().unwrap();
+    for id in ids {
         let to = predictions.join(format!("{id}.png"));
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::copy(dir.path().join("e").join(id).join("source.png"), to).unwrap();
@@ -187,4 +189,52 @@ fn depth_is_exported_where_there_is_some() {
         (&json["kept"], &json["without_depth"]),
         (&1.into(), &1.into())
     );
+}
+
+#[test]
+fn cameras_of_a_scale_sweep_are_exported() {
+    let dir = tempfile::tempdir().unwrap();
+    build(dir.path(), "p.csv", &[]).ends_with(0);
+    let export = |scales: &str| {
+        let args = [
+            "pairs",
+            "export",
+            "--pairs",
+            "p.csv",
+            "--dataset",
+            SYNTHETIC,
+            "--limit",
+            "1",
+        ];
+        let more = ["--out", "e", "--json", "--scales", scales];
+        sharp_bench(dir.path(), &[&args[..], &more].concat())
+    };
+    let written = export("0.5,1,2").ends_with(0).json()["written"].clone();
+    assert_eq!(written, 1);
+    // Other scales are another export.
+    assert_eq!(export("0.5,2").ends_with(0).json()["written"], 1);
+    assert_eq!(export("0.5,2").ends_with(0).json()["kept"], 1);
+    let list = read(dir.path().join("p.csv"));
+    let ids = list
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').next().unwrap());
+    let folder = ids
+        .map(|id| dir.path().join("e").join(id))
+        .find(|f| f.is_dir());
+    let pair = read(folder.unwrap().join("pair.json"));
+    let pair: serde_json::Value = serde_json::from_str(&pair).unwrap();
+    let matrix = |of: &serde_json::Value| -> Vec<f64> {
+        let values = of["target_from_source"].as_array().unwrap();
+        values.iter().map(|v| v.as_f64().unwrap()).collect()
+    };
+    let (metric, half) = (matrix(&pair), matrix(&pair["scales"][0]));
+    assert_eq!(pair["scales"][0]["scale"], "0.5");
+    for (i, (metric, half)) in metric.iter().zip(&half).enumerate() {
+        let factor = if matches!(i, 3 | 7 | 11) { 0.5 } else { 1.0 };
+        assert_eq!(half, &(metric * factor), "{i}");
+    }
+    let file = pair["prediction"]["file"].as_str().unwrap();
+    assert_eq!(pair["scales"][1]["file"], format!("2/{file}"));
+    assert_eq!(export("0.5,big").code, 2);
 }

@@ -20,7 +20,7 @@ use sharp_metrics::{
     Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
 };
 
-use super::data_args::MetricArgs;
+use super::data_args::{MetricArgs, demand_weights};
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
@@ -115,6 +115,7 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
     if args.methods_text {
         return describe::methods_text(&scorer, args.json);
     }
+    demand_weights(&selection, &scorer)?;
     let (Some(prediction), Some(target)) = (&args.prediction, &args.target) else {
         bail!("PREDICTION and TARGET are needed");
     };

@@ -7,12 +7,15 @@ use serde_json::json;
 use sharp_datasets::Scene;
 
 use super::super::data_args::DatasetArgs;
+use super::super::outcome::UsageError;
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
 use crate::export::pairs;
 use crate::io::atomic_files::write_atomic;
 use crate::io::counts::counted;
+use crate::methods::sweep_scales;
 use crate::pairs::PairList;
+use crate::pairs::sampling::spread;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
 ///
@@ -35,12 +38,15 @@ pub(super) struct ExportArgs {
     /// Write pairs that are not selected too
     #[arg(long)]
     all: bool,
-    /// At most this many pairs, the first ones by id
+    /// At most this many pairs, the same ones that `run --limit` evaluates
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// More to write: the ground truth, depth of both views (.npy, metres) where the dataset has it
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     with: Vec<More>,
+    /// Cameras for a sweep over scales too, such as 0.5,1,2: the translation times each, for methods without metric scale
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    scales: Vec<String>,
     /// The folder to write
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -73,7 +79,9 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     );
     pairs.retain(|resolved| args.all || resolved.pair.selected);
     pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
-    pairs.truncate(args.limit.unwrap_or(usize::MAX));
+    if let Some(limit) = args.limit {
+        pairs = spread(&pairs, limit);
+    }
     anyhow::ensure!(
         !pairs.is_empty(),
         "{}: no pair of the list is selected (--all exports the others too)",
@@ -93,6 +101,8 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
         target: args.with.contains(&More::Target),
         depth: args.with.contains(&More::Depth),
         readings,
+        scales: sweep_scales(&args.scales)
+            .map_err(|reason| UsageError(format!("--scales {reason}")))?,
     };
     let exported = pairs::export(&pairs, &args.out, &options, &Terminal::default())?;
     let copy = args.out.join("pairs.csv");

@@ -10,17 +10,18 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
+use sharp_datasets::format::npy;
 use tempfile::TempDir;
 
 use self::process::{Process, Trouble};
-use self::protocol::{Answer, PairRequest};
+use self::protocol::{Answer, PairRequest, SourceFiles};
 use super::crop_and_resize::FitRules;
 use super::method::{
-    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, SourceView,
-    TargetCamera,
+    Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, Privilege,
+    SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::hash::sha256_hex;
+use crate::io::hash::{StableHasher, sha256_hex};
 use crate::io::rendering_files::write_png;
 use crate::io::{fingerprints, pictures};
 
@@ -28,7 +29,8 @@ use crate::io::{fingerprints, pictures};
 ///
 /// The program is started by the shell at the first pair and gets the following ones on its standard input; it is
 /// started anew for the next pair after it crashed, was silent for too long or said something that is no answer. Each
-/// of these is a recorded failure of that pair alone.
+/// of these is a recorded failure of that pair alone; but a program that ends [`STARTS`] times in a row before it has
+/// answered anything is not started again.
 ///
 /// The files that the command line names are hashed with each unit; whatever else changes predictions (an environment,
 /// weights) belongs into `version=`.
@@ -39,6 +41,7 @@ pub struct Command {
     version: String,
     timeout: Duration,
     fit: FitRules,
+    privilege: Privilege,
     log: OnceLock<PathBuf>,
     state: Mutex<State>,
 }
@@ -48,12 +51,19 @@ pub struct Command {
 struct State {
     process: Option<Process>,
     scratch: Option<TempDir>,
-    /// sha256 of the picture that lies in the scratch folder as source.png.
+    /// sha256 of the picture and depth that lie in the scratch folder.
     source: Option<String>,
+    /// Starts in a row that ended without an answer.
+    vain_starts: usize,
+    /// Why it is not started again.
+    given_up: Option<String>,
 }
 
+/// Starts in a row that may fail.
+const STARTS: usize = 3;
+
 impl Command {
-    pub const OPTIONS: [&'static str; 5] = ["run", "timeout", "version", "resize", "crop"];
+    pub const OPTIONS: [&'static str; 6] = ["run", "timeout", "version", "resize", "crop", "depth"];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
     const TIMEOUT_SECS: u64 = 600;
@@ -86,6 +96,7 @@ impl Command {
             version: spec.option("version").unwrap_or_default().to_owned(),
             timeout,
             fit,
+            privilege: spec.privilege(Privilege::SourceDepth)?,
             log: OnceLock::new(),
             state: Mutex::default(),
         })
@@ -104,10 +115,13 @@ impl Command {
         state: &mut State,
         source: &SourceView,
         target: &TargetCamera,
-        source_picture: &Path,
+        files: &SourceFiles,
         write_to: &Path,
     ) -> Result<Answer, MethodError> {
-        let line = PairRequest::new(source, target, source_picture, write_to)
+        if let Some(reason) = &state.given_up {
+            return Err(self.failure(reason));
+        }
+        let line = PairRequest::new(source, target, files, write_to)
             .to_line()
             .map_err(|error| self.failure(error.to_string()))?;
         loop {
@@ -123,6 +137,7 @@ impl Command {
                 Ok(text) => match Answer::parse(&text, target.pair_id()) {
                     Ok(answer) => {
                         state.process = Some(process);
+                        state.vain_starts = 0;
                         return Ok(answer);
                     }
                     Err(reason) => reason,
@@ -132,6 +147,17 @@ impl Command {
                     // Programs that end well after a pair are welcome: the next pair starts another.
                     if !fresh && ended.succeeded() {
                         continue;
+                    }
+                    if fresh {
+                        state.vain_starts += 1;
+                    }
+                    if state.vain_starts == STARTS {
+                        let what = format!(
+                            "not started again: it ended {STARTS} times in a row before it answered anything"
+                        );
+                        let reason = ended.describe(&what);
+                        state.given_up = Some(reason.clone());
+                        return Err(self.failure(reason));
                     }
                     return Err(self.failure(ended.describe("ended before it answered")));
                 }
@@ -147,23 +173,33 @@ impl Command {
 }
 
 impl State {
-    /// The scratch folder with the source's picture in it.
-    fn source_picture(&mut self, source: &SourceView) -> Result<PathBuf, MethodError> {
+    /// The source in the scratch folder.
+    fn source_files(&mut self, source: &SourceView) -> Result<SourceFiles, MethodError> {
         if self.scratch.is_none() {
             let made = tempfile::Builder::new().prefix("sharp-bench-").tempdir();
             let failed = |error| MethodError::file(&std::env::temp_dir(), error);
             self.scratch = Some(made.map_err(failed)?);
         }
         let folder = self.scratch.as_ref().map_or(Path::new("."), TempDir::path);
-        let path = folder.join("source.png");
-        let hash = sha256_hex(source.image().as_raw());
-        let hash = format!("{hash} {:?}", source.image().dimensions());
+        let files = SourceFiles {
+            picture: folder.join("source.png"),
+            depth: source.depth().map(|_| folder.join("source_depth.npy")),
+        };
+        let depth = source.depth().map(npy::to_bytes);
+        let mut hash = StableHasher::default();
+        hash.add("size", &format!("{:?}", source.image().dimensions()))
+            .add("picture", &sha256_hex(source.image().as_raw()))
+            .add("depth", &sha256_hex(depth.as_deref().unwrap_or_default()));
+        let hash = hash.finish();
         if self.source.as_ref() != Some(&hash) {
-            let written = write_png(&path, source.image());
-            written.map_err(|error| MethodError::file(&path, error))?;
+            let written = write_png(&files.picture, source.image());
+            written.map_err(|error| MethodError::file(&files.picture, error))?;
+            if let (Some(path), Some(bytes)) = (&files.depth, depth) {
+                std::fs::write(path, bytes).map_err(|error| MethodError::file(path, error))?;
+            }
             self.source = Some(hash);
         }
-        Ok(path)
+        Ok(files)
     }
 }
 
@@ -197,6 +233,10 @@ impl Method for Command {
         let _ = self.log.set(logs.join(format!("{}.log", self.label)));
     }
 
+    fn privilege(&self) -> Privilege {
+        self.privilege
+    }
+
     fn approach(&self) -> Approach<'_> {
         Approach::Pictures(self)
     }
@@ -211,15 +251,19 @@ impl PredictPicture for Command {
         let region = self.fit.region(target.size(), None, None);
         let region = region.map_err(|reason| self.failure(reason))?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let source_picture = state.source_picture(source)?;
-        let write_to = source_picture.with_file_name("prediction.png");
+        if self.privilege == Privilege::SourceDepth && source.depth().is_none() {
+            let reason = "the source view has no depth, which depth=privileged needs";
+            return Err(self.failure(reason));
+        }
+        let files = state.source_files(source)?;
+        let write_to = files.picture.with_file_name("prediction.png");
         // What an earlier pair left must not pass for this one's.
         if let Err(error) = std::fs::remove_file(&write_to)
             && error.kind() != std::io::ErrorKind::NotFound
         {
             return Err(MethodError::file(&write_to, error));
         }
-        let answer = self.ask(&mut state, source, target, &source_picture, &write_to)?;
+        let answer = self.ask(&mut state, source, target, &files, &write_to)?;
         if let Some(reason) = answer.error {
             return Err(self.failure(format!("the program says: {reason}")));
         }

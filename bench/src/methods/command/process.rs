@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use super::protocol::{VERSION, excerpt};
+use super::protocol::{VERSION, excerpt, no_answer};
 
 /// Bytes; a longer line is not an answer.
 const LONGEST_LINE: u64 = 1 << 20;
@@ -189,7 +189,7 @@ impl Drop for Process {
 
 fn unasked(heard: &Heard) -> Trouble {
     Trouble::Garbage(match heard {
-        Heard::Line(text) => format!("it wrote a line that is no answer: {}", excerpt(text)),
+        Heard::Line(text) => no_answer(text),
         Heard::TooLong => format!("it wrote a line of more than {LONGEST_LINE} bytes"),
         Heard::NotText => "it wrote bytes that are not UTF-8".to_owned(),
     })

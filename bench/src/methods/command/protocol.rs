@@ -2,7 +2,7 @@
 //!
 //! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are absolute;
 //! `source_picture` is a PNG, `pair` is what `pairs export` writes as `pair.json`, `write_to` is where a PNG is
-//! expected.
+//! expected. With `depth=privileged` there is also `source_depth`, the source's true z-depth as `.npy`.
 //!
 //! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
 //! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
@@ -16,6 +16,15 @@ use serde::{Deserialize, Serialize};
 use crate::methods::{SourceView, TargetCamera};
 use crate::pairs::description::PairDescription;
 
+/// The source as files, by absolute path.
+#[derive(Debug)]
+pub(super) struct SourceFiles {
+    /// PNG.
+    pub(super) picture: PathBuf,
+    /// NumPy array, float32 metres `[H, W]`, 0 where there is none.
+    pub(super) depth: Option<PathBuf>,
+}
+
 /// Version of what is said; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
 pub(super) const VERSION: u32 = 1;
 
@@ -25,6 +34,8 @@ pub(super) struct PairRequest<'a> {
     pair_id: &'a str,
     source_picture: &'a Path,
     write_to: &'a Path,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    source_depth: Option<&'a Path>,
     pair: PairDescription,
 }
 
@@ -32,14 +43,15 @@ impl<'a> PairRequest<'a> {
     pub(super) fn new(
         source: &SourceView,
         target: &TargetCamera<'a>,
-        source_picture: &'a Path,
+        files: &'a SourceFiles,
         write_to: &'a Path,
     ) -> Self {
         Self {
             protocol: VERSION,
             pair_id: target.pair_id(),
-            source_picture,
+            source_picture: &files.picture,
             write_to,
+            source_depth: files.depth.as_deref(),
             pair: PairDescription::new(target.pair_id(), source.camera(), target.camera()),
         }
     }
@@ -64,8 +76,8 @@ pub(super) struct Answer {
 impl Answer {
     /// Reads an answer to the request for `pair_id`; the error is the bare reason.
     pub(super) fn parse(line: &str, pair_id: &str) -> Result<Self, String> {
-        let answer: Self = serde_json::from_str(line)
-            .map_err(|error| format!("its answer is not as agreed: {error}: {}", excerpt(line)))?;
+        let answer: Self =
+            serde_json::from_str(line).map_err(|error| format!("{}: {error}", no_answer(line)))?;
         if answer.pair_id != pair_id {
             return Err(format!(
                 "it answered for pair '{}', which it was not asked for",
@@ -86,6 +98,14 @@ impl Answer {
         }
         Ok(answer)
     }
+}
+
+/// What to say of a line on standard output that answers nothing.
+pub(super) fn no_answer(line: &str) -> String {
+    format!(
+        "standard output is for answers alone, and this is none (print it to standard error): {}",
+        excerpt(line)
+    )
 }
 
 /// The beginning of a text, for an error.
@@ -112,7 +132,7 @@ mod tests {
         assert_eq!(full.picture, Some("x.exr".into()));
         assert_eq!(full.extras["secs"], 2.0);
         for (line, part) in [
-            ("hello", "not as agreed"),
+            ("hello", "standard error): hello"),
             ("{}", "pair_id"),
             (r#"{"pair_id":"other"}"#, "not asked for"),
             (r#"{"pair_id":"a/b/c__d","pciture":"x"}"#, "pciture"),
