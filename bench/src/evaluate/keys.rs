@@ -153,6 +153,21 @@ impl Keys {
         }
     }
 
+    /// Why what was read of a pair may not be what its keys say: a file changed after it was hashed. `method` names
+    /// the files of its own.
+    pub(super) fn changed(
+        &self,
+        method: Option<&dyn Method>,
+        planned: &ResolvedPair,
+    ) -> Option<String> {
+        let views = [planned.source, planned.target];
+        let of_views = views.iter().flat_map(|view| view.content.files_by_role());
+        let own = method.and_then(|method| method.input_files(&planned.pair.pair_id).ok());
+        let files = of_views.map(|(_, path)| path);
+        let changed = self.hashes.changed(files.chain(own.unwrap_or_default()));
+        changed.map(|path| format!("{} changed during the run", path.display()))
+    }
+
     /// The key of a metric for a picture of a region.
     pub(super) fn score(
         &self,

@@ -357,6 +357,11 @@ impl<'a> PairWork<'_, 'a> {
         }
         let started = Instant::now();
         let made = self.make(method, &keys, sources);
+        let changed = job.keys.changed(Some(method), &planned);
+        let made = match (made, changed) {
+            (Ok(Some(_)), Some(reason)) => Err(Failure::Pair(reason)),
+            (made, _) => made,
+        };
         let mut unit = Unit {
             format: FORMAT,
             checksum: String::new(),
@@ -534,7 +539,12 @@ impl<'a> PairWork<'_, 'a> {
                 let seen = depth
                     .as_ref()
                     .filter(|_| method.privilege() == Privilege::SourceDepth);
-                gaussians.predict(&SourceView::new(name, &self.source, image, seen))
+                let made = gaussians.predict(&SourceView::new(name, &self.source, image, seen))?;
+                // Before it is kept for other targets.
+                match self.job.keys.changed(Some(method), &self.truth.planned) {
+                    Some(reason) => Err(MethodError::Model(reason)),
+                    None => Ok(made),
+                }
             };
             sources.gaussians.get(&keys.predict, name, Some(&predict))
         };

@@ -132,8 +132,9 @@ pub(super) fn score_pair(
                 truth.score(&scoring.scorer.restricted(&metrics), &shown, mask.as_ref())
             }
         };
+        let changed = keys.changed(None, &truth.planned);
         for (mut unit, result) in units.into_iter().zip(results) {
-            match result {
+            match changed.clone().map_or(result, Err) {
                 Ok(scores) => {
                     let region = unit.record.crop.map(|crop| crop.region);
                     unit.record.valid_share =

@@ -12,6 +12,7 @@ use sharp::gaussians::Gaussians;
 use sharp::render::{CpuRenderer, LoadedScene, RenderError, Renderer};
 use sharp_metrics::{Selection, Weights};
 
+use super::record::Status;
 use super::*;
 use crate::io::observer::{Observer, Quiet};
 use crate::methods::{
@@ -453,6 +454,41 @@ fn a_truth_that_could_not_be_read_costs_no_prediction() {
     assert_eq!((mended.counts.predicted, mended.counts.failed), (0, 0));
     assert!(mended.results.records[0].scores["psnr"].value().is_some());
     assert_eq!(evaluate().counts.reused, 1);
+}
+
+#[test]
+fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards() {
+    let dir = tempfile::tempdir().unwrap();
+    let data = sharp_datasets::bundled::extract(&dir.path().join("data")).unwrap();
+    let scene = std::fs::read_dir(&data).unwrap().next().unwrap().unwrap();
+    let [source, target] = ["im0.png", "im1.png"].map(|name| scene.path().join(name));
+    let asked = Arc::new(AtomicUsize::new(0));
+    let evaluate = || {
+        let (asked, source, target) = (asked.clone(), source.clone(), target.clone());
+        let replaces = move |view: &SourceView, _: &TargetCamera| {
+            if asked.fetch_add(1, Ordering::SeqCst) == 0 {
+                std::fs::copy(&source, &target).unwrap();
+            }
+            Ok(view.image().clone().into())
+        };
+        let spec = format!("middlebury={}", data.display());
+        let request = Request {
+            datasets: OpenDataset::open_all(&[spec], None).unwrap(),
+            ..request(one(Closure::new("r", "", replaces)), "psnr", 1)
+        };
+        run_with(&dir.path().join("r"), request, RunOptions::default())
+    };
+    let first = evaluate().results.records;
+    let Status::Failed { reason } = &first[0].status else {
+        panic!("{:?}", first[0]);
+    };
+    assert!(
+        reason.contains("im1.png changed during the run"),
+        "{reason}"
+    );
+    // The new truth is the source itself.
+    let second = evaluate().results.records;
+    assert_eq!(second[0].scores["psnr"].value(), Some(f64::INFINITY));
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
 
@@ -25,6 +27,76 @@ pub fn file_sha256(path: &Path) -> Result<String, FileError> {
         }
     };
     hash().map_err(FileError::new(path, "read"))
+}
+
+/// A file whose content was hashed, and whether it still has that content.
+#[derive(Debug)]
+pub struct HashedFile {
+    path: PathBuf,
+    sha256: String,
+    /// As the file was before it was hashed, or when its hash was last found to be the same; `None` once it was not.
+    stamp: Mutex<Option<Stamp>>,
+}
+
+/// What changes with a file's content, unless someone takes pains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamp {
+    len: u64,
+    modified: Option<SystemTime>,
+    /// 0 where the system has none.
+    inode: u64,
+}
+
+impl Stamp {
+    /// # Errors
+    /// When the file is not there.
+    pub fn of(path: &Path) -> Result<Self, FileError> {
+        let file = path.metadata().map_err(FileError::new(path, "read"))?;
+        #[cfg(unix)]
+        let inode = std::os::unix::fs::MetadataExt::ino(&file);
+        #[cfg(not(unix))]
+        let inode = 0;
+        Ok(Self {
+            len: file.len(),
+            modified: file.modified().ok(),
+            inode,
+        })
+    }
+}
+
+impl HashedFile {
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let stamp = Stamp::of(path)?;
+        Ok(Self::new(path, file_sha256(path)?, stamp))
+    }
+
+    /// A file with a hash computed elsewhere, and its stamp from before that.
+    pub fn new(path: &Path, sha256: String, stamp: Stamp) -> Self {
+        Self {
+            path: path.to_owned(),
+            sha256,
+            stamp: Mutex::new(Some(stamp)),
+        }
+    }
+
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// Whether the file still has the content that was hashed. It is only read again where its stamp differs.
+    pub fn is_unchanged(&self) -> bool {
+        let mut stamp = self.stamp.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Stamp::of(&self.path).ok();
+        if now.is_none() || stamp.is_none() {
+            *stamp = None;
+        } else if *stamp != now {
+            let same = file_sha256(&self.path).is_ok_and(|sha256| sha256 == self.sha256);
+            *stamp = now.filter(|_| same);
+        }
+        stamp.is_some()
+    }
 }
 
 /// Hashes named facts. Their order counts; names and values are length-prefixed, so that no two different lists give
@@ -55,6 +127,24 @@ mod tests {
     fn errors_name_the_file() {
         let error = file_sha256(Path::new("no/such/file")).unwrap_err();
         assert!(error.to_string().starts_with("no/such/file: cannot read"));
+    }
+
+    #[test]
+    fn a_changed_file_is_noticed_and_a_touched_one_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.pt");
+        std::fs::write(&path, "one").unwrap();
+        let file = HashedFile::read(&path).unwrap();
+        assert!(file.is_unchanged());
+        // The same bytes in another file.
+        std::fs::write(folder.path().join("new"), "one").unwrap();
+        std::fs::rename(folder.path().join("new"), &path).unwrap();
+        assert!(file.is_unchanged());
+        std::fs::write(&path, "two!").unwrap();
+        assert!(!file.is_unchanged());
+        // What was used in between is not known.
+        std::fs::write(&path, "one").unwrap();
+        assert!(!file.is_unchanged());
     }
 
     #[test]

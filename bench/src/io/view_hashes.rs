@@ -8,12 +8,13 @@ use sharp_datasets::required_files::FileRole;
 use sharp_datasets::{DatasetError, View};
 
 use crate::io::atomic_files::FileError;
-use crate::io::hash::{file_sha256, sha256_hex};
+use crate::io::hash::{HashedFile, sha256_hex};
 
-/// The hash of one file, once it is known; locked while it is being computed.
-type Slot = Arc<Mutex<Option<String>>>;
+/// One file, once its hash is known; locked while that is being computed.
+type Slot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Hashes of files, remembered for as long as this lives: files are taken not to change meanwhile.
+/// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
+/// [`changed`](Self::changed) tells.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, Slot>>);
 
@@ -22,12 +23,22 @@ impl ViewHashes {
     pub(crate) fn file(&self, path: &Path) -> Result<String, FileError> {
         let slot = Arc::clone(lock(&self.0).entry(path.to_owned()).or_default());
         let mut known = lock(&slot);
-        if let Some(hash) = &*known {
-            return Ok(hash.clone());
-        }
-        let hash = file_sha256(path)?;
-        *known = Some(hash.clone());
-        Ok(hash)
+        let file = match &mut *known {
+            Some(file) => file,
+            none => none.insert(HashedFile::read(path)?),
+        };
+        Ok(file.sha256().to_owned())
+    }
+
+    /// The first of these files whose content is no longer the one that was hashed.
+    pub(crate) fn changed(&self, paths: impl IntoIterator<Item = PathBuf>) -> Option<PathBuf> {
+        paths.into_iter().find(|path| {
+            let slot = lock(&self.0).get(path).map(Arc::clone);
+            slot.is_some_and(|slot| {
+                let file = lock(&slot);
+                file.as_ref().is_some_and(|file| !file.is_unchanged())
+            })
+        })
     }
 
     /// Camera, photograph, depth and mask of a view: everything that it is made of.
@@ -83,8 +94,10 @@ mod tests {
         assert!(hashes.file(&path).is_err());
         std::fs::write(&path, "one").unwrap();
         assert_eq!(hashes.file(&path).unwrap(), sha256_hex(b"one"));
+        assert_eq!(hashes.changed([path.clone()]), None);
         std::fs::write(&path, "two").unwrap();
         assert_eq!(hashes.file(&path).unwrap(), sha256_hex(b"one"));
+        assert_eq!(hashes.changed([path.clone()]), Some(path.clone()));
         let fresh = ViewHashes::default();
         assert_eq!(fresh.file(&path).unwrap(), sha256_hex(b"two"));
     }

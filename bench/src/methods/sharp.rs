@@ -17,6 +17,7 @@ use super::spec::{MethodSpec, SpecError};
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
 use crate::io::fingerprints;
+use crate::io::hash::{HashedFile, Stamp};
 
 /// The SHARP network.
 ///
@@ -27,6 +28,8 @@ pub struct Sharp {
     network: NetworkSpec,
     identity: NetworkIdentity,
     privilege: Privilege,
+    /// Its weights are read while the network runs.
+    checkpoint: HashedFile,
     predictor: OnceLock<Result<Predictor, String>>,
 }
 
@@ -68,7 +71,10 @@ impl Sharp {
             device,
             precision: Precision::Fast,
         };
+        let stamp = Stamp::of(&network.checkpoint).map_err(|error| refused(&error))?;
         let identity = network.identity().map_err(|error| refused(&error))?;
+        let sha256 = identity.checkpoint_sha256.clone();
+        let checkpoint = HashedFile::new(&network.checkpoint, sha256, stamp);
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
         if let (None, Some(record)) = (spec.option("checkpoint"), record_file()) {
@@ -82,6 +88,7 @@ impl Sharp {
             network,
             identity,
             privilege,
+            checkpoint,
             predictor: OnceLock::new(),
         })
     }
@@ -138,6 +145,10 @@ impl PredictGaussians for Sharp {
             .predictor()?
             .predict_rgb8(image, factor)
             .map_err(|error| MethodError::Model(error.to_string()))?;
+        if !self.checkpoint.is_unchanged() {
+            let reason = "the checkpoint changed during the run";
+            return Err(MethodError::file(&self.network.checkpoint, reason));
+        }
         let side = predicted.resolution as u32;
         let layer = predicted.first_layer().to_vec();
         let Some(first_layer) = DepthMap::from_raw(side, side, layer) else {

@@ -7,17 +7,14 @@ use sharp_checkpoint::download::{Download, DownloadError, Progress, remove};
 use sharp_checkpoint::hash::file_sha256;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
-use super::{Backbone, Published, Weights, WeightsError};
+use super::{Published, Weights, WeightsError};
 
 /// Why weights were not fetched.
 #[derive(Debug, thiserror::Error)]
 pub enum FetchError {
     /// The network must not be used.
-    #[error(
-        "{address}: not fetched, because --offline was given; fetch it elsewhere and pass \
-         --weights {backbone}=FILE"
-    )]
-    Offline { backbone: Backbone, address: String },
+    #[error("{address}: --offline was given")]
+    Offline { address: String },
     /// The transfer, or a file or folder of the cache.
     #[error(transparent)]
     Download(#[from] DownloadError),
@@ -64,7 +61,6 @@ pub fn fetch(
     }
     if offline {
         return Err(FetchError::Offline {
-            backbone: published.backbone,
             address: published.address.to_string(),
         });
     }

@@ -133,50 +133,54 @@ fn programs_that_are_not_there_fail_pair_by_pair() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_program_dies_with_the_run() {
+fn nothing_that_a_program_started_outlives_a_run_that_is_ended() {
     use std::process::{Command, Stdio};
     use std::time::{Duration, Instant};
-    let dir = tempfile::tempdir().unwrap();
-    std::fs::write(
-        dir.path().join("my.sh"),
-        "echo $$ > pid.new; mv pid.new pid; exec sleep 1000",
-    )
-    .unwrap();
-    let mut run = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
-        .args([
-            "run",
-            "--dataset",
-            DATASET,
-            "--metrics",
-            "psnr",
-            "--out",
-            "r",
-        ])
-        .args(["--method", "command:run='exec sh my.sh'"])
-        .current_dir(dir.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let wait = |what: &str, done: &dyn Fn() -> bool| {
-        let start = Instant::now();
-        while !done() {
-            assert!(start.elapsed() < Duration::from_secs(60), "{what}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-    };
-    wait("the program did not start", &|| {
-        dir.path().join("pid").exists()
-    });
-    let pid = read(dir.path().join("pid"));
-    let process = format!("/proc/{}/comm", pid.trim());
-    assert!(Path::new(&process).exists());
-    // SIGKILL: nothing of the run is left to end its program.
-    run.kill().unwrap();
-    run.wait().unwrap();
-    wait("the program outlived the run", &|| {
-        std::fs::read_to_string(&process).map_or(true, |name| name.trim() != "sleep")
-    });
+    for signal in ["KILL", "TERM", "INT"] {
+        let dir = tempfile::tempdir().unwrap();
+        // Neither the shell that is started first nor the program itself: what that has started.
+        let script = "sleep 1000 & echo $! > pid.new; mv pid.new pid; wait";
+        std::fs::write(dir.path().join("my.sh"), script).unwrap();
+        let mut run = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
+            .args([
+                "run",
+                "--dataset",
+                DATASET,
+                "--metrics",
+                "psnr",
+                "--out",
+                "r",
+            ])
+            .args(["--method", "command:run='sh my.sh; true'"])
+            .current_dir(dir.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let wait = |what: &str, done: &dyn Fn() -> bool| {
+            let start = Instant::now();
+            while !done() {
+                assert!(
+                    start.elapsed() < Duration::from_secs(60),
+                    "{signal}: {what}"
+                );
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        };
+        wait("the program did not start", &|| {
+            dir.path().join("pid").exists()
+        });
+        let pid = read(dir.path().join("pid"));
+        let process = format!("/proc/{}/comm", pid.trim());
+        assert!(Path::new(&process).exists());
+        let number = run.id().to_string();
+        let sent = Command::new("kill").args(["-s", signal, &number]).status();
+        assert!(sent.unwrap().success());
+        run.wait().unwrap();
+        wait("something outlived the run", &|| {
+            std::fs::read_to_string(&process).map_or(true, |name| name.trim() != "sleep")
+        });
+    }
 }
 
 /// The Python program of bench/docs/your-method.md, with a model that copies.
@@ -284,4 +288,38 @@ done
     let manifest: serde_json::Value =
         serde_json::from_str(&read(dir.path().join("r/manifest.json"))).unwrap();
     assert_eq!(manifest["methods"][1]["privilege"], "source_depth");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_program_that_spoils_its_source_gets_a_fresh_one_for_the_next_pair() {
+    let dir = tempfile::tempdir().unwrap();
+    RgbImage::new(96, 72)
+        .save(dir.path().join("black.png"))
+        .unwrap();
+    let script = r#"
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed "s/.*\"$1\":\"\([^\"]*\)\",\"$2\".*/\1/"; }
+  id=$(field pair_id source_picture); source=$(field source_picture write_to); to=$(field write_to pair)
+  cp "$source" "$to"; cp black.png "$source"
+  echo "{\"pair_id\":\"$id\"}"
+done
+"#;
+    std::fs::write(dir.path().join("my.sh"), script).unwrap();
+    let methods = [
+        "--method",
+        "command:run='sh my.sh'",
+        "--method",
+        "copy",
+        "--limit",
+        "20",
+    ];
+    run(dir.path(), "r", &methods).ends_with(0);
+    let found = scores(dir.path(), "r");
+    let sources: std::collections::BTreeSet<_> =
+        found["copy"].iter().map(|r| &r["source"]).collect();
+    assert!(sources.len() < 20, "no source has two targets");
+    for (program, copy) in found["command"].iter().zip(&found["copy"]) {
+        assert_eq!(program["psnr"], copy["psnr"], "{}", copy["pair_id"]);
+    }
 }

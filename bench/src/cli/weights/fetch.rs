@@ -83,8 +83,11 @@ fn backbone_features(args: &FetchArgs, backbone: Backbone, cache: &Path) -> anyh
         _ => {
             let terminal = Terminal::default();
             let published = Published::of(backbone);
-            let file = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
+            let fetched = sharp_metrics::weights::fetch(&published, cache, args.offline, |at| {
                 terminal.advance(backbone.name(), "bytes", at.done, at.total);
+            });
+            let file = fetched.with_context(|| {
+                format!("{backbone} was not fetched; get the file yourself and pass --weights {backbone}=FILE")
             })?;
             terminal.end();
             file.display().to_string()

@@ -21,7 +21,7 @@ use super::method::{
     SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::hash::{StableHasher, sha256_hex};
+use crate::io::hash::{StableHasher, Stamp, sha256_hex};
 use crate::io::rendering_files::write_png;
 use crate::io::{fingerprints, pictures};
 
@@ -51,8 +51,8 @@ pub struct Command {
 struct State {
     process: Option<Process>,
     scratch: Option<TempDir>,
-    /// sha256 of the picture and depth that lie in the scratch folder.
-    source: Option<String>,
+    /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
+    source: Option<(String, Vec<Option<Stamp>>)>,
     /// Starts in a row that ended without an answer.
     vain_starts: usize,
     /// Why it is not started again.
@@ -191,13 +191,18 @@ impl State {
             .add("picture", &sha256_hex(source.image().as_raw()))
             .add("depth", &sha256_hex(depth.as_deref().unwrap_or_default()));
         let hash = hash.finish();
-        if self.source.as_ref() != Some(&hash) {
+        let stamps = || {
+            let paths = [Some(&files.picture), files.depth.as_ref()].into_iter();
+            paths.flatten().map(|path| Stamp::of(path).ok()).collect()
+        };
+        // A program may have worked in place on what it was given.
+        if self.source.as_ref() != Some(&(hash.clone(), stamps())) {
             let written = write_png(&files.picture, source.image());
             written.map_err(|error| MethodError::file(&files.picture, error))?;
             if let (Some(path), Some(bytes)) = (&files.depth, depth) {
                 std::fs::write(path, bytes).map_err(|error| MethodError::file(path, error))?;
             }
-            self.source = Some(hash);
+            self.source = Some((hash, stamps()));
         }
         Ok(files)
     }

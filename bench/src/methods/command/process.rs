@@ -1,7 +1,7 @@
 //! The process behind the method: started by the shell, asked line by line, ended for sure.
 //!
 //! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
-//! deadlines for lines and the signal at the parent's death, which is what most of this file is about.
+//! deadlines for lines and what happens when we are killed, which is what most of this file is about.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -40,6 +40,8 @@ enum Heard {
 #[derive(Debug)]
 pub(super) struct Process {
     child: Child,
+    #[cfg(unix)]
+    watchdog: Child,
     stdin: Option<ChildStdin>,
     heard: Receiver<Heard>,
     /// The last line of its standard error that is not empty.
@@ -79,28 +81,20 @@ impl Process {
             .map(|path| open_log(path, run).map_err(|e| format!("{}: {e}", path.display())))
             .transpose()?;
         let (say, heard) = channel();
-        let (started, start) = channel();
-        let line = run.to_owned();
-        // The thread that starts a program has to outlive it: see `dies_with_us`.
-        thread::Builder::new()
-            .name("program's output".to_owned())
-            .spawn(move || match shell(&line).spawn() {
-                Err(error) => {
-                    let _ = started.send(Err(format!("cannot start a shell: {error}")));
-                }
-                Ok(mut child) => {
-                    let stdout = child.stdout.take();
-                    if started.send(Ok(child)).is_ok()
-                        && let Some(stdout) = stdout
-                    {
-                        listen(stdout, &say);
-                    }
-                }
-            })
-            .map_err(|error| error.to_string())?;
-        let mut child = start
-            .recv()
-            .unwrap_or_else(|_| Err("its thread ended".to_owned()))?;
+        let mut child = shell(run)
+            .spawn()
+            .map_err(|error| format!("cannot start a shell: {error}"))?;
+        #[cfg(unix)]
+        let watchdog = match watchdog(child.id()) {
+            Ok(watchdog) => watchdog,
+            Err(error) => {
+                kill_group(&mut child);
+                return Err(format!("cannot start a shell: {error}"));
+            }
+        };
+        if let Some(stdout) = child.stdout.take() {
+            thread::spawn(move || listen(stdout, &say));
+        }
         let last_words = Arc::new(Mutex::new(String::new()));
         let stderr = child.stderr.take().map(|stderr| {
             let last_words = Arc::clone(&last_words);
@@ -109,6 +103,8 @@ impl Process {
         Ok(Self {
             stdin: child.stdin.take(),
             child,
+            #[cfg(unix)]
+            watchdog,
             heard,
             last_words,
             stderr,
@@ -164,6 +160,8 @@ impl Process {
             kill_group(&mut self.child);
             let _ = self.child.wait();
         }
+        #[cfg(unix)]
+        dismiss(&mut self.watchdog);
         if let Some(stderr) = self.stderr.take() {
             let deadline = Instant::now() + LAST_WORDS;
             while !stderr.is_finished() && Instant::now() < deadline {
@@ -215,26 +213,30 @@ fn shell(run: &str) -> Command {
         // A group of its own, so that whatever it starts can be ended with it.
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
     }
-    #[cfg(target_os = "linux")]
-    dies_with_us(&mut command);
     command
 }
 
-/// Asks the kernel to end the program when the thread that started it is gone: when a run is killed, nothing of ours
-/// is left to do it.
-#[cfg(target_os = "linux")]
-fn dies_with_us(command: &mut Command) {
+/// Ends a process group when we are gone, however that happens: only then its input ends without a line.
+#[cfg(unix)]
+fn watchdog(group: u32) -> io::Result<Child> {
     use std::os::unix::process::CommandExt;
-    let ask = || {
-        // SAFETY: a system call without pointers; it is allowed between fork and exec.
-        let refused = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) } != 0;
-        if refused {
-            return Err(io::Error::last_os_error());
-        }
-        Ok(())
-    };
-    // SAFETY: the closure only makes an async-signal-safe call and allocates nothing.
-    unsafe { command.pre_exec(ask) };
+    Command::new("sh")
+        .args(["-c", "read -r _ || kill -s KILL -- \"-$0\""])
+        .arg(group.to_string())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        // So that what a terminal sends to us does not end it first.
+        .process_group(0)
+        .spawn()
+}
+
+#[cfg(unix)]
+fn dismiss(watchdog: &mut Child) {
+    if let Some(mut stdin) = watchdog.stdin.take() {
+        let _ = stdin.write_all(b"done\n");
+    }
+    let _ = watchdog.wait();
 }
 
 /// Ends the program and everything it started.
