@@ -26,6 +26,7 @@ use super::manifest::{FORMAT, Manifest};
 use super::unit::{Slot, Unit};
 use crate::io::atomic_files::{FileError, write_json};
 use crate::io::hash::file_sha256;
+use crate::pairs::pair_id::path_of;
 
 /// A folder of durable results.
 #[derive(Debug, Clone)]
@@ -175,7 +176,7 @@ impl RunFolder {
         self.root
             .join("predictions")
             .join(method)
-            .join(format!("{pair_id}.{extension}"))
+            .join(format!("{}.{extension}", path_of(pair_id)))
     }
 
     /// Reads `manifest.json`; `None` where there is none yet.
@@ -357,12 +358,13 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
 /// Takes the folder for this process. Where the file system has no locks, nothing is taken.
 fn lock(root: &Path) -> Result<File, FileError> {
     let path = root.join(".lock");
-    let file = OpenOptions::new()
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .open(&path)
-        .map_err(FileError::new(&path, "create"))?;
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(false);
+    // A planted link would make another file, elsewhere.
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NOFOLLOW);
+    let file = options.open(&path);
+    let file = file.map_err(FileError::new(&path, "create"))?;
     match file.try_lock() {
         Err(TryLockError::WouldBlock) => {
             let reason = std::io::Error::other("another process is writing this run");
@@ -383,6 +385,16 @@ mod tests {
         let error = RunFolder::create(dir.path()).unwrap_err().to_string();
         assert!(error.contains("another process"), "{error}");
         drop(folder);
+        #[cfg(unix)]
+        {
+            let elsewhere = tempfile::tempdir().unwrap();
+            std::fs::remove_file(dir.path().join(".lock")).unwrap();
+            let target = elsewhere.path().join("made");
+            std::os::unix::fs::symlink(&target, dir.path().join(".lock")).unwrap();
+            assert!(RunFolder::create(dir.path()).is_err());
+            assert!(!target.exists());
+            std::fs::remove_file(dir.path().join(".lock")).unwrap();
+        }
         RunFolder::create(dir.path()).unwrap();
     }
 

@@ -20,6 +20,7 @@ use crate::io::observer::Observer;
 use crate::io::rendering_files::encode_png;
 use crate::io::view_hashes::ViewHashes;
 use crate::pairs::description::{FORMAT, PairDescription};
+use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
 /// What is written besides the source's picture and the cameras, and how the datasets were read.
@@ -101,7 +102,7 @@ fn export_group(
     let (mut picture, mut depth) = (None, None);
     for pair in group {
         observer.step();
-        let folder = out.join(&pair.pair.pair_id);
+        let folder = out.join(path_of(&pair.pair.pair_id));
         let key = key(pair, options, hashes)?;
         let mut lacks_depth = |view: &View| {
             let scene = pair.scene;

@@ -9,6 +9,7 @@ use super::method::{
 };
 use super::spec::{MethodSpec, SpecError};
 use crate::io::{fingerprints, gaussian_files};
+use crate::pairs::pair_id::path_of;
 
 /// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids).
 ///
@@ -34,7 +35,7 @@ impl GaussianFiles {
     fn find(&self, source: &str) -> Result<PathBuf, MethodError> {
         ["ply", "safetensors"]
             .iter()
-            .map(|extension| self.dir.join(format!("{source}.{extension}")))
+            .map(|extension| self.dir.join(format!("{}.{extension}", path_of(source))))
             .find(|path| path.is_file())
             .ok_or_else(|| {
                 let reason = "no Gaussians (looked for .ply and .safetensors)";

@@ -12,6 +12,7 @@ use super::method::{
 };
 use super::spec::{MethodSpec, SpecError};
 use crate::io::{fingerprints, pictures};
+use crate::pairs::pair_id::path_of;
 use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
@@ -66,14 +67,14 @@ impl Imported {
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
         let candidates: Vec<PathBuf> = Self::EXTENSIONS
             .iter()
-            .map(|extension| self.dir.join(format!("{pair_id}.{extension}")))
+            .map(|extension| self.dir.join(format!("{}.{extension}", path_of(pair_id))))
             .filter(|path| path.is_file())
             .collect();
         match candidates.as_slice() {
             [path] => Ok(path.clone()),
             [] => {
                 let reason = format!("no picture (looked for {})", Self::EXTENSIONS.join(", "));
-                Err(MethodError::file(&self.dir.join(pair_id), reason))
+                Err(MethodError::file(&self.dir.join(path_of(pair_id)), reason))
             }
             [first, second, ..] => {
                 let other = second.file_name().unwrap_or_default().to_string_lossy();
@@ -87,7 +88,7 @@ impl Imported {
 
     /// Not with the extension replaced: a view's name may hold a dot.
     fn sidecar_path(&self, pair_id: &str) -> PathBuf {
-        self.dir.join(format!("{pair_id}.json"))
+        self.dir.join(format!("{}.json", path_of(pair_id)))
     }
 
     fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp_datasets::View;
 
-use super::pair_id::PairName;
+use super::pair_id::{PairName, path_of};
 
 /// Changes whenever a reader of an earlier `pair.json` would misunderstand it.
 pub const FORMAT: u32 = 1;
@@ -82,7 +82,7 @@ impl PairDescription {
             k_t: row_major(target.intrinsics.matrix()),
             target_from_source: source.to(target).to_row_major(),
             prediction: ExpectedPrediction {
-                file: format!("{pair_id}.png"),
+                file: format!("{}.png", path_of(pair_id)),
                 width: target.intrinsics.width,
                 height: target.intrinsics.height,
             },

@@ -11,6 +11,7 @@
 //! Any percent-decoder (Python's `urllib.parse.unquote`) undoes it after splitting at `/` and `__`.
 
 use super::PairError;
+use crate::io::hash::sha256_hex;
 
 /// The four names that a pair id consists of.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,14 +63,37 @@ impl PairName {
     }
 }
 
+/// Longest name of a file or folder made from an id, bytes: file systems allow 255, extensions and the names of files
+/// that are being written included.
+const LONGEST: usize = 180;
+
+/// An id (of a pair, or `dataset/scene/view`) as a relative path without extension. It is the id itself unless a part of
+/// it is too long for a file's name: that is cut, and ends with `~` and the first 16 digits of the part's sha256.
+pub fn path_of(id: &str) -> String {
+    let parts: Vec<String> = id.split('/').map(short).collect();
+    parts.join("/")
+}
+
+fn short(part: &str) -> String {
+    if part.len() <= LONGEST {
+        return part.to_owned();
+    }
+    let hash = &sha256_hex(part.as_bytes())[..16];
+    let mut end = LONGEST - hash.len() - 1;
+    while !part.is_char_boundary(end) {
+        end -= 1;
+    }
+    format!("{}~{hash}", &part[..end])
+}
+
 /// `dataset/scene`, encoded as in pair ids: a folder of things that belong to views.
 pub fn scene_path(dataset: &str, scene: &str) -> String {
-    format!("{}/{}", encode_part(dataset), encode_part(scene))
+    path_of(&format!("{}/{}", encode_part(dataset), encode_part(scene)))
 }
 
 /// A view's name, encoded as in pair ids: the stem of a file that belongs to it.
 pub fn view_name(view: &str) -> String {
-    encode_part(view)
+    short(&encode_part(view))
 }
 
 fn encode_part(text: &str) -> String {
@@ -129,6 +153,24 @@ mod tests {
         assert_eq!(id, "middlebury/Motorcycle-perfect/im0__im1");
         let id = name("w", "cup/scene_000", "00000", "00012").encode();
         assert_eq!(id, "w/cup%2Fscene_000/00000__00012");
+    }
+
+    #[test]
+    fn parts_too_long_for_a_file_name_are_cut_and_stay_apart() {
+        let long = |last: &str| {
+            name(
+                "d",
+                &"森".repeat(33),
+                "a",
+                &format!("{}{last}", "林".repeat(40)),
+            )
+        };
+        let (one, two) = (path_of(&long("1").encode()), path_of(&long("2").encode()));
+        assert_ne!(one, two);
+        assert!(one.split('/').all(|part| part.len() <= LONGEST), "{one}");
+        assert_eq!(one.split('/').count(), 3);
+        let plain = name("w", "cup/scene_000", "00000", "00012").encode();
+        assert_eq!(path_of(&plain), plain);
     }
 
     #[test]

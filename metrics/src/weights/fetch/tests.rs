@@ -8,6 +8,7 @@ use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 use sharp_tests::unreliable_server::{Answer, Server};
 
 use super::*;
+use crate::Backbone;
 use crate::backbone::architecture;
 
 /// A whole squeezenet1_1 with a classifier, as bytes of a safetensors file.
