@@ -157,18 +157,6 @@ impl ViewConstants {
     }
 }
 
-/// The depth of every centre as the pass computes it: f64, rounded once.
-#[cfg(feature = "gpu")]
-pub(super) fn depths(means: &[[f32; 3]], view: &RenderView) -> Vec<f32> {
-    let row = view.camera_from_scene.matrix3.transpose().z_axis;
-    let offset = view.camera_from_scene.translation.z;
-    let depth = |mean: &[f32; 3]| {
-        let [x, y, z] = mean.map(f64::from);
-        (row.x * x + row.y * y + row.z * z + offset) as f32
-    };
-    means.par_iter().map(depth).collect()
-}
-
 /// Columns of one block, so that the loop over them runs in lanes.
 struct Columns {
     mean: [[f64; BLOCK]; 3],

@@ -41,20 +41,6 @@ pub(super) fn sort(keys: &mut Vec<u64>, scratch: &mut Vec<u64>) {
     }
 }
 
-/// The indices of all depths, front to back; a GPU that takes its order from the host gets these.
-/// Gaussians that are not drawn may end up anywhere: they have no pixels.
-#[cfg(feature = "gpu")]
-pub(super) fn indices(depths: &[f32]) -> Vec<u32> {
-    let mut keys: Vec<u64> = depths
-        .iter()
-        .zip(0..)
-        .map(|(z, index)| super::emit::key(*z, index))
-        .collect();
-    sort(&mut keys, &mut Vec::new());
-    // The low half is the index.
-    keys.into_iter().map(|key| key as u32).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::emit::key;

@@ -93,7 +93,7 @@ impl Gpu {
         });
         let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(pass.name),
-            timestamp_writes: self.timer.as_ref().and_then(|t| t.next(pass.name)),
+            timestamp_writes: None,
         });
         dispatch.set_pipeline(&pass.pipeline);
         dispatch.set_bind_group(0, &group, &[]);

@@ -3,7 +3,6 @@
 use super::super::RenderError;
 use super::GpuAdapter;
 use super::memory::{Buffer, Memory};
-use super::timing::Timer;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 /// What a sub-frame's largest binding may take even where the adapter grants more: keeps a picture
@@ -21,7 +20,6 @@ pub(super) struct Gpu {
     /// Most workgroups along an axis.
     pub(super) groups_limit: u32,
     pub(super) memory: Arc<Memory>,
-    pub(super) timer: Option<Timer>,
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
@@ -61,7 +59,6 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("renderer"),
             required_limits: limits.clone(),
-            required_features: adapter.adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
@@ -87,7 +84,6 @@ impl Gpu {
             keep_lost(Fault::Lost(format!("{reason:?}: {text}")));
         });
         Ok(Self {
-            timer: Timer::new(&device, &queue),
             device,
             queue,
             adapter: name,
@@ -128,16 +124,13 @@ impl Gpu {
     /// staging buffer.
     pub(super) fn finish(
         &self,
-        mut encoder: wgpu::CommandEncoder,
+        encoder: wgpu::CommandEncoder,
         staged: &[(&Buffer, u64)],
         mut read: impl FnMut(usize, &[u8]),
     ) -> Result<(), RenderError> {
-        let times = self.timer.as_ref().and_then(|t| t.resolve(&mut encoder));
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = mpsc::channel();
-        let staged = staged.iter().map(|(buffer, bytes)| (&***buffer, *bytes));
-        let staged: Vec<(&wgpu::Buffer, u64)> = staged.chain(times).collect();
-        for (buffer, bytes) in &staged {
+        for (buffer, bytes) in staged {
             let sender = sender.clone();
             buffer.map_async(wgpu::MapMode::Read, ..*bytes, move |result| {
                 // The receiver outlives the wait below.
@@ -159,10 +152,7 @@ impl Gpu {
             let range = buffer
                 .get_mapped_range(..*bytes)
                 .map_err(|e| self.error(&e))?;
-            match &self.timer {
-                Some(timer) if times.is_some() && index + 1 == staged.len() => timer.add(&range),
-                _ => read(index, &range),
-            }
+            read(index, &range);
             drop(range);
             buffer.unmap();
         }

@@ -72,8 +72,6 @@ pub(super) struct Frame<'a> {
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Replaces the device's own depth order.
-    pub(super) order: Option<&'a [u32]>,
     /// Side of a tile, pixels: a power of two from [`LEAST_TILE`].
     pub(super) tile: u32,
 }
@@ -83,9 +81,6 @@ impl Frame<'_> {
         let (gpu, scene) = (self.gpu, self.scene);
         let k = self.view.intrinsics;
         let mut out = RenderOutput::empty(k.width, k.height);
-        if let Some(timer) = &gpu.timer {
-            timer.reset();
-        }
         if scene.count == 0 {
             return Ok(out);
         }
@@ -133,15 +128,8 @@ impl Frame<'_> {
         } = *self;
         let mut encoder = gpu.encoder();
         let dropped = self.project(&mut encoder);
-        let half = if let Some(order) = self.order {
-            let values = &scene.by_depth.values[0];
-            gpu.queue
-                .write_buffer(values, 0, bytemuck::cast_slice(order));
-            0
-        } else {
-            let count = (scene.count, 32);
-            scene.by_depth.sort(gpu, passes, &mut encoder, count, true)
-        };
+        let count = (scene.count, 32);
+        let half = scene.by_depth.sort(gpu, passes, &mut encoder, count, true);
         let bytes = size_of::<DroppedCounts>() as u64;
         let staged = gpu.stage(&mut encoder, &dropped, bytes);
         gpu.finish(encoder, &[(&staged, bytes)], |_, bytes| {

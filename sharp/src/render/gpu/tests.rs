@@ -217,7 +217,6 @@ fn frame<'a>(
         passes: &renderer.passes,
         scene,
         view,
-        order: None,
         tile,
     }
 }
