@@ -5,7 +5,7 @@
 //! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
 //! cannot turn negative.
 
-use super::simd::{Simd, per_level};
+use super::simd::{Simd, per_instruction_set};
 use super::{Dropped, RenderView};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
@@ -173,15 +173,15 @@ struct Columns {
     determinant: [f64; BLOCK],
 }
 
-per_level! {
-    fn project_block = block(
+per_instruction_set! {
+    fn project_block(
         constants: &ViewConstants,
         scene: &Gaussians,
         first: usize,
         splats: &mut [Splat],
         footprints: &mut [Footprint],
         counts: &mut (u64, Dropped),
-    )
+    ) = block, block, block
 }
 
 #[inline(always)]

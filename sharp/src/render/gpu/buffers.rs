@@ -2,8 +2,7 @@
 
 use super::device::Gpu;
 use super::memory::Buffer;
-use super::passes::Pass;
-use wgpu::{BufferUsages, CommandEncoder};
+use wgpu::{BufferUsages, CommandEncoder, ComputePipeline};
 
 impl Gpu {
     fn buffer(&self, label: &str, bytes: u64, usage: BufferUsages) -> Buffer {
@@ -61,7 +60,7 @@ impl Gpu {
     pub(super) fn run(
         &self,
         encoder: &mut CommandEncoder,
-        pass: &Pass,
+        pass: &ComputePipeline,
         buffers: &[&Buffer],
         groups: u32,
     ) {
@@ -73,7 +72,7 @@ impl Gpu {
     pub(super) fn run_grid(
         &self,
         encoder: &mut CommandEncoder,
-        pass: &Pass,
+        pass: &ComputePipeline,
         buffers: &[&Buffer],
         (x, y): (u32, u32),
     ) {
@@ -88,14 +87,11 @@ impl Gpu {
             .collect();
         let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
-            layout: &pass.pipeline.get_bind_group_layout(0),
+            layout: &pass.get_bind_group_layout(0),
             entries: &entries,
         });
-        let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(pass.name),
-            timestamp_writes: None,
-        });
-        dispatch.set_pipeline(&pass.pipeline);
+        let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        dispatch.set_pipeline(pass);
         dispatch.set_bind_group(0, &group, &[]);
         dispatch.dispatch_workgroups(x, y, 1);
     }

@@ -3,7 +3,7 @@
 use super::super::project::ViewConstants;
 use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
-use super::layout::{DroppedCounts, FrameUniform, ViewUniform};
+use super::layout::{DroppedCounts, FrameUniform, ViewUniform, dropped};
 use super::memory::Buffer;
 use super::passes::Passes;
 use super::readback::copy_home;
@@ -127,14 +127,13 @@ impl Frame<'_> {
             gpu, passes, scene, ..
         } = *self;
         let mut encoder = gpu.encoder();
-        let dropped = self.project(&mut encoder);
+        let counts = self.project(&mut encoder);
         let count = (scene.count, 32);
         let half = scene.by_depth.sort(gpu, passes, &mut encoder, count, true);
         let bytes = size_of::<DroppedCounts>() as u64;
-        let staged = gpu.stage(&mut encoder, &dropped, bytes);
+        let staged = gpu.stage(&mut encoder, &counts, bytes);
         gpu.finish(encoder, &[(&staged, bytes)], |_, bytes| {
-            let counts: DroppedCounts = bytemuck::pod_read_unaligned(bytes);
-            out.dropped = counts.into();
+            out.dropped = dropped(bytemuck::pod_read_unaligned(bytes));
             out.drawn = u64::from(scene.count) - out.dropped.total();
         })?;
         Ok(half)
