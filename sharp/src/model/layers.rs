@@ -281,7 +281,6 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
 
-    use crate::model::engine::Precision;
     use crate::model::synth::Synth;
     use candle_core::Device;
     use sharp_checkpoint::deterministic::model_weights;
@@ -290,8 +289,8 @@ mod tests {
     fn runtimes() -> [Runtime; 3] {
         [
             Engine::Tensors(Device::Cpu),
-            Engine::cpu(Precision::Exact),
-            Engine::cpu(Precision::Fast),
+            Engine::cpu(Algorithm::Direct),
+            Engine::cpu(Algorithm::Winograd),
         ]
         .map(|engine| Runtime::new(engine, Box::new(Synth::default())))
     }

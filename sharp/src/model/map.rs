@@ -248,11 +248,11 @@ pub(super) fn mixed() -> ModelError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::engine::Precision;
+    use crate::model::Algorithm;
     use candle_core::Device;
 
     fn engines() -> [Engine; 2] {
-        [Engine::cpu(Precision::Exact), Engine::Tensors(Device::Cpu)]
+        [Engine::cpu(Algorithm::Direct), Engine::Tensors(Device::Cpu)]
     }
 
     fn planes() -> Vec<f32> {

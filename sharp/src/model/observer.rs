@@ -14,8 +14,6 @@ enum Value<'a> {
     Tensor(&'a Tensor),
     /// Values in C order with their shape.
     Host(&'a [usize], &'a [f32]),
-    /// One image's map.
-    Map(&'a Map),
     /// One map an image.
     Maps(&'a [Map]),
 }
@@ -31,7 +29,7 @@ impl<'a> StageValue<'a> {
     }
 
     pub(super) fn map(map: &'a Map) -> Self {
-        Self(Value::Map(map))
+        Self(Value::Maps(std::slice::from_ref(map)))
     }
 
     pub(super) fn maps(maps: &'a [Map]) -> Self {
@@ -43,15 +41,13 @@ impl<'a> StageValue<'a> {
     /// # Errors
     /// [`ModelError::Tensor`].
     pub fn shape(&self) -> Result<Vec<usize>, ModelError> {
-        let of_maps = |count: usize, map: Option<&Map>| {
-            let (c, h, w) = map.map_or(Ok((0, 0, 0)), Map::dims)?;
-            Ok(vec![count, c, h, w])
-        };
         match self.0 {
             Value::Tensor(tensor) => Ok(tensor.dims().to_vec()),
             Value::Host(shape, _) => Ok(shape.to_vec()),
-            Value::Map(map) => of_maps(1, Some(map)),
-            Value::Maps(maps) => of_maps(maps.len(), maps.first()),
+            Value::Maps(maps) => {
+                let (c, h, w) = maps.first().map_or(Ok((0, 0, 0)), Map::dims)?;
+                Ok(vec![maps.len(), c, h, w])
+            }
         }
     }
 
@@ -63,7 +59,6 @@ impl<'a> StageValue<'a> {
         match self.0 {
             Value::Tensor(tensor) => Ok(tensor.flatten_all()?.to_vec1()?),
             Value::Host(_, values) => Ok(values.to_vec()),
-            Value::Map(map) => map.to_planes(),
             Value::Maps(maps) => {
                 let planes = maps.iter().map(Map::to_planes);
                 Ok(planes.collect::<Result<Vec<_>, _>>()?.concat())

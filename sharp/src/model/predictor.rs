@@ -1,7 +1,6 @@
 //! The whole network: an image and its focal length to Gaussians.
 
 use std::cell::RefCell;
-use std::path::Path;
 
 use image::RgbImage;
 
@@ -13,7 +12,7 @@ use super::network_spec::NetworkSpec;
 use super::observer::{Observer, Silent, StageValue};
 use super::params::{Params, WeightSource};
 use super::{ModelConfig, ModelError};
-use crate::composer::{ATTRIBUTES, ComposerConfig, compose};
+use crate::composer::{ATTRIBUTES, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::resize::bilinear_align_corners;
@@ -59,7 +58,6 @@ impl NetworkOutput {
 pub struct Predictor {
     config: ModelConfig,
     network: Network,
-    composer: ComposerConfig,
     runtime: Runtime,
 }
 
@@ -67,23 +65,6 @@ pub struct Predictor {
 const DISPARITY: (f32, f32) = (1e-4, 1e4);
 
 impl Predictor {
-    /// Opens weights in a file; see [`CheckpointSource::check`] for what must be in it. Values are
-    /// read from the file when they are needed, so it must not change meanwhile.
-    ///
-    /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
-    /// [`ModelError::Config`].
-    pub fn load(
-        config: &ModelConfig,
-        checkpoint: &Path,
-        engine: Engine,
-        allow_unused: &[String],
-    ) -> Result<Self, ModelError> {
-        let checkpoint = CheckpointSource::open(checkpoint)?;
-        checkpoint.check(config, allow_unused)?;
-        Self::from_source(config, checkpoint, engine)
-    }
-
     /// Builds the network over any source of weights.
     ///
     /// # Errors
@@ -97,18 +78,21 @@ impl Predictor {
         Ok(Self {
             config: config.clone(),
             network: Network::new(config, &Params::new(&RefCell::default())),
-            composer: ComposerConfig::default(),
             runtime: Runtime::new(engine, Box::new(source)),
         })
     }
 
-    /// Opens the network of `spec`.
+    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what must be in its file.
+    /// Values are read from it when they are needed, so it must not change meanwhile.
     ///
     /// # Errors
-    /// As [`Self::load`]; [`ModelError::Device`] when the device is not there.
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
+    /// [`ModelError::Config`]; [`ModelError::Device`] when the device is not there.
     pub fn open(spec: &NetworkSpec) -> Result<Self, ModelError> {
-        let engine = spec.device.open(spec.precision)?;
-        Self::load(&spec.config, &spec.checkpoint, engine, &spec.allow_unused)
+        let engine = spec.device.open(spec.convolution)?;
+        let checkpoint = CheckpointSource::open(&spec.checkpoint)?;
+        checkpoint.check(&spec.config, &spec.allow_unused)?;
+        Self::from_source(&spec.config, checkpoint, engine)
     }
 
     /// [`Self::predict`] from a decoded picture, unobserved.
@@ -189,7 +173,7 @@ impl Predictor {
             "deltas",
             StageValue::host(&[1, ATTRIBUTES, LAYERS, rows, columns], &deltas),
         )?;
-        let gaussians = compose(&base, Some(&deltas), &self.composer)?;
+        let gaussians = compose(&base, Some(&deltas))?;
         observe_gaussians("ndc", &gaussians, observer)?;
         Ok(NetworkOutput {
             gaussians,
@@ -316,7 +300,7 @@ pub(super) fn observe_gaussians(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Precision, Silent, inventory, synth::Synth};
+    use crate::model::{Algorithm, Silent, inventory, synth::Synth};
 
     #[test]
     fn disparity_is_clamped_on_both_sides() {
@@ -333,7 +317,7 @@ mod tests {
         let mut config = ModelConfig::load(&file).unwrap();
         config.gaussian_stride = stride;
         assert!(!inventory::inventory(&config).unwrap().is_empty());
-        let engine = Engine::cpu(Precision::Fast);
+        let engine = Engine::cpu(Algorithm::Winograd);
         Predictor::from_source(&config, Synth::default(), engine).unwrap()
     }
 

@@ -221,7 +221,7 @@ fn sample(planes: &[f32], side: usize, step: usize, offset: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::engine::{Engine, Precision};
+    use crate::model::{Algorithm, Engine};
 
     #[test]
     fn the_release_has_25_and_9_overlapping_patches() {
@@ -237,7 +237,7 @@ mod tests {
     fn merging_undoes_splitting() {
         // One token a pixel: what is split and merged is the image itself.
         let image: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
-        let engine = Engine::cpu(Precision::Exact);
+        let engine = Engine::cpu(Algorithm::Direct);
         for overlap in [0, 4] {
             let tiling = Tiling::new(48, 24, 24, overlap);
             let mut patches = Vec::new();
