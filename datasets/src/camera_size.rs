@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::entry::{Setting, SettingChoice};
+use crate::entry::{Setting, choice};
 use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
@@ -13,8 +13,8 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
     &[
-        SettingChoice::new("exact", "are an error"),
-        SettingChoice::new(
+        choice("exact", "are an error"),
+        choice(
             "scaled",
             "have their camera scaled, where the ratio is the same in both axes; else are an error",
         ),

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::Root;
 use crate::format::colmap;
 use crate::required_files::{PhotographPath, RequiredFile};
@@ -37,15 +37,15 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "depth",
             "where depth comes from",
             &[
-                SettingChoice::new(
+                choice(
                     "folder",
                     "maps named as the pictures, in depth/, if it is there",
                 ),
-                SettingChoice::new(
+                choice(
                     "points",
                     "the triangulated points that each picture sees: sparse",
                 ),
-                SettingChoice::new("none", "nowhere"),
+                choice("none", "nowhere"),
             ],
         ),
         Setting::free(

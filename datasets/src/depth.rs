@@ -4,6 +4,7 @@ use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
 use image::Luma;
+use sharp::resize::nearest;
 
 use crate::format::{self, FloatMap, raw_floats};
 use crate::mask::check_size;
@@ -177,18 +178,10 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
     if too_small || (other - h).abs() > 1.0 {
         check_size(path, map.dimensions(), size)?;
     }
-    // By hand: `image::imageops::resize` clamps floats to 0..1.
-    let nearest = |i: u32, from: u32, to: u32| {
-        let place = (u64::from(i) * 2 + 1) * u64::from(from) / (u64::from(to) * 2);
-        (place as u32).min(from - 1)
-    };
-    Ok(DepthMap::from_fn(size.0, size.1, |x, y| {
-        let (u, v) = (
-            nearest(x, map.width(), size.0),
-            nearest(y, map.height(), size.1),
-        );
-        *map.get_pixel(u, v)
-    }))
+    let side = |(width, height): (u32, u32)| (width as usize, height as usize);
+    let depth = nearest(map.as_raw(), side(map.dimensions()), side(size));
+    DepthMap::from_vec(size.0, size.1, depth)
+        .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
 }
 
 /// A depth as the map holds it: 0 unless finite and positive.

@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::Root;
 use crate::format::colmap;
 use crate::required_files::{PhotographPath, RequiredFile};
@@ -33,11 +33,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "images",
         "which photographs",
         &[
-            SettingChoice::new(
+            choice(
                 "distorted",
                 "as taken, 6048x4032 as the paper states, undistorted by us at that size",
             ),
-            SettingChoice::proxy(
+            proxy(
                 "undistorted",
                 "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
             ),

@@ -194,15 +194,21 @@ pub fn read_text(path: &Path) -> Result<String, DatasetError> {
 }
 
 /// Reads a file whole and parses it.
-pub(crate) fn parse<T>(
+///
+/// # Errors
+/// As [`read`]; [`DatasetError::Format`].
+pub fn parse<T>(
     path: &Path,
     parse: impl FnOnce(&[u8]) -> Result<T, FormatError>,
 ) -> Result<T, DatasetError> {
     parse(&read(path)?).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Reads a text file and parses it.
-pub(crate) fn parse_text<T>(
+/// As [`parse`], from text.
+///
+/// # Errors
+/// As [`read_text`]; [`DatasetError::Format`].
+pub fn parse_text<T>(
     path: &Path,
     parse: impl FnOnce(&str) -> Result<T, FormatError>,
 ) -> Result<T, DatasetError> {

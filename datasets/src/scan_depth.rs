@@ -8,7 +8,7 @@ use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::depth::{ViewDepth, valid_depth, z_buffer};
 use crate::format::ply_points::{self, Geometry};
-use crate::{DatasetError, DepthMap};
+use crate::{DatasetError, DepthMap, files};
 
 /// Nothing closer to the camera is drawn, metres (the near plane of ScanNet++'s toolbox).
 const NEAR_M: f64 = 0.05;
@@ -32,7 +32,7 @@ impl ScanCache {
             Some(held) if held.file == file => Ok(Arc::clone(&held.geometry)),
             _ => {
                 *slot = None;
-                let geometry = Arc::new(ply_points::read(file)?);
+                let geometry = Arc::new(files::parse(file, ply_points::parse)?);
                 *slot = Some(CachedScan {
                     file: file.to_owned(),
                     geometry: Arc::clone(&geometry),

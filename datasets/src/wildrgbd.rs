@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::left_out::LeftOut;
@@ -38,13 +38,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "split",
         "which scenes and frames of the nvs list",
         &[
-            SettingChoice::new("val-scenes", "all frames of the scenes in 'val'"),
-            SettingChoice::new(
+            choice("val-scenes", "all frames of the scenes in 'val'"),
+            choice(
                 "val-frames",
                 "the frames in 'val' of a nvs_list.json inside each scene's own folder",
             ),
-            SettingChoice::proxy("train-scenes", "all frames of the scenes in 'train'"),
-            SettingChoice::proxy("all-scenes", "every scene folder, without a list"),
+            proxy("train-scenes", "all frames of the scenes in 'train'"),
+            proxy("all-scenes", "every scene folder, without a list"),
         ],
     )],
     open,
@@ -123,7 +123,7 @@ fn listed_scenes(
 /// A list of names in a JSON object; numbers count as names.
 fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let list = lenient_json::read(file)?;
+    let list = files::parse_text(file, lenient_json::parse)?;
     let names = list
         .get(key)
         .and_then(Value::as_array)
@@ -161,7 +161,7 @@ fn read_scene(
     let metadata = root.resolve(folder, "metadata")?;
     let lens = read_lens(&metadata)?;
     let poses_file = root.resolve(folder, "cam_poses.txt")?;
-    let poses = trajectory::read_rows(&poses_file)?;
+    let poses = files::parse_text(&poses_file, trajectory::parse_rows)?;
     let wanted: Option<Vec<i64>> = if by_frame {
         let frames = names_in(&root.resolve(folder, LIST)?, "val")?;
         Some(frames.iter().filter_map(|name| number_of(name)).collect())
@@ -223,7 +223,7 @@ fn number_of(name: &str) -> Option<i64> {
 
 fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let metadata = lenient_json::read(file)?;
+    let metadata = files::parse_text(file, lenient_json::parse)?;
     let side = |key: &str| {
         metadata
             .get(key)

@@ -1,7 +1,6 @@
 //! `transforms.json` of nerfstudio, instant-ngp, Blender and ScanNet++: intrinsics and
 //! camera-to-world poses in OpenGL's axes (x right, y up, z backwards).
 
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -10,7 +9,6 @@ use sharp::camera::{CameraError, RigidTransform};
 
 use super::{FormatError, lenient_json};
 use crate::lens::{Distortion, Lens, LensError};
-use crate::{DatasetError, files};
 
 /// A `transforms.json`.
 #[derive(Debug)]
@@ -72,13 +70,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Reads a `transforms.json`.
 ///
 /// # Errors
-/// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
+/// Not JSON, no frames, a frame without a path or with a matrix of another shape.
 /// A pose that is not finite or not rigid is kept in its frame as an error.
-pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
-    files::parse_text(path, parse)
-}
-
-/// As [`read`], from text, and with the same errors.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document

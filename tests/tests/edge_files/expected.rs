@@ -2,7 +2,7 @@
 
 use libtest_mimic::Trial;
 use serde_json::Value;
-use sharp_datasets::format::{FloatMap, depth_png, npy, pfm, picture, raw_floats, read_map};
+use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
 use crate::{Outcome, check, fixture, folder, refused};
 
@@ -55,15 +55,7 @@ fn one(name: &str, entry: &Value) -> Outcome {
             format!("{shape:?}")
         })?;
     }
-    let map = if name.ends_with(".pfm") {
-        pfm::read(&path)?
-    } else {
-        npy::read(&path)?
-    };
-    check(read_map(&path).is_ok(), || {
-        "not recognised by content".into()
-    })?;
-    values(&map, entry)
+    values(&read_map(&path)?, entry)
 }
 
 /// First, last, count and sum of the finite values, without any tolerance but the sum's rounding.
@@ -101,7 +93,7 @@ fn values(map: &FloatMap, entry: &Value) -> Outcome {
 }
 
 fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
-    let map = depth_png::read(&fixture(name))?;
+    let map = read_map(&fixture(name))?;
     check(map.dimensions() == (80, 60), || {
         format!("{:?}", map.dimensions())
     })?;
