@@ -152,7 +152,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let image = folder.path().join("a.png");
         image::RgbImage::new(80, 60).save(&image).unwrap();
-        let distortion = Distortion::Radial { k: [-0.1, 0.02] };
+        let distortion = Distortion::perspective("RADIAL", &[-0.1, 0.02], [0.0; 2]);
         let lens = |s: f64, size| {
             Lens::new(
                 (150.0 * s, 151.0 * s),

@@ -253,19 +253,17 @@ impl JsonFrame {
             other => other,
         };
         let distortion = match model {
-            "OPENCV" if [k1, k2, k3, k4, p[0], p[1]] == [0.0; 6] => Distortion::None,
-            "SIMPLE_RADIAL" | "RADIAL" => Distortion::Radial { k: [k1, k2] },
+            "SIMPLE_RADIAL" | "RADIAL" => Distortion::perspective("RADIAL", &[k1, k2], [0.0; 2]),
             // nerfstudio's k3 and k4 continue the radial polynomial of OPENCV.
-            "OPENCV" if k3 == 0.0 && k4 == 0.0 => Distortion::OpenCv { k: [k1, k2], p },
-            "OPENCV" if k4 == 0.0 => Distortion::FullOpenCv {
-                k: [k1, k2, k3, 0.0, 0.0, 0.0],
-                p,
-            },
-            "OPENCV" => return Err("camera model OPENCV with k4 is not supported".into()),
-            "FULL_OPENCV" => Distortion::FullOpenCv {
-                k: [k1, k2, k3, k4, k("k5")?, k("k6")?],
-                p,
-            },
+            "OPENCV" if k4 != 0.0 => {
+                return Err("camera model OPENCV with k4 is not supported".into());
+            }
+            "OPENCV" if k3 == 0.0 => Distortion::perspective("OPENCV", &[k1, k2], p),
+            "OPENCV" => Distortion::perspective("FULL_OPENCV", &[k1, k2, k3], p),
+            "FULL_OPENCV" => {
+                let radial = [k1, k2, k3, k4, k("k5")?, k("k6")?];
+                Distortion::perspective("FULL_OPENCV", &radial, p)
+            }
             "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
                 k: [k1, k2, k3, k4],
             },
@@ -346,10 +344,7 @@ mod tests {
         assert_eq!(of("\"k1\": 0,"), Ok(Distortion::None));
         assert_eq!(
             of("\"k1\": 0.1, \"p2\": 0.2,"),
-            Ok(Distortion::OpenCv {
-                k: [0.1, 0.0],
-                p: [0.0, 0.2]
-            })
+            Ok(Distortion::perspective("OPENCV", &[0.1], [0.0, 0.2]))
         );
         assert_eq!(
             of("\"camera_model\": \"OPENCV_FISHEYE\", \"k4\": 0.1,"),
