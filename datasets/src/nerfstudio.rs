@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{DepthEncoding, Resampling};
+use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::format::transforms::{self, JsonFrame};
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -202,12 +202,11 @@ impl FrameReader<'_> {
             None => Err(in_frame(format!("its {what} '{name}' does not exist"))),
         };
         let depth = match &frame.depth_file_path {
-            Some(name) => FrameDepth::Map(
-                named(name, "depth map")?,
-                DepthEncoding::Units(self.depth_unit),
-                Resampling::Nearest,
-            ),
-            None => FrameDepth::None,
+            Some(name) => {
+                let unit = DepthEncoding::Units(self.depth_unit);
+                Some(ViewDepth::Map(named(name, "depth map")?, unit))
+            }
+            None => None,
         };
         let mask = match &frame.mask_path {
             Some(name) if self.masks => Some(MaskFile {

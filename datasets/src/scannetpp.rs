@@ -8,7 +8,7 @@
 use std::path::PathBuf;
 
 use crate::colmap::PointTracks;
-use crate::depth::{DepthEncoding, Resampling};
+use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::transforms::{self, JsonFrame, Transforms, undo_colmap_axes};
@@ -18,7 +18,7 @@ use crate::lens::Lens;
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -243,15 +243,15 @@ impl ScanNetPpReader<'_> {
                 None
             };
             let depth = match &depth_from {
-                DepthFrom::None => FrameDepth::None,
-                DepthFrom::Mesh(scan) => FrameDepth::Scan(scan.clone()),
+                DepthFrom::None => None,
+                DepthFrom::Mesh(scan) => Some(ViewDepth::Scan(scan.clone())),
                 DepthFrom::Points(tracks, ids) => {
                     let image = ids.iter().find(|(name, _)| *name == id);
-                    image.map_or(FrameDepth::None, |(_, image)| tracks.depth_of(*image))
+                    image.map(|(_, image)| tracks.depth_of(*image))
                 }
                 DepthFrom::Rendered(folder) => match scene.finder.find(folder, &png, &["png"])? {
-                    Some(map) => rendered_depth(map, &photos, &id, lens)?,
-                    None => FrameDepth::None,
+                    Some(map) => Some(rendered_depth(map, &photos, &id, lens)?),
+                    None => None,
                 },
             };
             scene.add(PosedFrame {
@@ -355,10 +355,10 @@ fn rendered_depth(
     photos: &DslrPhotographs,
     id: &str,
     lens: Lens,
-) -> Result<FrameDepth, DatasetError> {
+) -> Result<ViewDepth, DatasetError> {
     let millimetres = DepthEncoding::Units(0.001);
     if !lens.is_pinhole() {
-        return Ok(FrameDepth::Map(map, millimetres, Resampling::Nearest));
+        return Ok(ViewDepth::Map(map, millimetres));
     }
     let lacks = |what: &str| {
         DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
@@ -373,12 +373,7 @@ fn rendered_depth(
     let size = size.ok_or_else(|| lacks("the pictures' size"))?;
     let fisheye = frame.lens(size);
     let fisheye = fisheye.map_err(|error| DatasetError::format(&map, error))?;
-    Ok(FrameDepth::MapOf(
-        map,
-        millimetres,
-        Resampling::Nearest,
-        fisheye,
-    ))
+    Ok(ViewDepth::MapOf(map, millimetres, fisheye))
 }
 
 enum DepthFrom {

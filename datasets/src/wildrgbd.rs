@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::depth::{DepthEncoding, Resampling};
+use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::left_out::LeftOut;
 use crate::lens::{Distortion, Lens};
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
@@ -193,9 +193,7 @@ fn read_scene(
         let Some((image, world_from_camera)) = scene.usable(&id, picture, world_from_camera) else {
             continue;
         };
-        let depth = find(&maps, pose.frame).map_or(FrameDepth::None, |map| {
-            FrameDepth::Map(map, DepthEncoding::Units(0.001), Resampling::Nearest)
-        });
+        let map = find(&maps, pose.frame);
         scene.add(PosedFrame {
             id,
             image,
@@ -203,7 +201,7 @@ fn read_scene(
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: world_from_camera.inverse(),
             mask: None,
-            depth,
+            depth: map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(0.001))),
             cameras: vec![metadata.clone(), poses_file.clone()],
         })?;
     }

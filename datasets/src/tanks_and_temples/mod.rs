@@ -14,12 +14,13 @@ mod photographs;
 use std::path::Path;
 
 use crate::camera_size::CAMERA_SIZE;
+use crate::depth::ViewDepth;
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::trajectory;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 use cameras::SceneCameras;
@@ -184,7 +185,7 @@ impl TanksReader<'_> {
                 pinhole: Pinhole::WithoutBlankPixels,
                 camera_from_world: world_from_camera.inverse(),
                 mask: None,
-                depth: scan.clone().map_or(FrameDepth::None, FrameDepth::Scan),
+                depth: scan.clone().map(ViewDepth::Scan),
                 cameras: camera_files.clone(),
             })?;
         }
