@@ -12,7 +12,7 @@ use crate::lens::Lens;
 use crate::mask::check_size;
 use crate::scan_depth::{ScanFile, points_seen_by};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DepthMap};
+use crate::{DatasetError, DepthMap, files};
 
 /// Where a view's depth comes from.
 #[derive(Debug)]
@@ -153,7 +153,10 @@ impl DepthEncoding {
     fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self {
             Self::Units(unit_m) => (format::read_map(file)?, unit_m),
-            Self::RawFloats => (raw_floats::read(file, size)?, 1.0),
+            Self::RawFloats => {
+                let parse = |bytes: &[u8]| raw_floats::parse(bytes, size);
+                (files::parse(file, parse)?, 1.0)
+            }
         };
         let whole_numbered = stored.iter().all(|v| *v >= 0.0 && v.fract() == 0.0);
         let mut depth = fit(file, stored, size)?;

@@ -2,6 +2,7 @@
 
 use libtest_mimic::Trial;
 use serde_json::Value;
+use sharp_datasets::files::parse;
 use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
 use crate::{Outcome, check, fixture, folder, refused};
@@ -135,7 +136,7 @@ fn photograph(name: &str, entry: &Value) -> Outcome {
 /// ETH3D's depth under a photograph's name: no pixel has depth, which is no error; a file of
 /// another length is one.
 fn raw(name: &str) -> Outcome {
-    let found = raw_floats::read(&fixture(name), (6, 4));
+    let found = parse(&fixture(name), |bytes| raw_floats::parse(bytes, (6, 4)));
     if name.contains("wrong_size") {
         return refused(
             found,
