@@ -21,7 +21,6 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     ],
 );
 
-/// Width and height, pixels.
 type PixelSize = (u32, u32);
 
 /// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.

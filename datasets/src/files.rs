@@ -233,17 +233,21 @@ pub fn open(path: &Path) -> Result<File, DatasetError> {
 /// # Errors
 /// As [`read`].
 pub fn sha256(path: &Path) -> Result<String, DatasetError> {
-    let mut file = open(path)?;
+    sha256_of_reader(open(path)?).map_err(|e| DatasetError::io(path, e))
+}
+
+/// sha256 of all that is read, 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// The reader's.
+pub fn sha256_of_reader(mut reader: impl Read) -> std::io::Result<String> {
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
     loop {
-        let n = file
-            .read(&mut buffer)
-            .map_err(|e| DatasetError::io(path, e))?;
-        if n == 0 {
-            return Ok(hexadecimal(&hasher.finalize()));
+        match reader.read(&mut buffer)? {
+            0 => return Ok(hexadecimal(&hasher.finalize())),
+            n => hasher.update(&buffer[..n]),
         }
-        hasher.update(&buffer[..n]);
     }
 }
 

@@ -11,11 +11,11 @@ use crate::io::atomic_files::FileError;
 use crate::io::hash::{file_sha256, sha256_hex};
 
 /// The hash of one file, once it is known; locked while it is being computed.
-type Slot = Arc<Mutex<Option<String>>>;
+type HashSlot = Arc<Mutex<Option<String>>>;
 
 /// Hashes of files, remembered for as long as this lives: files are taken not to change meanwhile.
 #[derive(Debug, Default)]
-pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, Slot>>);
+pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, HashSlot>>);
 
 impl ViewHashes {
     /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.

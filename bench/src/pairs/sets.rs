@@ -14,7 +14,6 @@ pub enum Grouping {
     /// A seeded shuffle of the views, then consecutive; the same seed for every scene.
     #[value(skip)]
     Random {
-        /// Seed of the shuffle.
         seed: u64,
     },
     Whole,

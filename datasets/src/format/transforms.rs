@@ -10,7 +10,6 @@ use sharp::camera::{CameraError, RigidTransform};
 use super::{FormatError, lenient_json};
 use crate::lens::{Distortion, Lens, LensError};
 
-/// A `transforms.json`.
 #[derive(Debug)]
 pub struct Transforms {
     /// `frames`, in the file's order.
@@ -21,7 +20,6 @@ pub struct Transforms {
     pub applied_scale: f64,
 }
 
-/// One picture.
 #[derive(Debug)]
 pub struct JsonFrame {
     /// As written; may begin with `./` and lack its extension.

@@ -18,7 +18,6 @@ pub(super) enum SurfaceShape {
         axes: DMat3,
         half: DVec3,
     },
-    /// A solid ball.
     Sphere { center: DVec3, radius: f64 },
 }
 

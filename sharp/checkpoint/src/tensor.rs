@@ -14,23 +14,15 @@ pub(crate) const MAX_RANK: usize = 32;
 /// Element type of a stored tensor. All are little-endian in every format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DType {
-    /// IEEE single.
     F32,
-    /// IEEE half.
     F16,
     /// The upper half of a single.
     BF16,
-    /// IEEE double.
     F64,
-    /// Signed, 8 bytes.
     I64,
-    /// Signed, 4 bytes.
     I32,
-    /// Signed, 2 bytes.
     I16,
-    /// Signed, 1 byte.
     I8,
-    /// Unsigned, 1 byte.
     U8,
     /// One byte, 0 or 1.
     Bool,
@@ -63,7 +55,6 @@ impl DType {
         }
     }
 
-    /// The inverse of [`Self::name`].
     pub fn from_name(name: &str) -> Option<Self> {
         const ALL: [DType; 10] = [
             DType::F32,

@@ -10,15 +10,12 @@ use crate::math::exp;
 use crate::simd::{Simd, per_instruction_set};
 use crate::workspace::{SharedOut, Workspace};
 
-/// Shape of an attention.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttentionShape {
     /// Independent sequences.
     pub batch: usize,
-    /// Tokens of a sequence.
     pub tokens: usize,
     pub heads: usize,
-    /// Channels of a head.
     pub head_dim: usize,
 }
 

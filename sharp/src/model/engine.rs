@@ -9,7 +9,6 @@ use sharp_kernels::{Algorithm, Simd, Workspace};
 use super::ModelError;
 use super::params::{Parameter, WeightSource};
 
-/// What computes a network.
 pub enum Engine {
     /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
     Kernels(CpuKernels),

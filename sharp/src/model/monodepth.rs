@@ -10,7 +10,6 @@ use super::params::Params;
 use super::pyramid::Encoder;
 use super::{ModelConfig, ModelError};
 
-/// Encoder, decoder and head.
 pub(super) struct Monodepth {
     encoder: Encoder,
     decoder: MultiresConvDecoder,
@@ -19,7 +18,6 @@ pub(super) struct Monodepth {
 
 /// What the rest of the network needs of the depth network.
 pub(super) struct MonodepthOutput {
-    /// The encoder's five maps.
     pub(super) features: [Map; 5],
     /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not
     /// sorted.

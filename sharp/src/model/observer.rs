@@ -77,7 +77,6 @@ pub trait Observer {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError>;
 }
 
-/// Observes nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 

@@ -85,7 +85,6 @@ impl Element {
     }
 }
 
-/// Everything before the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,

@@ -3,7 +3,6 @@
 //! A stable sort of keys that come in the order of their indices: least significant digit first,
 //! 8 bits a pass, counting and then moving.
 
-/// Values of a digit.
 const DIGITS: usize = 256;
 /// Digits of a key: those of the depth. The index below them is in order already.
 const PASSES: usize = 4;

@@ -106,7 +106,6 @@ impl Vit {
     }
 }
 
-/// A normalisation's values.
 struct Norm {
     gamma: Vec<f32>,
     beta: Vec<f32>,

@@ -66,9 +66,7 @@ struct Shape {
     patch: usize,
     /// Tokens along a side.
     side: usize,
-    /// Width of a token.
     dim: usize,
-    /// Attention heads.
     heads: usize,
     /// Added to the variance by normalisations.
     norm_eps: f32,
@@ -90,7 +88,6 @@ impl Shape {
 pub(super) struct Features {
     /// Outputs of the tapped blocks, not normalised.
     pub(super) taps: Vec<Vec<Map>>,
-    /// The normalised last output.
     pub(super) last: Vec<Map>,
 }
 

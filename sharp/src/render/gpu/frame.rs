@@ -66,7 +66,6 @@ impl Targets {
     }
 }
 
-/// One frame's fixed part.
 pub(super) struct Frame<'a> {
     pub(super) gpu: &'a Gpu,
     pub(super) passes: &'a Passes,

@@ -117,7 +117,6 @@ pub(super) struct SortBuffers {
 pub(super) const PAIR_BYTES: u64 = 16;
 
 impl SortBuffers {
-    /// Room for `capacity` pairs.
     pub(super) fn new(gpu: &Gpu, capacity: u64) -> Self {
         let make = |label| gpu.storage(label, capacity * 4);
         let entries = capacity.div_ceil(u64::from(RADIX_BLOCK)) * 256;
