@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use crate::error::{CheckpointError, Fault, malformed};
 use crate::hash::sha256_hex;
 use crate::mapped::Mapped;
-use crate::pickle::state_dict::{Named, resolve};
+use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::Heap;
-use crate::tensor::{DType, Layout};
-use crate::zip::{Directory, Entry};
+use crate::tensor::{DType, TensorLayout};
+use crate::zip::{Directory, ZipEntry};
 use crate::{legacy, pickle, safetensors, zip};
 
 /// How a checkpoint is stored. Recognised by content, not by the file's name.
@@ -31,7 +31,7 @@ pub struct Checkpoint {
     path: PathBuf,
     file: Mapped,
     format: Format,
-    tensors: BTreeMap<String, Layout>,
+    tensors: BTreeMap<String, TensorLayout>,
     others: Vec<String>,
     metadata: BTreeMap<String, String>,
 }
@@ -133,7 +133,7 @@ impl Checkpoint {
         sha256_hex(&self.file)
     }
 
-    fn layout(&self, name: &str) -> Result<&Layout, CheckpointError> {
+    fn layout(&self, name: &str) -> Result<&TensorLayout, CheckpointError> {
         self.tensors
             .get(name)
             .ok_or_else(|| CheckpointError::NoTensor {
@@ -143,14 +143,14 @@ impl Checkpoint {
     }
 }
 
-type Read = (Format, Named, BTreeMap<String, String>);
+type Read = (Format, NamedTensors, BTreeMap<String, String>);
 
 fn read(file: &[u8]) -> Result<Read, Fault> {
     if safetensors::looks_like(file) {
         let contents = safetensors::read(file)?;
-        let named = Named {
+        let named = NamedTensors {
             tensors: contents.tensors,
-            ..Named::default()
+            ..NamedTensors::default()
         };
         Ok((Format::Safetensors, named, contents.metadata))
     } else if file.starts_with(b"PK") {
@@ -176,7 +176,7 @@ fn guess(file: &[u8]) -> &'static str {
     }
 }
 
-fn read_zip(file: &[u8]) -> Result<Named, Fault> {
+fn read_zip(file: &[u8]) -> Result<NamedTensors, Fault> {
     let entries = zip::read(file)?;
     let mut pickles = entries
         .keys()
@@ -185,7 +185,7 @@ fn read_zip(file: &[u8]) -> Result<Named, Fault> {
     let (Some(prefix), None) = (pickles.next(), pickles.next()) else {
         return malformed!("a zip file, but without exactly one 'data.pkl': not a checkpoint");
     };
-    if let Some(Entry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
+    if let Some(ZipEntry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
         && file[range.clone()].trim_ascii() == b"big"
     {
         return malformed!("written on a big-endian machine");
@@ -213,8 +213,8 @@ fn read_zip(file: &[u8]) -> Result<Named, Fault> {
 
 fn stored(entries: &Directory<'_>, name: &str) -> Result<std::ops::Range<usize>, Fault> {
     match entries.get(name) {
-        Some(Entry::Stored(range)) => Ok(range.clone()),
-        Some(Entry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),
+        Some(ZipEntry::Stored(range)) => Ok(range.clone()),
+        Some(ZipEntry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),
         None => malformed!("zip: '{name}' is missing"),
     }
 }

@@ -212,13 +212,13 @@ impl Deconv {
 }
 
 /// Normalisation over groups of channels and all pixels, then a learned scale and shift.
-pub(super) struct GroupNorm {
+pub(super) struct GroupNormLayer {
     weight: Parameter,
     bias: Parameter,
     groups: usize,
 }
 
-impl GroupNorm {
+impl GroupNormLayer {
     const EPS: f32 = 1e-5;
 
     pub(super) fn new(p: &Params<'_>, width: usize, groups: usize) -> Self {
@@ -390,7 +390,7 @@ mod tests {
 
     #[test]
     fn group_norms_agree() {
-        let norm = declare(|p| GroupNorm::new(p, 8, 4));
+        let norm = declare(|p| GroupNormLayer::new(p, 8, 4));
         agree((8, 16, 12), |rt, x| norm.forward(rt, x).unwrap());
     }
 }

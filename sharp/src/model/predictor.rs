@@ -7,9 +7,9 @@ use image::RgbImage;
 use super::config::LAYERS;
 use super::engine::{Engine, Runtime};
 use super::inventory::CheckpointSource;
-use super::network::Network;
+use super::network::SharpNetwork;
 use super::network_spec::NetworkSpec;
-use super::observer::{Observer, Silent, StageValue};
+use super::observer::{Silent, StageObserver, StageValue};
 use super::params::{Params, WeightSource};
 use super::{ModelConfig, ModelError};
 use crate::composer::{ATTRIBUTES, compose};
@@ -57,7 +57,7 @@ impl NetworkOutput {
 /// A network, its weights and the engine that computes it.
 pub struct Predictor {
     config: ModelConfig,
-    network: Network,
+    network: SharpNetwork,
     runtime: Runtime,
 }
 
@@ -77,7 +77,7 @@ impl Predictor {
         config.validate()?;
         Ok(Self {
             config: config.clone(),
-            network: Network::new(config, &Params::new(&RefCell::default())),
+            network: SharpNetwork::new(config, &Params::new(&RefCell::default())),
             runtime: Runtime::new(engine, Box::new(source)),
         })
     }
@@ -133,7 +133,7 @@ impl Predictor {
         &self,
         image: Planes<'_>,
         disparity_factor: f32,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<NetworkOutput, ModelError> {
         check_input(image, disparity_factor)?;
         let side = self.config.internal_resolution;
@@ -187,7 +187,7 @@ impl Predictor {
         &self,
         image: &[f32],
         depth: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<(BaseGaussians, Vec<f32>), ModelError> {
         let (grid, side) = (self.config.grid(), self.config.internal_resolution);
         let normalized = NormalizedDepth::new(depth, InvalidDepth::Refuse)?;
@@ -255,7 +255,7 @@ fn metric_depth(disparity: f32, factor: f32) -> f32 {
 }
 
 /// Shows base Gaussians in the shapes of the recordings.
-fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(), ModelError> {
+fn observe_base(base: &BaseGaussians, observer: &mut dyn StageObserver) -> Result<(), ModelError> {
     let (layers, rows, columns) = (base.grid.layers, base.grid.rows(), base.grid.columns());
     let shape = [1, 1, layers, rows, columns];
     let mut see = |name: &str, shape: &[usize], values: &[f32]| {
@@ -282,7 +282,7 @@ fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(),
 pub(super) fn observe_gaussians(
     space: &str,
     gaussians: &Gaussians,
-    observer: &mut dyn Observer,
+    observer: &mut dyn StageObserver,
 ) -> Result<(), ModelError> {
     let n = gaussians.len();
     let mut see = |name: &str, width: Option<usize>, values: &[f32]| {

@@ -3,7 +3,7 @@
 use super::engine::Runtime;
 use super::layers::{Conv, Deconv, Fused};
 use super::map::Map;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 use super::vit::Vit;
 use super::{ModelConfig, ModelError};
@@ -141,7 +141,7 @@ impl Encoder {
         &self,
         rt: &Runtime,
         image: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<[Map; 5], ModelError> {
         let [fine, coarse] = self.tilings;
         let quarter = quarter_size(image, fine.size);

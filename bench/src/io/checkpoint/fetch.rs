@@ -76,7 +76,10 @@ mod tests {
     fn attempt(
         answers: Vec<Answer>,
         cache: &Path,
-    ) -> (Result<(PathBuf, Standing), CheckpointFetchError>, Vec<usize>) {
+    ) -> (
+        Result<(PathBuf, Standing), CheckpointFetchError>,
+        Vec<usize>,
+    ) {
         let bytes = std::fs::read(golden("tiny_model.pt")).unwrap();
         let config = ModelConfig::load(&golden("tiny_config.json#tiny")).unwrap();
         let size = bytes.len() as u64;

@@ -77,7 +77,11 @@ impl<'a> Measuring<'a> {
     }
 
     /// Finds out which views have depth, as far as that is not known.
-    pub(super) fn find_depth(&self, views: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
+    pub(super) fn find_depth(
+        &self,
+        views: &[usize],
+        known: &mut SceneOverlaps,
+    ) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         for part in views.chunks(self.views_at_once(views)) {
             let unknown = part.iter().filter(|i| !known.depths.contains_key(*i));

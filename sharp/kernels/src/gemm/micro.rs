@@ -39,13 +39,13 @@ pub(crate) type Micro =
 
 /// Shape of a level's tile, and its kernels.
 #[derive(Clone, Copy)]
-pub(crate) struct Tile {
+pub(crate) struct MicroTile {
     pub(crate) mr: usize,
     pub(crate) nr: usize,
     kernels: [Micro; 4],
 }
 
-impl Tile {
+impl MicroTile {
     /// The largest `mr * nr` of all levels.
     pub(crate) const MAX: usize = 14 * 32;
 

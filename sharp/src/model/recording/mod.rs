@@ -10,7 +10,7 @@ mod file;
 mod write;
 
 use super::ModelError;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::predictor::{NetworkOutput, Planes, Predictor, observe_gaussians};
 use crate::gaussians::Gaussians;
 use crate::unprojection::{covariance, release_intrinsics, unproject};
@@ -27,7 +27,7 @@ fn observe(
     predictor: &Predictor,
     image: Planes<'_>,
     focal_px: f64,
-    observer: &mut dyn Observer,
+    observer: &mut dyn StageObserver,
 ) -> Result<NetworkOutput, ModelError> {
     let factor = (focal_px / image.width as f64) as f32;
     let prediction = predictor.predict(image, factor, observer)?;

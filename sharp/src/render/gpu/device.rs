@@ -2,7 +2,7 @@
 
 use super::super::RenderError;
 use super::GpuAdapter;
-use super::memory::{Buffer, Memory};
+use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 /// What a sub-frame's largest binding may take even where the adapter grants more: keeps a picture
@@ -20,18 +20,18 @@ pub(super) struct Gpu {
     /// Most workgroups along an axis.
     pub(super) groups_limit: u32,
     pub(super) memory: Arc<Memory>,
-    fault: Arc<Mutex<Option<Fault>>>,
+    fault: Arc<Mutex<Option<DeviceFault>>>,
 }
 
 /// In order of severity.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-enum Fault {
+enum DeviceFault {
     Other(String),
     Memory(String),
     Lost(String),
 }
 
-impl From<wgpu::Error> for Fault {
+impl From<wgpu::Error> for DeviceFault {
     fn from(error: wgpu::Error) -> Self {
         let what = error.to_string();
         match error {
@@ -41,7 +41,7 @@ impl From<wgpu::Error> for Fault {
     }
 }
 
-impl Fault {
+impl DeviceFault {
     fn at(self, adapter: &str) -> RenderError {
         let adapter = adapter.to_owned();
         match self {
@@ -63,11 +63,11 @@ impl Gpu {
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.adapter.request_device(&descriptor))
-            .map_err(|e| Fault::Other(e.to_string()).at(&name))?;
+            .map_err(|e| DeviceFault::Other(e.to_string()).at(&name))?;
         let fault = Arc::new(Mutex::new(None));
         let keep = {
             let fault = Arc::clone(&fault);
-            move |found: Fault| {
+            move |found: DeviceFault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                 // The first of the worst kind: later ones are mostly its consequences.
                 if fault.as_ref().is_none_or(|known| {
@@ -81,7 +81,7 @@ impl Gpu {
         let keep_lost = keep.clone();
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| keep(e.into())));
         device.set_device_lost_callback(move |reason, text| {
-            keep_lost(Fault::Lost(format!("{reason:?}: {text}")));
+            keep_lost(DeviceFault::Lost(format!("{reason:?}: {text}")));
         });
         Ok(Self {
             device,
@@ -112,12 +112,12 @@ impl Gpu {
 
     /// What a call said that failed, unless a callback knows more.
     fn error(&self, what: &dyn std::error::Error) -> RenderError {
-        let said = Fault::Other(what.to_string()).at(&self.adapter);
+        let said = DeviceFault::Other(what.to_string()).at(&self.adapter);
         self.check().err().unwrap_or(said)
     }
 
     pub(super) fn no_room(&self, what: String) -> RenderError {
-        Fault::Memory(what).at(&self.adapter)
+        DeviceFault::Memory(what).at(&self.adapter)
     }
 
     /// Submits the commands, waits, and hands `read` the first bytes, as many as given, of each
@@ -125,7 +125,7 @@ impl Gpu {
     pub(super) fn finish(
         &self,
         encoder: wgpu::CommandEncoder,
-        staged: &[(&Buffer, u64)],
+        staged: &[(&GpuBuffer, u64)],
         mut read: impl FnMut(usize, &[u8]),
     ) -> Result<(), RenderError> {
         self.queue.submit([encoder.finish()]);
@@ -168,12 +168,12 @@ mod tests {
     fn faults_become_errors_that_callers_can_tell_apart() {
         let text = || "text".to_owned();
         let source = || Box::new(std::fmt::Error);
-        let memory = Fault::from(wgpu::Error::OutOfMemory { source: source() });
+        let memory = DeviceFault::from(wgpu::Error::OutOfMemory { source: source() });
         assert!(matches!(
             memory.clone().at("a"),
             RenderError::OutOfMemory { .. }
         ));
-        let refused = Fault::from(wgpu::Error::Validation {
+        let refused = DeviceFault::from(wgpu::Error::Validation {
             source: source(),
             description: text(),
         });
@@ -181,7 +181,7 @@ mod tests {
             refused.clone().at("a"),
             RenderError::Device { .. }
         ));
-        let lost = Fault::Lost(text());
+        let lost = DeviceFault::Lost(text());
         assert!(refused < memory && memory < lost);
         let error = lost.at("some GPU");
         assert_eq!(error.to_string(), "some GPU was lost: text");

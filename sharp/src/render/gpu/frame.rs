@@ -4,7 +4,7 @@ use super::super::project::ViewConstants;
 use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
 use super::layout::{DroppedCounts, FrameUniform, ViewUniform, dropped};
-use super::memory::Buffer;
+use super::memory::GpuBuffer;
 use super::passes::Passes;
 use super::readback::copy_home;
 use super::scene::GpuScene;
@@ -35,10 +35,10 @@ impl Work {
 
 /// A sub-frame's ranges and pixels, and the staging buffers that bring the pixels to the host.
 pub(super) struct Targets {
-    pub(super) ranges: Buffer,
-    picture: Buffer,
-    depths: Buffer,
-    pub(super) home: [Buffer; 2],
+    pub(super) ranges: GpuBuffer,
+    picture: GpuBuffer,
+    depths: GpuBuffer,
+    pub(super) home: [GpuBuffer; 2],
     tiles: u32,
     pixels: u64,
 }
@@ -139,7 +139,7 @@ impl Frame<'_> {
     }
 
     /// Pass `project`; returns the counts of what was dropped.
-    pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> Buffer {
+    pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> GpuBuffer {
         let (gpu, scene) = (self.gpu, self.scene);
         let dropped = gpu.storage("dropped", size_of::<DroppedCounts>() as u64);
         let view = ViewUniform::new(&ViewConstants::new(self.view), scene.count);
@@ -163,7 +163,7 @@ impl Frame<'_> {
         dropped
     }
 
-    fn uniform(&self, part: SubFrame, pairs: u32) -> Buffer {
+    fn uniform(&self, part: SubFrame, pairs: u32) -> GpuBuffer {
         let uniform = FrameUniform::new(part, self.scene.count, pairs);
         self.gpu.uniform("frame", &uniform)
     }
@@ -173,7 +173,11 @@ impl Frame<'_> {
     /// The sum of a block of the scan cannot wrap: its 1024 Gaussians have at most one pair a tile,
     /// and a sub-frame, as a binding holds its pixels, fewer than 2²² tiles. The starts can, where
     /// the total exceeds 32 bits; such a sub-frame is cut, not drawn.
-    pub(super) fn count_pairs(&self, order: &Buffer, part: SubFrame) -> Result<u64, RenderError> {
+    pub(super) fn count_pairs(
+        &self,
+        order: &GpuBuffer,
+        part: SubFrame,
+    ) -> Result<u64, RenderError> {
         let Self {
             gpu, passes, scene, ..
         } = *self;
@@ -202,7 +206,7 @@ impl Frame<'_> {
     pub(super) fn list(
         &self,
         encoder: &mut wgpu::CommandEncoder,
-        order: &Buffer,
+        order: &GpuBuffer,
         (part, count): (SubFrame, u32),
         work: &mut Work,
     ) -> usize {
@@ -241,7 +245,7 @@ impl Frame<'_> {
     /// Lists, rasterises, and copies the pixels home.
     fn draw(
         &self,
-        order: &Buffer,
+        order: &GpuBuffer,
         (part, count): (SubFrame, u32),
         work: &mut Work,
         out: &mut RenderOutput,
