@@ -13,16 +13,6 @@ use crate::tensor::{DType, TensorLayout};
 use crate::zip::{Directory, ZipEntry};
 use crate::{legacy, pickle, safetensors, zip};
 
-/// How a checkpoint is stored. Recognised by content, not by the file's name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// PyTorch since 1.6: a zip of a pickle and raw storages.
-    Zip,
-    /// PyTorch before 1.6: bare pickles, then raw storages.
-    Legacy,
-    Safetensors,
-}
-
 /// An opened checkpoint: a mapped file and the checked table of its tensors.
 ///
 /// Opening reads the table of contents only. The file must not be changed while it is open.
@@ -30,14 +20,14 @@ pub enum Format {
 pub struct Checkpoint {
     path: PathBuf,
     file: Mapped,
-    format: Format,
     tensors: BTreeMap<String, TensorLayout>,
     others: Vec<String>,
     metadata: BTreeMap<String, String>,
 }
 
 impl Checkpoint {
-    /// Opens a file of any [`Format`].
+    /// Opens a file of PyTorch's (a zip of a pickle and raw storages since 1.6, bare pickles
+    /// before) or of safetensors, told apart by content.
     ///
     /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
     /// `model`, …), that one is taken.
@@ -48,11 +38,10 @@ impl Checkpoint {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
         let path = path.as_ref();
         let file = Mapped::open(path)?;
-        let (format, named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
+        let (named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
         Ok(Self {
             path: path.to_path_buf(),
             file,
-            format,
             tensors: named.tensors,
             others: named.others,
             metadata,
@@ -61,10 +50,6 @@ impl Checkpoint {
 
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    pub fn format(&self) -> Format {
-        self.format
     }
 
     /// Free text of a safetensors header; empty for pickles.
@@ -143,7 +128,7 @@ impl Checkpoint {
     }
 }
 
-type Read = (Format, NamedTensors, BTreeMap<String, String>);
+type Read = (NamedTensors, BTreeMap<String, String>);
 
 fn read(file: &[u8]) -> Result<Read, Fault> {
     if safetensors::looks_like(file) {
@@ -152,11 +137,11 @@ fn read(file: &[u8]) -> Result<Read, Fault> {
             tensors: contents.tensors,
             ..NamedTensors::default()
         };
-        Ok((Format::Safetensors, named, contents.metadata))
+        Ok((named, contents.metadata))
     } else if file.starts_with(b"PK") {
-        Ok((Format::Zip, read_zip(file)?, BTreeMap::new()))
+        Ok((read_zip(file)?, BTreeMap::new()))
     } else if file.first() == Some(&0x80) {
-        Ok((Format::Legacy, legacy::read(file)?, BTreeMap::new()))
+        Ok((legacy::read(file)?, BTreeMap::new()))
     } else {
         malformed!("neither a PyTorch nor a safetensors file{}", guess(file))
     }
