@@ -29,6 +29,7 @@ const READING: &[&str] = &[
     "datasets/src",
     "sharp/src/camera.rs",
     "sharp/src/image_file",
+    "sharp/src/random.rs",
 ];
 /// From layers and colours to Gaussians.
 const COMPOSING: &[&str] = &[

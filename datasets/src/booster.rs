@@ -11,7 +11,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, FileStorage, Node};
 use crate::format::{FormatError, picture};
@@ -38,27 +38,27 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "split",
             "which part, by the folder's name; a folder that is neither always counts",
             &[
-                SettingChoice::new(
+                choice(
                     "train",
                     "with ground truth: the paper's privileged depth needs it",
                 ),
-                SettingChoice::proxy("test", "without ground truth"),
+                proxy("test", "without ground truth"),
             ],
         ),
         Setting::choice(
             "set",
             "balanced or unbalanced cameras, by the folder's name",
             &[
-                SettingChoice::new("balanced", "two cameras of the same kind"),
-                SettingChoice::proxy("unbalanced", "the second camera is smaller"),
+                choice("balanced", "two cameras of the same kind"),
+                proxy("unbalanced", "the second camera is smaller"),
             ],
         ),
         Setting::choice(
             "illuminations",
             "which pictures of a scene make pairs",
             &[
-                SettingChoice::new("all", "every illumination: 228 pairs of the train set"),
-                SettingChoice::new("first", "only the first: 38 pairs of the train set"),
+                choice("all", "every illumination: 228 pairs of the train set"),
+                choice("first", "only the first: 38 pairs of the train set"),
             ],
         ),
     ],
@@ -124,7 +124,7 @@ fn read_scene(
         .find(|(_, path)| path.is_file())
         .ok_or_else(|| DatasetError::malformed(folder, "no calib_00-02.xml or calib_00-01.xml"))?;
     root.check(&calibration)?;
-    let storage = opencv_xml::read(&calibration)?;
+    let storage = files::parse_text(&calibration, opencv_xml::parse)?;
     let rig = BoosterRig::parse(&storage).map_err(|e| DatasetError::format(&calibration, e))?;
     let id = root.id_of(folder);
     let cluster = id.rsplit('/').next().unwrap_or(&id);

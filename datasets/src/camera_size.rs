@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::entry::{Setting, SettingChoice};
+use crate::entry::{Setting, choice};
 use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
@@ -13,15 +13,14 @@ pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
     &[
-        SettingChoice::new("exact", "are an error"),
-        SettingChoice::new(
+        choice("exact", "are an error"),
+        choice(
             "scaled",
             "have their camera scaled, where the ratio is the same in both axes; else are an error",
         ),
     ],
 );
 
-/// Width and height, pixels.
 type PixelSize = (u32, u32);
 
 /// Fits cameras to pictures as [`CAMERA_SIZE`] asks, and keeps count.
@@ -152,7 +151,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let image = folder.path().join("a.png");
         image::RgbImage::new(80, 60).save(&image).unwrap();
-        let distortion = Distortion::Radial { k: [-0.1, 0.02] };
+        let distortion = Distortion::perspective("RADIAL", &[-0.1, 0.02], [0.0; 2]);
         let lens = |s: f64, size| {
             Lens::new(
                 (150.0 * s, 151.0 * s),

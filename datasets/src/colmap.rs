@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
+use crate::depth::{DepthEncoding, ViewDepth};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::Root;
 use crate::format::colmap;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -37,15 +37,15 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "depth",
             "where depth comes from",
             &[
-                SettingChoice::new(
+                choice(
                     "folder",
                     "maps named as the pictures, in depth/, if it is there",
                 ),
-                SettingChoice::new(
+                choice(
                     "points",
                     "the triangulated points that each picture sees: sparse",
                 ),
-                SettingChoice::new("none", "nowhere"),
+                choice("none", "nowhere"),
             ],
         ),
         Setting::free(
@@ -126,11 +126,8 @@ fn read_scene(
             None
         };
         let depth = match (&tracks, map) {
-            (Some(tracks), _) => tracks.depth_of(image.id),
-            (None, Some(map)) => {
-                FrameDepth::Map(map, DepthEncoding::Units(unit), Resampling::Nearest)
-            }
-            (None, None) => FrameDepth::None,
+            (Some(tracks), _) => Some(tracks.depth_of(image.id)),
+            (None, map) => map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(unit))),
         };
         scene.add(PosedFrame {
             id,
@@ -176,8 +173,8 @@ impl PointTracks {
         Ok(Self { file, points })
     }
 
-    pub(crate) fn depth_of(&self, image: u32) -> FrameDepth {
+    pub(crate) fn depth_of(&self, image: u32) -> ViewDepth {
         let points = self.points.get(&image).cloned().unwrap_or_default();
-        FrameDepth::Points(self.file.clone(), points)
+        ViewDepth::Points(self.file.clone(), points)
     }
 }

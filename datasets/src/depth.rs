@@ -1,22 +1,83 @@
 //! Ground-truth depth from files: disparity, metric maps, raw floats.
 
-use std::fmt::Debug;
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use image::Luma;
+use sharp::resize::nearest;
 
+use crate::file_content::FileContent;
 use crate::format::{self, FloatMap, raw_floats};
+use crate::lens::Lens;
 use crate::mask::check_size;
+use crate::scan_depth::{ScanFile, points_seen_by};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DepthMap};
+use crate::{DatasetError, DepthMap, files};
 
 /// Where a view's depth comes from.
-pub(crate) trait ViewDepth: Send + Sync + Debug {
-    /// Reads the depth map; it has the size that the view's intrinsics state.
-    fn load(&self) -> Result<DepthMap, DatasetError>;
+#[derive(Debug)]
+pub(crate) enum ViewDepth {
+    /// A disparity map of one of a rectified pair's views, and the pixels of one stored unit: 1, or
+    /// 1/256 in a 16-bit PNG.
+    Disparity(PathBuf, StereoGeometry, f64),
+    /// A map in the geometry of the stored picture.
+    Map(PathBuf, DepthEncoding),
+    /// A map in the geometry of another camera than the stored picture's.
+    MapOf(PathBuf, DepthEncoding, Lens),
+    /// A laser scan or mesh in world coordinates.
+    Scan(ScanFile),
+    /// Points in world coordinates that the view sees, and the file they are from.
+    Points(PathBuf, Vec<DVec3>),
+}
 
-    /// The files it is made of.
-    fn files(&self) -> Vec<PathBuf>;
+impl ViewDepth {
+    pub(crate) fn file(&self) -> &Path {
+        match self {
+            Self::Disparity(file, ..)
+            | Self::Map(file, _)
+            | Self::MapOf(file, ..)
+            | Self::Points(file, _) => file,
+            Self::Scan(scan) => &scan.file,
+        }
+    }
+
+    /// Reads the depth map of a view; it has the size of the view's pinhole camera.
+    pub(crate) fn load(&self, view: &FileContent) -> Result<DepthMap, DatasetError> {
+        match self {
+            Self::Disparity(file, geometry, unit) => {
+                let mut disparity = format::read_map(file)?;
+                check_size(file, disparity.dimensions(), view.size)?;
+                if *unit != 1.0 {
+                    for d in disparity.iter_mut() {
+                        *d = (f64::from(*d) * unit) as f32;
+                    }
+                }
+                geometry.depth_map(file, &disparity)
+            }
+            Self::Map(file, encoding) => {
+                let depth = encoding.read(file, view.size)?;
+                Ok(match &view.undistortion {
+                    Some(undistortion) => encoding.resampled(&depth, undistortion),
+                    None => depth,
+                })
+            }
+            Self::MapOf(file, encoding, lens) => {
+                let k = lens.intrinsics();
+                let depth = encoding.read(file, (k.width, k.height))?;
+                Ok(encoding.resampled(&depth, &Undistortion::new(*lens, view.pinhole)))
+            }
+            Self::Scan(scan) => scan.seen_by(&view.pinhole, &view.camera_from_world),
+            Self::Points(_, points) => {
+                let points = points.iter().copied();
+                Ok(points_seen_by(
+                    &view.pinhole,
+                    &view.camera_from_world,
+                    points,
+                    0,
+                ))
+            }
+        }
+    }
 }
 
 /// What turns disparity into depth: `Z = baseline · f / (d + doffs)`.
@@ -76,71 +137,29 @@ impl StereoGeometry {
     }
 }
 
-/// A disparity map of one of a rectified pair's views, in any format of [`format::read_map`].
-#[derive(Debug)]
-pub(crate) struct Disparity {
-    pub(crate) file: PathBuf,
-    pub(crate) geometry: StereoGeometry,
-    pub(crate) size: (u32, u32),
-    /// Disparity in pixels of one stored unit: 1, or 1/256 in a 16-bit PNG.
-    pub(crate) unit: f64,
-}
-
-impl ViewDepth for Disparity {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let mut disparity = format::read_map(&self.file)?;
-        check_size(&self.file, disparity.dimensions(), self.size)?;
-        if self.unit != 1.0 {
-            for d in disparity.iter_mut() {
-                *d = (f64::from(*d) * self.unit) as f32;
-            }
-        }
-        self.geometry.depth_map(&self.file, &disparity)
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.file.clone()]
-    }
-}
-
-/// How a stored depth map is encoded.
+/// How a stored depth map is encoded, and with it how it follows its picture to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
     /// A self-describing file; one unit is this many metres. 65535 in a whole-numbered map means
-    /// no depth, as 0 does.
+    /// no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
     Units(f64),
-    /// Bare f32 metres.
+    /// Bare f32 metres. Sparse: each stored sample is carried to where it lands.
     RawFloats,
 }
 
-/// How a depth map follows its picture to the pinhole camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Resampling {
-    /// Dense depth: each pixel looks up the nearest stored one.
-    Nearest,
-    /// Sparse depth: each stored sample is carried to where it lands.
-    Splat,
-}
-
-/// A z-depth map beside a photograph.
-#[derive(Debug)]
-pub(crate) struct StoredDepth {
-    pub(crate) file: PathBuf,
-    pub(crate) encoding: DepthEncoding,
-    /// Size of the photograph as stored. A map of another size but the same shape is resized to
-    /// the nearest value (phones store depth at a fraction of the picture's size).
-    pub(crate) size: (u32, u32),
-    pub(crate) undistortion: Option<(Undistortion, Resampling)>,
-}
-
-impl ViewDepth for StoredDepth {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let (stored, unit_m) = match self.encoding {
-            DepthEncoding::Units(unit_m) => (format::read_map(&self.file)?, unit_m),
-            DepthEncoding::RawFloats => (raw_floats::read(&self.file, self.size)?, 1.0),
+impl DepthEncoding {
+    /// z-depth beside a photograph that is stored at `size`. A map of another size but the same
+    /// shape is resized to the nearest value (phones store depth at a fraction of the picture's size).
+    fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
+        let (stored, unit_m) = match self {
+            Self::Units(unit_m) => (format::read_map(file)?, unit_m),
+            Self::RawFloats => {
+                let parse = |bytes: &[u8]| raw_floats::parse(bytes, size);
+                (files::parse(file, parse)?, 1.0)
+            }
         };
         let whole_numbered = stored.iter().all(|v| *v >= 0.0 && v.fract() == 0.0);
-        let mut depth = fit(&self.file, stored, self.size)?;
+        let mut depth = fit(file, stored, size)?;
         for z in depth.iter_mut() {
             let saturated = whole_numbered && *z == 65535.0;
             *z = if saturated {
@@ -149,15 +168,14 @@ impl ViewDepth for StoredDepth {
                 valid_depth(f64::from(*z) * unit_m)
             };
         }
-        Ok(match &self.undistortion {
-            None => depth,
-            Some((undistortion, Resampling::Nearest)) => undistortion.depth_nearest(&depth),
-            Some((undistortion, Resampling::Splat)) => undistortion.depth_splat(&depth),
-        })
+        Ok(depth)
     }
 
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.file.clone()]
+    fn resampled(self, depth: &DepthMap, undistortion: &Undistortion) -> DepthMap {
+        match self {
+            Self::Units(_) => undistortion.depth_nearest(depth),
+            Self::RawFloats => undistortion.depth_splat(depth),
+        }
     }
 }
 
@@ -177,18 +195,10 @@ fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, Dataset
     if too_small || (other - h).abs() > 1.0 {
         check_size(path, map.dimensions(), size)?;
     }
-    // By hand: `image::imageops::resize` clamps floats to 0..1.
-    let nearest = |i: u32, from: u32, to: u32| {
-        let place = (u64::from(i) * 2 + 1) * u64::from(from) / (u64::from(to) * 2);
-        (place as u32).min(from - 1)
-    };
-    Ok(DepthMap::from_fn(size.0, size.1, |x, y| {
-        let (u, v) = (
-            nearest(x, map.width(), size.0),
-            nearest(y, map.height(), size.1),
-        );
-        *map.get_pixel(u, v)
-    }))
+    let side = |(width, height): (u32, u32)| (width as usize, height as usize);
+    let depth = nearest(map.as_raw(), side(map.dimensions()), side(size));
+    DepthMap::from_vec(size.0, size.1, depth)
+        .ok_or_else(|| DatasetError::malformed(path, "the map's size overflows"))
 }
 
 /// A depth as the map holds it: 0 unless finite and positive.
@@ -270,14 +280,7 @@ mod tests {
         );
     }
 
-    fn stored(file: PathBuf, size: (u32, u32)) -> StoredDepth {
-        StoredDepth {
-            file,
-            encoding: DepthEncoding::Units(0.001),
-            size,
-            undistortion: None,
-        }
-    }
+    const MILLIMETRES: DepthEncoding = DepthEncoding::Units(0.001);
 
     #[test]
     fn units_invalid_marks_and_small_maps() {
@@ -285,17 +288,17 @@ mod tests {
         let png = folder.path().join("d.png");
         let map = FloatMap::from_vec(2, 2, vec![0.0, 1500.0, 65535.0, 65534.0]).unwrap();
         depth_png::write(&png, &map).unwrap();
-        let depth = stored(png.clone(), (2, 2)).load().unwrap();
+        let depth = MILLIMETRES.read(&png, (2, 2)).unwrap();
         assert_eq!(depth.as_raw(), &[0.0, 1.5, 0.0, 65.534]);
-        let larger = stored(png.clone(), (4, 4)).load().unwrap();
+        let larger = MILLIMETRES.read(&png, (4, 4)).unwrap();
         assert_eq!(larger.get_pixel(3, 1).0[0], 1.5);
-        let error = stored(png, (8, 2)).load().unwrap_err().to_string();
+        let error = MILLIMETRES.read(&png, (8, 2)).unwrap_err().to_string();
         assert!(error.contains("2x2"), "{error}");
 
         let npy = folder.path().join("d.npy");
         let map = FloatMap::from_vec(2, 2, vec![f32::NAN, -1.0, f32::INFINITY, 250.5]).unwrap();
         npy::write(&npy, &map).unwrap();
-        let depth = stored(npy, (2, 2)).load().unwrap();
+        let depth = MILLIMETRES.read(&npy, (2, 2)).unwrap();
         assert_eq!(depth.as_raw(), &[0.0, 0.0, 0.0, 0.2505]);
     }
 

@@ -189,20 +189,19 @@ pub struct SettingChoice {
     pub proxy: bool,
 }
 
-impl SettingChoice {
-    pub(crate) const fn new(value: &'static str, meaning: &'static str) -> Self {
-        Self {
-            value,
-            meaning,
-            proxy: false,
-        }
+pub(crate) const fn choice(value: &'static str, meaning: &'static str) -> SettingChoice {
+    SettingChoice {
+        value,
+        meaning,
+        proxy: false,
     }
+}
 
-    pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Self {
-        Self {
-            proxy: true,
-            ..Self::new(value, meaning)
-        }
+/// A choice that is known to differ from what the paper did.
+pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> SettingChoice {
+    SettingChoice {
+        proxy: true,
+        ..choice(value, meaning)
     }
 }
 
@@ -211,7 +210,7 @@ pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
     "files that `..`, an absolute path or a symbolic link puts outside the folder",
     &[
-        SettingChoice::new("refuse", "are an error"),
-        SettingChoice::new("allow", "are read; only for files you trust"),
+        choice("refuse", "are an error"),
+        choice("allow", "are read; only for files you trust"),
     ],
 );

@@ -40,16 +40,9 @@ pub enum DatasetError {
     },
     /// An invalid request for a dataset.
     #[error("dataset '{text}': {reason}")]
-    Spec {
-        /// What was asked for.
-        text: String,
-        reason: String,
-    },
+    Spec { text: String, reason: String },
     #[error("unknown dataset format '{name}'; known: {}", ENTRIES.map(|entry| entry.format).join(", "))]
-    UnknownFormat {
-        /// What was asked for.
-        name: String,
-    },
+    UnknownFormat { name: String },
 }
 
 impl DatasetError {

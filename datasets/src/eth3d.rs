@@ -7,12 +7,12 @@
 
 use std::path::Path;
 
-use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::depth::{DepthEncoding, ViewDepth};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::Root;
 use crate::format::colmap;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -33,11 +33,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "images",
         "which photographs",
         &[
-            SettingChoice::new(
+            choice(
                 "distorted",
                 "as taken, 6048x4032 as the paper states, undistorted by us at that size",
             ),
-            SettingChoice::proxy(
+            proxy(
                 "undistorted",
                 "as published without distortion: 6198x4129 to 6214x4138, a size a camera",
             ),
@@ -144,9 +144,9 @@ fn read_scene(
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
                 let lens = stored.lens(entry.unwrap_or(image))?;
-                FrameDepth::MapOf(map, DepthEncoding::RawFloats, Resampling::Splat, lens)
+                Some(ViewDepth::MapOf(map, DepthEncoding::RawFloats, lens))
             }
-            _ => FrameDepth::None,
+            _ => None,
         };
         scene.add(PosedFrame {
             id: frame_id(&image.name),

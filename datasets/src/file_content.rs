@@ -1,9 +1,9 @@
 //! The content of views whose pixels lie in files.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use image::{GrayImage, RgbImage};
+use sharp::camera::{Intrinsics, RigidTransform};
 
 use crate::camera_size::check_size;
 use crate::depth::ViewDepth;
@@ -23,7 +23,9 @@ pub(crate) struct FileContent {
     pub(crate) mask: Option<MaskFile>,
     /// From the lens to the pinhole camera of the view.
     pub(crate) undistortion: Option<Undistortion>,
-    pub(crate) depth: Option<Arc<dyn ViewDepth>>,
+    pub(crate) pinhole: Intrinsics,
+    pub(crate) camera_from_world: RigidTransform,
+    pub(crate) depth: Option<ViewDepth>,
     /// The files that the camera was read from.
     pub(crate) cameras: Vec<PathBuf>,
 }
@@ -57,7 +59,7 @@ impl ViewContent for FileContent {
         // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
         // for any amount of memory.
         check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
-        let mut depth = depth.load()?;
+        let mut depth = depth.load(self)?;
         if let Some(mask) = self.valid_pixels()? {
             let excluded = depth.iter_mut().zip(mask.iter());
             let excluded = excluded.filter(|(_, keep)| **keep == 0);
@@ -72,7 +74,7 @@ impl ViewContent for FileContent {
 
     fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
         let mask = self.mask.iter().map(|mask| mask.file.clone());
-        let depth = self.depth.iter().flat_map(|depth| depth.files());
+        let depth = self.depth.iter().map(|depth| depth.file().to_owned());
         let mut files = vec![(FileRole::Picture, self.image.clone())];
         files.extend(
             self.cameras

@@ -194,15 +194,21 @@ pub fn read_text(path: &Path) -> Result<String, DatasetError> {
 }
 
 /// Reads a file whole and parses it.
-pub(crate) fn parse<T>(
+///
+/// # Errors
+/// As [`read`]; [`DatasetError::Format`].
+pub fn parse<T>(
     path: &Path,
     parse: impl FnOnce(&[u8]) -> Result<T, FormatError>,
 ) -> Result<T, DatasetError> {
     parse(&read(path)?).map_err(|error| DatasetError::format(path, error))
 }
 
-/// Reads a text file and parses it.
-pub(crate) fn parse_text<T>(
+/// As [`parse`], from text.
+///
+/// # Errors
+/// As [`read_text`]; [`DatasetError::Format`].
+pub fn parse_text<T>(
     path: &Path,
     parse: impl FnOnce(&str) -> Result<T, FormatError>,
 ) -> Result<T, DatasetError> {
@@ -227,17 +233,21 @@ pub fn open(path: &Path) -> Result<File, DatasetError> {
 /// # Errors
 /// As [`read`].
 pub fn sha256(path: &Path) -> Result<String, DatasetError> {
-    let mut file = open(path)?;
+    sha256_of_reader(open(path)?).map_err(|e| DatasetError::io(path, e))
+}
+
+/// sha256 of all that is read, 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// The reader's.
+pub fn sha256_of_reader(mut reader: impl Read) -> std::io::Result<String> {
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
     loop {
-        let n = file
-            .read(&mut buffer)
-            .map_err(|e| DatasetError::io(path, e))?;
-        if n == 0 {
-            return Ok(hexadecimal(&hasher.finalize()));
+        match reader.read(&mut buffer)? {
+            0 => return Ok(hexadecimal(&hasher.finalize())),
+            n => hasher.update(&buffer[..n]),
         }
-        hasher.update(&buffer[..n]);
     }
 }
 

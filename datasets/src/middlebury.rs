@@ -11,8 +11,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
-use crate::files::Root;
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
+use crate::files::{self, Root};
 use crate::format::{calib, picture};
 use crate::left_out::LeftOut;
 use crate::required_files::{PhotographPath, RequiredFile};
@@ -39,26 +39,26 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "scenes",
             "which scenes, by the folder's name without -perfect or -imperfect",
             &[
-                SettingChoice::new("found", "every scene folder found"),
-                SettingChoice::new("training15", "the 15 of MiddEval3's training set"),
+                choice("found", "every scene folder found"),
+                choice("training15", "the 15 of MiddEval3's training set"),
             ],
         ),
         Setting::choice(
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
             &[
-                SettingChoice::new("any", "every scene folder found"),
-                SettingChoice::new("perfect", "only <Scene>-perfect"),
-                SettingChoice::new("imperfect", "only <Scene>-imperfect"),
+                choice("any", "every scene folder found"),
+                choice("perfect", "only <Scene>-perfect"),
+                choice("imperfect", "only <Scene>-imperfect"),
             ],
         ),
         Setting::choice(
             "right",
             "which right picture is the target",
             &[
-                SettingChoice::new("im1", "the default exposure and lighting"),
-                SettingChoice::proxy("im1E", "another exposure, where there is one"),
-                SettingChoice::proxy("im1L", "another lighting, where there is one"),
+                choice("im1", "the default exposure and lighting"),
+                proxy("im1E", "another exposure, where there is one"),
+                proxy("im1L", "another lighting, where there is one"),
             ],
         ),
     ],
@@ -136,7 +136,7 @@ fn read_scene(
     right: &str,
 ) -> Result<Scene, DatasetError> {
     let calibration = root.resolve(folder, "calib.txt")?;
-    let rig = calib::read(&calibration)?;
+    let rig = files::parse_text(&calibration, calib::parse)?;
     let geometry = StereoGeometry {
         focal: rig.focal,
         baseline_m: rig.baseline_m,

@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, OUTSIDE, Setting, SettingChoice};
-use crate::files::Root;
+use crate::depth::{DepthEncoding, ViewDepth};
+use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
+use crate::files::{self, Root};
 use crate::format::picture;
 use crate::format::transforms::{self, JsonFrame};
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -39,16 +39,16 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "intrinsics",
             "whose count where a frame and the file state different ones",
             &[
-                SettingChoice::new("frame", "the frame's own"),
-                SettingChoice::new("file", "the file's, as in nerfstudio"),
+                choice("frame", "the frame's own"),
+                choice("file", "the file's, as in nerfstudio"),
             ],
         ),
         Setting::choice(
             "masks",
             "what becomes of pixels that a mask excludes",
             &[
-                SettingChoice::new("ignore", "masks are not read"),
-                SettingChoice::new(
+                choice("ignore", "masks are not read"),
+                choice(
                     "apply",
                     "the picture is black and the depth invalid there, and scores leave them out",
                 ),
@@ -128,7 +128,7 @@ fn read_scene(
     (scale, depth_unit): (f64, f64),
 ) -> Result<Scene, DatasetError> {
     root.check(json)?;
-    let mut file = transforms::read(json)?;
+    let mut file = files::parse_text(json, transforms::parse)?;
     let by_file = spec.setting("intrinsics") == "file";
     if by_file {
         file.frames.iter_mut().for_each(JsonFrame::prefer_file);
@@ -202,12 +202,11 @@ impl FrameReader<'_> {
             None => Err(in_frame(format!("its {what} '{name}' does not exist"))),
         };
         let depth = match &frame.depth_file_path {
-            Some(name) => FrameDepth::Map(
-                named(name, "depth map")?,
-                DepthEncoding::Units(self.depth_unit),
-                Resampling::Nearest,
-            ),
-            None => FrameDepth::None,
+            Some(name) => {
+                let unit = DepthEncoding::Units(self.depth_unit);
+                Some(ViewDepth::Map(named(name, "depth map")?, unit))
+            }
+            None => None,
         };
         let mask = match &frame.mask_path {
             Some(name) if self.masks => Some(MaskFile {

@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use crate::depth::{ViewDepth, valid_depth, z_buffer};
+use crate::depth::{valid_depth, z_buffer};
 use crate::format::ply_points::{self, Geometry};
-use crate::{DatasetError, DepthMap};
+use crate::{DatasetError, DepthMap, files};
 
 /// Nothing closer to the camera is drawn, metres (the near plane of ScanNet++'s toolbox).
 const NEAR_M: f64 = 0.05;
@@ -32,7 +32,7 @@ impl ScanCache {
             Some(held) if held.file == file => Ok(Arc::clone(&held.geometry)),
             _ => {
                 *slot = None;
-                let geometry = Arc::new(ply_points::read(file)?);
+                let geometry = Arc::new(files::parse(file, ply_points::parse)?);
                 *slot = Some(CachedScan {
                     file: file.to_owned(),
                     geometry: Arc::clone(&geometry),
@@ -52,67 +52,38 @@ pub(crate) struct ScanFile {
     pub(crate) splat_radius: u32,
 }
 
-/// A scan as one view sees it.
-#[derive(Debug)]
-pub(crate) struct ScanDepth {
-    pub(crate) scan: ScanFile,
-    pub(crate) pinhole: Intrinsics,
-    pub(crate) camera_from_world: RigidTransform,
-}
-
-impl ViewDepth for ScanDepth {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let geometry = self.scan.cache.get(&self.scan.file)?;
-        let camera = |p: &glam::Vec3| self.camera_from_world.apply(p.as_dvec3());
+impl ScanFile {
+    /// The scan's depth as a view sees it.
+    pub(crate) fn seen_by(
+        &self,
+        pinhole: &Intrinsics,
+        camera_from_world: &RigidTransform,
+    ) -> Result<DepthMap, DatasetError> {
+        let geometry = self.cache.get(&self.file)?;
+        let points = geometry.points.iter().map(|p| p.as_dvec3());
         if geometry.triangles.is_empty() {
-            let places = geometry
-                .points
-                .iter()
-                .filter_map(|p| place(&self.pinhole, camera(p)));
-            return Ok(z_buffer(
-                size(&self.pinhole),
-                self.scan.splat_radius,
-                places,
-            ));
+            let radius = self.splat_radius;
+            return Ok(points_seen_by(pinhole, camera_from_world, points, radius));
         }
-        let mut depth = DepthMap::new(self.pinhole.width, self.pinhole.height);
+        let mut depth = DepthMap::new(pinhole.width, pinhole.height);
         for triangle in &geometry.triangles {
-            let corners = triangle.map(|i| camera(&geometry.points[i as usize]));
-            draw(&self.pinhole, corners, &mut depth);
+            let corner = |i: u32| geometry.points[i as usize].as_dvec3();
+            let corners = triangle.map(|i| camera_from_world.apply(corner(i)));
+            draw(pinhole, corners, &mut depth);
         }
         Ok(depth)
     }
-
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.scan.file.clone()]
-    }
 }
 
-/// Triangulated points that one view is known to see.
-#[derive(Debug)]
-pub(crate) struct PointDepth {
-    pub(crate) file: PathBuf,
-    pub(crate) points: Vec<DVec3>,
-    pub(crate) pinhole: Intrinsics,
-    pub(crate) camera_from_world: RigidTransform,
-}
-
-impl ViewDepth for PointDepth {
-    fn load(&self) -> Result<DepthMap, DatasetError> {
-        let places = self
-            .points
-            .iter()
-            .filter_map(|p| place(&self.pinhole, self.camera_from_world.apply(*p)));
-        Ok(z_buffer(size(&self.pinhole), 0, places))
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        vec![self.file.clone()]
-    }
-}
-
-fn size(pinhole: &Intrinsics) -> (u32, u32) {
-    (pinhole.width, pinhole.height)
+/// Depth of points in world coordinates, each marking the pixels within `radius`.
+pub(crate) fn points_seen_by(
+    pinhole: &Intrinsics,
+    camera_from_world: &RigidTransform,
+    points: impl Iterator<Item = DVec3>,
+    radius: u32,
+) -> DepthMap {
+    let places = points.filter_map(|p| place(pinhole, camera_from_world.apply(p)));
+    z_buffer((pinhole.width, pinhole.height), radius, places)
 }
 
 fn place(pinhole: &Intrinsics, point: DVec3) -> Option<(DVec2, f64)> {

@@ -8,8 +8,8 @@
 use std::path::PathBuf;
 
 use crate::colmap::PointTracks;
-use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::depth::{DepthEncoding, ViewDepth};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::transforms::{self, JsonFrame, Transforms, undo_colmap_axes};
 use crate::format::{colmap, picture};
@@ -18,7 +18,7 @@ use crate::lens::Lens;
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -41,32 +41,32 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "split",
             "a list in splits/, or every scene",
             &[
-                SettingChoice::new(
+                choice(
                     "nvs_test",
                     "the one the paper names: it has neither mesh nor test pictures, so that \
                      frames=train and depth=points are what is left of it",
                 ),
-                SettingChoice::proxy("nvs_sem_val", "has meshes and test pictures"),
-                SettingChoice::proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                SettingChoice::proxy("all", "every scene that is there"),
+                proxy("nvs_sem_val", "has meshes and test pictures"),
+                proxy("nvs_test_small", "twelve scenes of nvs_test"),
+                proxy("all", "every scene that is there"),
             ],
         ),
         Setting::choice(
             "frames",
             "which pictures of a scene",
             &[
-                SettingChoice::new("train", "'frames': all that is there of nvs_test"),
-                SettingChoice::new("test", "'test_frames'"),
-                SettingChoice::new("all", "both"),
+                choice("train", "'frames': all that is there of nvs_test"),
+                choice("test", "'test_frames'"),
+                choice("all", "both"),
             ],
         ),
         Setting::choice(
             "images",
             "which photographs",
             &[
-                SettingChoice::new("auto", "undistorted if they are there, else fisheye"),
-                SettingChoice::new("undistorted", "as the toolbox undistorts them"),
-                SettingChoice::new(
+                choice("auto", "undistorted if they are there, else fisheye"),
+                choice("undistorted", "as the toolbox undistorts them"),
+                choice(
                     "fisheye",
                     "as taken, undistorted by us to the toolbox's camera",
                 ),
@@ -76,33 +76,30 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "depth",
             "where depth comes from",
             &[
-                SettingChoice::new(
+                choice(
                     "auto",
                     "rendered if it is there, else the mesh if it is there",
                 ),
-                SettingChoice::new("rendered", "the toolbox's dslr/render_depth, millimetres"),
-                SettingChoice::new("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
-                SettingChoice::proxy("points", "COLMAP's points that each picture sees: sparse"),
-                SettingChoice::new("none", "nowhere"),
+                choice("rendered", "the toolbox's dslr/render_depth, millimetres"),
+                choice("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
+                proxy("points", "COLMAP's points that each picture sees: sparse"),
+                choice("none", "nowhere"),
             ],
         ),
         Setting::choice(
             "bad",
             "pictures whose pose ScanNet++ calls bad",
-            &[
-                SettingChoice::new("drop", "are left out"),
-                SettingChoice::proxy("keep", "are used"),
-            ],
+            &[choice("drop", "are left out"), proxy("keep", "are used")],
         ),
         Setting::choice(
             "masks",
             "what becomes of anonymised pixels",
             &[
-                SettingChoice::new(
+                choice(
                     "apply",
                     "black, without depth, left out of scores by ScanNet++'s own rule",
                 ),
-                SettingChoice::new("ignore", "as stored"),
+                choice("ignore", "as stored"),
             ],
         ),
     ],
@@ -246,15 +243,15 @@ impl ScanNetPpReader<'_> {
                 None
             };
             let depth = match &depth_from {
-                DepthFrom::None => FrameDepth::None,
-                DepthFrom::Mesh(scan) => FrameDepth::Scan(scan.clone()),
+                DepthFrom::None => None,
+                DepthFrom::Mesh(scan) => Some(ViewDepth::Scan(scan.clone())),
                 DepthFrom::Points(tracks, ids) => {
                     let image = ids.iter().find(|(name, _)| *name == id);
-                    image.map_or(FrameDepth::None, |(_, image)| tracks.depth_of(*image))
+                    image.map(|(_, image)| tracks.depth_of(*image))
                 }
                 DepthFrom::Rendered(folder) => match scene.finder.find(folder, &png, &["png"])? {
-                    Some(map) => rendered_depth(map, &photos, &id, lens)?,
-                    None => FrameDepth::None,
+                    Some(map) => Some(rendered_depth(map, &photos, &id, lens)?),
+                    None => None,
                 },
             };
             scene.add(PosedFrame {
@@ -305,11 +302,11 @@ impl ScanNetPpReader<'_> {
         if use_undistorted {
             let fisheye = fisheye_json
                 .is_file()
-                .then(|| transforms::read(&fisheye_json));
+                .then(|| files::parse_text(&fisheye_json, transforms::parse));
             let folder = undistorted.file_name().unwrap_or_default();
             Ok(DslrPhotographs {
                 published: Some(format!("dslr/{}", folder.display())),
-                file: transforms::read(&pinhole_json)?,
+                file: files::parse_text(&pinhole_json, transforms::parse)?,
                 json: pinhole_json,
                 images: undistorted,
                 masks: first(["resized_undistorted_masks", "undistorted_anon_masks"])?,
@@ -317,7 +314,7 @@ impl ScanNetPpReader<'_> {
             })
         } else {
             Ok(DslrPhotographs {
-                file: transforms::read(&fisheye_json)?,
+                file: files::parse_text(&fisheye_json, transforms::parse)?,
                 json: fisheye_json,
                 images: inside("resized_images")?,
                 masks: inside("resized_anon_masks")?,
@@ -358,10 +355,10 @@ fn rendered_depth(
     photos: &DslrPhotographs,
     id: &str,
     lens: Lens,
-) -> Result<FrameDepth, DatasetError> {
+) -> Result<ViewDepth, DatasetError> {
     let millimetres = DepthEncoding::Units(0.001);
     if !lens.is_pinhole() {
-        return Ok(FrameDepth::Map(map, millimetres, Resampling::Nearest));
+        return Ok(ViewDepth::Map(map, millimetres));
     }
     let lacks = |what: &str| {
         DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
@@ -376,12 +373,7 @@ fn rendered_depth(
     let size = size.ok_or_else(|| lacks("the pictures' size"))?;
     let fisheye = frame.lens(size);
     let fisheye = fisheye.map_err(|error| DatasetError::format(&map, error))?;
-    Ok(FrameDepth::MapOf(
-        map,
-        millimetres,
-        Resampling::Nearest,
-        fisheye,
-    ))
+    Ok(ViewDepth::MapOf(map, millimetres, fisheye))
 }
 
 enum DepthFrom {

@@ -3,18 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CameraSizes;
-use crate::depth::{DepthEncoding, Resampling, StoredDepth, ViewDepth};
+use crate::depth::ViewDepth;
 use crate::file_content::FileContent;
 use crate::file_finder::FileFinder;
 use crate::files::Root;
 use crate::left_out::LeftOut;
 use crate::lens::Lens;
 use crate::mask::MaskFile;
-use crate::scan_depth::{PointDepth, ScanDepth, ScanFile};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, natural_order, processing};
 
@@ -135,23 +133,9 @@ pub(crate) struct PosedFrame {
     pub(crate) pinhole: Pinhole,
     pub(crate) camera_from_world: RigidTransform,
     pub(crate) mask: Option<MaskFile>,
-    pub(crate) depth: FrameDepth,
+    pub(crate) depth: Option<ViewDepth>,
     /// The files that lens and pose are from.
     pub(crate) cameras: Vec<PathBuf>,
-}
-
-/// Where a frame's depth comes from.
-#[derive(Debug)]
-pub(crate) enum FrameDepth {
-    None,
-    /// A map in the geometry of the stored picture.
-    Map(PathBuf, DepthEncoding, Resampling),
-    /// A map in the geometry of another camera than the stored picture's.
-    MapOf(PathBuf, DepthEncoding, Resampling, Lens),
-    /// A laser scan or mesh in world coordinates.
-    Scan(ScanFile),
-    /// Points in world coordinates that this view sees, and the file they are from.
-    Points(PathBuf, Vec<DVec3>),
 }
 
 impl PosedFrame {
@@ -167,48 +151,19 @@ impl PosedFrame {
         };
         let stored = self.lens.intrinsics();
         let pinhole = undistortion.map_or(stored, |u| *u.pinhole());
-        let size = (stored.width, stored.height);
         let camera_from_world = self.camera_from_world;
-        let depth: Option<Arc<dyn ViewDepth>> = match self.depth {
-            FrameDepth::None => None,
-            FrameDepth::Map(file, encoding, resampling) => Some(Arc::new(StoredDepth {
-                file,
-                encoding,
-                size,
-                undistortion: undistortion.map(|u| (u, resampling)),
-            })),
-            FrameDepth::MapOf(file, encoding, resampling, lens) => {
-                let k = lens.intrinsics();
-                let undistortion = Undistortion::new(lens, pinhole);
-                Some(Arc::new(StoredDepth {
-                    file,
-                    encoding,
-                    size: (k.width, k.height),
-                    undistortion: Some((undistortion, resampling)),
-                }))
-            }
-            FrameDepth::Scan(scan) => Some(Arc::new(ScanDepth {
-                scan,
-                pinhole,
-                camera_from_world,
-            })),
-            FrameDepth::Points(file, points) => Some(Arc::new(PointDepth {
-                file,
-                points,
-                pinhole,
-                camera_from_world,
-            })),
-        };
         Ok(View {
             id: self.id,
             intrinsics: pinhole,
             camera_from_world,
             content: Arc::new(FileContent {
                 image: self.image,
-                size,
+                size: (stored.width, stored.height),
                 mask: self.mask,
                 undistortion,
-                depth,
+                pinhole,
+                camera_from_world,
+                depth: self.depth,
                 cameras: self.cameras,
             }),
         })

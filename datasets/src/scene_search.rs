@@ -12,7 +12,6 @@ const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
 const LINK_NOWHERE: &str = "a symbolic link leads nowhere";
 const UNREADABLE: &str = "the system does not let it be listed";
 
-/// What a search found.
 #[derive(Debug)]
 pub(crate) struct FoundFolders {
     /// The scenes' folders, in natural order.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use sharp::camera::{CameraError, Intrinsics, RigidTransform};
 
-use crate::depth::{Disparity, StereoGeometry, ViewDepth};
+use crate::depth::{StereoGeometry, ViewDepth};
 use crate::file_content::FileContent;
 use crate::{DatasetError, Pairing, Scene, View};
 
@@ -29,24 +29,21 @@ pub(crate) struct Side {
 impl Side {
     fn into_view(self, x_m: f64, calibration: &Path) -> Result<View, CameraError> {
         let (size, geometry) = (self.size, self.geometry);
-        let depth = self.disparity.map(|(file, unit)| {
-            Arc::new(Disparity {
-                file,
-                geometry,
-                size,
-                unit,
-            }) as Arc<dyn ViewDepth>
-        });
+        let disparity = |(file, unit)| ViewDepth::Disparity(file, geometry, unit);
+        let pinhole = Intrinsics::new(self.focal, self.center, size)?;
+        let camera_from_world = RigidTransform::new(DMat3::IDENTITY, DVec3::X * -x_m)?;
         Ok(View {
             id: self.id,
-            intrinsics: Intrinsics::new(self.focal, self.center, size)?,
-            camera_from_world: RigidTransform::new(DMat3::IDENTITY, DVec3::X * -x_m)?,
+            intrinsics: pinhole,
+            camera_from_world,
             content: Arc::new(FileContent {
                 image: self.image,
                 size,
                 mask: None,
                 undistortion: None,
-                depth,
+                pinhole,
+                camera_from_world,
+                depth: self.disparity.map(disparity),
                 cameras: vec![calibration.to_owned()],
             }),
         })

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use glam::{DVec2, DVec3};
-use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+use image::{GrayImage, ImageBuffer, Luma, Pixel, Rgb, RgbImage};
 use rayon::prelude::*;
 use sharp::camera::Intrinsics;
 
@@ -118,34 +118,27 @@ impl Undistortion {
     /// Resamples a photograph bilinearly; beyond its border it is mirrored about the outermost
     /// pixels (OpenCV's `BORDER_REFLECT_101`). Pixels the lens does not see are black.
     pub fn image(&self, stored: &RgbImage) -> RgbImage {
-        let mut image = RgbImage::new(self.pinhole.width, self.pinhole.height);
         let size = (i64::from(stored.width()), i64::from(stored.height()));
-        image
-            .par_chunks_exact_mut(self.pinhole.width as usize * 3)
-            .zip(0..self.pinhole.height)
-            .for_each(|(row, y)| {
-                for (pixel, x) in row.chunks_exact_mut(3).zip(0..) {
-                    let Some(place) = self.stored_place(x, y) else {
-                        continue;
-                    };
-                    let floor = (place - 0.5).floor();
-                    let blend = place - 0.5 - floor;
-                    let xs = [0, 1].map(|i| mirror(floor.x as i64 + i, size.0));
-                    let ys = [0, 1].map(|i| mirror(floor.y as i64 + i, size.1));
-                    let at = |i: usize, j: usize| stored.get_pixel(xs[i], ys[j]).0;
-                    let corners = [
-                        (at(0, 0), (1.0 - blend.x) * (1.0 - blend.y)),
-                        (at(1, 0), blend.x * (1.0 - blend.y)),
-                        (at(0, 1), (1.0 - blend.x) * blend.y),
-                        (at(1, 1), blend.x * blend.y),
-                    ];
-                    for (c, value) in pixel.iter_mut().enumerate() {
-                        let sum: f64 = corners.iter().map(|(p, w)| f64::from(p[c]) * w).sum();
-                        *value = (sum + 0.5) as u8;
-                    }
-                }
-            });
-        image
+        self.gathered(|place| {
+            let Some(place) = place else {
+                return Rgb([0; 3]);
+            };
+            let floor = (place - 0.5).floor();
+            let blend = place - 0.5 - floor;
+            let xs = [0, 1].map(|i| mirror(floor.x as i64 + i, size.0));
+            let ys = [0, 1].map(|i| mirror(floor.y as i64 + i, size.1));
+            let at = |i: usize, j: usize| stored.get_pixel(xs[i], ys[j]).0;
+            let corners = [
+                (at(0, 0), (1.0 - blend.x) * (1.0 - blend.y)),
+                (at(1, 0), blend.x * (1.0 - blend.y)),
+                (at(0, 1), (1.0 - blend.x) * blend.y),
+                (at(1, 1), blend.x * blend.y),
+            ];
+            Rgb([0, 1, 2].map(|c| {
+                let sum: f64 = corners.iter().map(|(p, w)| f64::from(p[c]) * w).sum();
+                (sum + 0.5) as u8
+            }))
+        })
     }
 
     /// Resamples a dense depth map to the nearest stored value; never blends depths. z-depth does
@@ -155,9 +148,8 @@ impl Undistortion {
         let inside =
             |p: &DVec2| p.x >= 0.0 && p.y >= 0.0 && p.x < f64::from(w) && p.y < f64::from(h);
         self.gathered(|place| {
-            place
-                .filter(inside)
-                .map_or(0.0, |p| stored.get_pixel(p.x as u32, p.y as u32).0[0])
+            let place = place.filter(inside);
+            place.map_or(Luma([0.0]), |p| *stored.get_pixel(p.x as u32, p.y as u32))
         })
     }
 
@@ -172,7 +164,7 @@ impl Undistortion {
         };
         self.gathered(|place| {
             let Some(place) = place else {
-                return 0;
+                return Luma([0]);
             };
             let floor = (place - 0.5).floor();
             let blend = place - 0.5 - floor;
@@ -180,11 +172,8 @@ impl Undistortion {
             let above = lack(x, y) * (1.0 - blend.x) + lack(x + 1, y) * blend.x;
             let below = lack(x, y + 1) * (1.0 - blend.x) + lack(x + 1, y + 1) * blend.x;
             // Values are rounded to whole levels, half a level to the even 254.
-            if above * (1.0 - blend.y) + below * blend.y < 0.5 {
-                255
-            } else {
-                0
-            }
+            let whole = above * (1.0 - blend.y) + below * blend.y < 0.5;
+            Luma([if whole { 255 } else { 0 }])
         })
     }
 
@@ -222,22 +211,26 @@ impl Undistortion {
         DepthMap::from_vec(width, height, depths.collect()).unwrap_or_default()
     }
 
-    /// One value a pixel, made of its place in the stored picture.
-    fn gathered<T>(&self, value: impl Fn(Option<DVec2>) -> T + Sync) -> ImageBuffer<Luma<T>, Vec<T>>
+    /// A picture whose pixels are made of their places in the stored one.
+    fn gathered<P>(
+        &self,
+        pixel: impl Fn(Option<DVec2>) -> P + Sync,
+    ) -> ImageBuffer<P, Vec<P::Subpixel>>
     where
-        T: image::Primitive + Send,
-        Luma<T>: image::Pixel<Subpixel = T>,
+        P: Pixel,
+        P::Subpixel: Send,
     {
-        let mut values = ImageBuffer::new(self.pinhole.width, self.pinhole.height);
-        values
-            .par_chunks_exact_mut(self.pinhole.width as usize)
+        let channels = usize::from(P::CHANNEL_COUNT);
+        let mut picture = ImageBuffer::new(self.pinhole.width, self.pinhole.height);
+        picture
+            .par_chunks_exact_mut(self.pinhole.width as usize * channels)
             .zip(0..self.pinhole.height)
             .for_each(|(row, y)| {
-                for (into, x) in row.iter_mut().zip(0..) {
-                    *into = value(self.stored_place(x, y));
+                for (into, x) in row.chunks_exact_mut(channels).zip(0..) {
+                    into.copy_from_slice(pixel(self.stored_place(x, y)).channels());
                 }
             });
-        values
+        picture
     }
 
     /// Where the centre of a pinhole pixel lies in the stored picture (pixels, corner convention);

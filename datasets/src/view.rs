@@ -62,14 +62,12 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     fn image_sha256(&self) -> Result<String, DatasetError>;
 }
 
-/// One posed photograph.
 #[derive(Debug, Clone)]
 pub struct View {
     /// Unique within the scene; the file's stem or the dataset's frame name.
     pub id: String,
     /// Pinhole intrinsics of [`ViewContent::image`].
     pub intrinsics: Intrinsics,
-    /// Extrinsics, metres.
     pub camera_from_world: RigidTransform,
     pub content: Arc<dyn ViewContent>,
 }

@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::depth::{DepthEncoding, Resampling};
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::depth::{DepthEncoding, ViewDepth};
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
 use crate::left_out::LeftOut;
 use crate::lens::{Distortion, Lens};
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
@@ -38,13 +38,13 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         "split",
         "which scenes and frames of the nvs list",
         &[
-            SettingChoice::new("val-scenes", "all frames of the scenes in 'val'"),
-            SettingChoice::new(
+            choice("val-scenes", "all frames of the scenes in 'val'"),
+            choice(
                 "val-frames",
                 "the frames in 'val' of a nvs_list.json inside each scene's own folder",
             ),
-            SettingChoice::proxy("train-scenes", "all frames of the scenes in 'train'"),
-            SettingChoice::proxy("all-scenes", "every scene folder, without a list"),
+            proxy("train-scenes", "all frames of the scenes in 'train'"),
+            proxy("all-scenes", "every scene folder, without a list"),
         ],
     )],
     open,
@@ -123,7 +123,7 @@ fn listed_scenes(
 /// A list of names in a JSON object; numbers count as names.
 fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let list = lenient_json::read(file)?;
+    let list = files::parse_text(file, lenient_json::parse)?;
     let names = list
         .get(key)
         .and_then(Value::as_array)
@@ -161,7 +161,7 @@ fn read_scene(
     let metadata = root.resolve(folder, "metadata")?;
     let lens = read_lens(&metadata)?;
     let poses_file = root.resolve(folder, "cam_poses.txt")?;
-    let poses = trajectory::read_rows(&poses_file)?;
+    let poses = files::parse_text(&poses_file, trajectory::parse_rows)?;
     let wanted: Option<Vec<i64>> = if by_frame {
         let frames = names_in(&root.resolve(folder, LIST)?, "val")?;
         Some(frames.iter().filter_map(|name| number_of(name)).collect())
@@ -193,9 +193,7 @@ fn read_scene(
         let Some((image, world_from_camera)) = scene.usable(&id, picture, world_from_camera) else {
             continue;
         };
-        let depth = find(&maps, pose.frame).map_or(FrameDepth::None, |map| {
-            FrameDepth::Map(map, DepthEncoding::Units(0.001), Resampling::Nearest)
-        });
+        let map = find(&maps, pose.frame);
         scene.add(PosedFrame {
             id,
             image,
@@ -203,7 +201,7 @@ fn read_scene(
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: world_from_camera.inverse(),
             mask: None,
-            depth,
+            depth: map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(0.001))),
             cameras: vec![metadata.clone(), poses_file.clone()],
         })?;
     }
@@ -223,7 +221,7 @@ fn number_of(name: &str) -> Option<i64> {
 
 fn read_lens(file: &Path) -> Result<Lens, DatasetError> {
     let malformed = |reason: String| DatasetError::malformed(file, reason);
-    let metadata = lenient_json::read(file)?;
+    let metadata = files::parse_text(file, lenient_json::parse)?;
     let side = |key: &str| {
         metadata
             .get(key)

@@ -1,6 +1,6 @@
 //! Whole frames of the speed scene, in CPU-seconds of the process (all threads together), which a
 //! busy machine distorts less than wall time; a software adapter's threads belong to the process.
-//! With the feature `gpu` on every adapter too, with the time of each pass by the device's clock.
+//! With the feature `gpu` on every adapter too.
 //!
 //! `cargo bench -p sharp --features gpu --bench render`
 
@@ -86,14 +86,6 @@ fn gpu_frames(criterion: &mut Criterion<CpuTime>) {
             if let Ok(mut loaded) = renderer.load(&scene) {
                 let id = BenchmarkId::new(adapter.name(), &title);
                 group.bench_function(id, |b| b.iter(|| loaded.render(&view)));
-            }
-            for time in renderer.pass_times() {
-                println!(
-                    "{title}: {} {:.1} ms in {} dispatches",
-                    time.pass,
-                    time.seconds * 1e3,
-                    time.dispatches
-                );
             }
         }
     }

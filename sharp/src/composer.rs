@@ -8,35 +8,12 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
 use crate::initializer::BaseGaussians;
 
-/// How strongly deltas act and how far they may reach. The default is the release.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ComposerConfig {
-    pub xy_factor: f32,
-    pub inverse_depth_factor: f32,
-    pub color_factor: f32,
-    pub opacity_factor: f32,
-    pub scale_factor: f32,
-    pub quaternion_factor: f32,
-    /// Smallest multiple of the base scale, below 1.
-    pub min_scale: f64,
-    /// Largest multiple of the base scale, above 1.
-    pub max_scale: f64,
-}
-
-impl Default for ComposerConfig {
-    fn default() -> Self {
-        Self {
-            xy_factor: 1e-3,
-            inverse_depth_factor: 1e-3,
-            color_factor: 0.1,
-            opacity_factor: 1.0,
-            scale_factor: 1.0,
-            quaternion_factor: 1.0,
-            min_scale: 0.0,
-            max_scale: 10.0,
-        }
-    }
-}
+/// How strongly deltas act where it is not 1, as in the release.
+const XY_FACTOR: f32 = 1e-3;
+const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
+const COLOR_FACTOR: f32 = 0.1;
+/// Largest multiple of the base scale; the smallest is 0.
+const MAX_SCALE: f64 = 10.0;
 
 /// Deltas a Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.
 pub const ATTRIBUTES: usize = 14;
@@ -59,11 +36,7 @@ pub struct DeltaLength {
 ///
 /// # Errors
 /// [`DeltaLength`].
-pub fn compose(
-    base: &BaseGaussians,
-    deltas: Option<&[f32]>,
-    config: &ComposerConfig,
-) -> Result<Gaussians, DeltaLength> {
+pub fn compose(base: &BaseGaussians, deltas: Option<&[f32]>) -> Result<Gaussians, DeltaLength> {
     let (blocks, columns) = (base.grid.blocks(), base.grid.columns());
     let per_attribute = base.grid.layers * blocks;
     if let Some(found) = deltas.map(<[f32]>::len)
@@ -74,7 +47,6 @@ pub fn compose(
             found,
         });
     }
-    let scale_map = ScaleMap::new(config.min_scale, config.max_scale);
     let opacity_logit = logit(f64::from(base.opacity));
     let n = per_attribute - base.dropped();
     let mut out = Gaussians {
@@ -91,62 +63,36 @@ pub fn compose(
         }
         let delta = |attribute: usize| deltas.map_or(0.0, |d| d[attribute * per_attribute + k]);
         let (row, column) = (k % blocks / columns, k % columns);
-        let x = base.x[column] + config.xy_factor * delta(0);
-        let y = base.y[row] + config.xy_factor * delta(1);
+        let x = base.x[column] + XY_FACTOR * delta(0);
+        let y = base.y[row] + XY_FACTOR * delta(1);
         let refined = softplus(
-            inverse_softplus(f64::from(inverse))
-                + f64::from(config.inverse_depth_factor * delta(2)),
+            inverse_softplus(f64::from(inverse)) + f64::from(INVERSE_DEPTH_FACTOR * delta(2)),
         ) as f32;
         let z = 1.0 / (refined + 1e-3);
         out.means
             .push([z * x, z * y, z].map(|v| v * base.global_scale));
         let size = base.scales[k] * inverse * z;
-        out.scales.push(
-            [3, 4, 5].map(|a| {
-                size * scale_map.factor(config.scale_factor * delta(a)) * base.global_scale
-            }),
-        );
-        out.quaternions.push([
-            1.0 + config.quaternion_factor * delta(6),
-            config.quaternion_factor * delta(7),
-            config.quaternion_factor * delta(8),
-            config.quaternion_factor * delta(9),
-        ]);
+        out.scales
+            .push([3, 4, 5].map(|a| size * scale_factor(delta(a)) * base.global_scale));
+        out.quaternions
+            .push([1.0 + delta(6), delta(7), delta(8), delta(9)]);
         out.colors.push([0, 1, 2].map(|channel| {
             let start = f64::from(base.colors[channel * blocks + k % blocks].clamp(0.01, 0.99));
-            let step = f64::from(config.color_factor * delta(10 + channel));
+            let step = f64::from(COLOR_FACTOR * delta(10 + channel));
             linear_from_srgb(sigmoid(logit(start) + step) as f32)
         }));
-        let step = f64::from(config.opacity_factor * delta(13));
+        let step = f64::from(delta(13));
         out.opacities.push(sigmoid(opacity_logit + step) as f32);
     }
     Ok(out)
 }
 
-/// The multiple of the base scale as a function of its delta: a logistic curve between minimum
-/// and maximum that has value 1 and slope 1 at 0.
-#[derive(Debug, Clone, Copy)]
-struct ScaleMap {
-    min: f64,
-    max: f64,
-    slope: f64,
-    offset: f64,
-}
-
-impl ScaleMap {
-    fn new(min: f64, max: f64) -> Self {
-        Self {
-            min,
-            max,
-            slope: (max - min) / ((1.0 - min) * (max - 1.0)),
-            offset: logit((1.0 - min) / (max - min)),
-        }
-    }
-
-    fn factor(&self, delta: f32) -> f32 {
-        let share = sigmoid(self.slope * f64::from(delta) + self.offset);
-        ((self.max - self.min) * share + self.min) as f32
-    }
+/// The multiple of the base scale as a function of its delta: a logistic curve between 0 and
+/// [`MAX_SCALE`] that has value 1 and slope 1 at 0.
+fn scale_factor(delta: f32) -> f32 {
+    let slope = MAX_SCALE / (MAX_SCALE - 1.0);
+    let share = sigmoid(slope * f64::from(delta) + logit(1.0 / MAX_SCALE));
+    (MAX_SCALE * share) as f32
 }
 
 fn sigmoid(x: f64) -> f64 {
@@ -187,12 +133,9 @@ mod tests {
     #[test]
     fn zero_deltas_keep_the_base_but_for_the_releases_depth_offset() {
         let base = base([2.0, 8.0], [0.5, 0.25]);
-        let out = compose(&base, None, &ComposerConfig::default()).unwrap();
+        let out = compose(&base, None).unwrap();
         let zeros = vec![0.0; ATTRIBUTES * 2];
-        assert_eq!(
-            out,
-            compose(&base, Some(&zeros), &ComposerConfig::default()).unwrap()
-        );
+        assert_eq!(out, compose(&base, Some(&zeros)).unwrap());
         // Normalised depths are 1 and 4, up to the 1e-6 of the normalisation.
         for (k, depth) in [(0, 1.0_f32), (1, 4.0)] {
             let z = 2.0 / (1.0 / depth + 1e-3);
@@ -207,7 +150,7 @@ mod tests {
 
     #[test]
     fn colours_start_inside_the_clamp() {
-        let out = compose(&base([1.0, 1.0], [0.0, 1.0]), None, &Default::default()).unwrap();
+        let out = compose(&base([1.0, 1.0], [0.0, 1.0]), None).unwrap();
         assert!((out.colors[0][1] - linear_from_srgb(0.01)).abs() < 1e-8);
         assert!((out.colors[1][1] - linear_from_srgb(0.99)).abs() < 1e-6);
     }
@@ -224,11 +167,10 @@ mod tests {
 
     #[test]
     fn scales_stay_between_their_bounds_with_slope_one_at_zero() {
-        let map = ScaleMap::new(0.0, 10.0);
-        assert!((map.factor(0.0) - 1.0).abs() < 1e-7);
-        assert!((map.factor(0.01) - map.factor(-0.01) - 0.02).abs() < 1e-5);
-        assert_eq!(map.factor(-1e4), 0.0);
-        assert_eq!(map.factor(1e4), 10.0);
+        assert!((scale_factor(0.0) - 1.0).abs() < 1e-7);
+        assert!((scale_factor(0.01) - scale_factor(-0.01) - 0.02).abs() < 1e-5);
+        assert_eq!(scale_factor(-1e4), 0.0);
+        assert_eq!(scale_factor(1e4), 10.0);
     }
 
     #[test]
@@ -238,8 +180,8 @@ mod tests {
         for attribute in 0..ATTRIBUTES {
             deltas[attribute * 2 + 1] = 1.0 + attribute as f32;
         }
-        let out = compose(&base, Some(&deltas), &ComposerConfig::default()).unwrap();
-        let plain = compose(&base, None, &ComposerConfig::default()).unwrap();
+        let out = compose(&base, Some(&deltas)).unwrap();
+        let plain = compose(&base, None).unwrap();
         assert_eq!(out.means[0], plain.means[0]);
         let z = out.means[1][2];
         assert!((out.means[1][0] / z - (base.x[1] + 1e-3)).abs() < 1e-6);
@@ -256,7 +198,7 @@ mod tests {
         let base = base([0.0, 3.0], [0.5, 0.25]);
         let mut deltas = vec![0.0; ATTRIBUTES * 2];
         deltas[7 * 2 + 1] = 0.5;
-        let out = compose(&base, Some(&deltas), &ComposerConfig::default()).unwrap();
+        let out = compose(&base, Some(&deltas)).unwrap();
         assert_eq!(out.len(), 1);
         assert_eq!(out.quaternions, [[1.0, 0.5, 0.0, 0.0]]);
         assert!(out.means[0][0] > 0.0);
@@ -264,11 +206,7 @@ mod tests {
 
     #[test]
     fn deltas_of_another_grid_are_an_error() {
-        let found = compose(
-            &base([1.0, 1.0], [0.5, 0.5]),
-            Some(&[0.0; 27]),
-            &Default::default(),
-        );
+        let found = compose(&base([1.0, 1.0], [0.5, 0.5]), Some(&[0.0; 27]));
         assert_eq!(
             found.unwrap_err(),
             DeltaLength {

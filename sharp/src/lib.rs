@@ -17,6 +17,7 @@
 //! * `model` (feature `model`): the network, from photograph to prediction.
 //! * [`unprojection`]: from normalised to metric space, as the release does it.
 //! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.
+//! * [`random`]: the generator behind every seeded choice.
 //! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;
@@ -29,6 +30,7 @@ pub mod initializer;
 #[cfg(feature = "model")]
 pub mod model;
 pub mod ply;
+pub mod random;
 #[cfg(feature = "render")]
 pub mod render;
 pub mod resize;

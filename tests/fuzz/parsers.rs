@@ -209,7 +209,7 @@ fn colmap_binary(bytes: &[u8]) {
 }
 
 fn gaussian_ply(bytes: &[u8]) {
-    let _ = sharp::ply::from_bytes(bytes, sharp::ply::ReadOptions::default());
+    let _ = sharp::ply::from_bytes(bytes);
 }
 
 /// For readers that want a file of a certain name.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use sharp_datasets::format::npy;
+use sharp_datasets::format::read_map;
 
 use crate::own_pictures::own_pictures;
 use crate::support::{read, sharp_bench};
@@ -299,7 +299,7 @@ fn an_export_under_another_reading_is_made_anew() {
     assert_eq!(export("1")["kept"], all);
     let list = std::fs::read_to_string(dir.path().join("p.csv")).unwrap();
     let id = list.lines().nth(1).unwrap().split(',').next().unwrap();
-    let depth = || npy::read(&dir.path().join("e").join(id).join("source_depth.npy")).unwrap();
+    let depth = || read_map(&dir.path().join("e").join(id).join("source_depth.npy")).unwrap();
     let before = depth();
     assert_eq!(export("2")["written"], all);
     for (one, two) in before.iter().zip(depth().iter()) {

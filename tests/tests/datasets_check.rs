@@ -5,12 +5,12 @@
 
 use std::path::Path;
 
-use sharp_datasets::check::{CheckOptions, DatasetReport, check};
+use sharp_datasets::check::{DatasetReport, check};
 use sharp_datasets::{DatasetSpec, bundled, files};
 
 fn report(format: &str, folder: &Path) -> DatasetReport {
     let spec = DatasetSpec::parse(&format!("{format}={}", folder.display())).unwrap();
-    check(&spec, &CheckOptions::default(), &|_, _| {}).unwrap()
+    check(&spec, 10, &|_, _| {}).unwrap()
 }
 
 #[test]

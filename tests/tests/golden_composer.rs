@@ -6,10 +6,10 @@
 use std::path::{Path, PathBuf};
 
 use safetensors::SafeTensors;
-use sharp::composer::{ComposerConfig, compose};
+use sharp::composer::compose;
 use sharp::gaussians::Gaussians;
 use sharp::initializer::{BaseGaussians, Grid, InvalidDepth, NormalizedDepth};
-use sharp::ply::{GaussianScene, PlyForm, ReadOptions};
+use sharp::ply::{GaussianScene, PlyForm};
 use sharp::resize::bilinear_align_corners;
 use sharp::unprojection::{covariance, release_intrinsics, unproject};
 
@@ -103,12 +103,7 @@ fn depth(golden: &Golden) -> Vec<f32> {
 fn predicted(golden: &Golden) -> Gaussians {
     let (image, depth) = (resized_image(), depth(golden));
     let base = BaseGaussians::new(&image, &depth, TINY, InvalidDepth::Refuse).unwrap();
-    compose(
-        &base,
-        Some(&golden.whole("deltas")),
-        &ComposerConfig::default(),
-    )
-    .unwrap()
+    compose(&base, Some(&golden.whole("deltas"))).unwrap()
 }
 
 fn covariance6(g: &Gaussians) -> Vec<f32> {
@@ -176,7 +171,7 @@ fn unprojection_matches_the_recording() {
 fn reader_takes_the_official_file() {
     let golden = Golden::load();
     let path = golden_dir().join("tiny_golden.ply");
-    let scene = sharp::ply::load(&path, ReadOptions::default()).unwrap();
+    let scene = sharp::ply::load(&path).unwrap();
     golden.check("world.mean_vectors", scene.gaussians.means.as_flattened());
     golden.check("ndc.colors", scene.gaussians.colors.as_flattened());
     golden.check("ndc.opacities", &scene.gaussians.opacities);
@@ -195,7 +190,7 @@ fn reader_takes_the_official_file() {
 fn writer_repeats_the_official_file() {
     let path = golden_dir().join("tiny_golden.ply");
     let official = std::fs::read(&path).unwrap();
-    let scene = sharp::ply::load(&path, ReadOptions::default()).unwrap();
+    let scene = sharp::ply::load(&path).unwrap();
     let ours = sharp::ply::to_bytes(&scene, PlyForm::Release);
     assert_eq!(ours.len(), official.len());
     let header = header_length(&official);

@@ -13,7 +13,7 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp::model::recording::{Recording, RecordingComparison, compare};
 use sharp::model::synth::Synth;
-use sharp::model::{Engine, ModelConfig, Precision, Predictor};
+use sharp::model::{Algorithm, Engine, ModelConfig, Predictor};
 
 /// A network, what computes it, and what it is compared with.
 struct Case {
@@ -34,7 +34,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "tiny",
         config: || from_file("tiny"),
-        engine: || Engine::cpu(Precision::Exact),
+        engine: || Engine::cpu(Algorithm::Direct),
         recording: "golden_tiny.safetensors",
         images: MAIN,
         tolerance: 5e-6,
@@ -43,7 +43,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "tiny-fast",
         config: || from_file("tiny"),
-        engine: || Engine::cpu(Precision::Fast),
+        engine: || Engine::cpu(Algorithm::Winograd),
         recording: "golden_tiny.safetensors",
         images: MAIN,
         tolerance: 3e-5,
@@ -61,7 +61,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "narrow",
         config: || from_file("narrow"),
-        engine: || Engine::cpu(Precision::Fast),
+        engine: || Engine::cpu(Algorithm::Winograd),
         recording: "golden_narrow.safetensors",
         images: MAIN,
         tolerance: 3e-5,
@@ -70,7 +70,7 @@ const CASES: [Case; 5] = [
     Case {
         name: "full",
         config: ModelConfig::release,
-        engine: || Engine::cpu(Precision::Fast),
+        engine: || Engine::cpu(Algorithm::Winograd),
         recording: "golden_full.safetensors",
         images: &["main_640x480.png", "astronaut_512x512.png"],
         tolerance: 1e-4,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
-use sharp::camera::{Intrinsics, affine_from_row_major};
+use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 
 use crate::io::atomic_files::{FileError, write_atomic};
 
@@ -23,13 +23,26 @@ pub struct CameraFile {
 #[error("{}: {reason}", path.display())]
 pub struct CameraFileError {
     pub path: PathBuf,
-    pub reason: String,
+    pub reason: NoCamera,
+}
+
+/// Why a text is no camera.
+#[derive(Debug, thiserror::Error)]
+pub enum NoCamera {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    #[error("K has a skew or a last row other than 0 0 1, which no renderer here supports")]
+    Skew,
+    #[error(transparent)]
+    Camera(#[from] CameraError),
 }
 
 impl CameraFile {
     /// Reads and checks a camera.
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
-        let text = std::fs::read_to_string(path).map_err(|error| error.to_string());
+        let text = std::fs::read_to_string(path).map_err(NoCamera::from);
         let camera = text.and_then(|text| Self::parse(&text));
         camera.map_err(|reason| CameraFileError {
             path: path.to_owned(),
@@ -38,13 +51,19 @@ impl CameraFile {
     }
 
     /// A camera from JSON, checked.
-    ///
-    /// # Errors
-    /// What is wrong with it: no such JSON, intrinsics with a skew or without a pixel, a number that is not finite, a
-    /// last row of the extrinsics other than 0 0 0 1.
-    pub fn parse(text: &str) -> Result<(Intrinsics, DAffine3), String> {
-        let camera: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
-        camera.check()
+    pub fn parse(text: &str) -> Result<(Intrinsics, DAffine3), NoCamera> {
+        serde_json::from_str::<Self>(text)?.check()
+    }
+
+    fn check(&self) -> Result<(Intrinsics, DAffine3), NoCamera> {
+        let [fx, skew, cx, k10, fy, cy, k20, k21, k22] = self.k;
+        if [skew, k10, k20, k21] != [0.0; 4] || k22 != 1.0 {
+            return Err(NoCamera::Skew);
+        }
+        Ok((
+            Intrinsics::new((fx, fy), (cx, cy), (self.width, self.height))?,
+            affine_from_row_major(&self.camera_from_world)?,
+        ))
     }
 
     /// The file of a camera; [`Self::read`] gives the same camera back, bit for bit.
@@ -62,21 +81,6 @@ impl CameraFile {
         let line = serde_json::to_string(self);
         let line = line.map_err(|error| FileError::new(path, "encode")(error.into()))?;
         write_atomic(path, format!("{line}\n").as_bytes())
-    }
-
-    fn check(&self) -> Result<(Intrinsics, DAffine3), String> {
-        let [fx, skew, cx, k10, fy, cy, k20, k21, k22] = self.k;
-        if [skew, k10, k20, k21] != [0.0; 4] || k22 != 1.0 {
-            let reason =
-                "K has a skew or a last row other than 0 0 1, which no renderer here supports";
-            return Err(reason.to_owned());
-        }
-        let intrinsics = Intrinsics::new((fx, fy), (cx, cy), (self.width, self.height));
-        let extrinsics = affine_from_row_major(&self.camera_from_world);
-        Ok((
-            intrinsics.map_err(|error| error.to_string())?,
-            extrinsics.map_err(|error| error.to_string())?,
-        ))
     }
 }
 
@@ -121,10 +125,10 @@ mod tests {
 
         let mut skewed = camera();
         skewed.k[1] = 0.1;
-        assert!(skewed.check().unwrap_err().contains("skew"));
+        assert!(matches!(skewed.check(), Err(NoCamera::Skew)));
 
         let mut nan = camera();
         nan.camera_from_world[3] = f64::NAN;
-        assert!(nan.check().unwrap_err().contains("not finite"));
+        assert!(nan.check().unwrap_err().to_string().contains("not finite"));
     }
 }

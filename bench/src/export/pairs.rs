@@ -68,7 +68,7 @@ pub fn export(
     };
     let groups: Vec<&[ResolvedPair]> = pairs.chunk_by(same_source).collect();
     observer.begin("exporting", pairs.len(), "pairs");
-    let done: Result<Vec<Group>, ExportError> = groups
+    let done: Result<Vec<ExportedGroup>, ExportError> = groups
         .into_par_iter()
         .map(|group| export_group(group, out, options, &hashes, observer))
         .collect();
@@ -84,7 +84,7 @@ pub fn export(
 
 /// What became of the pairs of one source.
 #[derive(Default)]
-struct Group {
+struct ExportedGroup {
     written: usize,
     kept: usize,
     /// `dataset/scene/view` of those whose depth was asked for in vain.
@@ -97,8 +97,8 @@ fn export_group(
     options: &ExportOptions,
     hashes: &ViewHashes,
     observer: &dyn Observer,
-) -> Result<Group, ExportError> {
-    let mut exported = Group::default();
+) -> Result<ExportedGroup, ExportError> {
+    let mut exported = ExportedGroup::default();
     let (mut picture, mut depth) = (None, None);
     for pair in group {
         observer.step();

@@ -9,7 +9,7 @@ use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, PlyError, ReadOptions};
+use sharp::ply::{self, PlyError};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -52,7 +52,7 @@ pub enum GaussianFileError {
 pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("ply") => {
-            let scene = ply::load(path, ReadOptions::default())?;
+            let scene = ply::load(path)?;
             let camera_from_world = match scene.extrinsics {
                 None => DAffine3::IDENTITY,
                 Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {

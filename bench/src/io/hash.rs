@@ -1,12 +1,12 @@
 //! sha256 of bytes and of files, in hexadecimal.
 
 use std::fs::File;
-use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
+use sharp_datasets::files;
 
 use super::atomic_files::FileError;
 
@@ -14,19 +14,8 @@ pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
 /// sha256 of a file's content, read in pieces.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
-    let hash = || -> io::Result<String> {
-        let mut file = File::open(path)?;
-        let mut hasher = Sha256::new();
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            let n = file.read(&mut buffer)?;
-            if n == 0 {
-                return Ok(hex(hasher.finalize()));
-            }
-            hasher.update(&buffer[..n]);
-        }
-    };
-    hash().map_err(FileError::new(path, "read"))
+    let hash = File::open(path).and_then(files::sha256_of_reader);
+    hash.map_err(FileError::new(path, "read"))
 }
 
 /// A file whose content was hashed, and whether it still has that content.

@@ -20,7 +20,6 @@ pub trait Observer: Sync {
     fn end(&self) {}
 }
 
-/// Reports nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Quiet;
 

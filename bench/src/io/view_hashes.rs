@@ -11,12 +11,12 @@ use crate::io::atomic_files::FileError;
 use crate::io::hash::{HashedFile, sha256_hex};
 
 /// One file, once its hash is known; locked while that is being computed.
-type Slot = Arc<Mutex<Option<HashedFile>>>;
+type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
 /// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
 /// [`changed`](Self::changed) tells.
 #[derive(Debug, Default)]
-pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, Slot>>);
+pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, HashSlot>>);
 
 impl ViewHashes {
     /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.

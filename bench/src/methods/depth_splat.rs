@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use image::RgbImage;
-use sharp::composer::{ComposerConfig, compose};
+use sharp::composer::compose;
 use sharp::initializer::{BaseGaussians, Grid, InvalidDepth};
 use sharp::resize::{bilinear_align_corners, nearest};
 use sharp_datasets::DepthMap;
@@ -116,8 +116,8 @@ impl PredictGaussians for DepthSplat {
             return Err(MethodError::unsuitable(view, reason));
         }
         let base = self.base_gaussians(image, depth, view)?;
-        let gaussians = compose(&base, None, &ComposerConfig::default())
-            .map_err(|error| MethodError::unsuitable(view, error))?;
+        let gaussians =
+            compose(&base, None).map_err(|error| MethodError::unsuitable(view, error))?;
         Ok(GaussianPrediction {
             gaussians,
             space: GaussianSpace::Normalized,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use sharp::model::{
-    DeviceChoice, ModelConfig, ModelError, NetworkIdentity, NetworkSpec, Precision, Predictor,
+    Algorithm, DeviceChoice, ModelConfig, ModelError, NetworkIdentity, NetworkSpec, Predictor,
 };
 use sharp_datasets::DepthMap;
 
@@ -51,7 +51,7 @@ impl Sharp {
             .parse()
             .map_err(|error: ModelError| refused(&error))?;
         // A device that is not there is said before a checkpoint is looked for.
-        device.open(Precision::Fast).map_err(|e| refused(&e))?;
+        device.open(Algorithm::Winograd).map_err(|e| refused(&e))?;
         let checkpoint = match spec.option("checkpoint") {
             Some(file) => PathBuf::from(file),
             None => find_checkpoint().map_err(|error| refused(&error))?,
@@ -69,7 +69,7 @@ impl Sharp {
                 .map(str::to_owned)
                 .collect(),
             device,
-            precision: Precision::Fast,
+            convolution: Algorithm::Winograd,
         };
         let stamp = Stamp::of(&network.checkpoint).map_err(|error| refused(&error))?;
         let identity = network.identity().map_err(|error| refused(&error))?;

@@ -120,7 +120,6 @@ pub struct PosedCamera {
 }
 
 impl PosedCamera {
-    /// Width and height, pixels.
     pub fn size(&self) -> (u32, u32) {
         (self.intrinsics.width, self.intrinsics.height)
     }

@@ -3,7 +3,6 @@
 //! The paper fixes stereo left to right, sets of ten views, overlap above 60 % and at most 512 pairs
 //! a dataset; everything it leaves open is an option of [`PairOptions`], printed with the result.
 //!
-//! * [`random`]: the generator behind every seeded choice.
 //! * [`sets`]: views into sets of ten.
 //! * [`depth`]: depth maps joined with their cameras, and where they come from.
 //! * [`overlap`]: how much of one view another one sees; [`overlap_cache`]: what was measured before.
@@ -33,7 +32,6 @@ pub mod overlap_cache;
 pub mod pair_id;
 pub mod pair_list;
 pub mod provenance;
-pub mod random;
 pub mod recipe;
 pub mod sampling;
 pub mod sets;

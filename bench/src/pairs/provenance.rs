@@ -48,7 +48,6 @@ pub struct ListCompanion {
     version: String,
 }
 
-/// See [`ListCompanion::schema`].
 const SCHEMA: u32 = 2;
 
 impl ListCompanion {

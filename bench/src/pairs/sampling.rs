@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use clap::ValueEnum;
+use sharp::random::SplitMix64;
 
 use super::pair_list::ResolvedPair;
-use super::random::SplitMix64;
 
 /// How pairs are drawn when there are more than the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -1,8 +1,7 @@
 //! Views of a scene into sets; pairs are only formed within a set.
 
 use clap::ValueEnum;
-
-use super::random::SplitMix64;
+use sharp::random::SplitMix64;
 
 /// Which views share a set. Views are numbered in natural order of their ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -15,7 +14,6 @@ pub enum Grouping {
     /// A seeded shuffle of the views, then consecutive; the same seed for every scene.
     #[value(skip)]
     Random {
-        /// Seed of the shuffle.
         seed: u64,
     },
     Whole,

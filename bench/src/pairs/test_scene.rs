@@ -14,7 +14,6 @@ use sharp_datasets::{DatasetError, DepthMap, Pairing, Scene, View, ViewContent};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Depth {
     Wall(f32),
-    /// None.
     Absent,
     Broken,
 }
@@ -62,12 +61,12 @@ const HEIGHT: u32 = 10;
 
 /// A row of parallel cameras before a wall 2 m away, `step_m` apart. One metre is 50 px, so two views
 /// that are d metres apart overlap by 1 − d / 2.
-pub(super) struct Row {
+pub(super) struct CameraRow {
     pub(super) scene: Scene,
     pub(super) reads: Arc<AtomicUsize>,
 }
 
-pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Row {
+pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> CameraRow {
     let reads = Arc::new(AtomicUsize::new(0));
     let intrinsics = Intrinsics::new((100.0, 100.0), (50.0, 5.0), (WIDTH, HEIGHT)).unwrap();
     let view = |(i, depth): (usize, &Depth)| View {
@@ -93,11 +92,11 @@ pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Row
         pairing: Pairing::MultiView,
         notes: Vec::new(),
     };
-    Row { scene, reads }
+    CameraRow { scene, reads }
 }
 
 /// The same row with view `v` of the file `dir/v`.
-pub(super) fn with_files(mut row: Row, dir: &Path) -> Row {
+pub(super) fn with_files(mut row: CameraRow, dir: &Path) -> CameraRow {
     for view in &mut row.scene.views {
         let depth = view.content.depth();
         view.content = Arc::new(Wall {

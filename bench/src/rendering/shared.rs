@@ -23,7 +23,6 @@ impl SharedRenderer {
         Self::new(Box::new(CpuRenderer::new()))
     }
 
-    /// Opens a backend.
     pub fn open(backend: &Backend) -> Result<Self, RenderError> {
         backend.open().map(Self::new)
     }

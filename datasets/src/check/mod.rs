@@ -18,22 +18,6 @@ use crate::spec::{SettingInForce, open_each};
 use crate::{DatasetError, DatasetSpec, Scene, View, processing};
 use consistency::Consistency;
 
-/// How thoroughly to look.
-#[derive(Debug, Clone, Copy)]
-pub struct CheckOptions {
-    /// At most this many views of a scene are decoded, evenly spaced; of the others only the
-    /// existence of their files is looked at.
-    pub views_per_scene: usize,
-}
-
-impl Default for CheckOptions {
-    fn default() -> Self {
-        Self {
-            views_per_scene: 10,
-        }
-    }
-}
-
 /// What was found in a dataset.
 #[derive(Debug, Clone, Serialize)]
 pub struct DatasetReport {
@@ -67,14 +51,15 @@ pub struct SceneReport {
     pub problems: Vec<String>,
 }
 
-/// Opens a dataset and looks at every scene; `done` is called after each scene with the number
+/// Opens a dataset and looks at every scene. At most `views_per_scene` of a scene's views are decoded,
+/// evenly spaced; of the others only the existence of their files is looked at. `done` is called after each scene with the number
 /// finished and their total.
 ///
 /// # Errors
 /// When the dataset cannot be opened at all; everything else is in the report.
 pub fn check(
     spec: &DatasetSpec,
-    options: &CheckOptions,
+    views_per_scene: usize,
     done: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<DatasetReport, DatasetError> {
     let attempts = open_each(spec)?;
@@ -82,7 +67,7 @@ pub fn check(
     let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
     for (i, attempt) in attempts.into_iter().enumerate() {
         match attempt {
-            Ok(scene) => reports.push(check_scene(&scene, options, demanded_depth(spec))),
+            Ok(scene) => reports.push(check_scene(&scene, views_per_scene, demanded_depth(spec))),
             Err(error) => unreadable.push(error.to_string()),
         }
         done(i + 1, total);
@@ -108,8 +93,8 @@ fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
     source.filter(|source| !matches!(*source, "auto" | "none"))
 }
 
-fn check_scene(scene: &Scene, options: &CheckOptions, depth: Option<&str>) -> SceneReport {
-    let chosen = evenly_spaced(scene.views.len(), options.views_per_scene);
+fn check_scene(scene: &Scene, views_per_scene: usize, depth: Option<&str>) -> SceneReport {
+    let chosen = evenly_spaced(scene.views.len(), views_per_scene);
     let decoded: Vec<Decoded> = chosen
         .par_iter()
         .map(|&i| decode(&scene.views[i]))
@@ -214,7 +199,7 @@ mod tests {
     #[test]
     fn a_sound_dataset_has_no_problems() {
         let spec = DatasetSpec::parse("synthetic=size=64x48,views=6").unwrap();
-        let report = check(&spec, &CheckOptions::default(), &|_, _| {}).unwrap();
+        let report = check(&spec, 10, &|_, _| {}).unwrap();
         assert_eq!(report.problems, 0, "{:?}", report.scenes[0].problems);
         let scene = &report.scenes[0];
         assert_eq!((scene.views, scene.decoded, scene.with_depth), (6, 6, 6));

@@ -1,10 +1,8 @@
 //! Middlebury's `calib.txt`: a rectified stereo rig, one `key=value` a line.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use super::FormatError;
-use crate::{DatasetError, files};
 
 /// A rectified pair of cameras as Middlebury 2014 and MiddEval3 describe it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,12 +27,7 @@ pub struct StereoCalibration {
 /// unknown keys are ignored. `doffs` may be absent (it is then `cx1 − cx0`), as may the size.
 ///
 /// # Errors
-/// Names the file and the key that is missing, not a finite number, or contradicts another.
-pub fn read(path: &Path) -> Result<StereoCalibration, DatasetError> {
-    files::parse_text(path, parse)
-}
-
-/// As [`read`], from text, and with the same errors.
+/// Names the key that is missing, not a finite number, or contradicts another.
 pub fn parse(text: &str) -> Result<StereoCalibration, FormatError> {
     let mut entries = BTreeMap::new();
     for line in text.trim_start_matches('\u{feff}').lines() {

@@ -6,23 +6,7 @@ use glam::DVec3;
 
 use super::FormatError;
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
-use crate::lens::{LensError, colmap_parameters};
-
-/// Model names by COLMAP's id.
-const MODELS: [&str; 12] = [
-    "SIMPLE_PINHOLE",
-    "PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "OPENCV",
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-    "RAD_TAN_THIN_PRISM_FISHEYE",
-];
+use crate::lens::{COLMAP_MODELS, LensError};
 
 /// `cameras.bin`.
 ///
@@ -36,18 +20,19 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
         let id = reader.u32()?;
         let model_id = reader.u32()? as i32;
         let (width, height) = (reader.u64()?, reader.u64()?);
-        let model = usize::try_from(model_id)
+        let (model, params) = usize::try_from(model_id)
             .ok()
-            .and_then(|i| MODELS.get(i))
+            .and_then(|i| COLMAP_MODELS.get(i))
             .ok_or_else(|| invalid!("camera {id} is of unknown model {model_id}"))?;
+        let model = (*model).to_owned();
         // The file does not say how many follow, so a model we do not know ends the reading.
-        let params = colmap_parameters(model).ok_or_else(|| LensError::UnsupportedModel {
-            model: (*model).to_owned(),
-        })?;
+        if *params == 0 {
+            return Err(LensError::UnsupportedModel { model }.into());
+        }
         let camera = ColmapCamera {
-            model: (*model).to_owned(),
+            model,
             size: size(width, height)?,
-            params: (0..params)
+            params: (0..*params)
                 .map(|_| reader.f64())
                 .collect::<Result<_, _>>()?,
         };

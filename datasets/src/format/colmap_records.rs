@@ -6,7 +6,6 @@ use sharp::camera::RigidTransform;
 use super::FormatError;
 use crate::lens::{Lens, LensError};
 
-/// A camera as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapCamera {
     pub model: String,
@@ -25,7 +24,6 @@ impl ColmapCamera {
     }
 }
 
-/// An image as stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColmapImage {
     pub id: u32,

@@ -7,17 +7,12 @@ use image::DynamicImage;
 use sharp::image_file;
 
 use super::{FloatMap, FormatError};
-use crate::{DatasetError, files};
+use crate::DatasetError;
 
 /// Reads a 16-bit gray PNG as it is: 0 to 65535, never rescaled.
 ///
 /// # Errors
-/// Names the file: as for a picture, or not 16-bit gray.
-pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    files::parse(path, parse)
-}
-
-/// As [`read`], from bytes, and with the same errors.
+/// As for a picture, or not 16-bit gray.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     match image_file::decode(bytes)? {
         DynamicImage::ImageLuma16(map) => {

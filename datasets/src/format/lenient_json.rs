@@ -1,17 +1,9 @@
 //! JSON as Python and people write it: bare `NaN` and `Infinity`, trailing commas. A pass before
 //! `serde_json`, which limits nesting; JSON5 would accept far more than these files contain.
 
-use std::path::Path;
-
 use serde_json::Value;
 
 use super::FormatError;
-use crate::{DatasetError, files};
-
-/// Reads a document as [`parse`] does.
-pub(crate) fn read(path: &Path) -> Result<Value, DatasetError> {
-    files::parse_text(path, parse)
-}
 
 /// Parses JSON in which `NaN`, `Infinity` and `-Infinity` become `null`, and a comma before a
 /// closing bracket does not matter.

@@ -53,7 +53,6 @@ pub enum FormatError {
     /// The header promises more than follows it.
     #[error("{what} takes {needed} bytes; only {available} follow the header (truncated?)")]
     Truncated {
-        /// What the header promises.
         what: String,
         needed: u128,
         available: usize,

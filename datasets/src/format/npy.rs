@@ -13,7 +13,7 @@ use zip::ZipArchive;
 use zip::result::ZipError;
 
 use super::{FloatMap, FormatError};
-use crate::{DatasetError, files};
+use crate::DatasetError;
 
 /// An array in row-major (C) order, whatever order and type the file has.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,21 +51,12 @@ impl NpyArray {
     }
 }
 
-/// Reads an `.npy` file, or the one array of an `.npz` (its `arr_0`, `depth` or `disp` if there
-/// are several), as a map.
+/// Reads an array of any shape from an `.npy` file, or the one of an `.npz` (its `arr_0`, `depth` or
+/// `disp` if there are several).
 ///
 /// # Errors
-/// Names the file: unreadable, not NumPy's format, an object array (which would have to be
-/// unpickled and is never read), fewer values than the shape promises, not a map.
-pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    files::parse(path, |bytes| parse(bytes)?.into_map())
-}
-
-/// Reads an array of any shape from the bytes of an `.npy` or `.npz`; the error is the bare
-/// reason.
-///
-/// # Errors
-/// See [`read`].
+/// Not NumPy's format, an object array (which would have to be unpickled and is never read), fewer
+/// values than the shape promises.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
         parse_archive(bytes)
@@ -317,7 +308,7 @@ mod tests {
         let path = folder.path().join("a.npy");
         let map = FloatMap::from_vec(3, 2, vec![1.0, f32::INFINITY, -0.5, 4.0, 5.0, 6.0]).unwrap();
         write(&path, &map).unwrap();
-        assert_eq!(read(&path).unwrap(), map);
+        assert_eq!(crate::format::read_map(&path).unwrap(), map);
         assert_eq!(std::fs::read(&path).unwrap().len(), 128 + 24);
     }
 

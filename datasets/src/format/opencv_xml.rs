@@ -1,10 +1,8 @@
 //! OpenCV's FileStorage in its XML form: named matrices and scalars.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use super::FormatError;
-use crate::{DatasetError, files};
 
 /// The top level of a storage: element name to what it holds.
 pub type FileStorage = BTreeMap<String, Node>;
@@ -26,13 +24,8 @@ pub enum Node {
 /// Reads a storage.
 ///
 /// # Errors
-/// Names the file: not well-formed XML, a document type (nothing in a camera file needs one), a
+/// Not well-formed XML, a document type (nothing in a camera file needs one), a
 /// matrix whose entries do not match its size.
-pub fn read(path: &Path) -> Result<FileStorage, DatasetError> {
-    files::parse_text(path, parse)
-}
-
-/// As [`read`], from text, and with the same errors.
 pub fn parse(text: &str) -> Result<FileStorage, FormatError> {
     if text.trim_start().starts_with("%YAML") {
         let reason = "this is OpenCV's YAML form; only the XML form is read";

@@ -4,19 +4,13 @@
 use std::path::Path;
 
 use super::{FloatMap, FormatError};
-use crate::{DatasetError, files};
+use crate::DatasetError;
 
 /// Reads a `Pf` file, or a `PF` file whose three channels are equal. Values come out as stored,
 /// top row first; bytes after the last value are ignored.
 ///
 /// # Errors
-/// Names the file: unreadable, a header that is not PFM, fewer bytes than the header promises,
-/// three different channels.
-pub fn read(path: &Path) -> Result<FloatMap, DatasetError> {
-    files::parse(path, parse)
-}
-
-/// As [`read`], from bytes, and with the same errors.
+/// A header that is not PFM, fewer bytes than the header promises, three different channels.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
     let mut header = PfmHeader { bytes, at: 0 };
     let channels: usize = match header.token().as_deref() {
@@ -161,7 +155,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pfm");
         write(&path, &sample()).unwrap();
-        assert_eq!(read(&path).unwrap(), sample());
+        assert_eq!(parse(&std::fs::read(&path).unwrap()).unwrap(), sample());
         assert_eq!(
             &std::fs::read(&path).unwrap()[10..14],
             &4.5_f32.to_le_bytes()

@@ -1,13 +1,10 @@
 //! Points and triangles of PLY files (laser scans, meshes). Other properties and elements are
 //! passed over.
 
-use std::path::Path;
-
 use glam::Vec3;
 use sharp::ply::table::{Body, Element, Header};
 
 use super::FormatError;
-use crate::{DatasetError, files};
 
 /// Points and, for a mesh, triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -21,13 +18,8 @@ pub struct Geometry {
 /// Reads a PLY file.
 ///
 /// # Errors
-/// Names the file: not PLY, no vertices with x, y, z, fewer bytes than the header promises, a
+/// Not PLY, no vertices with x, y, z, fewer bytes than the header promises, a
 /// face that names a missing vertex.
-pub fn read(path: &Path) -> Result<Geometry, DatasetError> {
-    files::parse(path, parse)
-}
-
-/// As [`read`], from bytes, and with the same errors.
 pub fn parse(bytes: &[u8]) -> Result<Geometry, FormatError> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut geometry = Geometry::default();

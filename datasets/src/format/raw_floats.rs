@@ -2,20 +2,13 @@
 //! name of the photograph (`.JPG`) but are no JPEG. The size is known only from the camera.
 
 use std::io::Read;
-use std::path::Path;
 
 use super::{FloatMap, FormatError};
-use crate::{DatasetError, files};
 
 /// Reads `width · height` values; a gzip-packed file is unpacked. +inf means no depth.
 ///
 /// # Errors
-/// Names the file and the expected length when it has another one.
-pub fn read(path: &Path, size: (u32, u32)) -> Result<FloatMap, DatasetError> {
-    files::parse(path, |bytes| parse(bytes, size))
-}
-
-/// As [`read`], from bytes, and with the same errors.
+/// The expected length when the bytes have another one.
 pub fn parse(bytes: &[u8], (width, height): (u32, u32)) -> Result<FloatMap, FormatError> {
     let expected = u64::from(width) * u64::from(height) * 4;
     let mut unpacked = Vec::new();

@@ -1,13 +1,11 @@
 //! Trajectory files: Tanks and Temples' `.log` and `_trans.txt`, WildRGB-D's `cam_poses.txt`.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use glam::{DAffine3, DMat3};
 use sharp::camera::{CameraError, RigidTransform, affine_from_row_major};
 
 use super::FormatError;
-use crate::{DatasetError, files};
 
 /// A pose by frame number, camera to world in OpenCV's axes, or why it is invalid.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,13 +31,8 @@ pub struct Log {
 /// ignored and their positions, from 0, are the indices.
 ///
 /// # Errors
-/// Names the file: a block that ends early, something that is not a number, an index that is
+/// A block that ends early, something that is not a number, an index that is
 /// negative or stated twice.
-pub fn read_log(path: &Path) -> Result<Log, DatasetError> {
-    files::parse_text(path, parse_log)
-}
-
-/// As [`read_log`], from text, and with the same errors.
 pub fn parse_log(text: &str) -> Result<Log, FormatError> {
     let numbers = numbers(text)?;
     let mut blocks = Vec::new();
@@ -85,12 +78,7 @@ pub fn parse_log(text: &str) -> Result<Log, FormatError> {
 /// Reads a `cam_poses.txt`: a frame number and a 4×4 matrix a row.
 ///
 /// # Errors
-/// Names the file and the row that has not 17 numbers.
-pub fn read_rows(path: &Path) -> Result<Vec<NumberedPose>, DatasetError> {
-    files::parse_text(path, parse_rows)
-}
-
-/// As [`read_rows`], from text, and with the same errors.
+/// Names the row that has not 17 numbers.
 pub fn parse_rows(text: &str) -> Result<Vec<NumberedPose>, FormatError> {
     text.lines()
         .enumerate()
@@ -159,13 +147,11 @@ impl SimilarityTransform {
 /// Reads a `_trans.txt`: a 4×4 similarity.
 ///
 /// # Errors
-/// Names the file: not 16 numbers, no similarity.
-pub fn read_similarity(path: &Path) -> Result<SimilarityTransform, DatasetError> {
-    files::parse_text(path, |text| {
-        let row = <[f64; 16]>::try_from(numbers(text)?);
-        let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
-        SimilarityTransform::from_row_major(&row)
-    })
+/// Not 16 numbers, no similarity.
+pub fn parse_similarity(text: &str) -> Result<SimilarityTransform, FormatError> {
+    let row = <[f64; 16]>::try_from(numbers(text)?);
+    let row = row.map_err(|row| invalid!("{} numbers instead of 16", row.len()))?;
+    SimilarityTransform::from_row_major(&row)
 }
 
 fn pose(row: &[f64]) -> Result<RigidTransform, CameraError> {

@@ -1,7 +1,6 @@
 //! `transforms.json` of nerfstudio, instant-ngp, Blender and ScanNet++: intrinsics and
 //! camera-to-world poses in OpenGL's axes (x right, y up, z backwards).
 
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -10,9 +9,7 @@ use sharp::camera::{CameraError, RigidTransform};
 
 use super::{FormatError, lenient_json};
 use crate::lens::{Distortion, Lens, LensError};
-use crate::{DatasetError, files};
 
-/// A `transforms.json`.
 #[derive(Debug)]
 pub struct Transforms {
     /// `frames`, in the file's order.
@@ -23,7 +20,6 @@ pub struct Transforms {
     pub applied_scale: f64,
 }
 
-/// One picture.
 #[derive(Debug)]
 pub struct JsonFrame {
     /// As written; may begin with `./` and lack its extension.
@@ -72,13 +68,8 @@ const INTRINSIC_KEYS: [&str; 18] = [
 /// Reads a `transforms.json`.
 ///
 /// # Errors
-/// Names the file: not JSON, no frames, a frame without a path or with a matrix of another shape.
+/// Not JSON, no frames, a frame without a path or with a matrix of another shape.
 /// A pose that is not finite or not rigid is kept in its frame as an error.
-pub fn read(path: &Path) -> Result<Transforms, DatasetError> {
-    files::parse_text(path, parse)
-}
-
-/// As [`read`], from text, and with the same errors.
 pub fn parse(text: &str) -> Result<Transforms, FormatError> {
     let document = lenient_json::parse(text)?;
     let top = document
@@ -260,19 +251,17 @@ impl JsonFrame {
             other => other,
         };
         let distortion = match model {
-            "OPENCV" if [k1, k2, k3, k4, p[0], p[1]] == [0.0; 6] => Distortion::None,
-            "SIMPLE_RADIAL" | "RADIAL" => Distortion::Radial { k: [k1, k2] },
+            "SIMPLE_RADIAL" | "RADIAL" => Distortion::perspective("RADIAL", &[k1, k2], [0.0; 2]),
             // nerfstudio's k3 and k4 continue the radial polynomial of OPENCV.
-            "OPENCV" if k3 == 0.0 && k4 == 0.0 => Distortion::OpenCv { k: [k1, k2], p },
-            "OPENCV" if k4 == 0.0 => Distortion::FullOpenCv {
-                k: [k1, k2, k3, 0.0, 0.0, 0.0],
-                p,
-            },
-            "OPENCV" => return Err("camera model OPENCV with k4 is not supported".into()),
-            "FULL_OPENCV" => Distortion::FullOpenCv {
-                k: [k1, k2, k3, k4, k("k5")?, k("k6")?],
-                p,
-            },
+            "OPENCV" if k4 != 0.0 => {
+                return Err("camera model OPENCV with k4 is not supported".into());
+            }
+            "OPENCV" if k3 == 0.0 => Distortion::perspective("OPENCV", &[k1, k2], p),
+            "OPENCV" => Distortion::perspective("FULL_OPENCV", &[k1, k2, k3], p),
+            "FULL_OPENCV" => {
+                let radial = [k1, k2, k3, k4, k("k5")?, k("k6")?];
+                Distortion::perspective("FULL_OPENCV", &radial, p)
+            }
             "OPENCV_FISHEYE" => Distortion::OpenCvFisheye {
                 k: [k1, k2, k3, k4],
             },
@@ -353,10 +342,7 @@ mod tests {
         assert_eq!(of("\"k1\": 0,"), Ok(Distortion::None));
         assert_eq!(
             of("\"k1\": 0.1, \"p2\": 0.2,"),
-            Ok(Distortion::OpenCv {
-                k: [0.1, 0.0],
-                p: [0.0, 0.2]
-            })
+            Ok(Distortion::perspective("OPENCV", &[0.1], [0.0, 0.2]))
         );
         assert_eq!(
             of("\"camera_model\": \"OPENCV_FISHEYE\", \"k4\": 0.1,"),

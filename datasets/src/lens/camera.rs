@@ -22,7 +22,8 @@ impl Lens {
     /// [`LensError::Camera`] for degenerate intrinsics.
     pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
         let name = || model.to_owned();
-        let count = colmap_parameters(model);
+        let known = COLMAP_MODELS.iter().find(|(known, _)| *known == model);
+        let count = known.map(|(_, count)| *count).filter(|count| *count > 0);
         let count = count.ok_or_else(|| LensError::UnsupportedModel { model: name() })?;
         if params.len() != count {
             return Err(LensError::ParameterCount {
@@ -43,15 +44,12 @@ impl Lens {
         };
         let k = |i: usize| rest.get(i).copied().unwrap_or(0.0);
         let distortion = match model {
-            "SIMPLE_RADIAL" | "RADIAL" => Distortion::Radial { k: [k(0), k(1)] },
-            "OPENCV" => Distortion::OpenCv {
-                k: [k(0), k(1)],
-                p: [k(2), k(3)],
-            },
-            "FULL_OPENCV" => Distortion::FullOpenCv {
-                k: [k(0), k(1), k(4), k(5), k(6), k(7)],
-                p: [k(2), k(3)],
-            },
+            "SIMPLE_RADIAL" | "RADIAL" => Distortion::perspective("RADIAL", rest, [0.0; 2]),
+            "OPENCV" => Distortion::perspective("OPENCV", &rest[..2], [k(2), k(3)]),
+            "FULL_OPENCV" => {
+                let radial = [k(0), k(1), k(4), k(5), k(6), k(7)];
+                Distortion::perspective("FULL_OPENCV", &radial, [k(2), k(3)])
+            }
             "OPENCV_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" => {
                 Distortion::OpenCvFisheye {
                     k: [k(0), k(1), k(2), k(3)],
@@ -77,19 +75,12 @@ impl Lens {
         size: (u32, u32),
         distortion: Distortion,
     ) -> Result<Self, CameraError> {
-        let zero = |values: &[f64]| values.iter().all(|v| *v == 0.0);
-        let without_effect = match distortion {
-            Distortion::None => true,
-            Distortion::Radial { k } => zero(&k),
-            Distortion::OpenCv { k, p } => zero(&k) && zero(&p),
-            Distortion::FullOpenCv { k, p } => zero(&k) && zero(&p),
-            // Without coefficients these are still fisheye cameras.
-            Distortion::OpenCvFisheye { .. } | Distortion::ThinPrismFisheye { .. } => false,
-        };
-        let distortion = if without_effect {
-            Distortion::None
-        } else {
-            distortion
+        // Without coefficients fisheye cameras are still that.
+        let distortion = match distortion {
+            Distortion::Perspective { k, p, .. } if k == [0.0; 6] && p == [0.0; 2] => {
+                Distortion::None
+            }
+            other => other,
         };
         Ok(Self {
             intrinsics: Intrinsics::new(focal, center, size)?,
@@ -146,17 +137,21 @@ impl Lens {
     }
 }
 
-/// How many parameters COLMAP stores for a model; `None` for models that are not supported.
-pub fn colmap_parameters(model: &str) -> Option<usize> {
-    Some(match model {
-        "SIMPLE_PINHOLE" => 3,
-        "PINHOLE" | "SIMPLE_RADIAL" | "SIMPLE_RADIAL_FISHEYE" => 4,
-        "RADIAL" | "RADIAL_FISHEYE" => 5,
-        "OPENCV" | "OPENCV_FISHEYE" => 8,
-        "FULL_OPENCV" | "THIN_PRISM_FISHEYE" => 12,
-        _ => return None,
-    })
-}
+/// COLMAP's models by its id, and how many parameters it stores; 0 for those that are not supported.
+pub const COLMAP_MODELS: [(&str, usize); 12] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 0),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 0),
+];
 
 #[cfg(test)]
 mod tests {

@@ -11,12 +11,13 @@ use glam::{DMat2, DVec2};
 pub enum Distortion {
     /// Nothing: a pinhole camera.
     None,
-    /// COLMAP's SIMPLE_RADIAL (k2 = 0) and RADIAL: `(u, v)(1 + k1 r² + k2 r⁴)`.
-    Radial { k: [f64; 2] },
-    /// OPENCV: radial k1, k2 and tangential p1, p2.
-    OpenCv { k: [f64; 2], p: [f64; 2] },
-    /// FULL_OPENCV: rational radial `(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`.
-    FullOpenCv { k: [f64; 6], p: [f64; 2] },
+    /// Rational radial `(1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)` and tangential
+    /// p1, p2 (FULL_OPENCV). OPENCV has k1, k2 and p, RADIAL k1 and k2, SIMPLE_RADIAL k1.
+    Perspective {
+        model: &'static str,
+        k: [f64; 6],
+        p: [f64; 2],
+    },
     /// OPENCV_FISHEYE: with θ = atan r, `(u, v) θ/r (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`.
     OpenCvFisheye { k: [f64; 4] },
     /// THIN_PRISM_FISHEYE: `(a, b) = (u, v) θ/r`, then radial k1 … k4, tangential and thin-prism
@@ -30,13 +31,18 @@ pub enum Distortion {
 }
 
 impl Distortion {
+    /// A perspective model with the radial coefficients that it has; the others are 0.
+    pub fn perspective(model: &'static str, radial: &[f64], p: [f64; 2]) -> Self {
+        let mut k = [0.0; 6];
+        k[..radial.len()].copy_from_slice(radial);
+        Self::Perspective { model, k, p }
+    }
+
     /// COLMAP's name of the model; of a family the one with the most parameters.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None => "PINHOLE",
-            Self::Radial { .. } => "RADIAL",
-            Self::OpenCv { .. } => "OPENCV",
-            Self::FullOpenCv { .. } => "FULL_OPENCV",
+            Self::Perspective { model, .. } => model,
             Self::OpenCvFisheye { .. } => "OPENCV_FISHEYE",
             Self::ThinPrismFisheye { .. } => "THIN_PRISM_FISHEYE",
         }
@@ -46,25 +52,13 @@ impl Distortion {
     pub fn distort(&self, uv: DVec2) -> DVec2 {
         match *self {
             Self::None => uv,
-            Self::Radial { k } => {
-                let r2 = uv.length_squared();
-                uv * (1.0 + r2 * (k[0] + r2 * k[1]))
-            }
-            Self::OpenCv { k, p } => {
-                let r2 = uv.length_squared();
-                uv * (1.0 + r2 * (k[0] + r2 * k[1])) + tangential(uv, p)
-            }
-            Self::FullOpenCv { k, p } => {
+            Self::Perspective { k, p, .. } => {
                 let r2 = uv.length_squared();
                 let above = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[2]));
                 let below = 1.0 + r2 * (k[3] + r2 * (k[4] + r2 * k[5]));
                 uv * (above / below) + tangential(uv, p)
             }
-            Self::OpenCvFisheye { k } => {
-                let ab = equidistant(uv);
-                ab * (1.0 + radial4(ab.length_squared(), k))
-            }
-            Self::ThinPrismFisheye { .. } => self.bend(equidistant(uv)),
+            _ => self.bend(equidistant(uv)),
         }
     }
 
@@ -85,9 +79,7 @@ impl Distortion {
         let r2 = x.length_squared();
         match *self {
             Self::None => DMat2::IDENTITY,
-            Self::Radial { k } => radial_slope(x, radial2(r2, k)),
-            Self::OpenCv { k, p } => radial_slope(x, radial2(r2, k)) + tangential_slope(x, p),
-            Self::FullOpenCv { k, p } => {
+            Self::Perspective { k, p, .. } => {
                 let [a1, a2, a3, b1, b2, b3] = k;
                 let above = 1.0 + r2 * (a1 + r2 * (a2 + r2 * a3));
                 let below = 1.0 + r2 * (b1 + r2 * (b2 + r2 * b3));
@@ -142,11 +134,6 @@ fn outer(a: DVec2, b: DVec2) -> DMat2 {
     DMat2::from_cols(a * b.x, a * b.y)
 }
 
-/// `1 + k1 r² + k2 r⁴` and its derivative by r².
-fn radial2(r2: f64, k: [f64; 2]) -> (f64, f64) {
-    (1.0 + r2 * (k[0] + r2 * k[1]), k[0] + 2.0 * r2 * k[1])
-}
-
 fn radial4(r2: f64, k: [f64; 4]) -> f64 {
     r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
 }
@@ -175,12 +162,9 @@ mod tests {
         let k = [0.21047, 0.21102, -0.158023, 0.406856];
         for model in [
             Distortion::None,
-            Distortion::Radial { k: [-0.09, 0.02] },
-            Distortion::OpenCv { k: [-0.1, 0.04], p },
-            Distortion::FullOpenCv {
-                k: [0.3, -0.15, 0.02, 0.31, -0.12, 0.01],
-                p,
-            },
+            Distortion::perspective("RADIAL", &[-0.09, 0.02], [0.0; 2]),
+            Distortion::perspective("OPENCV", &[-0.1, 0.04], p),
+            Distortion::perspective("FULL_OPENCV", &[0.3, -0.15, 0.02, 0.31, -0.12, 0.01], p),
             Distortion::OpenCvFisheye { k },
             Distortion::ThinPrismFisheye {
                 k,

@@ -109,7 +109,7 @@ mod tests {
     #[test]
     fn folded_polynomials_are_not_inverted_nor_projected() {
         // 1 − r² turns back at r = 1/√3, where the radius is 0.385.
-        let fold = Distortion::Radial { k: [-1.0, 0.0] };
+        let fold = Distortion::perspective("RADIAL", &[-1.0], [0.0; 2]);
         let with = |model| Lens::new((100.0, 100.0), (50.0, 50.0), (100, 100), model).unwrap();
         let lens = with(fold);
         assert!(lens.unproject(DVec2::new(88.0, 50.0)).is_some());

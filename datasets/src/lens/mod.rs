@@ -9,7 +9,7 @@ mod inverse;
 
 use sharp::camera::CameraError;
 
-pub use camera::{Lens, colmap_parameters};
+pub use camera::{COLMAP_MODELS, Lens};
 pub use distortion::Distortion;
 
 /// Why there is no lens, or no pinhole camera for one.

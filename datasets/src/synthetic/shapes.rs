@@ -18,8 +18,10 @@ pub(super) enum SurfaceShape {
         axes: DMat3,
         half: DVec3,
     },
-    /// A solid ball.
-    Sphere { center: DVec3, radius: f64 },
+    Sphere {
+        center: DVec3,
+        radius: f64,
+    },
 }
 
 /// Where a ray meets a shape.

@@ -1,8 +1,8 @@
 //! Colours from integer noise, in linear light.
 
 use glam::DVec3;
+use sharp::random::{SplitMix64, mix, unit};
 
-use super::arithmetic::{SplitMix64, mix, unit};
 use super::shapes::Meeting;
 
 /// How a surface is painted.
@@ -37,14 +37,14 @@ impl Texture {
             DVec3::splat(gray) + (color - gray) * 0.55
         };
         let colors = [color(0.02, 0.35), color(0.25, 0.9)];
-        let pattern = match random.next() % 4 {
+        let pattern = match random.next_u64() % 4 {
             0 => Pattern::Checker,
             1 => Pattern::Stripes,
             2 => Pattern::Bricks,
             _ => Pattern::Clouds,
         };
         Self {
-            seed: random.next(),
+            seed: random.next_u64(),
             colors,
             pattern,
             scale: scale * random.between(0.7, 1.4),

@@ -3,8 +3,8 @@
 //! World axes are those of the rig's central camera: x right, y down, z forward, metres.
 
 use glam::{DMat3, DVec3};
+use sharp::random::SplitMix64;
 
-use super::arithmetic::SplitMix64;
 use super::shapes::{Meeting, SurfaceShape, turned};
 use super::texture::{Texture, sky};
 
@@ -45,7 +45,7 @@ impl World {
         let mut world = Self {
             objects: Vec::new(),
             to_sun: DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize(),
-            sky_seed: random.next(),
+            sky_seed: random.next_u64(),
         };
         world.add_planes(&mut random);
         world.add_solids(&mut random);
@@ -160,7 +160,7 @@ impl World {
 
     /// A slab close to the cameras, off centre, which hides much of what lies behind it.
     fn add_occluder(&mut self, random: &mut SplitMix64) {
-        let side = if random.next().is_multiple_of(2) {
+        let side = if random.next_u64().is_multiple_of(2) {
             1.0
         } else {
             -1.0

@@ -14,12 +14,13 @@ mod photographs;
 use std::path::Path;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::entry::{DatasetEntry, PaperOverlap, Setting, SettingChoice};
+use crate::depth::ViewDepth;
+use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::trajectory;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
-use crate::scene_builder::{FrameDepth, Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 use cameras::SceneCameras;
@@ -43,12 +44,12 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "intrinsics",
             "where focal length and principal point come from",
             &[
-                SettingChoice::new("auto", "a COLMAP model if there is one, else 0.7w"),
-                SettingChoice::new(
+                choice("auto", "a COLMAP model if there is one, else 0.7w"),
+                choice(
                     "0.7w",
                     "0.7 of the width: the download page's recommendation",
                 ),
-                SettingChoice::new("0.6w", "0.6 of the width: what COLMAP itself arrives at"),
+                choice("0.6w", "0.6 of the width: what COLMAP itself arrives at"),
             ],
         ),
         Setting::free(
@@ -124,8 +125,8 @@ impl TanksReader<'_> {
         let name = self.name;
         let file = |end: &str| self.root.resolve(self.folder, &format!("{name}{end}"));
         let (log, trans, scan) = (file(LOG)?, file("_trans.txt")?, file(".ply")?);
-        let poses = trajectory::read_log(&log)?;
-        let metric = trajectory::read_similarity(&trans)?;
+        let poses = files::parse_text(&log, trajectory::parse_log)?;
+        let metric = files::parse_text(&trans, trajectory::parse_similarity)?;
         let photos = ScenePhotographs::find(self.root, self.folder, name, poses.blocks.len())?;
         let by_block = photos
             .by_block(&poses)
@@ -184,7 +185,7 @@ impl TanksReader<'_> {
                 pinhole: Pinhole::WithoutBlankPixels,
                 camera_from_world: world_from_camera.inverse(),
                 mask: None,
-                depth: scan.clone().map_or(FrameDepth::None, FrameDepth::Scan),
+                depth: scan.clone().map(ViewDepth::Scan),
                 cameras: camera_files.clone(),
             })?;
         }

@@ -7,21 +7,11 @@ use std::path::{Path, PathBuf};
 use crate::error::{CheckpointError, Fault, malformed};
 use crate::hash::sha256_hex;
 use crate::mapped::Mapped;
-use crate::pickle::state_dict::{Named, resolve};
+use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::Heap;
-use crate::tensor::{DType, Layout};
-use crate::zip::{Directory, Entry};
+use crate::tensor::{DType, TensorLayout};
+use crate::zip::{Directory, ZipEntry};
 use crate::{legacy, pickle, safetensors, zip};
-
-/// How a checkpoint is stored. Recognised by content, not by the file's name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// PyTorch since 1.6: a zip of a pickle and raw storages.
-    Zip,
-    /// PyTorch before 1.6: bare pickles, then raw storages.
-    Legacy,
-    Safetensors,
-}
 
 /// An opened checkpoint: a mapped file and the checked table of its tensors.
 ///
@@ -30,14 +20,14 @@ pub enum Format {
 pub struct Checkpoint {
     path: PathBuf,
     file: Mapped,
-    format: Format,
-    tensors: BTreeMap<String, Layout>,
+    tensors: BTreeMap<String, TensorLayout>,
     others: Vec<String>,
     metadata: BTreeMap<String, String>,
 }
 
 impl Checkpoint {
-    /// Opens a file of any [`Format`].
+    /// Opens a file of PyTorch's (a zip of a pickle and raw storages since 1.6, bare pickles
+    /// before) or of safetensors, told apart by content.
     ///
     /// If the pickled object holds no tensors itself but one dict that does (`state_dict`,
     /// `model`, …), that one is taken.
@@ -48,11 +38,10 @@ impl Checkpoint {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
         let path = path.as_ref();
         let file = Mapped::open(path)?;
-        let (format, named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
+        let (named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
         Ok(Self {
             path: path.to_path_buf(),
             file,
-            format,
             tensors: named.tensors,
             others: named.others,
             metadata,
@@ -61,10 +50,6 @@ impl Checkpoint {
 
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    pub fn format(&self) -> Format {
-        self.format
     }
 
     /// Free text of a safetensors header; empty for pickles.
@@ -133,7 +118,7 @@ impl Checkpoint {
         sha256_hex(&self.file)
     }
 
-    fn layout(&self, name: &str) -> Result<&Layout, CheckpointError> {
+    fn layout(&self, name: &str) -> Result<&TensorLayout, CheckpointError> {
         self.tensors
             .get(name)
             .ok_or_else(|| CheckpointError::NoTensor {
@@ -143,20 +128,20 @@ impl Checkpoint {
     }
 }
 
-type Read = (Format, Named, BTreeMap<String, String>);
+type Read = (NamedTensors, BTreeMap<String, String>);
 
 fn read(file: &[u8]) -> Result<Read, Fault> {
     if safetensors::looks_like(file) {
         let contents = safetensors::read(file)?;
-        let named = Named {
+        let named = NamedTensors {
             tensors: contents.tensors,
-            ..Named::default()
+            ..NamedTensors::default()
         };
-        Ok((Format::Safetensors, named, contents.metadata))
+        Ok((named, contents.metadata))
     } else if file.starts_with(b"PK") {
-        Ok((Format::Zip, read_zip(file)?, BTreeMap::new()))
+        Ok((read_zip(file)?, BTreeMap::new()))
     } else if file.first() == Some(&0x80) {
-        Ok((Format::Legacy, legacy::read(file)?, BTreeMap::new()))
+        Ok((legacy::read(file)?, BTreeMap::new()))
     } else {
         malformed!("neither a PyTorch nor a safetensors file{}", guess(file))
     }
@@ -176,7 +161,7 @@ fn guess(file: &[u8]) -> &'static str {
     }
 }
 
-fn read_zip(file: &[u8]) -> Result<Named, Fault> {
+fn read_zip(file: &[u8]) -> Result<NamedTensors, Fault> {
     let entries = zip::read(file)?;
     let mut pickles = entries
         .keys()
@@ -185,7 +170,7 @@ fn read_zip(file: &[u8]) -> Result<Named, Fault> {
     let (Some(prefix), None) = (pickles.next(), pickles.next()) else {
         return malformed!("a zip file, but without exactly one 'data.pkl': not a checkpoint");
     };
-    if let Some(Entry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
+    if let Some(ZipEntry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
         && file[range.clone()].trim_ascii() == b"big"
     {
         return malformed!("written on a big-endian machine");
@@ -213,8 +198,8 @@ fn read_zip(file: &[u8]) -> Result<Named, Fault> {
 
 fn stored(entries: &Directory<'_>, name: &str) -> Result<std::ops::Range<usize>, Fault> {
     match entries.get(name) {
-        Some(Entry::Stored(range)) => Ok(range.clone()),
-        Some(Entry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),
+        Some(ZipEntry::Stored(range)) => Ok(range.clone()),
+        Some(ZipEntry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),
         None => malformed!("zip: '{name}' is missing"),
     }
 }

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::error::{Fault, malformed};
 use crate::pickle;
-use crate::pickle::state_dict::{Named, resolve};
+use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::{Heap, Value};
 
 /// 0x1950a86a20f9469cfc6c, little-endian.
@@ -17,7 +17,7 @@ const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0
 const PROTOCOL: i64 = 1001;
 
 /// Reads the table of contents.
-pub(crate) fn read(file: &[u8]) -> Result<Named, Fault> {
+pub(crate) fn read(file: &[u8]) -> Result<NamedTensors, Fault> {
     let mut heap = Heap::default();
     let mut values = [Value::None; 5];
     let mut at = 0;

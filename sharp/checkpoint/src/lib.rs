@@ -33,7 +33,7 @@ mod safetensors;
 pub mod tensor;
 mod zip;
 
-pub use checkpoint::{Checkpoint, Format};
+pub use checkpoint::Checkpoint;
 pub use completeness::{Expected, Incomplete};
 pub use convert::{OutTensor, write_safetensors};
 pub use error::CheckpointError;

@@ -7,44 +7,47 @@ use serde::Deserialize;
 use serde::de::{MapAccess, Visitor};
 
 use crate::error::{Fault, malformed};
-use crate::tensor::{DType, Layout};
+use crate::tensor::{DType, TensorLayout};
 
 /// The longest header that is parsed.
 const MAX_HEADER: u64 = 32 << 20;
 
-/// Named layouts and the free text of the header.
+/// NamedTensors layouts and the free text of the header.
 #[derive(Debug)]
 pub(crate) struct Contents {
-    pub(crate) tensors: BTreeMap<String, Layout>,
+    pub(crate) tensors: BTreeMap<String, TensorLayout>,
     pub(crate) metadata: BTreeMap<String, String>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
+struct TensorEntry {
     dtype: String,
     shape: Vec<usize>,
     data_offsets: [usize; 2],
 }
 
 #[derive(Default)]
-struct Header {
-    entries: BTreeMap<String, Entry>,
+struct SafetensorsHeader {
+    entries: BTreeMap<String, TensorEntry>,
     metadata: BTreeMap<String, String>,
 }
 
-impl<'de> Deserialize<'de> for Header {
+impl<'de> Deserialize<'de> for SafetensorsHeader {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct HeaderVisitor;
         impl<'de> Visitor<'de> for HeaderVisitor {
-            type Value = Header;
+            type Value = SafetensorsHeader;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("an object of tensors")
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Header, A::Error> {
-                let mut header = Header::default();
+            fn visit_map<A: MapAccess<'de>>(
+                self,
+                mut map: A,
+            ) -> Result<SafetensorsHeader, A::Error> {
+                let mut header = SafetensorsHeader::default();
                 while let Some(name) = map.next_key::<String>()? {
                     if name == "__metadata__" {
                         header.metadata = map.next_value()?;
@@ -81,7 +84,7 @@ pub(crate) fn read(file: &[u8]) -> Result<Contents, Fault> {
         return malformed!("safetensors: a header of {len} bytes");
     }
     let (json, data) = rest.split_at(len as usize);
-    let header: Header = match serde_json::from_slice(json) {
+    let header: SafetensorsHeader = match serde_json::from_slice(json) {
         Ok(header) => header,
         Err(reason) => return malformed!("safetensors: header: {reason}"),
     };
@@ -97,7 +100,7 @@ pub(crate) fn read(file: &[u8]) -> Result<Contents, Fault> {
             return malformed!("tensor '{name}': bytes {start}..{end} of {}", data.len());
         }
         spans.push((start, end));
-        match Layout::contiguous(dtype, entry.shape, base + start..base + end, file.len()) {
+        match TensorLayout::contiguous(dtype, entry.shape, base + start..base + end, file.len()) {
             Ok(layout) => tensors.insert(name, layout),
             Err(Fault::Malformed(reason)) => return malformed!("tensor '{name}': {reason}"),
             Err(other) => return Err(other),

@@ -14,23 +14,15 @@ pub(crate) const MAX_RANK: usize = 32;
 /// Element type of a stored tensor. All are little-endian in every format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DType {
-    /// IEEE single.
     F32,
-    /// IEEE half.
     F16,
     /// The upper half of a single.
     BF16,
-    /// IEEE double.
     F64,
-    /// Signed, 8 bytes.
     I64,
-    /// Signed, 4 bytes.
     I32,
-    /// Signed, 2 bytes.
     I16,
-    /// Signed, 1 byte.
     I8,
-    /// Unsigned, 1 byte.
     U8,
     /// One byte, 0 or 1.
     Bool,
@@ -63,7 +55,6 @@ impl DType {
         }
     }
 
-    /// The inverse of [`Self::name`].
     pub fn from_name(name: &str) -> Option<Self> {
         const ALL: [DType; 10] = [
             DType::F32,
@@ -87,9 +78,9 @@ impl fmt::Display for DType {
     }
 }
 
-/// Where a tensor lies in the file. Built only by [`Layout::new`], which checks every bound.
+/// Where a tensor lies in the file. Built only by [`TensorLayout::new`], which checks every bound.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Layout {
+pub(crate) struct TensorLayout {
     pub(crate) dtype: DType,
     pub(crate) shape: Vec<usize>,
     /// In elements, one per axis.
@@ -99,7 +90,7 @@ pub(crate) struct Layout {
     numel: usize,
 }
 
-impl Layout {
+impl TensorLayout {
     /// A view into a storage.
     ///
     /// `storage` is the byte range of the whole storage in a file of `file_len` bytes, `offset`
@@ -280,7 +271,7 @@ mod tests {
 
     fn view(shape: &[usize], strides: &[usize], offset: usize) -> Result<Vec<f32>, Fault> {
         let file = file();
-        Layout::new(
+        TensorLayout::new(
             DType::F32,
             shape.to_vec(),
             strides.to_vec(),
@@ -316,8 +307,8 @@ mod tests {
         assert!(view(&[1 << 40, 1 << 40, 0], &[0, 0, 0], 0).is_ok_and(|v| v.is_empty()));
         assert!(view(&[0], &[1], 25).is_err());
         assert!(view(&[1; 33], &[0; 33], 0).is_err());
-        assert!(Layout::contiguous(DType::F32, vec![2], 0..7, 96).is_err());
-        assert!(Layout::contiguous(DType::F32, vec![2], 92..100, 96).is_err());
+        assert!(TensorLayout::contiguous(DType::F32, vec![2], 0..7, 96).is_err());
+        assert!(TensorLayout::contiguous(DType::F32, vec![2], 92..100, 96).is_err());
     }
 
     #[test]
@@ -331,7 +322,7 @@ mod tests {
         file.extend([0xFF, 0x01]);
         let len = file.len();
         let one = |dtype: DType, at: usize| {
-            Layout::contiguous(dtype, vec![1], at..at + dtype.size(), len)
+            TensorLayout::contiguous(dtype, vec![1], at..at + dtype.size(), len)
                 .unwrap()
                 .f32(&file)[0]
         };

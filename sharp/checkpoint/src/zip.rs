@@ -21,7 +21,7 @@ const LOCAL_LEN: usize = 30;
 
 /// Where an entry's data lies.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Entry {
+pub(crate) enum ZipEntry {
     /// Uncompressed, at these bytes of the file.
     Stored(Range<usize>),
     /// Something else than stored: why it cannot be mapped.
@@ -29,7 +29,7 @@ pub(crate) enum Entry {
 }
 
 /// Name → data of every entry.
-pub(crate) type Directory<'a> = BTreeMap<&'a str, Entry>;
+pub(crate) type Directory<'a> = BTreeMap<&'a str, ZipEntry>;
 
 /// A little-endian field of a record whose length was checked.
 fn u16_at(b: &[u8], at: usize) -> u64 {
@@ -87,7 +87,7 @@ pub(crate) fn read(file: &[u8]) -> Result<Directory<'_>, Fault> {
     Ok(entries)
 }
 
-/// Entry count, size and start of the central directory.
+/// ZipEntry count, size and start of the central directory.
 fn locate(file: &[u8]) -> Result<(u64, u64, u64), Fault> {
     let Some(last) = file.len().checked_sub(END_LEN) else {
         return malformed!("zip: the file is cut off");
@@ -118,7 +118,7 @@ fn locate(file: &[u8]) -> Result<(u64, u64, u64), Fault> {
 }
 
 /// Resolves one central record to the bytes of its data.
-fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<Entry, Fault> {
+fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<ZipEntry, Fault> {
     let (flags, method) = (u16_at(record, 8), u16_at(record, 10));
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
@@ -136,10 +136,10 @@ fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<Entry, 
         }
     }
     if flags & 1 != 0 {
-        return Ok(Entry::Unreadable("is encrypted".into()));
+        return Ok(ZipEntry::Unreadable("is encrypted".into()));
     }
     if method != 0 {
-        return Ok(Entry::Unreadable(format!(
+        return Ok(ZipEntry::Unreadable(format!(
             "is compressed (method {method}); PyTorch stores entries uncompressed, \
              so the file was repacked: unpack and save it again"
         )));
@@ -154,7 +154,7 @@ fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<Entry, 
     let data = start + LOCAL_LEN as u64 + u16_at(local, 26) + u16_at(local, 28);
     let end = data.checked_add(size).filter(|&e| e <= file.len() as u64);
     match end {
-        Some(end) => Ok(Entry::Stored(data as usize..end as usize)),
+        Some(end) => Ok(ZipEntry::Stored(data as usize..end as usize)),
         None => malformed!("zip: '{name}' of {size} bytes reaches beyond the end of the file"),
     }
 }
@@ -253,7 +253,7 @@ pub(crate) mod tests {
         for wide in [false, true] {
             let file = archive(&[("a/data.pkl", b"xyz"), ("a/data/0", b"")], wide);
             let found = read(&file).unwrap();
-            let Entry::Stored(range) = &found["a/data.pkl"] else {
+            let ZipEntry::Stored(range) = &found["a/data.pkl"] else {
                 panic!("stored");
             };
             assert_eq!(&file[range.clone()], b"xyz");
@@ -267,7 +267,7 @@ pub(crate) mod tests {
         let at = file.windows(4).position(|w| w == CENTRAL).unwrap();
         file[at + 10] = 8;
         assert!(
-            matches!(&read(&file).unwrap()["a"], Entry::Unreadable(why) if why.contains("compressed"))
+            matches!(&read(&file).unwrap()["a"], ZipEntry::Unreadable(why) if why.contains("compressed"))
         );
     }
 

@@ -3,22 +3,19 @@
 use std::ops::Range;
 
 use crate::gemm::Epilogue;
-use crate::gemm::block::Block;
-use crate::gemm::micro::{KC, Tile, stride_for};
+use crate::gemm::block::ProductBlock;
+use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::packed::{PackedView, pack_rows, pack_transposed};
 use crate::math::exp;
 use crate::simd::{Simd, per_instruction_set};
 use crate::workspace::{SharedOut, Workspace};
 
-/// Shape of an attention.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AttentionShape {
     /// Independent sequences.
     pub batch: usize,
-    /// Tokens of a sequence.
     pub tokens: usize,
     pub heads: usize,
-    /// Channels of a head.
     pub head_dim: usize,
 }
 
@@ -66,7 +63,7 @@ pub fn attention(
     if out.is_empty() {
         return;
     }
-    let tile = Tile::of(simd);
+    let tile = MicroTile::of(simd);
     let parts = Parts::new(&tile, tokens, head_dim);
     let shared = SharedOut::new(out);
     workspace.tasks(batch * heads, parts.len(), |task, scratch| {
@@ -121,7 +118,7 @@ struct Split<'a> {
 }
 
 impl Parts {
-    fn new(tile: &Tile, tokens: usize, head_dim: usize) -> Self {
+    fn new(tile: &MicroTile, tokens: usize, head_dim: usize) -> Self {
         let columns = tokens.next_multiple_of(tile.nr);
         let padded_dim = head_dim.next_multiple_of(tile.nr);
         Self {
@@ -192,7 +189,7 @@ impl Split<'_> {
         out_stride: usize,
         offset: &impl Fn(usize) -> usize,
     ) {
-        let nr = Tile::of(simd).nr;
+        let nr = MicroTile::of(simd).nr;
         let run = parts.rows * parts.query_stride;
         for (i, t) in rows.clone().enumerate() {
             for (k, part) in query(t).chunks(KC).enumerate() {
@@ -200,7 +197,7 @@ impl Split<'_> {
                     .copy_from_slice(part);
             }
         }
-        let scores = Block {
+        let scores = ProductBlock {
             b: PackedView {
                 simd,
                 k: parts.head_dim,
@@ -230,7 +227,7 @@ impl Split<'_> {
             parts.rows * parts.weight_stride,
         );
         let run = parts.rows * parts.weight_stride;
-        let block = Block {
+        let block = ProductBlock {
             b: PackedView {
                 simd,
                 k: parts.tokens,

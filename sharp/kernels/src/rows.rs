@@ -95,7 +95,6 @@ impl<'a> RowWindow<'a> {
         self.width
     }
 
-    /// Channels of a pixel.
     pub fn channels(&self) -> usize {
         self.channels
     }

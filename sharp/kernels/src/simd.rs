@@ -135,37 +135,47 @@ impl Simd {
     }
 }
 
-/// Defines a function that runs `$body::<FMA>` compiled for the instruction set of its first argument.
+/// Defines a function that runs a body compiled for the instruction set of its first argument.
 ///
-/// The body must be `#[inline(always)]`, so that it is compiled once per instruction set; its
-/// parameter says whether fused multiply-add is an instruction there.
+/// `= body` calls `body::<FMA>`, whose parameter says whether fused multiply-add is an instruction
+/// there; `= avx512, avx2, portable` names a body for each. Bodies must be `#[inline(always)]`.
+#[macro_export]
 macro_rules! per_instruction_set {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) = $body:ident) => {
+        $crate::per_instruction_set! {
+            $(#[$doc])*
+            $vis fn $name($($arg: $ty),*) = $body::<true>, $body::<true>, $body::<false>
+        }
+    };
+    (
+        $(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) =
+            $avx512:expr, $avx2:expr, $portable:expr
+    ) => {
         $(#[$doc])*
         #[allow(clippy::too_many_arguments, reason = "the inputs of a kernel")]
-        $vis fn $name(simd: $crate::simd::Simd, $($arg: $ty),*) {
+        $vis fn $name(simd: $crate::Simd, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2,fma")]
                 #[allow(clippy::too_many_arguments, reason = "the inputs of a kernel")]
                 fn avx512($($arg: $ty),*) {
-                    $body::<true>($($arg),*)
+                    $avx512($($arg),*)
                 }
                 #[target_feature(enable = "avx2,fma")]
                 #[allow(clippy::too_many_arguments, reason = "the inputs of a kernel")]
                 fn avx2($($arg: $ty),*) {
-                    $body::<true>($($arg),*)
+                    $avx2($($arg),*)
                 }
                 match simd.instruction_set() {
                     // SAFETY: a `Simd` of this set exists only where the machine has it.
-                    $crate::simd::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
+                    $crate::InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
-                    $crate::simd::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
-                    $crate::simd::InstructionSet::Portable => {}
+                    $crate::InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
+                    $crate::InstructionSet::Portable => {}
                 }
             }
             let _ = simd;
-            $body::<false>($($arg),*)
+            $portable($($arg),*)
         }
     };
 }

@@ -2,7 +2,7 @@
 //! along with the network; a prediction does not need it.
 
 use super::engine::Runtime;
-use super::layers::{Conv, Fused, GroupNorm};
+use super::layers::{Conv, Fused, GroupNormLayer};
 use super::map::Map;
 use super::params::Params;
 use super::{ModelConfig, ModelError};
@@ -22,9 +22,9 @@ const RECTIFIED: Fused<'_> = Fused {
 
 /// `relu(norm(x))`, then a convolution, twice, beside a shortcut.
 pub(super) struct NormResidualBlock {
-    norm0: GroupNorm,
+    norm0: GroupNormLayer,
     conv2: Conv,
-    norm3: GroupNorm,
+    norm3: GroupNormLayer,
     conv5: Conv,
     shortcut: Option<Conv>,
 }
@@ -34,9 +34,9 @@ impl NormResidualBlock {
     pub(super) fn new(p: &Params<'_>, input: usize, output: usize, groups: usize) -> Self {
         let (residual, inner) = (p.pp("residual"), output / 2);
         Self {
-            norm0: GroupNorm::new(&residual.pp(0), input, groups),
+            norm0: GroupNormLayer::new(&residual.pp(0), input, groups),
             conv2: Conv::spatial(&residual.pp(2), input, inner, true),
-            norm3: GroupNorm::new(&residual.pp(3), inner, groups),
+            norm3: GroupNormLayer::new(&residual.pp(3), inner, groups),
             conv5: Conv::spatial(&residual.pp(5), inner, output, true),
             shortcut: (input != output)
                 .then(|| Conv::point(&p.pp("shortcut"), input, output, true)),
@@ -76,12 +76,12 @@ impl NormResidualBlock {
 
 pub(super) struct DepthAlignment {
     conv_in: Conv,
-    norm_in: GroupNorm,
+    norm_in: GroupNormLayer,
     down: Vec<[NormResidualBlock; 2]>,
     up: Vec<[NormResidualBlock; 2]>,
-    norm_out0: GroupNorm,
+    norm_out0: GroupNormLayer,
     conv_out2: Conv,
-    norm_out3: GroupNorm,
+    norm_out3: GroupNormLayer,
     conv_out: Conv,
     side: usize,
 }
@@ -110,12 +110,12 @@ impl DepthAlignment {
         let (conv_in, conv_out) = (encoder.pp("conv_in"), decoder.pp("conv_out"));
         Self {
             conv_in: Conv::spatial(&conv_in.pp(0), 2, base, true),
-            norm_in: GroupNorm::new(&conv_in.pp(1), base, GROUPS),
+            norm_in: GroupNormLayer::new(&conv_in.pp(1), base, GROUPS),
             down: (0..steps).map(down).collect(),
             up: (0..steps).map(up).collect(),
-            norm_out0: GroupNorm::new(&conv_out.pp(0), 2 * base, GROUPS),
+            norm_out0: GroupNormLayer::new(&conv_out.pp(0), 2 * base, GROUPS),
             conv_out2: Conv::point(&conv_out.pp(2), 2 * base, base, true),
-            norm_out3: GroupNorm::new(&conv_out.pp(3), base, GROUPS),
+            norm_out3: GroupNormLayer::new(&conv_out.pp(3), base, GROUPS),
             conv_out: Conv::point(&p.pp("conv_out"), base, 1, true),
             side: config.internal_resolution,
         }

@@ -17,7 +17,6 @@ pub struct VitConfig {
     pub in_chans: usize,
     /// Width of a token.
     pub embed_dim: usize,
-    /// Number of blocks.
     pub depth: usize,
     /// Attention heads, each `embed_dim / num_heads` wide.
     pub num_heads: usize,

@@ -4,7 +4,7 @@ use super::ModelError;
 use super::engine::Runtime;
 use super::layers::{Conv, Deconv, Fused};
 use super::map::Map;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 
 /// `y + conv3(relu(conv1(relu(y))))`: both 3×3, no normalisation.
@@ -132,7 +132,7 @@ impl MultiresConvDecoder {
         rt: &Runtime,
         maps: &[Map; 5],
         name: &str,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Map, ModelError> {
         let mut fused: Option<Map> = None;
         for level in (0..5).rev() {

@@ -2,8 +2,8 @@
 
 use candle_core::Device;
 
-use super::ModelError;
-use super::engine::{Engine, Precision};
+use super::engine::Engine;
+use super::{Algorithm, ModelError};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
@@ -18,11 +18,11 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// Opens the device; `precision` matters on the CPU.
+    /// Opens the device; `convolution` matters on the CPU.
     ///
     /// # Errors
     /// [`ModelError::Device`] when a GPU was asked for by name and is not there.
-    pub fn open(self, precision: Precision) -> Result<Engine, ModelError> {
+    pub fn open(self, convolution: Algorithm) -> Result<Engine, ModelError> {
         let cuda = || Device::new_cuda(0);
         let metal = || Device::new_metal(0);
         let named = |device: candle_core::Result<Device>, name: &str, built: bool| {
@@ -35,12 +35,12 @@ impl DeviceChoice {
             })
         };
         match self {
-            Self::Cpu => Ok(Engine::cpu(precision)),
+            Self::Cpu => Ok(Engine::cpu(convolution)),
             Self::Cuda => named(cuda(), "cuda", cfg!(feature = "cuda")),
             Self::Metal => named(metal(), "metal", cfg!(feature = "metal")),
             Self::Auto => Ok(cuda()
                 .or_else(|_| metal())
-                .map_or_else(|_| Engine::cpu(precision), Engine::Tensors)),
+                .map_or_else(|_| Engine::cpu(convolution), Engine::Tensors)),
         }
     }
 }
@@ -69,16 +69,16 @@ mod tests {
     fn names_are_parsed_and_absent_devices_are_errors() {
         assert_eq!("auto".parse::<DeviceChoice>().unwrap(), DeviceChoice::Auto);
         assert!("gpu".parse::<DeviceChoice>().is_err());
-        assert!(DeviceChoice::Auto.open(Precision::Fast).is_ok());
+        assert!(DeviceChoice::Auto.open(Algorithm::Winograd).is_ok());
         if !cfg!(feature = "cuda") {
-            let refused = DeviceChoice::Cuda.open(Precision::Fast).err().unwrap();
+            let refused = DeviceChoice::Cuda.open(Algorithm::Winograd).err().unwrap();
             assert!(refused.to_string().contains("--features cuda"), "{refused}");
         }
     }
 
     #[test]
     fn engines_say_what_they_are() {
-        let name = DeviceChoice::Cpu.open(Precision::Exact).unwrap().name();
+        let name = DeviceChoice::Cpu.open(Algorithm::Direct).unwrap().name();
         assert!(name.starts_with("cpu-"), "{name}");
         assert_eq!(Engine::Tensors(Device::Cpu).name(), "candle-cpu");
     }

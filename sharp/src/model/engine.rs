@@ -9,7 +9,6 @@ use sharp_kernels::{Algorithm, Simd, Workspace};
 use super::ModelError;
 use super::params::{Parameter, WeightSource};
 
-/// What computes a network.
 pub enum Engine {
     /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
     Kernels(CpuKernels),
@@ -25,31 +24,16 @@ pub struct CpuKernels {
     pub(super) convolution: Algorithm,
 }
 
-/// How 3×3 convolutions are computed on the CPU.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Precision {
-    /// With a quarter of the multiplications (Winograd); rounding errors are about five times
-    /// those of the plain sum.
-    #[default]
-    Fast,
-    /// As the plain sum of products.
-    Exact,
-}
-
 impl Engine {
-    /// Kernels for this CPU.
-    pub fn cpu(precision: Precision) -> Self {
+    /// Kernels for this CPU; `convolution` is for 3×3 kernels.
+    pub fn cpu(convolution: Algorithm) -> Self {
         Self::Kernels(CpuKernels {
             simd: Simd::detect(),
-            convolution: match precision {
-                Precision::Fast => Algorithm::Winograd,
-                Precision::Exact => Algorithm::Direct,
-            },
+            convolution,
         })
     }
 
-    /// For records: `cpu-avx2`, `cpu-avx2-exact` ([`Precision::Exact`]),
-    /// `candle-cuda…`.
+    /// For records: `cpu-avx2`, `cpu-avx2-exact` ([`Algorithm::Direct`]), `candle-cuda…`.
     pub fn name(&self) -> String {
         match self {
             Self::Kernels(kernels) => {

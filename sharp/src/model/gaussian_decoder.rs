@@ -6,7 +6,7 @@ use super::decoder::{FusionBlock, MultiresConvDecoder};
 use super::engine::Runtime;
 use super::layers::{Conv, Fused};
 use super::map::Map;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 use super::{ModelConfig, ModelError};
 
@@ -20,8 +20,8 @@ pub(super) struct GaussianDecoder {
     decoder: MultiresConvDecoder,
     skip: Conv,
     fusion: FusionBlock,
-    texture_head: Head,
-    geometry_head: Head,
+    texture_head: AttributeHead,
+    geometry_head: AttributeHead,
     /// Pixels of the decoder's finest map along a Gaussian's block.
     pooling: usize,
 }
@@ -36,8 +36,8 @@ impl GaussianDecoder {
             decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
             skip: Conv::blocks(&skip, 3 + LAYERS, dim, stride),
             fusion: FusionBlock::new(&p.pp("fusion"), dim, true, false),
-            texture_head: Head::new(&p.pp("texture_head"), config),
-            geometry_head: Head::new(&p.pp("geometry_head"), config),
+            texture_head: AttributeHead::new(&p.pp("texture_head"), config),
+            geometry_head: AttributeHead::new(&p.pp("geometry_head"), config),
             // The finest map has half the internal resolution. Coarser Gaussians see its means:
             // our choice, the release only knows stride 2, where nothing is pooled.
             pooling: stride / 2,
@@ -51,7 +51,7 @@ impl GaussianDecoder {
         rt: &Runtime,
         maps: [Map; 5],
         input: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<[Map; 2], ModelError> {
         let mut decoded = self.decoder.forward(rt, &maps, "gauss_decoder", observer)?;
         let side = 2 * maps[0].dims()?.1;
@@ -76,12 +76,12 @@ impl GaussianDecoder {
 }
 
 /// Two residual blocks and a projection, ReLU at the end.
-struct Head {
+struct AttributeHead {
     blocks: [NormResidualBlock; 2],
     conv3: Conv,
 }
 
-impl Head {
+impl AttributeHead {
     fn new(p: &Params<'_>, config: &ModelConfig) -> Self {
         let dim = config.gaussian_dims_decoder[0];
         let groups = config.gaussian_norm_num_groups;
@@ -98,7 +98,7 @@ impl Head {
         rt: &Runtime,
         x: &Map,
         name: &str,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Map, ModelError> {
         let mut see = |stage: &str, value: &Map| {
             observer.stage(&format!("{name}.{stage}"), StageValue::map(value))

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use sharp_checkpoint::{Checkpoint, Expected};
 
-use super::network::Network;
+use super::network::SharpNetwork;
 use super::params::{Parameter, Params, WeightSource};
 use super::{ModelConfig, ModelError};
 
@@ -17,7 +17,7 @@ use super::{ModelConfig, ModelError};
 pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
     config.validate()?;
     let list = RefCell::default();
-    Network::new(config, &Params::new(&list));
+    SharpNetwork::new(config, &Params::new(&list));
     Ok(list.into_inner())
 }
 

@@ -212,13 +212,13 @@ impl Deconv {
 }
 
 /// Normalisation over groups of channels and all pixels, then a learned scale and shift.
-pub(super) struct GroupNorm {
+pub(super) struct GroupNormLayer {
     weight: Parameter,
     bias: Parameter,
     groups: usize,
 }
 
-impl GroupNorm {
+impl GroupNormLayer {
     const EPS: f32 = 1e-5;
 
     pub(super) fn new(p: &Params<'_>, width: usize, groups: usize) -> Self {
@@ -281,7 +281,6 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
 
-    use crate::model::engine::Precision;
     use crate::model::synth::Synth;
     use candle_core::Device;
     use sharp_checkpoint::deterministic::model_weights;
@@ -290,8 +289,8 @@ mod tests {
     fn runtimes() -> [Runtime; 3] {
         [
             Engine::Tensors(Device::Cpu),
-            Engine::cpu(Precision::Exact),
-            Engine::cpu(Precision::Fast),
+            Engine::cpu(Algorithm::Direct),
+            Engine::cpu(Algorithm::Winograd),
         ]
         .map(|engine| Runtime::new(engine, Box::new(Synth::default())))
     }
@@ -391,7 +390,7 @@ mod tests {
 
     #[test]
     fn group_norms_agree() {
-        let norm = declare(|p| GroupNorm::new(p, 8, 4));
+        let norm = declare(|p| GroupNormLayer::new(p, 8, 4));
         agree((8, 16, 12), |rt, x| norm.forward(rt, x).unwrap());
     }
 }

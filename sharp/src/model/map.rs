@@ -8,7 +8,6 @@ use super::engine::Engine;
 
 /// A feature map of one image.
 pub(super) enum Map {
-    /// For the kernels.
     Host(HostMap),
     /// `[1, channels, height, width]`.
     Tensor(Tensor),
@@ -23,7 +22,6 @@ pub(super) struct HostMap {
 }
 
 impl HostMap {
-    /// Zeros.
     pub(super) fn new(height: usize, width: usize, channels: usize) -> Self {
         Self {
             height,
@@ -97,7 +95,6 @@ impl Map {
         })
     }
 
-    /// Channels, height, width.
     pub(super) fn dims(&self) -> Result<(usize, usize, usize), ModelError> {
         Ok(match self {
             Self::Host(map) => (map.channels, map.height, map.width),
@@ -125,7 +122,6 @@ impl Map {
         Ok(self)
     }
 
-    /// `max(·, 0)`.
     pub(super) fn relu(mut self) -> Result<Self, ModelError> {
         match &mut self {
             Self::Host(map) => map.data.par_chunks_mut(CHUNK).for_each(|chunk| {
@@ -248,11 +244,11 @@ pub(super) fn mixed() -> ModelError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::engine::Precision;
+    use crate::model::Algorithm;
     use candle_core::Device;
 
     fn engines() -> [Engine; 2] {
-        [Engine::cpu(Precision::Exact), Engine::Tensors(Device::Cpu)]
+        [Engine::cpu(Algorithm::Direct), Engine::Tensors(Device::Cpu)]
     }
 
     fn planes() -> Vec<f32> {

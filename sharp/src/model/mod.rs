@@ -41,8 +41,9 @@ mod vit;
 
 pub use config::ModelConfig;
 pub use device::DeviceChoice;
-pub use engine::{Engine, Precision};
+pub use engine::Engine;
 pub use error::ModelError;
 pub use network_spec::{NetworkIdentity, NetworkSpec};
-pub use observer::{Observer, Silent, StageProgress, StageValue};
+pub use observer::{Silent, StageObserver, StageProgress, StageValue};
 pub use predictor::{NetworkOutput, Predictor};
+pub use sharp_kernels::Algorithm;

@@ -5,21 +5,19 @@ use super::decoder::MultiresConvDecoder;
 use super::engine::Runtime;
 use super::layers::{Conv, Deconv, Fused};
 use super::map::Map;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 use super::pyramid::Encoder;
 use super::{ModelConfig, ModelError};
 
-/// Encoder, decoder and head.
 pub(super) struct Monodepth {
     encoder: Encoder,
     decoder: MultiresConvDecoder,
-    head: Head,
+    head: DisparityHead,
 }
 
 /// What the rest of the network needs of the depth network.
 pub(super) struct MonodepthOutput {
-    /// The encoder's five maps.
     pub(super) features: [Map; 5],
     /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not
     /// sorted.
@@ -33,7 +31,7 @@ impl Monodepth {
         Self {
             encoder: Encoder::new(&p.pp("encoder"), config),
             decoder: MultiresConvDecoder::new(&p.pp("decoder"), [d0, d0, d1, d2, d3], dim),
-            head: Head::new(&p.pp("head"), dim),
+            head: DisparityHead::new(&p.pp("head"), dim),
         }
     }
 
@@ -42,7 +40,7 @@ impl Monodepth {
         &self,
         rt: &Runtime,
         image: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<MonodepthOutput, ModelError> {
         let features = self.encoder.forward(rt, image, observer)?;
         let decoded = self
@@ -58,14 +56,14 @@ impl Monodepth {
 }
 
 /// Doubles the resolution and reduces to one channel a layer.
-struct Head {
+struct DisparityHead {
     conv0: Conv,
     deconv1: Deconv,
     conv2: Conv,
     conv4: Conv,
 }
 
-impl Head {
+impl DisparityHead {
     fn new(p: &Params<'_>, dim: usize) -> Self {
         Self {
             conv0: Conv::spatial(&p.pp(0), dim, dim / 2, true),
@@ -80,7 +78,7 @@ impl Head {
         &self,
         rt: &Runtime,
         mut x: Map,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Map, ModelError> {
         let mut see = |index: usize, value: Map| {
             let name = format!("depth_head.{index}");

@@ -7,14 +7,14 @@ use super::monodepth::Monodepth;
 use super::params::Params;
 
 /// Every module with parameters, named as in the checkpoint.
-pub(super) struct Network {
+pub(super) struct SharpNetwork {
     pub(super) monodepth: Monodepth,
     pub(super) feature_model: GaussianDecoder,
     pub(super) prediction_head: PredictionHead,
     pub(super) depth_alignment: DepthAlignment,
 }
 
-impl Network {
+impl SharpNetwork {
     pub(super) fn new(config: &ModelConfig, p: &Params<'_>) -> Self {
         let monodepth = p.pp("monodepth_model").pp("monodepth_predictor");
         let alignment = p.pp("depth_alignment").pp("scale_map_estimator");

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
+use sharp_checkpoint::hash::sha256_hex;
 
 use super::inventory::CheckpointSource;
-use super::{DeviceChoice, ModelConfig, ModelError, Precision};
+use super::{Algorithm, DeviceChoice, ModelConfig, ModelError};
 
 /// A network to [open](super::Predictor::open).
 #[derive(Debug, Clone)]
@@ -17,8 +17,8 @@ pub struct NetworkSpec {
     /// Name prefixes of tensors that the checkpoint may hold besides the network's.
     pub allow_unused: Vec<String>,
     pub device: DeviceChoice,
-    /// Matters on the CPU alone.
-    pub precision: Precision,
+    /// Of 3×3 kernels; matters on the CPU alone.
+    pub convolution: Algorithm,
 }
 
 /// Everything besides its input that a prediction depends on.
@@ -27,6 +27,7 @@ pub struct NetworkIdentity {
     pub checkpoint_sha256: String,
     /// The configuration's own name, for people; the hash decides.
     pub preset: String,
+    /// Of the configuration's values, whatever file they stand in.
     pub config_sha256: String,
     /// [`Engine::name`](super::Engine::name) of the device found, not of the one asked for.
     pub engine: String,
@@ -40,7 +41,7 @@ impl NetworkSpec {
             config: ModelConfig::release(),
             allow_unused: Vec::new(),
             device: DeviceChoice::Cpu,
-            precision: Precision::Fast,
+            convolution: Algorithm::Winograd,
         }
     }
 
@@ -50,20 +51,12 @@ impl NetworkSpec {
     /// [`ModelError::Checkpoint`], [`ModelError::Device`].
     pub fn identity(&self) -> Result<NetworkIdentity, ModelError> {
         Ok(NetworkIdentity {
-            engine: self.device.open(self.precision)?.name(),
+            engine: self.device.open(self.convolution)?.name(),
             checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256(),
             preset: self.config.preset.clone(),
-            config_sha256: self.config.sha256(),
+            // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
+            config_sha256: sha256_hex(format!("{:?}", self.config).as_bytes()),
         })
-    }
-}
-
-impl ModelConfig {
-    /// Of the configuration's values, whatever file they stand in; 64 hexadecimal digits.
-    pub fn sha256(&self) -> String {
-        // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
-        let digest = Sha256::digest(format!("{self:?}"));
-        digest.iter().map(|byte| format!("{byte:02x}")).collect()
     }
 }
 
@@ -84,7 +77,7 @@ mod tests {
         assert!(plain.engine.starts_with("cpu-"), "{}", plain.engine);
         spec.allow_unused.push("ema.".into());
         assert_eq!(spec.identity().unwrap(), plain);
-        spec.precision = Precision::Exact;
+        spec.convolution = Algorithm::Direct;
         assert_ne!(spec.identity().unwrap().engine, plain.engine);
         spec.config.vit.norm_eps = 1e-5;
         assert_ne!(spec.identity().unwrap().config_sha256, plain.config_sha256);

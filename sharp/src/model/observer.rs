@@ -7,15 +7,13 @@ use super::map::Map;
 
 /// The value of a stage, wherever it lies. Reading it costs a copy.
 #[derive(Clone, Copy)]
-pub struct StageValue<'a>(Value<'a>);
+pub struct StageValue<'a>(StageData<'a>);
 
 #[derive(Clone, Copy)]
-enum Value<'a> {
+enum StageData<'a> {
     Tensor(&'a Tensor),
     /// Values in C order with their shape.
     Host(&'a [usize], &'a [f32]),
-    /// One image's map.
-    Map(&'a Map),
     /// One map an image.
     Maps(&'a [Map]),
 }
@@ -23,19 +21,19 @@ enum Value<'a> {
 impl<'a> StageValue<'a> {
     /// Values in C order with their shape.
     pub fn host(shape: &'a [usize], values: &'a [f32]) -> Self {
-        Self(Value::Host(shape, values))
+        Self(StageData::Host(shape, values))
     }
 
     pub(super) fn tensor(tensor: &'a Tensor) -> Self {
-        Self(Value::Tensor(tensor))
+        Self(StageData::Tensor(tensor))
     }
 
     pub(super) fn map(map: &'a Map) -> Self {
-        Self(Value::Map(map))
+        Self(StageData::Maps(std::slice::from_ref(map)))
     }
 
     pub(super) fn maps(maps: &'a [Map]) -> Self {
-        Self(Value::Maps(maps))
+        Self(StageData::Maps(maps))
     }
 
     /// Dimensions, in PyTorch's order.
@@ -43,15 +41,13 @@ impl<'a> StageValue<'a> {
     /// # Errors
     /// [`ModelError::Tensor`].
     pub fn shape(&self) -> Result<Vec<usize>, ModelError> {
-        let of_maps = |count: usize, map: Option<&Map>| {
-            let (c, h, w) = map.map_or(Ok((0, 0, 0)), Map::dims)?;
-            Ok(vec![count, c, h, w])
-        };
         match self.0 {
-            Value::Tensor(tensor) => Ok(tensor.dims().to_vec()),
-            Value::Host(shape, _) => Ok(shape.to_vec()),
-            Value::Map(map) => of_maps(1, Some(map)),
-            Value::Maps(maps) => of_maps(maps.len(), maps.first()),
+            StageData::Tensor(tensor) => Ok(tensor.dims().to_vec()),
+            StageData::Host(shape, _) => Ok(shape.to_vec()),
+            StageData::Maps(maps) => {
+                let (c, h, w) = maps.first().map_or(Ok((0, 0, 0)), Map::dims)?;
+                Ok(vec![maps.len(), c, h, w])
+            }
         }
     }
 
@@ -61,10 +57,9 @@ impl<'a> StageValue<'a> {
     /// [`ModelError::Tensor`].
     pub fn to_vec(&self) -> Result<Vec<f32>, ModelError> {
         match self.0 {
-            Value::Tensor(tensor) => Ok(tensor.flatten_all()?.to_vec1()?),
-            Value::Host(_, values) => Ok(values.to_vec()),
-            Value::Map(map) => map.to_planes(),
-            Value::Maps(maps) => {
+            StageData::Tensor(tensor) => Ok(tensor.flatten_all()?.to_vec1()?),
+            StageData::Host(_, values) => Ok(values.to_vec()),
+            StageData::Maps(maps) => {
                 let planes = maps.iter().map(Map::to_planes);
                 Ok(planes.collect::<Result<Vec<_>, _>>()?.concat())
             }
@@ -74,7 +69,7 @@ impl<'a> StageValue<'a> {
 
 /// Called with every named stage of a prediction, in order of computation. Stages are named as in
 /// the official recordings: `patch_encoder.block5`, `depth_decoder.fusion0`.
-pub trait Observer {
+pub trait StageObserver {
     /// Called once a stage. An error stops the prediction.
     ///
     /// # Errors
@@ -82,11 +77,10 @@ pub trait Observer {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError>;
 }
 
-/// Observes nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
-impl Observer for Silent {
+impl StageObserver for Silent {
     fn stage(&mut self, _: &str, _: StageValue<'_>) -> Result<(), ModelError> {
         Ok(())
     }
@@ -106,7 +100,7 @@ impl<F: FnMut(&'static str, f64)> StageProgress<F> {
     }
 }
 
-impl<F: FnMut(&'static str, f64)> Observer for StageProgress<F> {
+impl<F: FnMut(&'static str, f64)> StageObserver for StageProgress<F> {
     fn stage(&mut self, name: &str, _: StageValue<'_>) -> Result<(), ModelError> {
         let block = name.strip_prefix("patch_encoder.block");
         if let Some(k) = block.and_then(|k| k.parse::<usize>().ok()) {

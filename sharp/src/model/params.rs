@@ -48,7 +48,6 @@ pub(super) struct Params<'a> {
 }
 
 impl<'a> Params<'a> {
-    /// The root.
     pub(super) fn new(list: &'a RefCell<Vec<Parameter>>) -> Self {
         Self {
             list,

@@ -1,19 +1,18 @@
 //! The whole network: an image and its focal length to Gaussians.
 
 use std::cell::RefCell;
-use std::path::Path;
 
 use image::RgbImage;
 
 use super::config::LAYERS;
 use super::engine::{Engine, Runtime};
 use super::inventory::CheckpointSource;
-use super::network::Network;
+use super::network::SharpNetwork;
 use super::network_spec::NetworkSpec;
-use super::observer::{Observer, Silent, StageValue};
+use super::observer::{Silent, StageObserver, StageValue};
 use super::params::{Params, WeightSource};
 use super::{ModelConfig, ModelError};
-use crate::composer::{ATTRIBUTES, ComposerConfig, compose};
+use crate::composer::{ATTRIBUTES, compose};
 use crate::gaussians::Gaussians;
 use crate::initializer::{BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::resize::bilinear_align_corners;
@@ -58,8 +57,7 @@ impl NetworkOutput {
 /// A network, its weights and the engine that computes it.
 pub struct Predictor {
     config: ModelConfig,
-    network: Network,
-    composer: ComposerConfig,
+    network: SharpNetwork,
     runtime: Runtime,
 }
 
@@ -67,23 +65,6 @@ pub struct Predictor {
 const DISPARITY: (f32, f32) = (1e-4, 1e4);
 
 impl Predictor {
-    /// Opens weights in a file; see [`CheckpointSource::check`] for what must be in it. Values are
-    /// read from the file when they are needed, so it must not change meanwhile.
-    ///
-    /// # Errors
-    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
-    /// [`ModelError::Config`].
-    pub fn load(
-        config: &ModelConfig,
-        checkpoint: &Path,
-        engine: Engine,
-        allow_unused: &[String],
-    ) -> Result<Self, ModelError> {
-        let checkpoint = CheckpointSource::open(checkpoint)?;
-        checkpoint.check(config, allow_unused)?;
-        Self::from_source(config, checkpoint, engine)
-    }
-
     /// Builds the network over any source of weights.
     ///
     /// # Errors
@@ -96,19 +77,22 @@ impl Predictor {
         config.validate()?;
         Ok(Self {
             config: config.clone(),
-            network: Network::new(config, &Params::new(&RefCell::default())),
-            composer: ComposerConfig::default(),
+            network: SharpNetwork::new(config, &Params::new(&RefCell::default())),
             runtime: Runtime::new(engine, Box::new(source)),
         })
     }
 
-    /// Opens the network of `spec`.
+    /// Opens the network of `spec`; see [`CheckpointSource::check`] for what must be in its file.
+    /// Values are read from it when they are needed, so it must not change meanwhile.
     ///
     /// # Errors
-    /// As [`Self::load`]; [`ModelError::Device`] when the device is not there.
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] with everything that does not fit,
+    /// [`ModelError::Config`]; [`ModelError::Device`] when the device is not there.
     pub fn open(spec: &NetworkSpec) -> Result<Self, ModelError> {
-        let engine = spec.device.open(spec.precision)?;
-        Self::load(&spec.config, &spec.checkpoint, engine, &spec.allow_unused)
+        let engine = spec.device.open(spec.convolution)?;
+        let checkpoint = CheckpointSource::open(&spec.checkpoint)?;
+        checkpoint.check(&spec.config, &spec.allow_unused)?;
+        Self::from_source(&spec.config, checkpoint, engine)
     }
 
     /// [`Self::predict`] from a decoded picture, unobserved.
@@ -149,7 +133,7 @@ impl Predictor {
         &self,
         image: Planes<'_>,
         disparity_factor: f32,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<NetworkOutput, ModelError> {
         check_input(image, disparity_factor)?;
         let side = self.config.internal_resolution;
@@ -189,7 +173,7 @@ impl Predictor {
             "deltas",
             StageValue::host(&[1, ATTRIBUTES, LAYERS, rows, columns], &deltas),
         )?;
-        let gaussians = compose(&base, Some(&deltas), &self.composer)?;
+        let gaussians = compose(&base, Some(&deltas))?;
         observe_gaussians("ndc", &gaussians, observer)?;
         Ok(NetworkOutput {
             gaussians,
@@ -203,7 +187,7 @@ impl Predictor {
         &self,
         image: &[f32],
         depth: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<(BaseGaussians, Vec<f32>), ModelError> {
         let (grid, side) = (self.config.grid(), self.config.internal_resolution);
         let normalized = NormalizedDepth::new(depth, InvalidDepth::Refuse)?;
@@ -271,7 +255,7 @@ fn metric_depth(disparity: f32, factor: f32) -> f32 {
 }
 
 /// Shows base Gaussians in the shapes of the recordings.
-fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(), ModelError> {
+fn observe_base(base: &BaseGaussians, observer: &mut dyn StageObserver) -> Result<(), ModelError> {
     let (layers, rows, columns) = (base.grid.layers, base.grid.rows(), base.grid.columns());
     let shape = [1, 1, layers, rows, columns];
     let mut see = |name: &str, shape: &[usize], values: &[f32]| {
@@ -298,7 +282,7 @@ fn observe_base(base: &BaseGaussians, observer: &mut dyn Observer) -> Result<(),
 pub(super) fn observe_gaussians(
     space: &str,
     gaussians: &Gaussians,
-    observer: &mut dyn Observer,
+    observer: &mut dyn StageObserver,
 ) -> Result<(), ModelError> {
     let n = gaussians.len();
     let mut see = |name: &str, width: Option<usize>, values: &[f32]| {
@@ -316,7 +300,7 @@ pub(super) fn observe_gaussians(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Precision, Silent, inventory, synth::Synth};
+    use crate::model::{Algorithm, Silent, inventory, synth::Synth};
 
     #[test]
     fn disparity_is_clamped_on_both_sides() {
@@ -333,7 +317,7 @@ mod tests {
         let mut config = ModelConfig::load(&file).unwrap();
         config.gaussian_stride = stride;
         assert!(!inventory::inventory(&config).unwrap().is_empty());
-        let engine = Engine::cpu(Precision::Fast);
+        let engine = Engine::cpu(Algorithm::Winograd);
         Predictor::from_source(&config, Synth::default(), engine).unwrap()
     }
 

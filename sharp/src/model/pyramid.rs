@@ -3,7 +3,7 @@
 use super::engine::Runtime;
 use super::layers::{Conv, Deconv, Fused};
 use super::map::Map;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::params::Params;
 use super::vit::Vit;
 use super::{ModelConfig, ModelError};
@@ -141,7 +141,7 @@ impl Encoder {
         &self,
         rt: &Runtime,
         image: &[f32],
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<[Map; 5], ModelError> {
         let [fine, coarse] = self.tilings;
         let quarter = quarter_size(image, fine.size);
@@ -221,7 +221,7 @@ fn sample(planes: &[f32], side: usize, step: usize, offset: usize) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::engine::{Engine, Precision};
+    use crate::model::{Algorithm, Engine};
 
     #[test]
     fn the_release_has_25_and_9_overlapping_patches() {
@@ -237,7 +237,7 @@ mod tests {
     fn merging_undoes_splitting() {
         // One token a pixel: what is split and merged is the image itself.
         let image: Vec<f32> = (0..3 * 48 * 48).map(|k| k as f32).collect();
-        let engine = Engine::cpu(Precision::Exact);
+        let engine = Engine::cpu(Algorithm::Direct);
         for overlap in [0, 4] {
             let tiling = Tiling::new(48, 24, 24, overlap);
             let mut patches = Vec::new();

@@ -15,7 +15,7 @@ use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
 use table::TableError;
 
-pub use read::{ReadOptions, from_bytes, load};
+pub use read::{from_bytes, load};
 pub use write::{PlyForm, to_bytes};
 
 /// √(1 / 4π), the value of the constant spherical harmonic.

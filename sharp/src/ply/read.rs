@@ -9,27 +9,20 @@ use crate::camera::Intrinsics;
 use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
 
-/// How to read what a file does not say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ReadOptions {
-    /// Encoding of colours in a file that does not say. The default is the release's: linear.
-    /// Most files of other programs hold values that were optimised in sRGB.
-    pub default_color_space: ColorSpace,
-}
-
 /// Reads a scene from `path`.
 ///
 /// Properties and elements may come in any order, in text or binary of either byte order. Needed
 /// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`. Older forms of the
 /// release's extra elements are understood: an `intrinsic` of four values (fx, fy, width, height)
-/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed).
+/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). Colours of a file that does not
+/// say how they are encoded are linear, as for the release.
 ///
 /// # Errors
 /// [`PlyError`] with the path and the reason.
-pub fn load(path: &Path, options: ReadOptions) -> Result<GaussianScene, PlyError> {
+pub fn load(path: &Path) -> Result<GaussianScene, PlyError> {
     std::fs::read(path)
         .map_err(PlyReason::from)
-        .and_then(|bytes| from_bytes(&bytes, options))
+        .and_then(|bytes| from_bytes(&bytes))
         .map_err(|reason| PlyError::new(path, reason))
 }
 
@@ -37,7 +30,7 @@ pub fn load(path: &Path, options: ReadOptions) -> Result<GaussianScene, PlyError
 ///
 /// # Errors
 /// [`PlyReason`].
-pub fn from_bytes(bytes: &[u8], options: ReadOptions) -> Result<GaussianScene, PlyReason> {
+pub fn from_bytes(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut vertices = None;
     let mut extras = Extras::new();
@@ -60,7 +53,7 @@ pub fn from_bytes(bytes: &[u8], options: ReadOptions) -> Result<GaussianScene, P
         }
     }
     let (mut gaussians, ignored_color_coefficients) = vertices.ok_or(PlyReason::NoVertices)?;
-    let color_space = color_space(&header, &extras)?.unwrap_or(options.default_color_space);
+    let color_space = color_space(&header, &extras)?.unwrap_or_default();
     // The element that says how colours are encoded follows them.
     for color in gaussians.colors.as_flattened_mut() {
         let stored = *color * SH_CONSTANT + 0.5;

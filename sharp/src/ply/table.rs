@@ -85,7 +85,6 @@ impl Element {
     }
 }
 
-/// Everything before the rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub encoding: Encoding,
@@ -223,13 +222,13 @@ pub struct Body<'a> {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub struct Row<'a> {
+pub struct TableRow<'a> {
     values: &'a [f64],
     /// Where in `values` each property begins, and the end of the last.
     starts: &'a [usize],
 }
 
-impl<'a> Row<'a> {
+impl<'a> TableRow<'a> {
     /// The values of a property: one, or as many as a list has.
     pub fn property(self, index: usize) -> &'a [f64] {
         &self.values[self.starts[index]..self.starts[index + 1]]
@@ -253,7 +252,7 @@ impl Body<'_> {
     pub fn rows<E: From<TableError>>(
         &mut self,
         element: &Element,
-        mut visit: impl FnMut(Row<'_>) -> Result<(), E>,
+        mut visit: impl FnMut(TableRow<'_>) -> Result<(), E>,
     ) -> Result<(), E> {
         let truncated = || TableError::Truncated {
             element: element.name.clone(),
@@ -296,7 +295,7 @@ impl Body<'_> {
                 }
             }
             starts.push(values.len());
-            visit(Row {
+            visit(TableRow {
                 values: &values,
                 starts: &starts,
             })?;

@@ -16,7 +16,7 @@ fn scene() -> GaussianScene {
 }
 
 fn read(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
-    from_bytes(bytes, ReadOptions::default())
+    from_bytes(bytes)
 }
 
 fn assert_same(found: &Gaussians, expected: &Gaussians) {
@@ -84,17 +84,8 @@ fn text_in_any_order_of_columns() {
     assert_eq!(found.gaussians.means, [[0.0, 0.0, 2.0]]);
     assert_eq!(found.gaussians.opacities, [0.5]);
     assert_eq!(found.gaussians.scales, [[1.0; 3]]);
-    // Linear unless the file or the caller says otherwise.
+    // Linear unless the file says otherwise.
     assert_eq!(found.gaussians.colors, [[0.5; 3]]);
-    let srgb = ReadOptions {
-        default_color_space: ColorSpace::Srgb,
-    };
-    let found = from_bytes(&text(&COLUMNS, ""), srgb).unwrap();
-    assert_eq!(found.gaussians.colors[0][0], linear(0.5));
-}
-
-fn linear(x: f32) -> f32 {
-    crate::color::linear_from_srgb(x)
 }
 
 #[test]
@@ -249,7 +240,7 @@ fn impossible_extras_are_named() {
 #[test]
 fn errors_name_the_file() {
     let path = Path::new("/nonexistent/scene.ply");
-    assert_eq!(load(path, ReadOptions::default()).unwrap_err().path, path);
+    assert_eq!(load(path).unwrap_err().path, path);
 }
 
 #[test]

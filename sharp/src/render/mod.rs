@@ -46,7 +46,7 @@ pub mod trajectory;
 mod view;
 
 #[cfg(feature = "gpu")]
-pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer, PassTime};
+pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer};
 
 pub use backend::{Backend, UnknownBackend};
 pub use colormap::turbo;

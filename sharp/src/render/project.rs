@@ -5,7 +5,7 @@
 //! never cancels, where `ac − b²` loses needles; the conic is kept as its Cholesky factor, which
 //! cannot turn negative.
 
-use super::simd::{Simd, per_level};
+use super::simd::{Simd, per_instruction_set};
 use super::{Dropped, RenderView};
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
@@ -157,18 +157,6 @@ impl ViewConstants {
     }
 }
 
-/// The depth of every centre as the pass computes it: f64, rounded once.
-#[cfg(feature = "gpu")]
-pub(super) fn depths(means: &[[f32; 3]], view: &RenderView) -> Vec<f32> {
-    let row = view.camera_from_scene.matrix3.transpose().z_axis;
-    let offset = view.camera_from_scene.translation.z;
-    let depth = |mean: &[f32; 3]| {
-        let [x, y, z] = mean.map(f64::from);
-        (row.x * x + row.y * y + row.z * z + offset) as f32
-    };
-    means.par_iter().map(depth).collect()
-}
-
 /// Columns of one block, so that the loop over them runs in lanes.
 struct Columns {
     mean: [[f64; BLOCK]; 3],
@@ -185,15 +173,15 @@ struct Columns {
     determinant: [f64; BLOCK],
 }
 
-per_level! {
-    fn project_block = block(
+per_instruction_set! {
+    fn project_block(
         constants: &ViewConstants,
         scene: &Gaussians,
         first: usize,
         splats: &mut [Splat],
         footprints: &mut [Footprint],
         counts: &mut (u64, Dropped),
-    )
+    ) = block, block, block
 }
 
 #[inline(always)]

@@ -3,7 +3,6 @@
 //! A stable sort of keys that come in the order of their indices: least significant digit first,
 //! 8 bits a pass, counting and then moving.
 
-/// Values of a digit.
 const DIGITS: usize = 256;
 /// Digits of a key: those of the depth. The index below them is in order already.
 const PASSES: usize = 4;
@@ -39,20 +38,6 @@ pub(super) fn sort(keys: &mut Vec<u64>, scratch: &mut Vec<u64>) {
         }
         std::mem::swap(keys, scratch);
     }
-}
-
-/// The indices of all depths, front to back; a GPU that takes its order from the host gets these.
-/// Gaussians that are not drawn may end up anywhere: they have no pixels.
-#[cfg(feature = "gpu")]
-pub(super) fn indices(depths: &[f32]) -> Vec<u32> {
-    let mut keys: Vec<u64> = depths
-        .iter()
-        .zip(0..)
-        .map(|(z, index)| super::emit::key(*z, index))
-        .collect();
-    sort(&mut keys, &mut Vec::new());
-    // The low half is the index.
-    keys.into_iter().map(|key| key as u32).collect()
 }
 
 #[cfg(test)]

@@ -6,7 +6,9 @@
 
 use super::project::ALPHA_MIN;
 use super::ranges::{Band, LocalSplat};
-use super::simd::{Lanes, per_level};
+#[cfg(target_arch = "x86_64")]
+use super::simd::{Avx2, Avx512};
+use super::simd::{Lanes, Portable, per_instruction_set};
 
 /// Side of the square of pixels that the lanes hold.
 pub(super) const BLOCK: usize = 4;
@@ -24,9 +26,10 @@ pub(super) struct BinPixels<'a> {
     pub(super) depth: Vec<&'a mut [f32]>,
 }
 
-per_level! {
+per_instruction_set! {
     /// Rasterises the tiles of one band of a bin.
-    pub(super) fn raster = band::<lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>)
+    pub(super) fn raster(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>) =
+        band::<Avx512>, band::<Avx2>, band::<Portable>
 }
 
 #[inline(always)]

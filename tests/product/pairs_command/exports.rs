@@ -91,7 +91,7 @@ fn exported_pairs_are_what_is_scored() {
     for name in ["target.png", "source_depth.npy", "target_depth.npy"] {
         assert!(folder.join(name).is_file(), "{name}");
     }
-    let depth = sharp_datasets::format::npy::read(&folder.join("target_depth.npy")).unwrap();
+    let depth = sharp_datasets::format::read_map(&folder.join("target_depth.npy")).unwrap();
     assert_eq!(depth.dimensions(), (96, 72));
     // No stray files of an interrupted write.
     for entry in std::fs::read_dir(&folder).unwrap() {

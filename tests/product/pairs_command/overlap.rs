@@ -64,7 +64,7 @@ fn somebody_elses_depth_decides_overlap_and_is_named() {
         let id = line.split(',').next().unwrap();
         let (stem, _) = id.split_once("__").unwrap();
         let from = dir.path().join("e").join(id).join("source_depth.npy");
-        let mut depth = sharp_datasets::format::npy::read(&from).unwrap();
+        let mut depth = sharp_datasets::format::read_map(&from).unwrap();
         depth.iter_mut().for_each(|z| *z *= 0.25);
         let to = dir.path().join("mono").join(format!("{stem}.npy"));
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();

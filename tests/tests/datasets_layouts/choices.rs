@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use sharp_datasets::check::{CheckOptions, DatasetReport};
+use sharp_datasets::check::DatasetReport;
 use sharp_datasets::format::npy;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::SyntheticScene;
@@ -20,8 +20,7 @@ fn has_note(notes: &[String], part: &str) {
 
 /// `datasets check` of a folder.
 fn checked(text: &str, folder: &Path) -> DatasetReport {
-    let options = CheckOptions { views_per_scene: 2 };
-    sharp_datasets::check::check(&spec(text, folder), &options, &|_, _| {}).unwrap()
+    sharp_datasets::check::check(&spec(text, folder), 2, &|_, _| {}).unwrap()
 }
 
 /// Frames for some of the views, without extensions.
@@ -385,14 +384,13 @@ fn a_right_picture_that_no_scene_has_is_named_with_its_setting() {
 fn a_unit_that_is_no_number_is_a_wrong_setting_and_no_broken_scene() {
     let scene = scene();
     let folder = own(&scene, "transforms.json");
-    let options = CheckOptions::default();
     for text in [
         "nerfstudio,scale=nan",
         "nerfstudio,depth-unit=0",
         "colmap,scale=-1",
     ] {
         let spec = spec(text, folder.path());
-        let error = sharp_datasets::check::check(&spec, &options, &|_, _| {}).unwrap_err();
+        let error = sharp_datasets::check::check(&spec, 10, &|_, _| {}).unwrap_err();
         assert!(
             matches!(error, sharp_datasets::DatasetError::Spec { .. }),
             "{error}"

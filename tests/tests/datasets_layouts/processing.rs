@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec2;
 use image::{GrayImage, Luma};
-use sharp_datasets::check::{CheckOptions, DatasetReport, check};
+use sharp_datasets::check::{DatasetReport, check};
 use sharp_datasets::format::{depth_png, npy};
 use sharp_datasets::undistort::Undistortion;
 use sharp_datasets::{DatasetSpec, Scene};
@@ -53,7 +53,7 @@ fn says(scene: &Scene, start: &str, part: &str) {
 
 fn checked(text: &str) -> DatasetReport {
     let spec = DatasetSpec::parse(text).unwrap();
-    check(&spec, &CheckOptions::default(), &|_, _| {}).unwrap()
+    check(&spec, 10, &|_, _| {}).unwrap()
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use libtest_mimic::Trial;
+use sharp_datasets::files::parse_text;
 use sharp_datasets::format::{calib, colmap, colmap_records, trajectory};
 use sharp_datasets::{DatasetError, DatasetSpec, Scene, open};
 use tempfile::TempDir;
@@ -20,7 +21,11 @@ pub(crate) fn trials() -> Vec<Trial> {
     add("calib_bom_spaces.txt", the_rig);
     add("calib_nodoffs.txt", the_rig);
     add("calib_nan.txt", |name| {
-        refused(calib::read(&fixture(name)), name, "doffs is 'nan'")
+        refused(
+            parse_text(&fixture(name), calib::parse),
+            name,
+            "doffs is 'nan'",
+        )
     });
 
     // An empty line of observations, CRLF and a missing last line lose no image.
@@ -39,19 +44,19 @@ pub(crate) fn trials() -> Vec<Trial> {
     add("traj_tabs_trailing.log", one_identity);
     add("traj_truncated.log", |name| {
         refused(
-            trajectory::read_log(&fixture(name)),
+            parse_text(&fixture(name), trajectory::parse_log),
             name,
             "block 0 has 11 numbers",
         )
     });
     // Frames are matched by their number, not by their row.
     add("cam_poses_gap.txt", |name| {
-        let poses = trajectory::read_rows(&fixture(name))?;
+        let poses = parse_text(&fixture(name), trajectory::parse_rows)?;
         let frames: Vec<_> = poses.iter().map(|p| p.frame).collect();
         check(frames == [0, 2], || format!("{frames:?}"))
     });
     add("pose_inf.txt", |name| {
-        let read = trajectory::read_similarity(&fixture(name));
+        let read = parse_text(&fixture(name), trajectory::parse_similarity);
         refused(read, name, "not finite")
     });
 
@@ -82,7 +87,7 @@ pub(crate) fn trials() -> Vec<Trial> {
 }
 
 fn the_rig(name: &str) -> Outcome {
-    let rig = calib::read(&fixture(name))?;
+    let rig = parse_text(&fixture(name), calib::parse)?;
     check(rig.focal == 994.97775, || format!("{rig:?}"))?;
     check(rig.left_center == (311.193, 254.87675), || {
         format!("{rig:?}")
@@ -152,7 +157,7 @@ fn quaternions(name: &str) -> Outcome {
 }
 
 fn one_identity(name: &str) -> Outcome {
-    let poses = trajectory::read_log(&fixture(name))?.poses;
+    let poses = parse_text(&fixture(name), trajectory::parse_log)?.poses;
     check(poses.len() == 1 && poses[0].frame == 0, || {
         format!("{poses:?}")
     })?;

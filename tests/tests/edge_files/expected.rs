@@ -2,7 +2,8 @@
 
 use libtest_mimic::Trial;
 use serde_json::Value;
-use sharp_datasets::format::{FloatMap, depth_png, npy, pfm, picture, raw_floats, read_map};
+use sharp_datasets::files::parse;
+use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
 use crate::{Outcome, check, fixture, folder, refused};
 
@@ -55,15 +56,7 @@ fn one(name: &str, entry: &Value) -> Outcome {
             format!("{shape:?}")
         })?;
     }
-    let map = if name.ends_with(".pfm") {
-        pfm::read(&path)?
-    } else {
-        npy::read(&path)?
-    };
-    check(read_map(&path).is_ok(), || {
-        "not recognised by content".into()
-    })?;
-    values(&map, entry)
+    values(&read_map(&path)?, entry)
 }
 
 /// First, last, count and sum of the finite values, without any tolerance but the sum's rounding.
@@ -101,7 +94,7 @@ fn values(map: &FloatMap, entry: &Value) -> Outcome {
 }
 
 fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
-    let map = depth_png::read(&fixture(name))?;
+    let map = read_map(&fixture(name))?;
     check(map.dimensions() == (80, 60), || {
         format!("{:?}", map.dimensions())
     })?;
@@ -143,7 +136,7 @@ fn photograph(name: &str, entry: &Value) -> Outcome {
 /// ETH3D's depth under a photograph's name: no pixel has depth, which is no error; a file of
 /// another length is one.
 fn raw(name: &str) -> Outcome {
-    let found = raw_floats::read(&fixture(name), (6, 4));
+    let found = parse(&fixture(name), |bytes| raw_floats::parse(bytes, (6, 4)));
     if name.contains("wrong_size") {
         return refused(
             found,

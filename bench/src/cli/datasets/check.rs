@@ -3,7 +3,7 @@
 use serde_json::json;
 use sharp_datasets::DatasetSpec;
 use sharp_datasets::check::consistency::{Consistency, Fit};
-use sharp_datasets::check::{CheckOptions, DatasetReport, SceneReport, check};
+use sharp_datasets::check::{DatasetReport, SceneReport, check};
 
 use crate::cli::output::Terminal;
 use crate::cli::{Outcome, output};
@@ -16,13 +16,10 @@ pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Res
         .iter()
         .map(|text| DatasetSpec::parse(text))
         .collect::<Result<_, _>>()?;
-    let options = CheckOptions {
-        views_per_scene: views,
-    };
     let mut reports = Vec::with_capacity(specs.len());
     for spec in &specs {
         let terminal = Terminal::default();
-        reports.push(check(spec, &options, &|done, total| {
+        reports.push(check(spec, views, &|done, total| {
             terminal.advance(&spec.name, "scenes", done as u64, total as u64);
         })?);
         terminal.end();

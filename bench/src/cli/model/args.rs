@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use clap::Args;
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
-use sharp::model::{DeviceChoice, ModelConfig, NetworkSpec, Precision, Predictor};
+use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor};
 
 use crate::cli::output;
 use crate::io::checkpoint::find_checkpoint;
@@ -50,9 +50,9 @@ impl ModelArgs {
             config: self.config()?,
             allow_unused: self.allow_unused.clone(),
             device: self.device,
-            precision: match self.exact {
-                true => Precision::Exact,
-                false => Precision::Fast,
+            convolution: match self.exact {
+                true => Algorithm::Direct,
+                false => Algorithm::Winograd,
             },
         })?)
     }

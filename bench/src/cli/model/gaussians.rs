@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 use sharp::gaussians::Gaussians;
-use sharp::ply::{GaussianScene, PlyForm, ReadOptions, load, to_bytes};
+use sharp::ply::{GaussianScene, PlyForm, load, to_bytes};
 
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
@@ -128,7 +128,7 @@ fn describe(scene: &GaussianScene) -> Info {
 }
 
 fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
-    let scene = load(ply, ReadOptions::default())?;
+    let scene = load(ply)?;
     let info = describe(&scene);
     if json {
         output::json(&info)?;
@@ -186,7 +186,7 @@ fn convert(ply: &Path, out: &Path, to: TargetForm, min_opacity: f32) -> anyhow::
         (0.0..=1.0).contains(&min_opacity),
         "--min-opacity {min_opacity}: a number from 0 to 1 is needed"
     );
-    let mut scene = load(ply, ReadOptions::default())?;
+    let mut scene = load(ply)?;
     let before = scene.gaussians.len();
     if min_opacity > 0.0 {
         let opacities = scene.gaussians.opacities.clone();

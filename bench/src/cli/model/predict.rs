@@ -133,7 +133,7 @@ fn predict_one(
 ) -> anyhow::Result<Predicted> {
     let started = Instant::now();
     let photo = args.photo.load(image)?;
-    let mut parts = Parts::new();
+    let mut parts = StageTimes::new();
     let prediction =
         forward(predictor, &photo, &mut parts).with_context(|| image.display().to_string())?;
     let intrinsics = release_intrinsics(photo.focal_px, photo.width as u32, photo.height as u32)?;
@@ -180,7 +180,7 @@ fn predict_one(
 fn forward(
     predictor: &Predictor,
     photo: &Photo,
-    parts: &mut Parts,
+    parts: &mut StageTimes,
 ) -> anyhow::Result<NetworkOutput> {
     let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
@@ -197,13 +197,13 @@ fn forward(
 }
 
 /// How long each part of the network took.
-struct Parts {
+struct StageTimes {
     last_milestone: Instant,
     stages: Vec<StageTime>,
     terminal: bool,
 }
 
-impl Parts {
+impl StageTimes {
     fn new() -> Self {
         Self {
             last_milestone: Instant::now(),

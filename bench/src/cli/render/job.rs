@@ -24,7 +24,7 @@ use crate::io::observer::Observer;
 use crate::rendering::BatchRenderer;
 
 /// Everything that is known before a backend is.
-pub(super) struct Job<'a> {
+pub(super) struct RenderJob<'a> {
     args: &'a RenderArgs,
     kind: OutputKind,
     pub(super) scene: Gaussians,
@@ -34,7 +34,7 @@ pub(super) struct Job<'a> {
     path: String,
 }
 
-impl<'a> Job<'a> {
+impl<'a> RenderJob<'a> {
     pub(super) fn prepare(args: &'a RenderArgs, kind: OutputKind) -> anyhow::Result<Self> {
         let file = gaussian_files::read(&args.scene)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {

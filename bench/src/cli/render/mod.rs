@@ -14,7 +14,7 @@ use serde::Serialize;
 use sharp::render::{Backend, Background, RenderOutput, RenderView};
 
 use self::args::{Layers, Quantise};
-use self::job::Job;
+use self::job::RenderJob;
 use self::path::PathArgs;
 use self::writer::OutputKind;
 use super::{Outcome, data_args, output};
@@ -134,7 +134,7 @@ struct Summary {
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
     let kind = OutputKind::of(&args.out)?;
-    let job = Job::prepare(args, kind)?;
+    let job = RenderJob::prepare(args, kind)?;
     let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 

@@ -12,7 +12,7 @@ use crate::io::atomic_files::FileError;
 use crate::io::hash::file_sha256;
 
 #[derive(Debug, thiserror::Error)]
-pub enum FetchError {
+pub enum CheckpointFetchError {
     #[error(transparent)]
     Download(#[from] DownloadError),
     #[error("what {address} sent is not SHARP's checkpoint and was deleted: {source}")]
@@ -32,7 +32,7 @@ pub fn fetch(
     release: &Release,
     cache: &Path,
     progress: impl FnMut(Progress),
-) -> Result<(PathBuf, Standing), FetchError> {
+) -> Result<(PathBuf, Standing), CheckpointFetchError> {
     std::fs::create_dir_all(cache).map_err(FileError::new(cache, "create"))?;
     let part = cache.join(format!("{RELEASE_FILE}.part"));
     let (least, most) = (release.sizes.start(), release.sizes.end());
@@ -46,7 +46,7 @@ pub fn fetch(
         CheckpointSource::open(&part).and_then(|source| source.check(&release.config, &[]));
     if let Err(source) = complete {
         remove(&part)?;
-        return Err(FetchError::NotTheNetwork {
+        return Err(CheckpointFetchError::NotTheNetwork {
             address: release.address.clone(),
             source,
         });
@@ -76,7 +76,10 @@ mod tests {
     fn attempt(
         answers: Vec<Answer>,
         cache: &Path,
-    ) -> (Result<(PathBuf, Standing), FetchError>, Vec<usize>) {
+    ) -> (
+        Result<(PathBuf, Standing), CheckpointFetchError>,
+        Vec<usize>,
+    ) {
         let bytes = std::fs::read(golden("tiny_model.pt")).unwrap();
         let config = ModelConfig::load(&golden("tiny_config.json#tiny")).unwrap();
         let size = bytes.len() as u64;

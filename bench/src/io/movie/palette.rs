@@ -79,13 +79,13 @@ fn exact(image: &RgbImage) -> Option<Indexed> {
 }
 
 /// Colours that agree in their upper bits.
-struct Cell {
+struct ColorBin {
     place: usize,
     count: f64,
     sum: [f64; 3],
 }
 
-impl Cell {
+impl ColorBin {
     fn mean(&self) -> [f32; 3] {
         self.sum.map(|sum| (sum / self.count) as f32)
     }
@@ -97,7 +97,7 @@ fn place([r, g, b]: [u8; 3]) -> usize {
 }
 
 /// The cells that have pixels, in the order of their places.
-fn cells(image: &RgbImage) -> Vec<Cell> {
+fn cells(image: &RgbImage) -> Vec<ColorBin> {
     let mut counts = vec![(0_u64, [0_u64; 3]); LEVELS * LEVELS * LEVELS];
     for pixel in image.pixels() {
         let (count, sum) = &mut counts[place(pixel.0)];
@@ -110,7 +110,7 @@ fn cells(image: &RgbImage) -> Vec<Cell> {
         .iter()
         .enumerate()
         .filter(|(_, (count, _))| *count > 0)
-        .map(|(place, (count, sum))| Cell {
+        .map(|(place, (count, sum))| ColorBin {
             place,
             count: *count as f64,
             sum: sum.map(|s| s as f64),
@@ -119,24 +119,24 @@ fn cells(image: &RgbImage) -> Vec<Cell> {
 }
 
 /// Cells that will share an entry.
-struct Group {
+struct ColorBox {
     members: Vec<u32>,
-    cut: Option<Cut>,
+    cut: Option<BoxCut>,
 }
 
 /// Where a group is best cut in two.
 #[derive(Clone, Copy)]
-struct Cut {
+struct BoxCut {
     channel: usize,
     /// Members before it, sorted along the channel.
     before: usize,
     gain: f64,
 }
 
-impl Group {
-    fn new(cells: &[Cell], members: Vec<u32>) -> Self {
+impl ColorBox {
+    fn new(cells: &[ColorBin], members: Vec<u32>) -> Self {
         let (all_count, all_sum) = totals(cells, &members);
-        let mut cut: Option<Cut> = None;
+        let mut cut: Option<BoxCut> = None;
         for channel in 0..3 {
             let sorted = sorted_along(cells, &members, channel);
             let (mut count, mut sum) = (0.0, [0.0; 3]);
@@ -148,7 +148,7 @@ impl Group {
                 let gain = explained(count, sum) + explained(all_count - count, rest)
                     - explained(all_count, all_sum);
                 if cut.is_none_or(|best| gain > best.gain) {
-                    cut = Some(Cut {
+                    cut = Some(BoxCut {
                         channel,
                         before: at + 1,
                         gain,
@@ -160,7 +160,7 @@ impl Group {
     }
 }
 
-fn totals(cells: &[Cell], members: &[u32]) -> (f64, [f64; 3]) {
+fn totals(cells: &[ColorBin], members: &[u32]) -> (f64, [f64; 3]) {
     members
         .iter()
         .fold((0.0, [0.0; 3]), |(count, sum), &member| {
@@ -174,7 +174,7 @@ fn explained(count: f64, sum: [f64; 3]) -> f64 {
     sum.iter().map(|s| s * s).sum::<f64>() / count
 }
 
-fn sorted_along(cells: &[Cell], members: &[u32], channel: usize) -> Vec<u32> {
+fn sorted_along(cells: &[ColorBin], members: &[u32], channel: usize) -> Vec<u32> {
     let mut keyed: Vec<(f32, u32)> = members
         .iter()
         .map(|&member| (cells[member as usize].mean()[channel], member))
@@ -184,8 +184,8 @@ fn sorted_along(cells: &[Cell], members: &[u32], channel: usize) -> Vec<u32> {
 }
 
 /// Splits the group whose cut gains most, until there are enough or none can be cut.
-fn split(cells: &[Cell]) -> Vec<[f32; 3]> {
-    let mut groups = vec![Group::new(cells, (0..cells.len() as u32).collect())];
+fn split(cells: &[ColorBin]) -> Vec<[f32; 3]> {
+    let mut groups = vec![ColorBox::new(cells, (0..cells.len() as u32).collect())];
     while groups.len() < ENTRIES {
         let gains = groups.iter().enumerate();
         let best = gains
@@ -197,7 +197,7 @@ fn split(cells: &[Cell]) -> Vec<[f32; 3]> {
         let group = groups.swap_remove(index);
         let mut low = sorted_along(cells, &group.members, cut.channel);
         let high = low.split_off(cut.before);
-        groups.extend([low, high].map(|members| Group::new(cells, members)));
+        groups.extend([low, high].map(|members| ColorBox::new(cells, members)));
     }
     groups
         .iter()
@@ -209,7 +209,7 @@ fn split(cells: &[Cell]) -> Vec<[f32; 3]> {
 }
 
 /// Each entry moved to the mean of the cells nearest to it; one without cells stays.
-fn refined(cells: &[Cell], palette: &[[f32; 3]]) -> Vec<[f32; 3]> {
+fn refined(cells: &[ColorBin], palette: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let nearest: Vec<usize> = cells
         .par_iter()
         .map(|cell| nearest(palette, cell.mean()))

@@ -21,9 +21,9 @@ use crate::pairs::valid_depth::coverage;
 const COPIES_WHILE_READING: u64 = 3;
 
 /// A view whose depth could not be read, and why.
-pub(super) type Failure = (usize, PairError);
+pub(super) type DepthFailure = (usize, PairError);
 
-type Held = BTreeMap<usize, PosedDepth>;
+type HeldDepths = BTreeMap<usize, PosedDepth>;
 
 /// Measures what is not known yet of a scene.
 pub(super) struct Measuring<'a> {
@@ -49,7 +49,7 @@ impl<'a> Measuring<'a> {
 
     /// Measures every two views of a set that are at least the minimal baseline apart, as far as they are not known.
     /// Depth is loaded in blocks of which two fit into memory; usually that is one block, and each view is read once.
-    pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+    pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         let block = self.views_in_memory(set) / 2;
         let blocks: Vec<&[usize]> = if set.len() <= 2 * block {
@@ -58,7 +58,7 @@ impl<'a> Measuring<'a> {
             set.chunks(block).collect()
         };
         for (k, first) in blocks.iter().enumerate() {
-            let mut held = Held::new();
+            let mut held = HeldDepths::new();
             for (n, second) in blocks.iter().enumerate().skip(k) {
                 let couples = self.unknown_couples(first, second, known);
                 let mut needed: BTreeSet<usize> =
@@ -68,7 +68,7 @@ impl<'a> Measuring<'a> {
                 }
                 let (of_first, of_second) = needed.into_iter().partition(|i| first.contains(i));
                 self.load(of_first, &mut held, known, &mut failures);
-                let mut others = Held::new();
+                let mut others = HeldDepths::new();
                 self.load(of_second, &mut others, known, &mut failures);
                 self.between(&couples, &held, &others, known);
             }
@@ -77,12 +77,16 @@ impl<'a> Measuring<'a> {
     }
 
     /// Finds out which views have depth, as far as that is not known.
-    pub(super) fn find_depth(&self, views: &[usize], known: &mut SceneOverlaps) -> Vec<Failure> {
+    pub(super) fn find_depth(
+        &self,
+        views: &[usize],
+        known: &mut SceneOverlaps,
+    ) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
         for part in views.chunks(self.views_at_once(views)) {
             let unknown = part.iter().filter(|i| !known.depths.contains_key(*i));
             let unknown = unknown.copied().collect();
-            self.load(unknown, &mut Held::new(), known, &mut failures);
+            self.load(unknown, &mut HeldDepths::new(), known, &mut failures);
         }
         failures
     }
@@ -132,9 +136,9 @@ impl<'a> Measuring<'a> {
     fn load(
         &self,
         mut views: Vec<usize>,
-        held: &mut Held,
+        held: &mut HeldDepths,
         known: &mut SceneOverlaps,
-        failures: &mut Vec<Failure>,
+        failures: &mut Vec<DepthFailure>,
     ) {
         views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
         // The progress that the context holds does not go to other threads.
@@ -183,8 +187,8 @@ impl<'a> Measuring<'a> {
     fn between(
         &self,
         couples: &[(usize, usize)],
-        held: &Held,
-        others: &Held,
+        held: &HeldDepths,
+        others: &HeldDepths,
         known: &mut SceneOverlaps,
     ) {
         let view = |i: usize| held.get(&i).or_else(|| others.get(&i));

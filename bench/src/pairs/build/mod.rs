@@ -100,7 +100,6 @@ impl PairBuild {
         self.problems.extend(other.problems);
     }
 
-    /// Sorts by pair id.
     pub(super) fn finish(&mut self) -> Result<(), PairError> {
         self.pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
         match self.pairs.windows(2).find(|p| p[0].pair_id == p[1].pair_id) {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use sharp::camera::baseline_m;
 use sharp_datasets::{Scene, View};
 
-use super::measure::{Failure, Measuring};
+use super::measure::{DepthFailure, Measuring};
 use super::{BuildContext, Pair, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
 use crate::pairs::PairError;
 use crate::pairs::options::{MissingDepth, PairOptions, PairOrder};
@@ -52,7 +52,7 @@ impl<'a> SceneWork<'a> {
     }
 
     /// Measures what is not known, keeps it, and notes what could not be read.
-    fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<Failure>) {
+    fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
         let before = self.known.clone();
         let measuring = Measuring::new(self.scene, self.options, self.context);
         for (view, error) in work(&measuring, &mut self.known) {

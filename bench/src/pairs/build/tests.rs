@@ -218,7 +218,11 @@ mod cache {
     }
 
     /// A scene whose files exist, so that they can be hashed.
-    fn scene_in(dir: &std::path::Path, id: &str, views: usize) -> crate::pairs::test_scene::Row {
+    fn scene_in(
+        dir: &std::path::Path,
+        id: &str,
+        views: usize,
+    ) -> crate::pairs::test_scene::CameraRow {
         let row = row("d", id, 0.05, &vec![WALL; views]);
         for view in &row.scene.views {
             let path = dir.join(&view.id);

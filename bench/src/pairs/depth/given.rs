@@ -29,7 +29,6 @@ pub struct GivenDepth {
 }
 
 impl GivenDepth {
-    /// Maps in a folder.
     pub fn open(dir: &Path) -> Result<Self, PairError> {
         if !dir.is_dir() {
             return Err(wrong(dir, "is not a folder"));

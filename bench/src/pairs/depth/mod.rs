@@ -118,12 +118,10 @@ impl PosedDepth {
         })
     }
 
-    /// Intrinsics at the size of the depth map.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }
 
-    /// Extrinsics, metres.
     pub fn camera_from_world(&self) -> &RigidTransform {
         &self.camera_from_world
     }

@@ -8,7 +8,7 @@ use crate::pairs::sampling::SamplingRule;
 use crate::pairs::sets::{Grouping, Remainder};
 
 /// A choice that can be written as text and read back. Errors are the bare reason.
-pub(super) trait Value {
+pub(super) trait OptionValue {
     /// The accepted values, for help and errors.
     fn values(&self) -> String;
     fn text(&self) -> String;
@@ -40,7 +40,7 @@ pub(super) const MEANINGS: [&str; 19] = [
 
 impl PairOptions {
     /// Every choice by its key, in the order of the text form.
-    pub(super) fn choices(&mut self) -> [(&'static str, &mut dyn Value); MEANINGS.len()] {
+    pub(super) fn choices(&mut self) -> [(&'static str, &mut dyn OptionValue); MEANINGS.len()] {
         [
             ("sets", &mut self.sets.grouping),
             ("size", &mut self.sets.size),
@@ -87,7 +87,7 @@ fn from_word<T: ValueEnum>(text: &str, values: &str) -> Result<T, String> {
 
 macro_rules! numbers {
     ($($type:ty)+) => {
-        $(impl Value for $type {
+        $(impl OptionValue for $type {
             fn values(&self) -> String {
                 "a number".to_owned()
             }
@@ -107,7 +107,7 @@ macro_rules! numbers {
 /// Limits, with the word that stands for none.
 macro_rules! limits {
     ($($type:ty, $none:literal;)+) => {
-        $(impl Value for Option<$type> {
+        $(impl OptionValue for Option<$type> {
             fn values(&self) -> String {
                 concat!($none, " or a number").to_owned()
             }
@@ -129,7 +129,7 @@ macro_rules! limits {
 
 macro_rules! enums {
     ($($type:ty)+) => {
-        $(impl Value for $type {
+        $(impl OptionValue for $type {
             fn values(&self) -> String {
                 words::<Self>()
             }
@@ -151,7 +151,7 @@ numbers! { usize u32 u64 f64 }
 limits! { usize, "all"; u32, "full"; }
 enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
 
-impl Value for bool {
+impl OptionValue for bool {
     fn values(&self) -> String {
         "out, in".to_owned()
     }
@@ -170,7 +170,7 @@ impl Value for bool {
     }
 }
 
-impl Value for Grouping {
+impl OptionValue for Grouping {
     fn values(&self) -> String {
         format!("{}, random:SEED", words::<Self>())
     }
@@ -193,7 +193,7 @@ impl Value for Grouping {
     }
 }
 
-impl Value for DepthLookup {
+impl OptionValue for DepthLookup {
     fn values(&self) -> String {
         format!("{}, window:PIXELS", words::<Self>())
     }
@@ -216,7 +216,7 @@ impl Value for DepthLookup {
     }
 }
 
-impl Value for OverlapTest {
+impl OptionValue for OverlapTest {
     fn values(&self) -> String {
         "consistent:RELATIVE, frustum, absolute:METRES:RELATIVE:NEAREST or map-anything".to_owned()
     }
@@ -252,7 +252,7 @@ impl Value for OverlapTest {
     }
 }
 
-impl Value for OverlapDepth {
+impl OptionValue for OverlapDepth {
     fn values(&self) -> String {
         "ground-truth, sparse:PIXELS, given, given-metric or sharp-release".to_owned()
     }

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::error::{Fault, malformed};
-use crate::tensor::Layout;
+use crate::tensor::TensorLayout;
 
 use super::value::{Heap, Storage, Value};
 
 /// The named tensors of a state dict, and what else lay among them.
 #[derive(Debug, Default)]
-pub(crate) struct Named {
-    pub(crate) tensors: BTreeMap<String, Layout>,
+pub(crate) struct NamedTensors {
+    pub(crate) tensors: BTreeMap<String, TensorLayout>,
     /// Keys whose values are no tensors.
     pub(crate) others: Vec<String>,
 }
@@ -25,7 +25,7 @@ pub(crate) fn resolve<'a>(
     root: Value<'a>,
     file_len: usize,
     mut place: impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
-) -> Result<Named, Fault> {
+) -> Result<NamedTensors, Fault> {
     let Some(top) = entries(heap, root) else {
         return Err(Fault::StateDict(format!(
             "the pickled object is {}, not a dict of tensors",
@@ -37,7 +37,7 @@ pub(crate) fn resolve<'a>(
     } else {
         only_nested(heap, top)?
     };
-    let mut named = Named::default();
+    let mut named = NamedTensors::default();
     for (name, value) in chosen {
         match value {
             Value::Tensor(id) => {
@@ -139,7 +139,7 @@ fn layout<'a>(
     id: u32,
     file_len: usize,
     place: &mut impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
-) -> Result<Layout, Fault> {
+) -> Result<TensorLayout, Fault> {
     let tensor = &heap.tensors[id as usize];
     let storage = &heap.storages[tensor.storage as usize];
     if tensor.shape.len() > crate::tensor::MAX_RANK {
@@ -163,7 +163,7 @@ fn layout<'a>(
     let Ok(offset) = usize::try_from(tensor.offset) else {
         return malformed!("a negative offset ({})", tensor.offset);
     };
-    Layout::new(
+    TensorLayout::new(
         storage.dtype,
         numbers(&tensor.shape)?,
         numbers(&tensor.strides)?,

@@ -7,7 +7,6 @@ use crate::tensor::DType;
 /// A constructor that a state dict may name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Global {
-    /// `collections.OrderedDict`.
     OrderedDict,
     /// `torch._utils._rebuild_tensor`: storage, offset, shape, strides.
     RebuildTensor,
@@ -69,7 +68,6 @@ pub(crate) enum Value<'a> {
 }
 
 impl Value<'_> {
-    /// For messages.
     pub(crate) fn kind(&self) -> &'static str {
         match self {
             Self::None => "None",

@@ -6,8 +6,8 @@
 use std::ops::Range;
 
 use crate::conv::{ConvOptions, ConvSpec};
-use crate::gemm::block::{Block, scratch_len};
-use crate::gemm::micro::Tile;
+use crate::gemm::block::{ProductBlock, scratch_len};
+use crate::gemm::micro::MicroTile;
 use crate::gemm::{Epilogue, PackedMatrix, Tasks};
 use crate::math::relu;
 use crate::rows::RowWindow;
@@ -56,7 +56,7 @@ impl Direct {
     ) {
         let width = self.spec.out_side(input.width());
         let n = self.spec.out_channels;
-        let tile = Tile::of(self.weight.simd());
+        let tile = MicroTile::of(self.weight.simd());
         let tasks = Tasks::new(&tile, out.len() * width, n);
         if output.is_empty() {
             return;
@@ -66,7 +66,7 @@ impl Direct {
         let len = scratch_len(&tile, tasks.rows_per_task(), self.weight.k());
         workspace.tasks(tasks.count(), len, |index, scratch| {
             let (rows, panels) = tasks.get(index);
-            let block = Block {
+            let block = ProductBlock {
                 b: self.weight.view(),
                 rows,
                 panels,

@@ -27,9 +27,9 @@ const PRODUCT: f32 = (A * A * B * B) as f32;
 /// Channels in step; aligned, because accesses that cross cache lines cost twice.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-struct Lanes([f32; LANES]);
+struct ChannelLanes([f32; LANES]);
 
-impl Lanes {
+impl ChannelLanes {
     const ZERO: Self = Self([0.0; LANES]);
 }
 
@@ -64,8 +64,8 @@ pub(super) fn filter(g: &[f32]) -> [f32; PLACES] {
 
 /// One dimension of an input tile's transform: `Bᵀ d`.
 #[inline(always)]
-fn input_1d<const FMA: bool>(d: [&Lanes; 6]) -> [Lanes; 6] {
-    let mut out = [Lanes::ZERO; 6];
+fn input_1d<const FMA: bool>(d: [&ChannelLanes; 6]) -> [ChannelLanes; 6] {
+    let mut out = [ChannelLanes::ZERO; 6];
     for l in 0..LANES {
         let (d0, d1, d2) = (d[0].0[l], d[1].0[l], d[2].0[l]);
         let (d3, d4, d5) = (d[3].0[l], d[4].0[l], d[5].0[l]);
@@ -85,8 +85,8 @@ fn input_1d<const FMA: bool>(d: [&Lanes; 6]) -> [Lanes; 6] {
 
 /// One dimension of an output tile's transform: `Aᵀ m`.
 #[inline(always)]
-fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [Lanes; 4] {
-    let mut out = [Lanes::ZERO; 4];
+fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [ChannelLanes; 4] {
+    let mut out = [ChannelLanes::ZERO; 4];
     for l in 0..LANES {
         let (sum_a, difference_a) = (m[1][l] + m[2][l], m[1][l] - m[2][l]);
         let (sum_b, difference_b) = (m[3][l] + m[4][l], m[3][l] - m[4][l]);
@@ -131,12 +131,12 @@ fn input_body<const FMA: bool>(
     index: usize,
 ) {
     let chunks = pixels[0].len() / LANES;
-    let mut half = [Lanes::ZERO; PLACES];
+    let mut half = [ChannelLanes::ZERO; PLACES];
     for chunk in 0..chunks {
         let channel = chunk * LANES;
         let start = index * layout.tile + channel / KC * layout.run + channel % KC;
         for x in 0..6 {
-            let mut column = [Lanes::ZERO; 6];
+            let mut column = [ChannelLanes::ZERO; 6];
             for y in 0..6 {
                 column[y]
                     .0
@@ -197,7 +197,7 @@ fn output_body<const FMA: bool>(
     place: usize,
     tile: &OutputTile<'_>,
 ) {
-    let mut half = [Lanes::ZERO; 24];
+    let mut half = [ChannelLanes::ZERO; 24];
     for channel in (0..tile.channels).step_by(LANES) {
         let mut bias = [0.0; LANES];
         bias.copy_from_slice(&tile.bias[channel..channel + LANES]);

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::gemm::block::{Block, scratch_len};
-use crate::gemm::micro::Tile;
+use crate::gemm::block::{ProductBlock, scratch_len};
+use crate::gemm::micro::MicroTile;
 use crate::gemm::{Epilogue, PackedMatrix, Tasks};
 use crate::rows::{RowOp, RowWindow, expect};
 use crate::simd::Simd;
@@ -88,7 +88,7 @@ impl RowOp for TransposedConv2x2 {
             // The output rows of this parity come from these input rows.
             let first = (out.start + 1 - i) / 2;
             let rows = (out.end + 1 - i) / 2 - first;
-            let tile = Tile::of(weight.simd());
+            let tile = MicroTile::of(weight.simd());
             let tasks = Tasks::new(&tile, rows * width, n);
             let len = scratch_len(&tile, tasks.rows_per_task(), c);
             if rows * width == 0 {
@@ -96,7 +96,7 @@ impl RowOp for TransposedConv2x2 {
             }
             workspace.tasks(tasks.count(), len, |index, scratch| {
                 let (pixels, panels) = tasks.get(index);
-                let block = Block {
+                let block = ProductBlock {
                     b: weight.view(),
                     rows: pixels,
                     panels,

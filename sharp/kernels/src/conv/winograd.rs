@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use crate::conv::transform::{self, InputLayout, LANES, OUTSIDE, OutputTile, PLACES};
 use crate::conv::{ConvOptions, ConvSpec};
-use crate::gemm::block::Block;
-use crate::gemm::micro::{KC, Tile, stride_for};
+use crate::gemm::block::ProductBlock;
+use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::{Epilogue, PackedMatrix};
 use crate::rows::RowWindow;
 use crate::simd::Simd;
@@ -48,7 +48,7 @@ impl Winograd {
 
     pub(super) fn new(simd: Simd, spec: &ConvSpec, weight: &[f32], bias: Option<&[f32]>) -> Self {
         let (c, n) = (spec.in_channels, spec.out_channels);
-        let padded = n.next_multiple_of(Tile::of(simd).nr.max(LANES));
+        let padded = n.next_multiple_of(MicroTile::of(simd).nr.max(LANES));
         // All transformed filters, [place][in][out], before they are packed one by one.
         let mut transformed = vec![0.0; PLACES * c * n];
         for o in 0..n {
@@ -89,7 +89,7 @@ impl Winograd {
         } else {
             28
         };
-        tiles.next_multiple_of(Tile::of(self.simd).mr)
+        tiles.next_multiple_of(MicroTile::of(self.simd).mr)
     }
 
     pub(super) fn run(
@@ -176,9 +176,9 @@ impl Winograd {
         product_place: usize,
     ) {
         let n = self.bias.len();
-        let nr = Tile::of(self.simd).nr;
+        let nr = MicroTile::of(self.simd).nr;
         for (place, filter) in self.filters.iter().enumerate() {
-            let block = Block {
+            let block = ProductBlock {
                 b: filter.view(),
                 rows: 0..tiles,
                 panels: 0..n / nr,

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::gemm::micro::{KC, Tile, stride_for};
+use crate::gemm::micro::{KC, MicroTile, stride_for};
 use crate::gemm::packed::PackedView;
 use crate::gemm::{Epilogue, MOST_ROWS};
 use crate::math::{gelu, relu};
@@ -15,7 +15,7 @@ const MAX_ROWS: usize = 16;
 const MAX_TILES: usize = MOST_ROWS / 4;
 
 /// One task's share of a product: some rows of `A`, some panels of `B`.
-pub(crate) struct Block<'a> {
+pub(crate) struct ProductBlock<'a> {
     pub(crate) b: PackedView<'a>,
     /// Rows of the whole product that this block computes.
     pub(crate) rows: Range<usize>,
@@ -26,12 +26,12 @@ pub(crate) struct Block<'a> {
     pub(crate) out_stride: usize,
 }
 
-/// Floats of scratch that [`Block::run`] needs for `rows` rows and runs of `k`.
-pub(crate) fn scratch_len(tile: &Tile, rows: usize, k: usize) -> usize {
+/// Floats of scratch that [`ProductBlock::run`] needs for `rows` rows and runs of `k`.
+pub(crate) fn scratch_len(tile: &MicroTile, rows: usize, k: usize) -> usize {
     rows.next_multiple_of(tile.mr) * stride_for(k.min(KC))
 }
 
-impl Block<'_> {
+impl ProductBlock<'_> {
     /// Computes the block. `copy(row, k, dst)` writes columns `k` of row `row` of `A` to
     /// `dst`; `offset(row)` says where the row starts in the output (and in the residual).
     ///
@@ -62,7 +62,7 @@ impl Block<'_> {
     /// As [`Self::run`].
     #[inline(always)]
     pub(crate) unsafe fn multiply(&self, a: &[f32], k0: usize, offset: &impl Fn(usize) -> usize) {
-        let tile = Tile::of(self.b.simd);
+        let tile = MicroTile::of(self.b.simd);
         let (mr, nr, n) = (tile.mr, tile.nr, self.b.n);
         let kernel = tile.kernel(self.b.k.min(KC));
         let stride = stride_for(self.b.k.min(KC));
@@ -81,7 +81,7 @@ impl Block<'_> {
                 && (1..mr).all(|r| offset(first + r) == at + r * self.out_stride))
             .then_some(at);
         }
-        let mut spare = [0.0_f32; Tile::MAX];
+        let mut spare = [0.0_f32; MicroTile::MAX];
         for panel in self.panels.clone() {
             let b = self.b.panel(nr, k0, panel);
             let col = panel * nr;

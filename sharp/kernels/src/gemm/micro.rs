@@ -39,51 +39,37 @@ pub(crate) type Micro =
 
 /// Shape of a level's tile, and its kernels.
 #[derive(Clone, Copy)]
-pub(crate) struct Tile {
+pub(crate) struct MicroTile {
     pub(crate) mr: usize,
     pub(crate) nr: usize,
     kernels: [Micro; 4],
 }
 
-impl Tile {
+impl MicroTile {
     /// The largest `mr * nr` of all levels.
     pub(crate) const MAX: usize = 14 * 32;
 
     pub(crate) fn of(simd: Simd) -> Self {
-        match simd.instruction_set() {
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => Self {
-                mr: 14,
-                nr: 32,
-                kernels: [
-                    x86::avx512::<{ STRIDES[0] }>,
-                    x86::avx512::<{ STRIDES[1] }>,
-                    x86::avx512::<{ STRIDES[2] }>,
-                    x86::avx512::<{ STRIDES[3] }>,
-                ],
-            },
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => Self {
-                mr: 6,
-                nr: 16,
-                kernels: [
-                    x86::avx2::<{ STRIDES[0] }>,
-                    x86::avx2::<{ STRIDES[1] }>,
-                    x86::avx2::<{ STRIDES[2] }>,
-                    x86::avx2::<{ STRIDES[3] }>,
-                ],
-            },
-            _ => Self {
-                mr: 4,
-                nr: 8,
-                kernels: [
-                    portable::<{ STRIDES[0] }>,
-                    portable::<{ STRIDES[1] }>,
-                    portable::<{ STRIDES[2] }>,
-                    portable::<{ STRIDES[3] }>,
-                ],
-            },
+        /// One kernel a row distance.
+        macro_rules! kernels {
+            ($kernel:path) => {{
+                use $kernel as kernel;
+                [
+                    kernel::<{ STRIDES[0] }>,
+                    kernel::<{ STRIDES[1] }>,
+                    kernel::<{ STRIDES[2] }>,
+                    kernel::<{ STRIDES[3] }>,
+                ]
+            }};
         }
+        let (mr, nr, kernels): (_, _, [Micro; 4]) = match simd.instruction_set() {
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => (14, 32, kernels!(x86::avx512)),
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => (6, 16, kernels!(x86::avx2)),
+            _ => (4, 8, kernels!(self::portable)),
+        };
+        Self { mr, nr, kernels }
     }
 
     /// The kernel for rows of `A` that are `stride_for(k)` apart.
@@ -137,94 +123,81 @@ mod x86 {
     /// beyond the end is of use. Worth a tenth of the time where `B` comes from the last cache.
     const AHEAD: usize = 32;
 
-    /// 14 × 32: 28 accumulators, two vectors of `B`, one broadcast of `A`.
-    ///
-    /// # Safety
-    /// As [`super::Micro`].
-    #[target_feature(enable = "avx512f")]
-    pub(super) unsafe fn avx512<const STRIDE: usize>(
-        k: usize,
-        a: *const f32,
-        b: *const f32,
-        c: *mut f32,
-        c_stride: usize,
-        init: *const f32,
-        init_stride: usize,
-    ) {
-        let mut acc = [[_mm512_setzero_ps(); 2]; 14];
-        // The output is touched at the very end; its lines can arrive meanwhile.
-        for r in 0..14 {
-            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride).cast());
-            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride + 16).cast());
-        }
-        for i in 0..k {
-            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 32).cast());
-            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 32 + 16).cast());
-            // SAFETY: `b` has `k` steps of 32.
-            let (b0, b1) = unsafe {
-                let at = b.add(i * 32);
-                (_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(16)))
-            };
-            for (r, row) in acc.iter_mut().enumerate() {
-                // SAFETY: `a` has 14 rows of `k`.
-                let a = _mm512_set1_ps(unsafe { *a.add(r * STRIDE + i) });
-                row[0] = _mm512_fmadd_ps(a, b0, row[0]);
-                row[1] = _mm512_fmadd_ps(a, b1, row[1]);
+    /// A kernel of `$rows` rows by two vectors of `$lanes`: two accumulators a row, two vectors of
+    /// `B`, one broadcast of `A`.
+    macro_rules! kernel {
+        ($name:ident, $features:literal, $rows:literal x $lanes:literal, $zero:ident,
+         $load:ident, $splat:ident, $fma:ident, $add:ident, $store:ident) => {
+            /// # Safety
+            /// As [`super::Micro`].
+            #[target_feature(enable = $features)]
+            pub(super) unsafe fn $name<const STRIDE: usize>(
+                k: usize,
+                a: *const f32,
+                b: *const f32,
+                c: *mut f32,
+                c_stride: usize,
+                init: *const f32,
+                init_stride: usize,
+            ) {
+                const WIDTH: usize = 2 * $lanes;
+                let mut acc = [[$zero(); 2]; $rows];
+                // The output is touched at the very end; its lines can arrive meanwhile.
+                for r in 0..$rows {
+                    for line in (0..WIDTH).step_by(16) {
+                        _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride + line).cast());
+                    }
+                }
+                for i in 0..k {
+                    for line in (0..WIDTH).step_by(16) {
+                        let ahead = b.wrapping_add((i + AHEAD) * WIDTH + line);
+                        _mm_prefetch::<_MM_HINT_T0>(ahead.cast());
+                    }
+                    // SAFETY: `b` has `k` steps of `WIDTH`.
+                    let (b0, b1) = unsafe {
+                        let at = b.add(i * WIDTH);
+                        ($load(at), $load(at.add($lanes)))
+                    };
+                    for (r, row) in acc.iter_mut().enumerate() {
+                        // SAFETY: `a` has `$rows` rows of `k`.
+                        let a = $splat(unsafe { *a.add(r * STRIDE + i) });
+                        row[0] = $fma(a, b0, row[0]);
+                        row[1] = $fma(a, b1, row[1]);
+                    }
+                }
+                for (r, row) in acc.iter().enumerate() {
+                    // SAFETY: `init` and `c` have `$rows` rows of `WIDTH`.
+                    unsafe {
+                        let init = init.add(r * init_stride);
+                        let c = c.add(r * c_stride);
+                        $store(c, $add(row[0], $load(init)));
+                        $store(c.add($lanes), $add(row[1], $load(init.add($lanes))));
+                    }
+                }
             }
-        }
-        for (r, row) in acc.iter().enumerate() {
-            // SAFETY: `init` and `c` have 14 rows of 32.
-            unsafe {
-                let init = init.add(r * init_stride);
-                let c = c.add(r * c_stride);
-                let (i0, i1) = (_mm512_loadu_ps(init), _mm512_loadu_ps(init.add(16)));
-                _mm512_storeu_ps(c, _mm512_add_ps(row[0], i0));
-                _mm512_storeu_ps(c.add(16), _mm512_add_ps(row[1], i1));
-            }
-        }
+        };
     }
 
-    /// 6 × 16: 12 accumulators, two vectors of `B`, one broadcast of `A`.
-    ///
-    /// # Safety
-    /// As [`super::Micro`].
-    #[target_feature(enable = "avx2,fma")]
-    pub(super) unsafe fn avx2<const STRIDE: usize>(
-        k: usize,
-        a: *const f32,
-        b: *const f32,
-        c: *mut f32,
-        c_stride: usize,
-        init: *const f32,
-        init_stride: usize,
-    ) {
-        let mut acc = [[_mm256_setzero_ps(); 2]; 6];
-        for r in 0..6 {
-            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_add(r * c_stride).cast());
-        }
-        for i in 0..k {
-            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_add((i + AHEAD) * 16).cast());
-            // SAFETY: `b` has `k` steps of 16.
-            let (b0, b1) = unsafe {
-                let at = b.add(i * 16);
-                (_mm256_loadu_ps(at), _mm256_loadu_ps(at.add(8)))
-            };
-            for (r, row) in acc.iter_mut().enumerate() {
-                // SAFETY: `a` has six rows of `k`.
-                let a = _mm256_set1_ps(unsafe { *a.add(r * STRIDE + i) });
-                row[0] = _mm256_fmadd_ps(a, b0, row[0]);
-                row[1] = _mm256_fmadd_ps(a, b1, row[1]);
-            }
-        }
-        for (r, row) in acc.iter().enumerate() {
-            // SAFETY: `init` and `c` have six rows of 16.
-            unsafe {
-                let init = init.add(r * init_stride);
-                let c = c.add(r * c_stride);
-                let (i0, i1) = (_mm256_loadu_ps(init), _mm256_loadu_ps(init.add(8)));
-                _mm256_storeu_ps(c, _mm256_add_ps(row[0], i0));
-                _mm256_storeu_ps(c.add(8), _mm256_add_ps(row[1], i1));
-            }
-        }
-    }
+    kernel!(
+        avx512,
+        "avx512f",
+        14 x 16,
+        _mm512_setzero_ps,
+        _mm512_loadu_ps,
+        _mm512_set1_ps,
+        _mm512_fmadd_ps,
+        _mm512_add_ps,
+        _mm512_storeu_ps
+    );
+    kernel!(
+        avx2,
+        "avx2,fma",
+        6 x 8,
+        _mm256_setzero_ps,
+        _mm256_loadu_ps,
+        _mm256_set1_ps,
+        _mm256_fmadd_ps,
+        _mm256_add_ps,
+        _mm256_storeu_ps
+    );
 }

@@ -13,8 +13,8 @@ pub use packed::PackedMatrix;
 
 use std::ops::Range;
 
-use block::{Block, scratch_len};
-use micro::Tile;
+use block::{ProductBlock, scratch_len};
+use micro::MicroTile;
 
 use crate::workspace::{SharedOut, Workspace};
 
@@ -44,19 +44,19 @@ const FEWEST_COLUMNS: usize = 128;
 
 /// How a product is cut into tasks: equal numbers of whole tiles. Only speed depends on it.
 pub(crate) struct Tasks {
-    rows: Cut,
-    panels: Cut,
+    rows: TaskCut,
+    panels: TaskCut,
     mr: usize,
     m: usize,
 }
 
 /// A number of things, cut into equal shares.
-struct Cut {
+struct TaskCut {
     total: usize,
     share: usize,
 }
 
-impl Cut {
+impl TaskCut {
     fn new(total: usize, most: usize) -> Self {
         let shares = total.div_ceil(most.max(1)).max(1);
         let share = total.div_ceil(shares).max(1);
@@ -74,14 +74,14 @@ impl Cut {
 }
 
 impl Tasks {
-    pub(crate) fn new(tile: &Tile, m: usize, n: usize) -> Self {
-        let rows = Cut::new(m.div_ceil(tile.mr), MOST_ROWS / tile.mr);
+    pub(crate) fn new(tile: &MicroTile, m: usize, n: usize) -> Self {
+        let rows = TaskCut::new(m.div_ceil(tile.mr), MOST_ROWS / tile.mr);
         let enough = 3 * rayon::current_num_threads();
         let mut columns = MOST_COLUMNS;
-        let mut panels = Cut::new(n.div_ceil(tile.nr), columns / tile.nr);
+        let mut panels = TaskCut::new(n.div_ceil(tile.nr), columns / tile.nr);
         while rows.count() * panels.count() < enough && columns > FEWEST_COLUMNS {
             columns /= 2;
-            panels = Cut::new(panels.total, columns / tile.nr);
+            panels = TaskCut::new(panels.total, columns / tile.nr);
         }
         Self {
             rows,
@@ -128,13 +128,13 @@ pub fn matmul(
     if let Epilogue::Residual(r) | Epilogue::ResidualRelu(r) = epilogue {
         assert_eq!(r.len(), c.len(), "the residual is {m} x {n}");
     }
-    let tile = Tile::of(b.simd());
+    let tile = MicroTile::of(b.simd());
     let tasks = Tasks::new(&tile, m, n);
     let out = SharedOut::new(c);
     let len = scratch_len(&tile, tasks.rows_per_task(), k);
     workspace.tasks(tasks.count(), len, |index, scratch| {
         let (rows, panels) = tasks.get(index);
-        let block = Block {
+        let block = ProductBlock {
             b: b.view(),
             rows,
             panels,

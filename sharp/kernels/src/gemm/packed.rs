@@ -1,6 +1,6 @@
 //! Matrices packed for the microkernels.
 
-use crate::gemm::micro::{KC, Tile};
+use crate::gemm::micro::{KC, MicroTile};
 use crate::simd::Simd;
 use crate::workspace::Aligned;
 
@@ -58,7 +58,7 @@ impl PackedMatrix {
         fill: impl FnOnce(&mut [f32], usize),
     ) -> Self {
         assert!(k > 0 && n > 0, "a matrix of {k} x {n}");
-        let nr = Tile::of(simd).nr;
+        let nr = MicroTile::of(simd).nr;
         let n_padded = n.next_multiple_of(nr);
         let mut data = Aligned::zeros(k * n_padded);
         fill(&mut data, nr);

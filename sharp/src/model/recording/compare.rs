@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::file::{RecordedValues, Recording};
 use super::observe;
-use crate::model::observer::{Observer, StageValue};
+use crate::model::observer::{StageObserver, StageValue};
 use crate::model::predictor::{Planes, Predictor};
 use crate::model::{ModelError, config::LAYERS};
 
@@ -109,7 +109,7 @@ struct Comparer<'a> {
     stages: Vec<StageComparison>,
 }
 
-impl Observer for Comparer<'_> {
+impl StageObserver for Comparer<'_> {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError> {
         if !self.pending.remove(name) {
             return Ok(());

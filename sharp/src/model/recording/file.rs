@@ -24,7 +24,6 @@ pub struct RecordedInput {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedStage {
-    /// Dimensions of the whole.
     pub shape: Vec<usize>,
     /// Largest magnitude in the whole.
     pub absmax: f64,

@@ -10,7 +10,7 @@ mod file;
 mod write;
 
 use super::ModelError;
-use super::observer::{Observer, StageValue};
+use super::observer::{StageObserver, StageValue};
 use super::predictor::{NetworkOutput, Planes, Predictor, observe_gaussians};
 use crate::gaussians::Gaussians;
 use crate::unprojection::{covariance, release_intrinsics, unproject};
@@ -27,7 +27,7 @@ fn observe(
     predictor: &Predictor,
     image: Planes<'_>,
     focal_px: f64,
-    observer: &mut dyn Observer,
+    observer: &mut dyn StageObserver,
 ) -> Result<NetworkOutput, ModelError> {
     let factor = (focal_px / image.width as f64) as f32;
     let prediction = predictor.predict(image, factor, observer)?;
@@ -56,13 +56,13 @@ fn covariance6(gaussians: &Gaussians) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Engine, ModelConfig, Precision, synth::Synth};
+    use crate::model::{Algorithm, Engine, ModelConfig, synth::Synth};
 
     fn tiny(salt: &str) -> Predictor {
         let file = "/../tests/golden/model/tiny_config.json#tiny";
         let config = ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap();
         let source = Synth { salt: salt.into() };
-        Predictor::from_source(&config, source, Engine::cpu(Precision::Exact)).unwrap()
+        Predictor::from_source(&config, source, Engine::cpu(Algorithm::Direct)).unwrap()
     }
 
     #[test]

@@ -9,7 +9,7 @@ use sharp_checkpoint::{DType, OutTensor, write_safetensors};
 
 use super::{SAMPLES, observe};
 use crate::model::ModelError;
-use crate::model::observer::{Observer, StageValue};
+use crate::model::observer::{StageObserver, StageValue};
 use crate::model::predictor::{Planes, Predictor};
 
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ struct Recorder<'a> {
     tensors: BTreeMap<String, (DType, Vec<usize>, Vec<u8>)>,
 }
 
-impl Observer for Recorder<'_> {
+impl StageObserver for Recorder<'_> {
     fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError> {
         let shape = value.shape()?;
         let values = value.to_vec()?;

@@ -3,11 +3,11 @@
 use sharp_kernels::{AttentionShape, Epilogue, PackedMatrix, Simd, Workspace, attention};
 use sharp_kernels::{layer_norm, matmul};
 
-use super::{Affine, Block, Features, IMAGES_AT_ONCE, Vit};
+use super::{Features, IMAGES_AT_ONCE, Vit, VitBlock, WeightBias};
 use crate::model::ModelError;
 use crate::model::engine::Runtime;
 use crate::model::map::{HostMap, Map};
-use crate::model::observer::{Observer, StageValue};
+use crate::model::observer::{StageObserver, StageValue};
 use crate::model::params::Parameter;
 
 impl Vit {
@@ -19,7 +19,7 @@ impl Vit {
         images: &[f32],
         taps: &[usize],
         name: &str,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Features, ModelError> {
         let shape = self.shape;
         let (tokens, dim, size) = (shape.tokens(), shape.dim, shape.image);
@@ -106,7 +106,6 @@ impl Vit {
     }
 }
 
-/// A normalisation's values.
 struct Norm {
     gamma: Vec<f32>,
     beta: Vec<f32>,
@@ -114,7 +113,7 @@ struct Norm {
 }
 
 impl Norm {
-    fn new(rt: &Runtime, affine: &Affine, eps: f32) -> Result<Self, ModelError> {
+    fn new(rt: &Runtime, affine: &WeightBias, eps: f32) -> Result<Self, ModelError> {
         Ok(Self {
             gamma: rt.values(&affine.weight)?.into_owned(),
             beta: rt.values(&affine.bias)?.into_owned(),
@@ -147,7 +146,7 @@ struct PackedBlock {
 }
 
 impl PackedBlock {
-    fn new(rt: &Runtime, simd: Simd, block: &Block, eps: f32) -> Result<Self, ModelError> {
+    fn new(rt: &Runtime, simd: Simd, block: &VitBlock, eps: f32) -> Result<Self, ModelError> {
         Ok(Self {
             norm1: Norm::new(rt, &block.norm1, eps)?,
             qkv: pack(rt, simd, &block.qkv, None)?,
@@ -193,7 +192,7 @@ impl PackedBlock {
 fn pack(
     rt: &Runtime,
     simd: Simd,
-    affine: &Affine,
+    affine: &WeightBias,
     scale: Option<&Parameter>,
 ) -> Result<PackedMatrix, ModelError> {
     let [n, k] = [affine.weight.shape[0], affine.weight.shape[1]];

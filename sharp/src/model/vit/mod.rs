@@ -7,19 +7,19 @@ use super::ModelError;
 use super::config::VitConfig;
 use super::engine::{Engine, Runtime};
 use super::map::Map;
-use super::observer::Observer;
+use super::observer::StageObserver;
 use super::params::{Parameter, Params};
 
 /// Images whose intermediate values are in memory at a time: some 100 MB for the release.
 const IMAGES_AT_ONCE: usize = 5;
 
 /// Weight and bias of a linear layer or a normalisation.
-struct Affine {
+struct WeightBias {
     weight: Parameter,
     bias: Parameter,
 }
 
-impl Affine {
+impl WeightBias {
     fn linear(p: &Params<'_>, input: usize, output: usize) -> Self {
         Self {
             weight: p.get("weight", &[output, input]),
@@ -37,23 +37,23 @@ impl Affine {
 
 /// Pre-norm blocks over a class token and one token a patch.
 pub(super) struct Vit {
-    patch_embed: Affine,
+    patch_embed: WeightBias,
     cls_token: Parameter,
     pos_embed: Parameter,
-    blocks: Vec<Block>,
-    norm: Affine,
+    blocks: Vec<VitBlock>,
+    norm: WeightBias,
     shape: Shape,
 }
 
 /// `x += ls1 · attention(norm1(x))`, then `x += ls2 · mlp(norm2(x))`.
-struct Block {
-    norm1: Affine,
-    qkv: Affine,
-    proj: Affine,
+struct VitBlock {
+    norm1: WeightBias,
+    qkv: WeightBias,
+    proj: WeightBias,
     ls1: Parameter,
-    norm2: Affine,
-    fc1: Affine,
-    fc2: Affine,
+    norm2: WeightBias,
+    fc1: WeightBias,
+    fc2: WeightBias,
     ls2: Parameter,
 }
 
@@ -66,9 +66,7 @@ struct Shape {
     patch: usize,
     /// Tokens along a side.
     side: usize,
-    /// Width of a token.
     dim: usize,
-    /// Attention heads.
     heads: usize,
     /// Added to the variance by normalisations.
     norm_eps: f32,
@@ -90,7 +88,6 @@ impl Shape {
 pub(super) struct Features {
     /// Outputs of the tapped blocks, not normalised.
     pub(super) taps: Vec<Vec<Map>>,
-    /// The normalised last output.
     pub(super) last: Vec<Map>,
 }
 
@@ -103,16 +100,16 @@ impl Vit {
         let embed = p.pp("patch_embed").pp("proj");
         let blocks = p.pp("blocks");
         Self {
-            patch_embed: Affine {
+            patch_embed: WeightBias {
                 weight: embed.get("weight", &[dim, 3, patch, patch]),
                 bias: embed.get("bias", &[dim]),
             },
             cls_token: p.get("cls_token", &[1, 1, dim]),
             pos_embed: p.get("pos_embed", &[1, side * side + 1, dim]),
             blocks: (0..config.depth)
-                .map(|k| Block::new(&blocks.pp(k), dim))
+                .map(|k| VitBlock::new(&blocks.pp(k), dim))
                 .collect(),
-            norm: Affine::norm(&p.pp("norm"), dim),
+            norm: WeightBias::norm(&p.pp("norm"), dim),
             shape: Shape {
                 image: config.img_size,
                 patch,
@@ -131,7 +128,7 @@ impl Vit {
         images: &[f32],
         taps: &[usize],
         name: &str,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Features, ModelError> {
         match &rt.engine {
             Engine::Kernels(kernels) => {
@@ -164,17 +161,17 @@ impl Vit {
     }
 }
 
-impl Block {
+impl VitBlock {
     fn new(p: &Params<'_>, dim: usize) -> Self {
         let (attention, mlp) = (p.pp("attn"), p.pp("mlp"));
         Self {
-            norm1: Affine::norm(&p.pp("norm1"), dim),
-            qkv: Affine::linear(&attention.pp("qkv"), dim, 3 * dim),
-            proj: Affine::linear(&attention.pp("proj"), dim, dim),
+            norm1: WeightBias::norm(&p.pp("norm1"), dim),
+            qkv: WeightBias::linear(&attention.pp("qkv"), dim, 3 * dim),
+            proj: WeightBias::linear(&attention.pp("proj"), dim, dim),
             ls1: p.pp("ls1").get("gamma", &[dim]),
-            norm2: Affine::norm(&p.pp("norm2"), dim),
-            fc1: Affine::linear(&mlp.pp("fc1"), dim, 4 * dim),
-            fc2: Affine::linear(&mlp.pp("fc2"), 4 * dim, dim),
+            norm2: WeightBias::norm(&p.pp("norm2"), dim),
+            fc1: WeightBias::linear(&mlp.pp("fc1"), dim, 4 * dim),
+            fc2: WeightBias::linear(&mlp.pp("fc2"), 4 * dim, dim),
             ls2: p.pp("ls2").get("gamma", &[dim]),
         }
     }

@@ -2,11 +2,11 @@
 
 use candle_core::{D, Device, Tensor};
 
-use super::{Affine, Block, Features, IMAGES_AT_ONCE, Shape, Vit};
+use super::{Features, IMAGES_AT_ONCE, Shape, Vit, VitBlock, WeightBias};
 use crate::model::ModelError;
 use crate::model::engine::Runtime;
 use crate::model::map::Map;
-use crate::model::observer::{Observer, StageValue};
+use crate::model::observer::{StageObserver, StageValue};
 
 impl Vit {
     /// As [`Vit::forward`].
@@ -17,7 +17,7 @@ impl Vit {
         images: &[f32],
         taps: &[usize],
         name: &str,
-        observer: &mut dyn Observer,
+        observer: &mut dyn StageObserver,
     ) -> Result<Features, ModelError> {
         let (tokens, dim, size) = (self.shape.tokens(), self.shape.dim, self.shape.image);
         let count = images.len() / (3 * size * size);
@@ -65,7 +65,7 @@ impl Vit {
     }
 }
 
-impl Block {
+impl VitBlock {
     /// `[images, tokens, dim]` to the same shape, a few images at a time.
     fn on_tensors(&self, rt: &Runtime, x: &Tensor, shape: Shape) -> Result<Tensor, ModelError> {
         let (count, tokens, dim) = x.dims3()?;
@@ -124,14 +124,14 @@ impl Block {
     }
 }
 
-fn linear(rt: &Runtime, affine: &Affine, x: &Tensor) -> Result<Tensor, ModelError> {
+fn linear(rt: &Runtime, affine: &WeightBias, x: &Tensor) -> Result<Tensor, ModelError> {
     let weight = rt.tensor(&affine.weight, x.device())?;
     let bias = rt.tensor(&affine.bias, x.device())?;
     Ok(x.matmul(&weight.t()?)?.broadcast_add(&bias)?)
 }
 
 /// Centred first, then squared: a difference of large sums would lose digits.
-fn norm(rt: &Runtime, affine: &Affine, x: &Tensor, eps: f32) -> Result<Tensor, ModelError> {
+fn norm(rt: &Runtime, affine: &WeightBias, x: &Tensor, eps: f32) -> Result<Tensor, ModelError> {
     let centered = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centered.sqr()?.mean_keepdim(D::Minus1)?;
     let deviation = (variance + f64::from(eps))?.sqrt()?;

@@ -71,7 +71,6 @@ impl GpuAdapter {
         &self.info.name
     }
 
-    /// What it is made of.
     pub fn kind(&self) -> AdapterKind {
         match self.info.device_type {
             wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,

@@ -1,12 +1,11 @@
 //! Buffers and dispatches in one line each.
 
 use super::device::Gpu;
-use super::memory::Buffer;
-use super::passes::Pass;
-use wgpu::{BufferUsages, CommandEncoder};
+use super::memory::GpuBuffer;
+use wgpu::{BufferUsages, CommandEncoder, ComputePipeline};
 
 impl Gpu {
-    fn buffer(&self, label: &str, bytes: u64, usage: BufferUsages) -> Buffer {
+    fn buffer(&self, label: &str, bytes: u64, usage: BufferUsages) -> GpuBuffer {
         self.memory
             .count(self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -18,20 +17,20 @@ impl Gpu {
     }
 
     /// Storage of `bytes` bytes, zeroed.
-    pub(super) fn storage(&self, label: &str, bytes: u64) -> Buffer {
+    pub(super) fn storage(&self, label: &str, bytes: u64) -> GpuBuffer {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         self.buffer(label, bytes, usage)
     }
 
     /// Storage filled with `data`.
-    pub(super) fn filled<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> Buffer {
+    pub(super) fn filled<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> GpuBuffer {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let buffer = self.storage(label, bytes.len() as u64);
         self.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }
 
-    pub(super) fn uniform<T: bytemuck::NoUninit>(&self, label: &str, value: &T) -> Buffer {
+    pub(super) fn uniform<T: bytemuck::NoUninit>(&self, label: &str, value: &T) -> GpuBuffer {
         let usage = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
         let buffer = self.buffer(label, size_of::<T>() as u64, usage);
         let bytes = bytemuck::bytes_of(value);
@@ -40,13 +39,18 @@ impl Gpu {
     }
 
     /// A buffer of `bytes` bytes that the host can map.
-    pub(super) fn staging(&self, bytes: u64) -> Buffer {
+    pub(super) fn staging(&self, bytes: u64) -> GpuBuffer {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         self.buffer("staging", bytes, usage)
     }
 
     /// Copies the first `bytes` bytes to a new staging buffer.
-    pub(super) fn stage(&self, encoder: &mut CommandEncoder, from: &Buffer, bytes: u64) -> Buffer {
+    pub(super) fn stage(
+        &self,
+        encoder: &mut CommandEncoder,
+        from: &GpuBuffer,
+        bytes: u64,
+    ) -> GpuBuffer {
         let staging = self.staging(bytes);
         encoder.copy_buffer_to_buffer(from, 0, &staging, 0, bytes);
         staging
@@ -61,8 +65,8 @@ impl Gpu {
     pub(super) fn run(
         &self,
         encoder: &mut CommandEncoder,
-        pass: &Pass,
-        buffers: &[&Buffer],
+        pass: &ComputePipeline,
+        buffers: &[&GpuBuffer],
         groups: u32,
     ) {
         let x = groups.min(self.groups_limit).max(1);
@@ -73,8 +77,8 @@ impl Gpu {
     pub(super) fn run_grid(
         &self,
         encoder: &mut CommandEncoder,
-        pass: &Pass,
-        buffers: &[&Buffer],
+        pass: &ComputePipeline,
+        buffers: &[&GpuBuffer],
         (x, y): (u32, u32),
     ) {
         let entries: Vec<_> = buffers
@@ -88,14 +92,11 @@ impl Gpu {
             .collect();
         let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
-            layout: &pass.pipeline.get_bind_group_layout(0),
+            layout: &pass.get_bind_group_layout(0),
             entries: &entries,
         });
-        let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(pass.name),
-            timestamp_writes: self.timer.as_ref().and_then(|t| t.next(pass.name)),
-        });
-        dispatch.set_pipeline(&pass.pipeline);
+        let mut dispatch = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        dispatch.set_pipeline(pass);
         dispatch.set_bind_group(0, &group, &[]);
         dispatch.dispatch_workgroups(x, y, 1);
     }

@@ -2,8 +2,7 @@
 
 use super::super::RenderError;
 use super::GpuAdapter;
-use super::memory::{Buffer, Memory};
-use super::timing::Timer;
+use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 /// What a sub-frame's largest binding may take even where the adapter grants more: keeps a picture
@@ -21,19 +20,18 @@ pub(super) struct Gpu {
     /// Most workgroups along an axis.
     pub(super) groups_limit: u32,
     pub(super) memory: Arc<Memory>,
-    pub(super) timer: Option<Timer>,
-    fault: Arc<Mutex<Option<Fault>>>,
+    fault: Arc<Mutex<Option<DeviceFault>>>,
 }
 
 /// In order of severity.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-enum Fault {
+enum DeviceFault {
     Other(String),
     Memory(String),
     Lost(String),
 }
 
-impl From<wgpu::Error> for Fault {
+impl From<wgpu::Error> for DeviceFault {
     fn from(error: wgpu::Error) -> Self {
         let what = error.to_string();
         match error {
@@ -43,7 +41,7 @@ impl From<wgpu::Error> for Fault {
     }
 }
 
-impl Fault {
+impl DeviceFault {
     fn at(self, adapter: &str) -> RenderError {
         let adapter = adapter.to_owned();
         match self {
@@ -61,16 +59,15 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("renderer"),
             required_limits: limits.clone(),
-            required_features: adapter.adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.adapter.request_device(&descriptor))
-            .map_err(|e| Fault::Other(e.to_string()).at(&name))?;
+            .map_err(|e| DeviceFault::Other(e.to_string()).at(&name))?;
         let fault = Arc::new(Mutex::new(None));
         let keep = {
             let fault = Arc::clone(&fault);
-            move |found: Fault| {
+            move |found: DeviceFault| {
                 let mut fault = fault.lock().unwrap_or_else(PoisonError::into_inner);
                 // The first of the worst kind: later ones are mostly its consequences.
                 if fault.as_ref().is_none_or(|known| {
@@ -84,10 +81,9 @@ impl Gpu {
         let keep_lost = keep.clone();
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| keep(e.into())));
         device.set_device_lost_callback(move |reason, text| {
-            keep_lost(Fault::Lost(format!("{reason:?}: {text}")));
+            keep_lost(DeviceFault::Lost(format!("{reason:?}: {text}")));
         });
         Ok(Self {
-            timer: Timer::new(&device, &queue),
             device,
             queue,
             adapter: name,
@@ -116,28 +112,25 @@ impl Gpu {
 
     /// What a call said that failed, unless a callback knows more.
     fn error(&self, what: &dyn std::error::Error) -> RenderError {
-        let said = Fault::Other(what.to_string()).at(&self.adapter);
+        let said = DeviceFault::Other(what.to_string()).at(&self.adapter);
         self.check().err().unwrap_or(said)
     }
 
     pub(super) fn no_room(&self, what: String) -> RenderError {
-        Fault::Memory(what).at(&self.adapter)
+        DeviceFault::Memory(what).at(&self.adapter)
     }
 
     /// Submits the commands, waits, and hands `read` the first bytes, as many as given, of each
     /// staging buffer.
     pub(super) fn finish(
         &self,
-        mut encoder: wgpu::CommandEncoder,
-        staged: &[(&Buffer, u64)],
+        encoder: wgpu::CommandEncoder,
+        staged: &[(&GpuBuffer, u64)],
         mut read: impl FnMut(usize, &[u8]),
     ) -> Result<(), RenderError> {
-        let times = self.timer.as_ref().and_then(|t| t.resolve(&mut encoder));
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = mpsc::channel();
-        let staged = staged.iter().map(|(buffer, bytes)| (&***buffer, *bytes));
-        let staged: Vec<(&wgpu::Buffer, u64)> = staged.chain(times).collect();
-        for (buffer, bytes) in &staged {
+        for (buffer, bytes) in staged {
             let sender = sender.clone();
             buffer.map_async(wgpu::MapMode::Read, ..*bytes, move |result| {
                 // The receiver outlives the wait below.
@@ -159,10 +152,7 @@ impl Gpu {
             let range = buffer
                 .get_mapped_range(..*bytes)
                 .map_err(|e| self.error(&e))?;
-            match &self.timer {
-                Some(timer) if times.is_some() && index + 1 == staged.len() => timer.add(&range),
-                _ => read(index, &range),
-            }
+            read(index, &range);
             drop(range);
             buffer.unmap();
         }
@@ -178,12 +168,12 @@ mod tests {
     fn faults_become_errors_that_callers_can_tell_apart() {
         let text = || "text".to_owned();
         let source = || Box::new(std::fmt::Error);
-        let memory = Fault::from(wgpu::Error::OutOfMemory { source: source() });
+        let memory = DeviceFault::from(wgpu::Error::OutOfMemory { source: source() });
         assert!(matches!(
             memory.clone().at("a"),
             RenderError::OutOfMemory { .. }
         ));
-        let refused = Fault::from(wgpu::Error::Validation {
+        let refused = DeviceFault::from(wgpu::Error::Validation {
             source: source(),
             description: text(),
         });
@@ -191,7 +181,7 @@ mod tests {
             refused.clone().at("a"),
             RenderError::Device { .. }
         ));
-        let lost = Fault::Lost(text());
+        let lost = DeviceFault::Lost(text());
         assert!(refused < memory && memory < lost);
         let error = lost.at("some GPU");
         assert_eq!(error.to_string(), "some GPU was lost: text");

@@ -3,8 +3,8 @@
 use super::super::project::ViewConstants;
 use super::super::{RenderError, RenderOutput, RenderView};
 use super::device::Gpu;
-use super::layout::{DroppedCounts, FrameUniform, ViewUniform};
-use super::memory::Buffer;
+use super::layout::{DroppedCounts, FrameUniform, ViewUniform, dropped};
+use super::memory::GpuBuffer;
 use super::passes::Passes;
 use super::readback::copy_home;
 use super::scene::GpuScene;
@@ -35,10 +35,10 @@ impl Work {
 
 /// A sub-frame's ranges and pixels, and the staging buffers that bring the pixels to the host.
 pub(super) struct Targets {
-    pub(super) ranges: Buffer,
-    picture: Buffer,
-    depths: Buffer,
-    pub(super) home: [Buffer; 2],
+    pub(super) ranges: GpuBuffer,
+    picture: GpuBuffer,
+    depths: GpuBuffer,
+    pub(super) home: [GpuBuffer; 2],
     tiles: u32,
     pixels: u64,
 }
@@ -66,14 +66,11 @@ impl Targets {
     }
 }
 
-/// One frame's fixed part.
 pub(super) struct Frame<'a> {
     pub(super) gpu: &'a Gpu,
     pub(super) passes: &'a Passes,
     pub(super) scene: &'a GpuScene,
     pub(super) view: &'a RenderView,
-    /// Replaces the device's own depth order.
-    pub(super) order: Option<&'a [u32]>,
     /// Side of a tile, pixels: a power of two from [`LEAST_TILE`].
     pub(super) tile: u32,
 }
@@ -83,9 +80,6 @@ impl Frame<'_> {
         let (gpu, scene) = (self.gpu, self.scene);
         let k = self.view.intrinsics;
         let mut out = RenderOutput::empty(k.width, k.height);
-        if let Some(timer) = &gpu.timer {
-            timer.reset();
-        }
         if scene.count == 0 {
             return Ok(out);
         }
@@ -132,28 +126,20 @@ impl Frame<'_> {
             gpu, passes, scene, ..
         } = *self;
         let mut encoder = gpu.encoder();
-        let dropped = self.project(&mut encoder);
-        let half = if let Some(order) = self.order {
-            let values = &scene.by_depth.values[0];
-            gpu.queue
-                .write_buffer(values, 0, bytemuck::cast_slice(order));
-            0
-        } else {
-            let count = (scene.count, 32);
-            scene.by_depth.sort(gpu, passes, &mut encoder, count, true)
-        };
+        let counts = self.project(&mut encoder);
+        let count = (scene.count, 32);
+        let half = scene.by_depth.sort(gpu, passes, &mut encoder, count, true);
         let bytes = size_of::<DroppedCounts>() as u64;
-        let staged = gpu.stage(&mut encoder, &dropped, bytes);
+        let staged = gpu.stage(&mut encoder, &counts, bytes);
         gpu.finish(encoder, &[(&staged, bytes)], |_, bytes| {
-            let counts: DroppedCounts = bytemuck::pod_read_unaligned(bytes);
-            out.dropped = counts.into();
+            out.dropped = dropped(bytemuck::pod_read_unaligned(bytes));
             out.drawn = u64::from(scene.count) - out.dropped.total();
         })?;
         Ok(half)
     }
 
     /// Pass `project`; returns the counts of what was dropped.
-    pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> Buffer {
+    pub(super) fn project(&self, encoder: &mut wgpu::CommandEncoder) -> GpuBuffer {
         let (gpu, scene) = (self.gpu, self.scene);
         let dropped = gpu.storage("dropped", size_of::<DroppedCounts>() as u64);
         let view = ViewUniform::new(&ViewConstants::new(self.view), scene.count);
@@ -177,7 +163,7 @@ impl Frame<'_> {
         dropped
     }
 
-    fn uniform(&self, part: SubFrame, pairs: u32) -> Buffer {
+    fn uniform(&self, part: SubFrame, pairs: u32) -> GpuBuffer {
         let uniform = FrameUniform::new(part, self.scene.count, pairs);
         self.gpu.uniform("frame", &uniform)
     }
@@ -187,7 +173,11 @@ impl Frame<'_> {
     /// The sum of a block of the scan cannot wrap: its 1024 Gaussians have at most one pair a tile,
     /// and a sub-frame, as a binding holds its pixels, fewer than 2²² tiles. The starts can, where
     /// the total exceeds 32 bits; such a sub-frame is cut, not drawn.
-    pub(super) fn count_pairs(&self, order: &Buffer, part: SubFrame) -> Result<u64, RenderError> {
+    pub(super) fn count_pairs(
+        &self,
+        order: &GpuBuffer,
+        part: SubFrame,
+    ) -> Result<u64, RenderError> {
         let Self {
             gpu, passes, scene, ..
         } = *self;
@@ -216,7 +206,7 @@ impl Frame<'_> {
     pub(super) fn list(
         &self,
         encoder: &mut wgpu::CommandEncoder,
-        order: &Buffer,
+        order: &GpuBuffer,
         (part, count): (SubFrame, u32),
         work: &mut Work,
     ) -> usize {
@@ -255,7 +245,7 @@ impl Frame<'_> {
     /// Lists, rasterises, and copies the pixels home.
     fn draw(
         &self,
-        order: &Buffer,
+        order: &GpuBuffer,
         (part, count): (SubFrame, u32),
         work: &mut Work,
         out: &mut RenderOutput,

@@ -115,30 +115,27 @@ shared! {
 }
 
 /// How many Gaussians `project` dropped: the order of the reasons in `project.wgsl`.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub(super) struct DroppedCounts {
-    not_finite: u32,
-    zero_quaternion: u32,
-    near: u32,
-    far: u32,
-    degenerate: u32,
-    transparent: u32,
-    outside: u32,
-    padding: u32,
-}
+pub(super) type DroppedCounts = [u32; 8];
 
-impl From<DroppedCounts> for Dropped {
-    fn from(counts: DroppedCounts) -> Self {
-        Self {
-            not_finite: counts.not_finite.into(),
-            zero_quaternion: counts.zero_quaternion.into(),
-            near: counts.near.into(),
-            far: counts.far.into(),
-            degenerate: counts.degenerate.into(),
-            transparent: counts.transparent.into(),
-            outside: counts.outside.into(),
-        }
+pub(super) fn dropped(counts: DroppedCounts) -> Dropped {
+    let [
+        not_finite,
+        zero_quaternion,
+        near,
+        far,
+        degenerate,
+        transparent,
+        outside,
+        _,
+    ] = counts.map(u64::from);
+    Dropped {
+        not_finite,
+        zero_quaternion,
+        near,
+        far,
+        degenerate,
+        transparent,
+        outside,
     }
 }
 

@@ -18,10 +18,10 @@ impl Memory {
     }
 
     /// Counts a buffer from here on.
-    pub(super) fn count(self: &Arc<Self>, buffer: wgpu::Buffer) -> Buffer {
+    pub(super) fn count(self: &Arc<Self>, buffer: wgpu::Buffer) -> GpuBuffer {
         let now = self.now.fetch_add(buffer.size(), Ordering::Relaxed) + buffer.size();
         self.peak.fetch_max(now, Ordering::Relaxed);
-        Buffer {
+        GpuBuffer {
             buffer,
             memory: Arc::clone(self),
         }
@@ -29,12 +29,12 @@ impl Memory {
 }
 
 /// A buffer of a [`Memory`].
-pub(super) struct Buffer {
+pub(super) struct GpuBuffer {
     buffer: wgpu::Buffer,
     memory: Arc<Memory>,
 }
 
-impl Deref for Buffer {
+impl Deref for GpuBuffer {
     type Target = wgpu::Buffer;
 
     fn deref(&self) -> &wgpu::Buffer {
@@ -42,7 +42,7 @@ impl Deref for Buffer {
     }
 }
 
-impl Drop for Buffer {
+impl Drop for GpuBuffer {
     fn drop(&mut self) {
         self.memory
             .now

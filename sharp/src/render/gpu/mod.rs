@@ -19,15 +19,11 @@ mod readback;
 mod scene;
 mod sort;
 mod subframe;
-mod timing;
 #[cfg(test)]
-mod twins;
+mod tests;
 
 pub use adapter::{AdapterKind, GpuAdapter};
-pub use timing::PassTime;
 
-use super::project::depths;
-use super::radix::indices;
 use super::renderer::{LoadedScene, TileSize, check_scene};
 use super::{RenderError, RenderOutput, RenderView, Renderer};
 use crate::gaussians::Gaussians;
@@ -45,7 +41,6 @@ pub struct GpuRenderer {
     passes: Passes,
     work: Work,
     tile: u32,
-    host_order: bool,
 }
 
 impl GpuRenderer {
@@ -62,7 +57,6 @@ impl GpuRenderer {
             gpu,
             passes,
             tile: tile_side(TileSize::Px8.pixels()),
-            host_order: false,
         })
     }
 
@@ -83,30 +77,16 @@ impl GpuRenderer {
         }
     }
 
-    /// The same renderer with depths computed and sorted on the host in f64, as the CPU backend
-    /// does: adapters then agree on the order of near-equal depths.
-    #[must_use]
-    pub fn with_host_order(self, host_order: bool) -> Self {
-        Self { host_order, ..self }
-    }
-
     /// The most bytes that this renderer's buffers ever took on the device together, those that
     /// the host maps included.
     pub fn peak_bytes(&self) -> u64 {
         self.gpu.memory.peak()
     }
-
-    /// How long each pass of the last frame took on the device; empty where the adapter has no
-    /// timestamp queries.
-    pub fn pass_times(&self) -> Vec<PassTime> {
-        self.gpu.timer.as_ref().map_or_else(Vec::new, |t| t.times())
-    }
 }
 
 impl Renderer for GpuRenderer {
     fn name(&self) -> String {
-        let order = if self.host_order { ", host order" } else { "" };
-        format!("wgpu:{}{order}", self.gpu.adapter)
+        format!("wgpu:{}", self.gpu.adapter)
     }
 
     /// # Errors
@@ -119,31 +99,25 @@ impl Renderer for GpuRenderer {
         Ok(Box::new(Uploaded {
             on_device: GpuScene::upload(&self.gpu, scene)?,
             renderer: self,
-            scene,
         }))
     }
 }
 
-/// A scene on the device, and here for its depths.
+/// A scene on the device.
 struct Uploaded<'a> {
     on_device: GpuScene,
     renderer: &'a mut GpuRenderer,
-    scene: &'a Gaussians,
 }
 
 impl LoadedScene for Uploaded<'_> {
     fn render(&mut self, view: &RenderView) -> Result<RenderOutput, RenderError> {
         view.check()?;
         let renderer = &mut *self.renderer;
-        let order = renderer
-            .host_order
-            .then(|| indices(&depths(&self.scene.means, view)));
         let frame = Frame {
             gpu: &renderer.gpu,
             passes: &renderer.passes,
             scene: &self.on_device,
             view,
-            order: order.as_deref(),
             tile: renderer.tile,
         };
         frame.render(&mut renderer.work)

@@ -35,23 +35,17 @@ pub(super) const SOURCES: [(&str, &str); 6] = [
     ),
 ];
 
-/// An entry point, and the name of its file.
-pub(super) struct Pass {
-    pub(super) name: &'static str,
-    pub(super) pipeline: ComputePipeline,
-}
-
 /// The pipelines in the order in which a frame runs them.
 pub(super) struct Passes {
-    pub(super) project: Pass,
-    pub(super) scan_blocks: Pass,
-    pub(super) add_sums: Pass,
-    pub(super) radix_histogram: Pass,
-    pub(super) radix_scatter: Pass,
-    pub(super) count_tiles: Pass,
-    pub(super) emit: Pass,
-    pub(super) find_ranges: Pass,
-    pub(super) raster: Pass,
+    pub(super) project: ComputePipeline,
+    pub(super) scan_blocks: ComputePipeline,
+    pub(super) add_sums: ComputePipeline,
+    pub(super) radix_histogram: ComputePipeline,
+    pub(super) radix_scatter: ComputePipeline,
+    pub(super) count_tiles: ComputePipeline,
+    pub(super) emit: ComputePipeline,
+    pub(super) find_ranges: ComputePipeline,
+    pub(super) raster: ComputePipeline,
 }
 
 impl Passes {
@@ -62,16 +56,15 @@ impl Passes {
                 source: wgpu::ShaderSource::Wgsl(source.into()),
             })
         });
-        let pass = |module: usize, entry: &str| Pass {
-            name: SOURCES[module].0,
-            pipeline: device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        let pass = |module: usize, entry: &str| {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry),
                 layout: None,
                 module: &modules[module],
                 entry_point: Some(entry),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 cache: None,
-            }),
+            })
         };
         Self {
             project: pass(0, "project"),

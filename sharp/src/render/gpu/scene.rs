@@ -2,22 +2,22 @@
 
 use super::super::RenderError;
 use super::device::Gpu;
-use super::memory::Buffer;
+use super::memory::GpuBuffer;
 use super::sort::{Scan, SortBuffers};
 use crate::gaussians::Gaussians;
 
 /// Gaussians on the device, with the buffers that a frame fills: 124 bytes a Gaussian.
 pub(super) struct GpuScene {
     pub(super) count: u32,
-    pub(super) means_opacities: Buffer,
-    pub(super) quaternions: Buffer,
-    pub(super) scales: Buffer,
-    pub(super) colors: Buffer,
-    pub(super) splats: Buffer,
-    pub(super) details: Buffer,
-    pub(super) footprints: Buffer,
+    pub(super) means_opacities: GpuBuffer,
+    pub(super) quaternions: GpuBuffer,
+    pub(super) scales: GpuBuffer,
+    pub(super) colors: GpuBuffer,
+    pub(super) splats: GpuBuffer,
+    pub(super) details: GpuBuffer,
+    pub(super) footprints: GpuBuffer,
     pub(super) by_depth: SortBuffers,
-    pub(super) places: Buffer,
+    pub(super) places: GpuBuffer,
     pub(super) scan: Scan,
 }
 

@@ -2,7 +2,7 @@
 
 use super::device::Gpu;
 use super::layout::{RadixParams, ScanParams};
-use super::memory::Buffer;
+use super::memory::GpuBuffer;
 use super::passes::Passes;
 use bytemuck::Zeroable;
 use wgpu::CommandEncoder;
@@ -14,7 +14,7 @@ const SCAN_BLOCK: u32 = 1024;
 
 /// What a scan needs besides its data: the sums of its blocks, of their blocks, ….
 pub(super) struct Scan {
-    levels: Vec<Buffer>,
+    levels: Vec<GpuBuffer>,
 }
 
 impl Scan {
@@ -37,7 +37,7 @@ impl Scan {
         gpu: &Gpu,
         passes: &Passes,
         encoder: &mut CommandEncoder,
-        data: &Buffer,
+        data: &GpuBuffer,
         count: u32,
     ) {
         self.blocks(gpu, passes, encoder, (0, data), count);
@@ -51,9 +51,9 @@ impl Scan {
         gpu: &Gpu,
         passes: &Passes,
         encoder: &mut CommandEncoder,
-        data: &Buffer,
+        data: &GpuBuffer,
         count: u32,
-    ) -> (Buffer, u64) {
+    ) -> (GpuBuffer, u64) {
         self.blocks(gpu, passes, encoder, (0, data), count);
         let bytes = u64::from(count.div_ceil(SCAN_BLOCK)) * 4;
         let staged = gpu.stage(encoder, &self.levels[0], bytes);
@@ -67,7 +67,7 @@ impl Scan {
         gpu: &Gpu,
         passes: &Passes,
         encoder: &mut CommandEncoder,
-        (level, data): (usize, &Buffer),
+        (level, data): (usize, &GpuBuffer),
         count: u32,
     ) {
         let params = gpu.uniform("scan", &scan_params(count));
@@ -82,7 +82,7 @@ impl Scan {
         gpu: &Gpu,
         passes: &Passes,
         encoder: &mut CommandEncoder,
-        (level, data): (usize, &Buffer),
+        (level, data): (usize, &GpuBuffer),
         count: u32,
     ) {
         let blocks = count.div_ceil(SCAN_BLOCK);
@@ -106,9 +106,9 @@ fn scan_params(count: u32) -> ScanParams {
 
 /// Keys and values, twice: a pass reads one half and writes the other.
 pub(super) struct SortBuffers {
-    pub(super) keys: [Buffer; 2],
-    pub(super) values: [Buffer; 2],
-    histogram: Buffer,
+    pub(super) keys: [GpuBuffer; 2],
+    pub(super) values: [GpuBuffer; 2],
+    histogram: GpuBuffer,
     scan: Scan,
     capacity: u64,
 }
@@ -117,7 +117,6 @@ pub(super) struct SortBuffers {
 pub(super) const PAIR_BYTES: u64 = 16;
 
 impl SortBuffers {
-    /// Room for `capacity` pairs.
     pub(super) fn new(gpu: &Gpu, capacity: u64) -> Self {
         let make = |label| gpu.storage(label, capacity * 4);
         let entries = capacity.div_ceil(u64::from(RADIX_BLOCK)) * 256;

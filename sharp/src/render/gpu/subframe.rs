@@ -3,7 +3,6 @@
 /// Side of the squares that `raster` owns, pixels: no tile is smaller.
 pub(super) const LEAST_TILE: u32 = 8;
 
-/// A rectangle of tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct SubFrame {
     /// Column and row of the first tile.
@@ -43,7 +42,6 @@ impl SubFrame {
         Some([a, b])
     }
 
-    /// Tiles in all.
     pub(super) fn count(self) -> u32 {
         self.tiles.0 * self.tiles.1
     }
@@ -58,7 +56,6 @@ impl SubFrame {
         (self.first.0 * self.side, self.first.1 * self.side)
     }
 
-    /// Pixels of all tiles.
     pub(super) fn pixels(self) -> u64 {
         let (width, height) = self.size();
         u64::from(width) * u64::from(height)

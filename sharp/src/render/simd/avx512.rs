@@ -8,7 +8,7 @@ pub(in crate::render) struct Avx512(__m512);
 
 macro_rules! sound {
     ($intrinsics:expr) => {{
-        // SAFETY: runs only where `per_level` compiled and detected the instruction set; pointers
+        // SAFETY: runs only where `per_instruction_set` compiled and detected the instruction set; pointers
         // are to sixteen floats.
         unsafe { $intrinsics }
     }};

@@ -17,12 +17,12 @@ pub(super) use avx2::Avx2;
 pub(super) use avx512::Avx512;
 pub(super) use portable::Portable;
 // The network's kernels and this renderer detect, and are pinned, together.
-pub(super) use sharp_kernels::{InstructionSet, Simd};
+pub(super) use sharp_kernels::{Simd, per_instruction_set};
 
 /// Sixteen f32 values, one for each pixel of a 4×4 block.
 ///
 /// Implementations on intrinsics may only run inside a function compiled for their instruction
-/// set, which [`per_level`] sees to.
+/// set, which [`per_instruction_set`] sees to.
 pub(super) trait Lanes: Copy {
     /// One truth value a lane.
     type Mask: Copy;
@@ -82,48 +82,6 @@ const EXP2_COEFFICIENTS: [f32; 5] = [
     0.001_326_472_7,
 ];
 
-/// Defines a function that runs its generic body compiled for the instruction set it is handed.
-///
-/// `fn outer = inner(args…)` calls `inner(args…)`; `fn outer = inner::<lanes>(args…)` calls
-/// `inner::<L>(args…)` with its [`Lanes`].
-macro_rules! per_level {
-    ($(#[$doc:meta])* $vis:vis fn $outer:ident = $inner:ident($($arg:ident: $kind:ty),* $(,)?)) => {
-        $crate::render::simd::per_level!(@define ($(#[$doc])* $vis) $outer ($($arg: $kind),*)
-            ($inner($($arg),*)) ($inner($($arg),*)) ($inner($($arg),*)));
-    };
-    ($(#[$doc:meta])* $vis:vis fn $outer:ident = $inner:ident::<lanes>($($arg:ident: $kind:ty),* $(,)?)) => {
-        $crate::render::simd::per_level!(@define ($(#[$doc])* $vis) $outer ($($arg: $kind),*)
-            ($inner::<$crate::render::simd::Avx512>($($arg),*))
-            ($inner::<$crate::render::simd::Avx2>($($arg),*))
-            ($inner::<$crate::render::simd::Portable>($($arg),*)));
-    };
-    (@define ($(#[$doc:meta])* $vis:vis) $outer:ident ($($arg:ident: $kind:ty),*) ($avx512:expr) ($avx2:expr) ($portable:expr)) => {
-        $(#[$doc])*
-        $vis fn $outer(simd: $crate::render::simd::Simd, $($arg: $kind),*) {
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,avx2,fma")]
-            fn avx512($($arg: $kind),*) {
-                $avx512
-            }
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2,fma")]
-            fn avx2($($arg: $kind),*) {
-                $avx2
-            }
-            match simd.instruction_set() {
-                // SAFETY: a Simd of this level exists only where the features were detected.
-                #[cfg(target_arch = "x86_64")]
-                $crate::render::simd::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
-                // SAFETY: as above.
-                #[cfg(target_arch = "x86_64")]
-                $crate::render::simd::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
-                _ => $portable,
-            }
-        }
-    };
-}
-pub(super) use per_level;
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,7 +90,9 @@ mod tests {
         fn body<L: Lanes>(x: &[f32; 16], out: &mut [f32; 16]) {
             *out = L::from_array(x).exp2().to_array();
         }
-        per_level! { fn run = body::<lanes>(x: &[f32; 16], out: &mut [f32; 16]) }
+        per_instruction_set! {
+            fn run(x: &[f32; 16], out: &mut [f32; 16]) = body::<Avx512>, body::<Avx2>, body::<Portable>
+        }
         let mut out = [0.0; 16];
         run(simd, x, &mut out);
         out

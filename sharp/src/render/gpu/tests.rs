@@ -6,7 +6,7 @@ use super::super::project::{Footprint, Projected, project};
 use super::super::ranges::TileLists;
 use super::super::{CpuRenderer, RenderError, RenderView, Renderer, Simd, radix, scan};
 use super::frame::{Frame, Work};
-use super::memory::Buffer;
+use super::memory::GpuBuffer;
 use super::scene::GpuScene;
 use super::sort::{Scan, SortBuffers};
 use super::subframe::SubFrame;
@@ -81,7 +81,7 @@ fn scene(count: usize, round: bool) -> Gaussians {
     scene
 }
 
-fn read<T: bytemuck::AnyBitPattern>(gpu: &GpuRenderer, buffer: &Buffer, count: usize) -> Vec<T> {
+fn read<T: bytemuck::AnyBitPattern>(gpu: &GpuRenderer, buffer: &GpuBuffer, count: usize) -> Vec<T> {
     let bytes = (count * size_of::<T>()) as u64;
     let mut encoder = gpu.gpu.encoder();
     let staged = gpu.gpu.stage(&mut encoder, buffer, bytes);
@@ -217,7 +217,6 @@ fn frame<'a>(
         passes: &renderer.passes,
         scene,
         view,
-        order: None,
         tile,
     }
 }
