@@ -27,7 +27,7 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// How the number is computed, with everything that changes its value.
     pub convention: String,
-    /// The features that stand in for the published ones of the metric's network; `None` where nothing is known to.
+    /// Network and sha256 of the features that it was computed on, where they are not the published ones.
     pub stand_in: Option<String>,
 }
 
@@ -47,24 +47,20 @@ impl From<&MetricInfo> for Column {
             decimals: info.decimals,
             direction: Some(info.direction),
             convention: info.to_string(),
-            stand_in: info.backbone.as_ref().and_then(|backbone| {
-                let salt = backbone.deterministic.as_ref()?;
-                Some(format!("{} `deterministic:{salt}`", backbone.name))
-            }),
+            stand_in: info
+                .backbone
+                .as_ref()
+                .filter(|backbone| backbone.is_unpublished())
+                .map(ToString::to_string),
         }
     }
 }
 
 fn label(key: MetricKey, with_default: bool) -> String {
     let whole = MetricKey::whole(key.metric());
-    let defaults = [
-        MetricKey::PSNR,
-        MetricKey::SSIM,
-        MetricKey::LPIPS,
-        MetricKey::DISTS,
-    ];
-    let name = if defaults.contains(&whole) && !with_default {
-        key.family().name().to_uppercase()
+    let family = key.family().name();
+    let name = if family.parse() == Ok(whole) && !with_default {
+        family.to_uppercase()
     } else {
         whole.label()
     };

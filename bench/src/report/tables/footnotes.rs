@@ -27,7 +27,7 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
 pub(super) fn feature_mark(column: &Column) -> Option<String> {
     let features = column.stand_in.as_ref()?;
     Some(format!(
-        "{} (`{}`): computed on {features} in place of the published features; not comparable with published numbers.",
+        "{} (`{}`): computed on `{features}` and not on the published features; comparable with no published number.",
         column.label, column.key
     ))
 }

@@ -422,7 +422,7 @@ fn numbers_from_features_that_are_not_the_published_ones_are_marked() {
     let notes = |column: Column| build::of_scores(&board, &[column]).remove(0).notes;
     let marked = notes((&infos[0]).into());
     assert!(
-        marked[0].starts_with("DISTS (`dists`): computed on vgg16 `deterministic:x`"),
+        marked[0].starts_with("DISTS (`dists`): computed on `vgg16="),
         "{marked:?}"
     );
     assert!(notes(MetricKey::DISTS.into()).is_empty());
