@@ -246,6 +246,7 @@
   window.addEventListener('resize', function () { if (viewer.open) { place(); } });
   viewer.addEventListener('keydown', function (event) {
     var views = { '1': 'source', '2': 'target', '3': 'prediction', '4': 'error', '5': 'compare' };
+    if (event.ctrlKey || event.metaKey || event.altKey) { return; }
     var zooms = { '+': 1.5, '=': 1.5, '-': 1 / 1.5, '0': 1 / now.zoom };
     var visible = all('.pair', cards).filter(function (pair) { return !pair.hidden; });
     if (views[event.key]) { now.view = views[event.key]; }

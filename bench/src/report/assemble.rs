@@ -263,12 +263,7 @@ fn choice_facts(choices: &PairProvenance) -> Vec<(String, String)> {
         facts.push(("overlap depth maps".to_owned(), value));
     }
     facts.extend(choices.options.entries().into_iter().map(|(key, value)| {
-        let is_proxy = proxies.contains(&format!("{key}={value}"));
-        let mark = if is_proxy {
-            format!(" ({PROXY})")
-        } else {
-            String::new()
-        };
+        let mark = mark(proxies.contains(&format!("{key}={value}")));
         (key.to_owned(), format!("{value}{mark}"))
     }));
     facts
@@ -306,8 +301,10 @@ fn fact(name: impl Into<String>, value: impl ToString) -> (String, String) {
 }
 
 fn mark(proxy: bool) -> String {
-    let mark = format!(" ({PROXY})");
-    if proxy { mark } else { String::new() }
+    match proxy {
+        true => format!(" ({PROXY})"),
+        false => String::new(),
+    }
 }
 
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.

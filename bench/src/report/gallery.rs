@@ -114,14 +114,15 @@ fn load<'a>(
             Status::Failed { reason } => Err(MissingPicture::Failed(reason.clone())),
             Status::Ok => pictures.prediction(record),
         };
-        let error = match (&prediction, &target) {
-            (Err(_), _) => Err(MissingPicture::Without("prediction")),
-            (_, Err(_)) => Err(MissingPicture::Without("target")),
-            (Ok(prediction), Ok(target)) => valid.clone().and_then(|valid| {
+        let error = match (&prediction, &target, &valid) {
+            (Err(_), ..) => Err(MissingPicture::Without("prediction")),
+            (_, Err(_), _) => Err(MissingPicture::Without("target")),
+            (_, _, Err(reason)) => Err(reason.clone()),
+            (Ok(prediction), Ok(target), Ok(valid)) => {
                 let scored = |x, y| is_scored(record.crop, valid.as_ref(), (x, y));
-                let error = error_map::picture(prediction, target, scored, ERROR_MAX, side);
-                inline(&error?)
-            }),
+                error_map::picture(prediction, target, scored, ERROR_MAX, side)
+                    .and_then(|error| inline(&error))
+            }
         };
         GalleryPrediction {
             record,

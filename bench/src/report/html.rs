@@ -135,7 +135,7 @@ impl Page<'_> {
     }
 
     /// Methods, datasets and the facts of the run, as far as there is something to say.
-    fn fact_groups(&self) -> Vec<FactGroup> {
+    pub(super) fn fact_groups(&self) -> Vec<FactGroup> {
         let methods = self.board.methods.iter();
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
         let datasets = self.board.datasets.iter().map(|d| &d.dataset);

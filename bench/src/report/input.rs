@@ -105,15 +105,9 @@ impl Column {
         }
     }
 
-    /// The key without its region.
-    fn variant(&self) -> &str {
-        self.key.split('@').next().unwrap_or_default()
-    }
-
     /// The key without variant and region: `ssim`.
     pub(super) fn family(&self) -> &str {
-        let name = self.variant().split('[').next();
-        name.unwrap_or_default()
+        self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
     /// Names of columns that stand side by side: default variants by their short ones, unless there are two variants of
@@ -121,7 +115,7 @@ impl Column {
     pub fn names(columns: &[Self]) -> Vec<&str> {
         let names = columns.iter().map(|column| {
             let mut family = columns.iter().filter(|c| c.family() == column.family());
-            if family.all(|c| c.variant() == column.variant()) {
+            if family.all(|c| c.key.split('@').next() == column.key.split('@').next()) {
                 column.short.as_str()
             } else {
                 column.label.as_str()
@@ -159,7 +153,7 @@ impl Column {
 }
 
 /// A column group of the tables.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
     /// As in the records: the user's choice, or else the format.
     pub name: String,
@@ -178,10 +172,7 @@ impl ReportDataset {
     pub fn named(name: impl Into<String>) -> Self {
         Self {
             name: name.into(),
-            format: None,
-            description: String::new(),
-            proxies: Vec::new(),
-            common_region: false,
+            ..Self::default()
         }
     }
 
@@ -202,7 +193,7 @@ impl ReportDataset {
 }
 
 /// A row of the tables.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportMethod {
     /// As in the records.
     pub label: String,
@@ -221,10 +212,7 @@ impl ReportMethod {
     pub fn named(label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
-            description: String::new(),
-            unranked: None,
-            is_baseline: false,
-            resize_kernel: None,
+            ..Self::default()
         }
     }
 }

@@ -59,14 +59,7 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
             escape(&column.convention)
         );
     }
-    let methods = page.board.methods.iter();
-    let methods = methods.map(|m| ("Method", m.label.as_str(), &m.description));
-    let datasets = page.board.datasets.iter().map(|d| &d.dataset);
-    let datasets = datasets.map(|d| ("Dataset", d.title(), &d.description));
-    for (what, name, text) in methods.chain(datasets).filter(|d| !d.2.is_empty()) {
-        let _ = writeln!(out, "- {what} {}: {}", escape(name), escape(text));
-    }
-    for group in &page.input.facts {
+    for group in page.fact_groups() {
         let _ = write!(
             out,
             "\n### {}\n\n| | |\n|:---|:---|\n",

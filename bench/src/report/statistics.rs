@@ -19,8 +19,6 @@ pub struct CellStatistics {
     pub infinite: usize,
     /// Mean over the finite numbers; `None` when there is none.
     pub finite_mean: Option<f64>,
-    /// Pairs whose prediction failed.
-    pub failed: usize,
     /// Why predictions failed, each reason once with its count, in the order met.
     pub failures: Vec<(String, usize)>,
     /// Why the other numbers are missing, likewise.
@@ -73,11 +71,9 @@ fn gather(
                 cell.scored.push(position);
             }
             Err((failed, reason)) => {
-                let reasons = if failed {
-                    cell.failed += 1;
-                    &mut cell.failures
-                } else {
-                    &mut cell.absences
+                let reasons = match failed {
+                    true => &mut cell.failures,
+                    false => &mut cell.absences,
                 };
                 match reasons.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, n)) => *n += 1,

@@ -47,8 +47,8 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let known: Vec<_> = board.datasets.iter().map(|d| d.dataset.clone()).collect();
     let mut published = paper::beside(&known, &metrics, input.published);
     let here = pairs_here(&board);
-    for remark in published.iter_mut().flat_map(|t| &mut t.remarks) {
-        remark.push_str(&here);
+    for table in &mut published {
+        table.remarks.extend(here.clone());
     }
 
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
@@ -152,22 +152,15 @@ fn listed_earlier(list: &Path) -> Vec<String> {
 }
 
 /// How much was measured here of what the paper's tables are about.
-fn pairs_here(board: &Board<'_>) -> String {
+fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());
-    let of_paper: Vec<String> = of_paper
-        .map(|d| {
-            format!(
-                "{} of {}",
-                counted(d.pairs.len(), "pair"),
-                d.dataset.title()
-            )
-        })
-        .collect();
-    if of_paper.is_empty() {
-        return String::new();
-    }
-    format!(" Measured here: {}.", of_paper.join(", "))
+    let of_paper = of_paper.map(|d| {
+        let pairs = counted(d.pairs.len(), "pair");
+        format!("{pairs} of {}", d.dataset.title())
+    });
+    let of_paper: Vec<String> = of_paper.collect();
+    (!of_paper.is_empty()).then(|| format!("Measured here: {}.", of_paper.join(", ")))
 }
 
 /// Each metric against the baseline, then the histogram, by file stem.

@@ -121,7 +121,7 @@ fn table(
                     coverage: Some((cell.n, cell.total)),
                     std: cell.std,
                     infinite: cell.infinite,
-                    failed: cell.failed,
+                    failed: cell.failures.iter().map(|(_, count)| count).sum(),
                     notes: texts.map(|text| Table::note(&mut notes, text)).collect(),
                 });
             }

@@ -6,7 +6,7 @@ use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Record, Score};
 use crate::report::board::Board;
-use crate::report::input::Column;
+use crate::report::input::{Column, ReportMethod};
 use crate::report::statistics::of_extra;
 
 use super::Table;
@@ -57,82 +57,81 @@ pub(in crate::report) fn scored(
 }
 
 /// A row in the contest for a column: it is ranked and covers every pair.
-struct Entrant {
+struct Entrant<'a> {
     method: usize,
     /// As shown; smaller is better.
     badness: f64,
-    shown: String,
+    /// Label and number.
+    text: String,
+    facts: &'a ReportMethod,
 }
 
 /// For each dataset, where a baseline is ahead of every method that is none, and where it is ahead of a method with
 /// holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
-    let remarks = board.datasets.iter().enumerate().map(|(d, dataset)| {
-        let (ahead_of_all, behind) = against_baselines(board, table, d);
-        let mut sentences = Vec::new();
-        if !ahead_of_all.is_empty() {
-            sentences.push(format!(
-                "a baseline is better than every method that is not one in {}.",
-                ahead_of_all.join(", ")
-            ));
-        }
-        for (method, columns) in behind {
-            let holes = of_extra(dataset, method, "hole_share").mean;
-            let Some(share) = holes.filter(|share| *share >= HOLES) else {
+    let names = Column::names(&table.columns);
+    let mut remarks = Vec::new();
+    for (d, dataset) in board.datasets.iter().enumerate() {
+        let mut ahead_of_all = Vec::new();
+        // By method, the columns in which it is behind while another is not.
+        let mut behind: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+        for (c, name) in names.iter().enumerate() {
+            let (baselines, others): (Vec<Entrant<'_>>, Vec<Entrant<'_>>) =
+                entrants(board, table, d, c)
+                    .into_iter()
+                    .partition(|entrant| entrant.facts.is_baseline);
+            let Some(baseline) = baselines.first() else {
                 continue;
             };
-            let mut sentence = format!(
-                "{} leaves on average {:.1} % of a picture empty, and these holes are scored like any other pixel",
+            for (place, other) in others.iter().enumerate() {
+                if other.badness > baseline.badness {
+                    let text = format!("{name} ({}; {})", baseline.text, other.text);
+                    let columns = behind.entry(other.method).or_default();
+                    let list = if place == 0 {
+                        &mut ahead_of_all
+                    } else {
+                        columns
+                    };
+                    list.push(text);
+                }
+            }
+        }
+        let mut text = String::new();
+        if !ahead_of_all.is_empty() {
+            text = format!(
+                " a baseline is better than every method that is not one in {}.",
+                ahead_of_all.join(", ")
+            );
+        }
+        for (method, columns) in behind {
+            let share = of_extra(dataset, method, "hole_share").mean.unwrap_or(0.0);
+            if share < HOLES {
+                continue;
+            }
+            text += &format!(
+                " {} leaves on average {:.1} % of a picture empty, and these holes are scored like any other pixel",
                 board.methods[method].label,
                 100.0 * share
             );
             if !columns.is_empty() {
-                sentence += &format!("; a baseline is better in {}", columns.join(", "));
+                text += &format!("; a baseline is better in {}", columns.join(", "));
             }
-            sentences.push(sentence + ".");
+            text.push('.');
         }
-        let text = sentences.join(" ");
-        (!text.is_empty()).then(|| format!("{}: {text}", dataset.dataset.title()))
-    });
-    remarks.flatten().collect()
-}
-
-/// For one dataset, the columns in which a baseline is ahead of every other method, with the best of these; and by
-/// method those in which it alone is behind one, which may be none besides.
-fn against_baselines(
-    board: &Board<'_>,
-    table: &Table,
-    dataset: usize,
-) -> (Vec<String>, BTreeMap<usize, Vec<String>>) {
-    let (mut ahead_of_all, mut behind) = (Vec::new(), BTreeMap::<usize, Vec<String>>::new());
-    for (c, name) in Column::names(&table.columns).into_iter().enumerate() {
-        let mut entrants = entrants(board, table, dataset, c);
-        entrants.sort_by(|a, b| a.badness.total_cmp(&b.badness));
-        let (baselines, others): (Vec<&Entrant>, Vec<&Entrant>) = entrants
-            .iter()
-            .partition(|entrant| board.methods[entrant.method].is_baseline);
-        let Some(baseline) = baselines.first() else {
-            continue;
-        };
-        for (i, other) in others.iter().enumerate() {
-            if other.badness <= baseline.badness {
-                continue;
-            }
-            let [ahead, after] =
-                [baseline, other].map(|e| format!("{} {}", board.methods[e.method].label, e.shown));
-            let text = format!("{name} ({ahead}; {after})");
-            let columns = behind.entry(other.method).or_default();
-            if i == 0 {
-                ahead_of_all.push(text);
-            } else {
-                columns.push(text);
-            }
+        if !text.is_empty() {
+            remarks.push(format!("{}:{text}", dataset.dataset.title()));
         }
     }
-    (ahead_of_all, behind)
+    remarks
 }
 
-fn entrants(board: &Board<'_>, table: &Table, dataset: usize, column: usize) -> Vec<Entrant> {
+/// The best first.
+fn entrants<'a>(
+    board: &'a Board<'_>,
+    table: &Table,
+    dataset: usize,
+    column: usize,
+) -> Vec<Entrant<'a>> {
     let metric = &table.columns[column];
     let sign = match metric.direction {
         Some(Direction::Higher) => -1.0,
@@ -141,17 +140,17 @@ fn entrants(board: &Board<'_>, table: &Table, dataset: usize, column: usize) -> 
     };
     let at = dataset * table.columns.len() + column;
     let rows = table.rows.iter().zip(&board.methods).enumerate();
-    let ranked = rows.filter(|(_, (_, method))| method.unranked.is_none());
-    let entrants = ranked.filter_map(|(method, (row, _))| {
+    let entrants = rows.filter_map(|(method, (row, facts))| {
         let cell = &row.cells[at];
-        let value = cell
-            .value
-            .filter(|v| !v.is_nan() && cell.partial().is_none())?;
-        Some(Entrant {
+        let value = cell.value.filter(|v| !v.is_nan())?;
+        (facts.unranked.is_none() && cell.partial().is_none()).then(|| Entrant {
             method,
             badness: sign * rounded(value, metric.decimals),
-            shown: metric.shown(value),
+            text: format!("{} {}", row.label, metric.shown(value)),
+            facts,
         })
     });
-    entrants.collect()
+    let mut entrants: Vec<Entrant<'_>> = entrants.collect();
+    entrants.sort_by(|a, b| a.badness.total_cmp(&b.badness));
+    entrants
 }
