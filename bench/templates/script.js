@@ -110,28 +110,51 @@
     image.parentNode.addEventListener('blur', function () { flip(false); });
   });
 
-  // The large view.
-  var viewer = one('#viewer'), stage = one('.stage', viewer), under = one('#v-under'), over = one('#v-over'), bar = one('#v-bar');
-  var now = { pair: null, method: null, view: 'prediction', split: 0.5 };
+  // The large view. Its pictures are those that the run kept, where they are in place, else those of the page.
+  var viewer = one('#viewer'), stage = one('.stage', viewer), pan = one('#v-pan'), under = one('#v-under'), over = one('#v-over'), bar = one('#v-bar');
+  var now = { pair: null, method: null, view: 'prediction', split: 0.5, zoom: 1, x: 0, y: 0 };
+  function clamp(value, low, high) { return Math.min(high, Math.max(low, value)); }
   function columns() { return all('.method', now.pair).filter(function (column) { return !column.hidden; }); }
-  function address(kind) {
-    var image = kind === 'source' || kind === 'target' ? source(now.pair, kind) : source(now.pair, kind, now.method);
-    return image ? image.dataset.own || image.src : null;
+  function picture(kind) { return kind === 'source' || kind === 'target' ? source(now.pair, kind) : source(now.pair, kind, now.method); }
+  function put(element, image) {
+    var small = image.dataset.own || image.src, wanted = image.dataset.full || small;
+    if (element.dataset.wanted === wanted) { return; }
+    element.dataset.wanted = wanted;
+    element.onerror = function () { element.onerror = null; element.src = small; };
+    element.src = wanted;
   }
-  // Where a contained picture begins and ends in the stage.
+  // Where a contained picture begins and ends in the stage, before it is zoomed.
   function span() {
     var box = stage.getBoundingClientRect(), ratio = under.naturalWidth / under.naturalHeight || 1;
     var width = Math.min(box.width, box.height * ratio);
     return { left: (box.width - width) / 2, width: width };
   }
-  function split() {
-    var compare = now.view === 'compare', at = span();
+  function place() {
+    var compare = now.view === 'compare', at = span(), box = stage.getBoundingClientRect();
+    now.x = clamp(now.x, box.width * (1 - now.zoom), 0);
+    now.y = clamp(now.y, box.height * (1 - now.zoom), 0);
+    pan.style.transform = 'translate(' + now.x + 'px,' + now.y + 'px) scale(' + now.zoom + ')';
+    pan.classList.toggle('near', now.zoom >= 3);
     var x = at.left + now.split * at.width;
     over.style.clipPath = compare ? 'inset(0 0 0 ' + x + 'px)' : '';
     bar.hidden = !compare;
-    bar.style.left = x + 'px';
-    bar.style.display = compare ? '' : 'none';
-    stage.style.cursor = compare ? 'ew-resize' : '';
+    bar.style.left = now.x + now.zoom * x + 'px';
+    bar.setAttribute('aria-valuenow', Math.round(now.split * 100));
+    stage.style.cursor = now.zoom > 1 ? 'move' : compare ? 'ew-resize' : '';
+  }
+  function splitAt(event) {
+    var at = span();
+    now.split = clamp(((event.clientX - stage.getBoundingClientRect().left - now.x) / now.zoom - at.left) / at.width, 0, 1);
+    place();
+  }
+  // The point under the pointer, or else the middle, stays where it is.
+  function zoom(factor, event) {
+    var box = stage.getBoundingClientRect(), before = now.zoom;
+    var x = event ? event.clientX - box.left : box.width / 2, y = event ? event.clientY - box.top : box.height / 2;
+    now.zoom = clamp(before * factor, 1, 32);
+    now.x = x - (x - now.x) * now.zoom / before;
+    now.y = y - (y - now.y) * now.zoom / before;
+    place();
   }
   function show() {
     var method = one('.method[data-method="' + now.method + '"]', now.pair);
@@ -142,8 +165,7 @@
       return one('dt', div).textContent + ' ' + one('dd', div).textContent;
     }).join(' · ') : '';
     all('[data-view]', viewer).forEach(function (button) {
-      var kind = button.dataset.view === 'compare' ? 'prediction' : button.dataset.view;
-      button.disabled = !address(kind);
+      button.disabled = !picture(button.dataset.view === 'compare' ? 'prediction' : button.dataset.view);
       button.setAttribute('aria-pressed', button.dataset.view === now.view);
     });
     var list = one('#v-methods');
@@ -158,45 +180,77 @@
     });
     var compare = now.view === 'compare';
     var kind = compare ? 'prediction' : now.view;
-    var top = address(kind);
+    var top = picture(kind), target = picture('target');
     var words = { source: 'Source', target: 'Target', prediction: 'Prediction · ' + label, error: 'Error · ' + label, compare: 'Target | Prediction · ' + label };
     one('#v-what').textContent = top ? words[now.view] : 'no picture';
     over.style.display = top ? '' : 'none';
-    if (top) { over.src = top; over.alt = words[kind]; }
+    if (top) { put(over, top); over.alt = words[kind]; }
     under.style.visibility = compare ? 'visible' : 'hidden';
-    under.src = address('target') || top || '';
-    under.onload = split;
-    split();
+    if (target || top) { put(under, target || top); }
+    history.replaceState(null, '', '#' + now.pair.id);
+    place();
   }
-  function open(button) {
-    var figure = button.closest('figure'), column = button.closest('.method');
-    now.pair = button.closest('.pair');
-    now.view = figure.dataset.kind;
-    var visible = columns();
-    now.method = column ? column.dataset.method : visible.some(function (c) { return c.dataset.method === now.method; }) ? now.method : visible.length ? visible[0].dataset.method : null;
-    viewer.showModal();
+  under.addEventListener('load', place);
+  function open(pair, method, view) {
+    now.pair = pair;
+    now.view = view;
+    now.zoom = 1;
+    var visible = columns().map(function (column) { return column.dataset.method; });
+    now.method = [method, now.method, visible[0]].filter(function (m) { return visible.indexOf(m) >= 0; })[0] || null;
+    if (!viewer.open) { viewer.showModal(); }
     show();
   }
+  function openFragment() {
+    var pair = location.hash.indexOf('#pair=') === 0 && document.getElementById(location.hash.slice(1));
+    if (pair) { open(pair, null, 'prediction'); }
+  }
+  window.addEventListener('hashchange', openFragment);
+  viewer.addEventListener('close', function () { history.replaceState(null, '', '#pairs'); });
   function step(list, item, by) {
     var at = list.indexOf(item);
     return list[(at + by + list.length) % list.length];
   }
-  all('.pic', cards).forEach(function (button) { button.addEventListener('click', function () { open(button); }); });
+  all('.pic', cards).forEach(function (button) {
+    button.addEventListener('click', function () {
+      var column = button.closest('.method');
+      open(button.closest('.pair'), column && column.dataset.method, button.closest('figure').dataset.kind);
+    });
+  });
   one('#v-close').addEventListener('click', function () { viewer.close(); });
   all('[data-view]', viewer).forEach(function (button) {
     button.addEventListener('click', function () { now.view = button.dataset.view; show(); });
   });
-  stage.addEventListener('pointermove', function (event) {
-    if (now.view !== 'compare') { return; }
-    var at = span();
-    now.split = Math.min(1, Math.max(0, (event.clientX - stage.getBoundingClientRect().left - at.left) / at.width));
-    split();
+  stage.addEventListener('pointerdown', function (event) {
+    event.preventDefault();
+    if (event.target === bar) { bar.focus(); }
+    bar.classList.toggle('held', event.target === bar);
+    stage.setPointerCapture(event.pointerId);
   });
-  window.addEventListener('resize', function () { if (viewer.open) { split(); } });
+  stage.addEventListener('pointermove', function (event) {
+    if (event.buttons && now.zoom > 1 && !bar.classList.contains('held')) {
+      now.x += event.movementX;
+      now.y += event.movementY;
+      place();
+    } else if (now.view === 'compare') { splitAt(event); }
+  });
+  stage.addEventListener('wheel', function (event) { event.preventDefault(); zoom(Math.pow(1.002, -event.deltaY), event); }, { passive: false });
+  stage.addEventListener('dblclick', function (event) { zoom(now.zoom > 1 ? 1 / now.zoom : 4, event); });
+  bar.addEventListener('keydown', function (event) {
+    var by = { ArrowLeft: -0.02, ArrowDown: -0.02, ArrowRight: 0.02, ArrowUp: 0.02, PageDown: -0.1, PageUp: 0.1, Home: -1, End: 1 }[event.key];
+    if (by === undefined) { return; }
+    event.preventDefault();
+    event.stopPropagation();
+    now.split = clamp(now.split + by, 0, 1);
+    place();
+  });
+  window.addEventListener('resize', function () { if (viewer.open) { place(); } });
   viewer.addEventListener('keydown', function (event) {
     var views = { '1': 'source', '2': 'target', '3': 'prediction', '4': 'error', '5': 'compare' };
+    if (event.ctrlKey || event.metaKey || event.altKey) { return; }
+    var zooms = { '+': 1.5, '=': 1.5, '-': 1 / 1.5, '0': 1 / now.zoom };
     var visible = all('.pair', cards).filter(function (pair) { return !pair.hidden; });
     if (views[event.key]) { now.view = views[event.key]; }
+    else if (zooms[event.key]) { zoom(zooms[event.key]); }
     else if (event.key === ' ') { now.view = now.view === 'target' ? 'prediction' : 'target'; }
     else if (event.key === 'ArrowRight') { now.pair = step(visible, now.pair, 1); }
     else if (event.key === 'ArrowLeft') { now.pair = step(visible, now.pair, -1); }
@@ -207,4 +261,5 @@
     event.preventDefault();
     show();
   });
+  window.addEventListener('load', openFragment);
 }());

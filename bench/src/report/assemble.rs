@@ -1,9 +1,9 @@
 //! From results to what a report is made of.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use sharp_datasets::{Scene, View};
 
 use super::input::{
@@ -80,12 +80,7 @@ fn input<'a>(
     };
     ReportInput {
         title: "View synthesis from a single photograph".to_owned(),
-        summary: format!(
-            "{}, {}, evaluated by sharp-bench {}.{going}",
-            counted(manifest.pairs.evaluated, "pair"),
-            counted(manifest.methods.len(), "method"),
-            manifest.version
-        ),
+        summary: format!("Evaluated by sharp-bench {}.{going}", manifest.version),
         records,
         metrics: manifest.metrics.iter().map(|m| (&m.info).into()).collect(),
         extras: extras(),
@@ -94,7 +89,7 @@ fn input<'a>(
             .iter()
             .map(|dataset| ReportDataset {
                 description: format!(
-                    "{} ({}{}, {})",
+                    "{} (read: {}{}, {})",
                     dataset.spec,
                     counted(dataset.scenes, "scene"),
                     dataset
@@ -131,6 +126,7 @@ fn method(record: &MethodRecord) -> ReportMethod {
             "{} ({identity}{privilege})",
             summary.map_or("", |known| known.summary)
         ),
+        is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),
         unranked: (identity.kind == "target").then(|| "it is the ground truth itself".to_owned()),
         // "bicubic [a = -0.75, …]": the name is enough for a footnote.
         resize_kernel: kernel
@@ -267,12 +263,7 @@ fn choice_facts(choices: &PairProvenance) -> Vec<(String, String)> {
         facts.push(("overlap depth maps".to_owned(), value));
     }
     facts.extend(choices.options.entries().into_iter().map(|(key, value)| {
-        let is_proxy = proxies.contains(&format!("{key}={value}"));
-        let mark = if is_proxy {
-            format!(" ({PROXY})")
-        } else {
-            String::new()
-        };
+        let mark = mark(proxies.contains(&format!("{key}={value}")));
         (key.to_owned(), format!("{value}{mark}"))
     }));
     facts
@@ -310,8 +301,10 @@ fn fact(name: impl Into<String>, value: impl ToString) -> (String, String) {
 }
 
 fn mark(proxy: bool) -> String {
-    let mark = format!(" ({PROXY})");
-    if proxy { mark } else { String::new() }
+    match proxy {
+        true => format!(" ({PROXY})"),
+        false => String::new(),
+    }
 }
 
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.
@@ -343,10 +336,18 @@ impl ReportPictures for RunPictures<'_> {
         self.picture(record, &record.target)
     }
 
+    fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
+        let valid = self.view(record, &record.target)?.content.valid_pixels();
+        valid.map_err(|error| MissingPicture::Unusable(error.to_string()))
+    }
+
+    fn kept(&self, record: &Record) -> Option<PathBuf> {
+        self.results.picture_path(record)
+    }
+
     /// A cropped prediction where it belongs in its target, black around it: for the eye only.
     fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        let path = self.results.picture_path(record);
-        let picture = read_rgb8(&path.ok_or(MissingPicture::NotKept)?)
+        let picture = read_rgb8(&self.kept(record).ok_or(MissingPicture::NotKept)?)
             .map_err(|error| MissingPicture::Unusable(error.to_string()))?;
         let (Some(crop), Ok(target)) = (record.crop, self.view(record, &record.target)) else {
             return Ok(picture);

@@ -116,6 +116,20 @@ impl<'a> Board<'a> {
         Ok(Self { datasets, methods })
     }
 
+    /// How much the report is about, as nouns with numbers; its lead and its tiles say the same.
+    pub fn counts(&self, metrics: usize) -> [(&'static str, usize); 6] {
+        let pairs = || self.datasets.iter().flat_map(|d| &d.pairs);
+        let scenes = pairs().map(|pair| (&pair.facts.dataset, &pair.facts.scene));
+        [
+            ("dataset", self.datasets.len()),
+            ("scene", scenes.collect::<BTreeSet<_>>().len()),
+            ("pair", pairs().count()),
+            ("method", self.methods.len()),
+            ("metric", metrics),
+            ("failure", self.failures().len()),
+        ]
+    }
+
     /// Records that failed, in the order of the board.
     pub fn failures(&self) -> Vec<(&'a Record, &'a str)> {
         let mut failures = Vec::new();

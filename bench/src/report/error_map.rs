@@ -75,21 +75,44 @@ pub fn absolute_error(
 }
 
 /// The error in colour, `max` at the top of the scale, reduced to fit `side` pixels. Errors are averaged before
-/// they are coloured.
+/// they are coloured, over the pixels that are `scored`; where most are not, the picture is [`hatched`].
 ///
 /// # Errors
 /// When the sizes differ.
 pub fn picture(
     prediction: &RgbImage,
     target: &RgbImage,
+    scored: impl Fn(u32, u32) -> bool,
     max: f32,
     side: u32,
 ) -> Result<RgbImage, MissingPicture> {
-    let small = reduced(&absolute_error(prediction, target)?, side);
-    let (width, height) = small.dimensions();
+    let mut error = absolute_error(prediction, target)?;
+    let (width, height) = error.dimensions();
+    let weight = ImageBuffer::from_fn(width, height, |x, y| {
+        Luma([f32::from(u8::from(scored(x, y)))])
+    });
+    for (error, weight) in error.iter_mut().zip(weight.iter()) {
+        *error *= weight;
+    }
+    let (error, weight) = (reduced(&error, side), reduced(&weight, side));
+    let (width, height) = error.dimensions();
     Ok(RgbImage::from_fn(width, height, |x, y| {
-        colour(small.get_pixel(x, y).0[0] / max)
+        let (error, weight) = (error.get_pixel(x, y).0[0], weight.get_pixel(x, y).0[0]);
+        if weight < 0.5 {
+            hatched(x, y)
+        } else {
+            colour(error / weight / max)
+        }
     }))
+}
+
+/// Stripes in greys, which the scale does not have: pixels that no score counts.
+pub fn hatched(x: u32, y: u32) -> Rgb<u8> {
+    if (x + y) / 4 % 2 == 0 {
+        Rgb([104; 3])
+    } else {
+        Rgb([148; 3])
+    }
 }
 
 #[cfg(test)]
@@ -120,8 +143,16 @@ mod tests {
         let error = absolute_error(&a, &b).unwrap();
         assert_eq!(error.get_pixel(1, 0).0[0], 60.0 / 765.0);
         assert_eq!(
-            picture(&a, &a, 0.5, 100).unwrap().get_pixel(0, 0),
+            picture(&a, &a, |_, _| true, 0.5, 100)
+                .unwrap()
+                .get_pixel(0, 0),
             &colour(0.0)
+        );
+        // What is not scored has no part in its neighbours' error either, at any size.
+        let half = picture(&a, &b, |x, _| x == 1, 60.0 / 765.0, 100).unwrap();
+        assert_eq!(
+            (half.get_pixel(0, 0), half.get_pixel(1, 0)),
+            (&hatched(0, 0), &colour(1.0))
         );
         let other = RgbImage::new(1, 1);
         let error = absolute_error(&a, &other).unwrap_err();

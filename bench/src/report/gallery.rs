@@ -1,13 +1,10 @@
 //! Which pairs the page shows, and their pictures, within a number of bytes.
 
-use std::borrow::Cow;
-
-use image::{RgbImage, imageops};
+use image::{GrayImage, RgbImage};
 use rayon::prelude::*;
 use sharp_metrics::Direction;
 
-use crate::evaluate::record::{Record, Status};
-use crate::scoring::Region;
+use crate::evaluate::record::{Crop, Record, Status};
 
 use super::board::{Board, PairBoard};
 use super::error::MissingPicture;
@@ -111,17 +108,20 @@ fn load<'a>(
 ) -> GalleryPair<'a> {
     let inline = |picture: &RgbImage| InlinePicture::new(picture, side);
     let target = pictures.target(pair.facts);
+    let valid = pictures.valid_pixels(pair.facts);
     let shown = |record: &'a Record| {
         let prediction = match &record.status {
             Status::Failed { reason } => Err(MissingPicture::Failed(reason.clone())),
             Status::Ok => pictures.prediction(record),
         };
-        let error = match (&prediction, &target) {
-            (Err(_), _) => Err(MissingPicture::Without("prediction")),
-            (_, Err(_)) => Err(MissingPicture::Without("target")),
-            (Ok(prediction), Ok(target)) => {
-                let truth = truth_of(record, prediction, target);
-                error_map::picture(prediction, &truth, ERROR_MAX, side).and_then(|e| inline(&e))
+        let error = match (&prediction, &target, &valid) {
+            (Err(_), ..) => Err(MissingPicture::Without("prediction")),
+            (_, Err(_), _) => Err(MissingPicture::Without("target")),
+            (_, _, Err(reason)) => Err(reason.clone()),
+            (Ok(prediction), Ok(target), Ok(valid)) => {
+                let scored = |x, y| is_scored(record.crop, valid.as_ref(), (x, y));
+                error_map::picture(prediction, target, scored, ERROR_MAX, side)
+                    .and_then(|error| inline(&error))
             }
         };
         GalleryPrediction {
@@ -139,22 +139,14 @@ fn load<'a>(
     }
 }
 
-/// The target as a prediction is compared with it: outside the crop that it was scored on, the prediction's own padding,
-/// which is no error.
-fn truth_of<'a>(record: &Record, prediction: &RgbImage, target: &'a RgbImage) -> Cow<'a, RgbImage> {
-    let Some(crop) = record.crop else {
-        return Cow::Borrowed(target);
-    };
-    let Region {
-        x,
-        y,
-        width,
-        height,
-    } = crop.region;
-    let mut truth = prediction.clone();
-    let cropped = imageops::crop_imm(target, x, y, width, height).to_image();
-    imageops::replace(&mut truth, &cropped, i64::from(x), i64::from(y));
-    Cow::Owned(truth)
+/// The rule of the scores: inside the crop that was scored, and not excluded by the dataset.
+fn is_scored(crop: Option<Crop>, valid: Option<&GrayImage>, (x, y): (u32, u32)) -> bool {
+    let in_crop = crop.is_none_or(|Crop { region, .. }| {
+        let inside = |at: u32, start: u32, length: u32| at >= start && at - start < length;
+        inside(x, region.x, region.width) && inside(y, region.y, region.height)
+    });
+    let level = |valid: &GrayImage| valid.get_pixel_checked(x, y).map(|level| level.0[0]);
+    in_crop && valid.is_none_or(|valid| level(valid) == Some(255))
 }
 
 /// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have

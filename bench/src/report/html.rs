@@ -4,6 +4,8 @@
 //! templates, which escape it, and no such text is ever part of the script; a content security policy forbids anything
 //! else.
 
+use std::path::{Path, absolute};
+
 use askama::Template;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -12,7 +14,7 @@ use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Record, Score, Status};
 
-use super::board::Board;
+use super::board::{Board, PairBoard};
 use super::error_map;
 use super::gallery::{self, Gallery};
 use super::input::{Column, FactGroup, ReportInput};
@@ -32,6 +34,14 @@ const FAILURES: usize = 200;
 #[template(path = "report.html")]
 pub struct Page<'a> {
     pub input: &'a ReportInput<'a>,
+    /// Folder of the report.
+    pub out: &'a Path,
+    /// Those of the input that are shown.
+    pub metrics: &'a [Column],
+    /// Nouns with their numbers.
+    pub counts: [(&'static str, usize); 6],
+    /// The counts and the input's summary.
+    pub lead: &'a str,
     pub board: &'a Board<'a>,
     /// Tables of this run.
     pub ours: &'a [Table],
@@ -71,14 +81,38 @@ impl Page<'_> {
         column.shown(*value)
     }
 
-    /// The metrics that have a number anywhere, with their positions. The tables say why the others have none.
-    fn scored_somewhere(&self) -> Vec<(usize, &Column)> {
-        let has_number = |column: &Column| {
-            let scores = self.input.records.iter().map(|r| r.scores.get(&column.key));
-            scores.flatten().any(|score| score.value().is_some())
-        };
-        let columns = self.input.metrics.iter().enumerate();
-        columns.filter(|(_, column)| has_number(column)).collect()
+    fn heads(&self) -> Vec<String> {
+        Column::heads(self.metrics)
+    }
+
+    /// Whether some pixels of a target count in no score.
+    fn excludes_pixels(&self) -> bool {
+        let mut records = self.input.records.iter();
+        records.any(|r| r.crop.is_some() || r.valid_share.is_some())
+    }
+
+    /// Where the full prediction lies: [`Self::full_path`], or nothing.
+    fn full(&self, record: &Record) -> String {
+        self.full_path(record).unwrap_or_default()
+    }
+
+    /// Relative to the page, with `/`, if the run lies beside the report's folder or around it. A crop is not linked: the
+    /// page shows it in its place.
+    fn full_path(&self, record: &Record) -> Option<String> {
+        let kept = self.input.pictures.kept(record);
+        let path = absolute(kept.filter(|_| record.crop.is_none())?).ok()?;
+        let out = absolute(self.out).ok()?;
+        let inside = path.strip_prefix(out.parent()?).ok()?;
+        let parts: Option<Vec<&str>> = inside.iter().map(|part| part.to_str()).collect();
+        Some(format!("../{}", parts?.join("/")))
+    }
+
+    /// Where the full target lies: the self-test, which is not ranked, keeps it as its prediction.
+    fn full_target(&self, pair: &PairBoard<'_>) -> String {
+        let mut records = pair.by_method.iter().zip(&self.board.methods);
+        let itself = records.find(|(_, method)| method.unranked.is_some());
+        let record = itself.and_then(|(record, _)| *record);
+        record.map_or_else(String::new, |record| self.full(record))
     }
 
     fn pair_facts(&self, facts: &Record) -> Vec<String> {
@@ -101,7 +135,7 @@ impl Page<'_> {
     }
 
     /// Methods, datasets and the facts of the run, as far as there is something to say.
-    fn fact_groups(&self) -> Vec<FactGroup> {
+    pub(super) fn fact_groups(&self) -> Vec<FactGroup> {
         let methods = self.board.methods.iter();
         let methods = methods.map(|m| (m.label.clone(), m.description.clone()));
         let datasets = self.board.datasets.iter().map(|d| &d.dataset);

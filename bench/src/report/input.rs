@@ -2,6 +2,7 @@
 
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::entry::ENTRIES;
+use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
 use crate::evaluate::record::Record;
@@ -14,8 +15,10 @@ use super::tables::shown;
 pub struct Column {
     /// Among a record's scores, such as `ssim[gauss11,valid]`, or among what it reports; two keys never share a column.
     pub key: String,
-    /// Short name for a heading, such as `SSIM`.
+    /// Name with variant and region, such as `SSIM gauss11 valid (frustum)`.
     pub label: String,
+    /// The same without a variant that is its family's default: `SSIM (frustum)`.
+    pub short: String,
     /// `dB`, or empty for a number without unit.
     pub unit: String,
     /// Decimals shown; ranks are taken after rounding to them.
@@ -24,6 +27,8 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// How the number is computed, with everything that changes its value.
     pub convention: String,
+    /// Network and sha256 of the features that it was computed on, where they are not the published ones.
+    pub stand_in: Option<String>,
 }
 
 impl From<MetricKey> for Column {
@@ -36,12 +41,33 @@ impl From<&MetricInfo> for Column {
     fn from(info: &MetricInfo) -> Self {
         Self {
             key: info.key.to_string(),
-            label: info.label.clone(),
+            label: label(info.key, true),
+            short: label(info.key, false),
             unit: info.unit.clone(),
             decimals: info.decimals,
             direction: Some(info.direction),
             convention: info.to_string(),
+            stand_in: info
+                .backbone
+                .as_ref()
+                .filter(|backbone| backbone.is_unpublished())
+                .map(ToString::to_string),
         }
+    }
+}
+
+fn label(key: MetricKey, with_default: bool) -> String {
+    let whole = MetricKey::whole(key.metric());
+    let family = key.family().name();
+    let name = if family.parse() == Ok(whole) && !with_default {
+        family.to_uppercase()
+    } else {
+        whole.label()
+    };
+    match key.region() {
+        MetricRegion::Whole => name,
+        MetricRegion::Frustum => format!("{name} (frustum)"),
+        MetricRegion::Given => format!("{name} (mask)"),
     }
 }
 
@@ -51,10 +77,12 @@ impl Column {
         Self {
             key: key.into(),
             label: label.into(),
+            short: label.into(),
             unit: String::new(),
             decimals,
             direction: None,
             convention: convention.into(),
+            stand_in: None,
         }
     }
 
@@ -67,26 +95,44 @@ impl Column {
         }
     }
 
-    /// The label with the unit, for an axis: `PSNR (dB)`.
+    /// The label with the unit, for an axis: `PSNR (dB)`, `PSNR (frustum, dB)`.
     pub fn axis_label(&self) -> String {
-        if self.unit.is_empty() {
-            self.label.clone()
-        } else {
-            format!("{} ({})", self.label, self.unit)
+        let (label, unit) = (&self.label, &self.unit);
+        match label.strip_suffix(')') {
+            _ if unit.is_empty() => label.clone(),
+            Some(open) => format!("{open}, {unit})"),
+            None => format!("{label} ({unit})"),
         }
     }
 
-    /// The label with its arrow: `PSNR ↑`.
-    pub fn heading(&self) -> String {
-        self.with_arrow(&self.label)
+    /// The key without variant and region: `ssim`.
+    pub(super) fn family(&self) -> &str {
+        self.key.split(['[', '@']).next().unwrap_or_default()
     }
 
-    pub(super) fn with_arrow(&self, label: &str) -> String {
-        match self.direction {
-            Some(Direction::Higher) => format!("{label} ↑"),
-            Some(Direction::Lower) => format!("{label} ↓"),
-            None => label.to_owned(),
-        }
+    /// Names of columns that stand side by side: default variants by their short ones, unless there are two variants of
+    /// the family.
+    pub fn names(columns: &[Self]) -> Vec<&str> {
+        let names = columns.iter().map(|column| {
+            let mut family = columns.iter().filter(|c| c.family() == column.family());
+            if family.all(|c| c.key.split('@').next() == column.key.split('@').next()) {
+                column.short.as_str()
+            } else {
+                column.label.as_str()
+            }
+        });
+        names.collect()
+    }
+
+    /// [`Self::names`] with arrows for the direction: `PSNR ↑`.
+    pub fn heads(columns: &[Self]) -> Vec<String> {
+        let named = columns.iter().zip(Self::names(columns));
+        let heads = named.map(|(column, name)| match column.direction {
+            Some(Direction::Higher) => format!("{name} ↑"),
+            Some(Direction::Lower) => format!("{name} ↓"),
+            None => name.to_owned(),
+        });
+        heads.collect()
     }
 
     /// A value as it is shown.
@@ -107,7 +153,7 @@ impl Column {
 }
 
 /// A column group of the tables.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportDataset {
     /// As in the records: the user's choice, or else the format.
     pub name: String,
@@ -126,10 +172,7 @@ impl ReportDataset {
     pub fn named(name: impl Into<String>) -> Self {
         Self {
             name: name.into(),
-            format: None,
-            description: String::new(),
-            proxies: Vec::new(),
-            common_region: false,
+            ..Self::default()
         }
     }
 
@@ -150,7 +193,7 @@ impl ReportDataset {
 }
 
 /// A row of the tables.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ReportMethod {
     /// As in the records.
     pub label: String,
@@ -158,6 +201,8 @@ pub struct ReportMethod {
     pub description: String,
     /// Why this row is shown without a rank (`it is the target itself`); `None` ranks it.
     pub unranked: Option<String>,
+    /// Whether it marks what any method should surpass.
+    pub is_baseline: bool,
     /// The kernel that smaller predictions are resized up with, where one is named.
     pub resize_kernel: Option<String>,
 }
@@ -167,9 +212,7 @@ impl ReportMethod {
     pub fn named(label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
-            description: String::new(),
-            unranked: None,
-            resize_kernel: None,
+            ..Self::default()
         }
     }
 }
@@ -216,11 +259,11 @@ impl Default for ReportOptions {
 /// All that a report shows.
 pub struct ReportInput<'a> {
     pub title: String,
-    /// One or two sentences under the title: what was run.
+    /// One or two sentences under the title, after the counts: what was run.
     pub summary: String,
     /// One per pair and method, in any order.
     pub records: &'a [Record],
-    /// Columns, in the order shown. A key that no record has a number for is shown with the reason.
+    /// Columns, in the order shown. One that no record has a number for is named under a table, with the reason.
     pub metrics: Vec<Column>,
     /// Quantities among [`Record::reported`] to show.
     pub extras: Vec<Column>,

@@ -2,28 +2,21 @@
 
 use std::fmt::Write as _;
 
-use super::board::Board;
-use super::input::ReportInput;
-use super::tables::Table;
+use super::html::Page;
 use super::tables::markdown::{escape, markdown};
 
-/// GitHub-flavoured Markdown. `plots` are titles and paths of PNGs relative to the report, with `/`.
-pub fn report(
-    input: &ReportInput<'_>,
-    board: &Board<'_>,
-    ours: &[Table],
-    published: &[Table],
-    plots: &[(String, String)],
-) -> String {
+/// GitHub-flavoured Markdown of what the page shows, without its pairs. `plots` are titles and paths of PNGs relative to
+/// the report, with `/`.
+pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
     let mut out = format!(
         "# {}\n\n{}\n\n",
-        escape(&input.title),
-        escape(&input.summary)
+        escape(&page.input.title),
+        escape(page.lead)
     );
-    for table in ours {
+    for table in page.ours {
         let _ = write!(out, "## {}\n\n{}\n", escape(&table.title), markdown(table));
     }
-    let failures = board.failures();
+    let failures = page.board.failures();
     if !failures.is_empty() {
         let _ = write!(out, "## Failures ({})\n\n", failures.len());
         for (record, reason) in failures.iter().take(20) {
@@ -40,9 +33,9 @@ pub fn report(
         }
         out.push('\n');
     }
-    if !published.is_empty() {
+    if !page.published.is_empty() {
         out.push_str("## Published numbers\n\n");
-        for table in published {
+        for table in page.published {
             let _ = write!(out, "### {}\n\n{}\n", escape(&table.title), markdown(table));
         }
     }
@@ -53,7 +46,7 @@ pub fn report(
         }
     }
     out.push_str("## How the numbers came about\n\n");
-    for column in input.metrics.iter().chain(&input.extras) {
+    for column in page.metrics.iter().chain(&page.input.extras) {
         let mut unit = column.unit.clone();
         if !unit.is_empty() {
             unit.insert_str(0, ", ");
@@ -66,14 +59,7 @@ pub fn report(
             escape(&column.convention)
         );
     }
-    let methods = board.methods.iter();
-    let methods = methods.map(|m| ("Method", m.label.as_str(), &m.description));
-    let datasets = board.datasets.iter().map(|d| &d.dataset);
-    let datasets = datasets.map(|d| ("Dataset", d.title(), &d.description));
-    for (what, name, text) in methods.chain(datasets).filter(|d| !d.2.is_empty()) {
-        let _ = writeln!(out, "- {what} {}: {}", escape(name), escape(text));
-    }
-    for group in &input.facts {
+    for group in page.fact_groups() {
         let _ = write!(
             out,
             "\n### {}\n\n| | |\n|:---|:---|\n",

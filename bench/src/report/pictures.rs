@@ -1,10 +1,14 @@
 //! Pictures of a report: where they come from, and how they get into a page.
 
+use std::path::PathBuf;
+
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops};
+use image::{
+    ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
+};
 
 use crate::evaluate::record::Record;
 
@@ -17,38 +21,45 @@ pub trait ReportPictures: Sync {
     ///
     /// # Errors
     /// Why there is none.
-    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+    fn source(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
 
     /// What it should have predicted, at the size at which predictions are scored.
     ///
     /// # Errors
     /// Why there is none.
-    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
+
+    /// 255 where a pixel of the target is scored, at the target's size; `None` where the dataset excludes none.
+    ///
+    /// # Errors
+    /// Why that is not known.
+    fn valid_pixels(&self, _record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
+        Ok(None)
+    }
 
     /// What it predicted, at the target's size.
     ///
     /// # Errors
     /// Why there is none.
-    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture>;
+    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Err(MissingPicture::NotWanted)
+    }
+
+    /// The file of the prediction as it was kept, cropped where it is a crop.
+    fn kept(&self, _record: &Record) -> Option<PathBuf> {
+        None
+    }
 }
 
 /// A report without pictures.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoPictures;
 
-impl ReportPictures for NoPictures {
-    fn source(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
-    }
-
-    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
-    }
-
-    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
-        Err(MissingPicture::NotWanted)
-    }
-}
+impl ReportPictures for NoPictures {}
 
 /// JPEG quality of everything in the page. It changes no score: scores come from the pictures themselves.
 const QUALITY: u8 = 88;

@@ -11,10 +11,8 @@ use super::gallery::by_badness;
 use super::input::Column;
 use super::pictures::{ReportPictures, compact_png, reduced};
 use super::plots::canvas::{INK, Ink, MUTED};
-use super::plots::text::{self, Weight, width};
+use super::plots::text::{self, Weight};
 
-/// Rows at most.
-const ROWS: usize = 4;
 /// Longest side of a picture, pixels.
 const TILE: u32 = 440;
 const GAP: u32 = 10;
@@ -22,7 +20,7 @@ const MARGIN: u32 = 16;
 const SIZE: f64 = 25.0;
 const SMALL: f64 = 20.0;
 
-/// The pair of median difficulty of each of the first four datasets, as PNG. `None` without any picture.
+/// The pair of median difficulty of each dataset, as PNG. `None` without any picture.
 ///
 /// # Errors
 /// When the figure cannot be encoded.
@@ -34,7 +32,6 @@ pub fn figure(
     let rows: Vec<Row> = board
         .datasets
         .iter()
-        .take(ROWS)
         .filter_map(|dataset| {
             let pairs = by_badness(board, &dataset.pairs, metrics);
             let pair = pairs.get(pairs.len() / 2)?;
@@ -51,12 +48,8 @@ pub fn figure(
         .iter()
         .filter(|m| m.unranked.is_none())
         .count() as u32;
-    let heights: Vec<u32> = rows.iter().map(Row::height).collect();
     let head = MARGIN + line(SIZE) + GAP;
-    let total = heights
-        .iter()
-        .map(|h| h + line(SMALL) * 2 + GAP)
-        .sum::<u32>();
+    let total = rows.iter().map(Row::height).sum::<u32>();
     let mut sheet = RgbImage::from_pixel(
         2 * MARGIN + columns * (TILE + GAP) - GAP,
         head + total + MARGIN - GAP,
@@ -67,26 +60,22 @@ pub fn figure(
     let ranked = board.methods.iter().filter(|m| m.unranked.is_none());
     let heads = heads.chain(ranked.map(|m| m.label.as_str()));
     for (column, label) in heads.enumerate() {
-        write(
-            &mut sheet,
-            label,
-            (left(column), head - GAP - 4),
-            SIZE,
-            Weight::Bold,
-            INK,
-        );
+        let at = (left(column), head - GAP - 4);
+        write(&mut sheet, label, at, SIZE, Weight::Bold, INK);
     }
     let mut top = head;
-    for (row, height) in rows.iter().zip(heights) {
+    for row in &rows {
         for (column, tile) in row.tiles.iter().enumerate() {
             let at = (left(column), top);
             if let Some(picture) = &tile.picture {
                 imageops::replace(&mut sheet, picture, i64::from(at.0), i64::from(at.1));
             }
-            let below = (at.0, top + height + line(SMALL));
-            write(&mut sheet, &tile.text, below, SMALL, Weight::Regular, MUTED);
+            for (text, i) in tile.text.iter().zip(1..) {
+                let below = (at.0, top + row.pictures() + i * line(SMALL));
+                write(&mut sheet, text, below, SMALL, Weight::Regular, MUTED);
+            }
         }
-        top += height + line(SMALL) * 2 + GAP;
+        top += row.height();
     }
     let png = compact_png(&sheet).map_err(|e| ReportError::Plot {
         plot: "qualitative.png".into(),
@@ -104,26 +93,28 @@ struct Row {
     tiles: Vec<Tile>,
 }
 
-/// A picture, and what stands below it.
+/// A picture, and the lines below it.
 struct Tile {
     picture: Option<RgbImage>,
-    text: String,
+    text: Vec<String>,
 }
 
 impl Tile {
-    fn new(picture: Result<RgbImage, MissingPicture>, text: String) -> Self {
+    fn new(picture: Result<RgbImage, MissingPicture>, text: &str) -> Self {
         match picture {
             Ok(picture) => Self {
                 picture: Some(reduced(&picture, TILE)),
-                text,
+                ..Self::empty(text)
             },
-            Err(reason) => Self::empty(reason.to_string()),
+            Err(reason) => Self::empty(&reason.to_string()),
         }
     }
 
-    fn empty(text: String) -> Self {
-        let picture = None;
-        Self { picture, text }
+    fn empty(text: &str) -> Self {
+        Self {
+            picture: None,
+            text: text::wrapped(text, SMALL, Weight::Regular, f64::from(TILE)),
+        }
     }
 }
 
@@ -137,37 +128,44 @@ impl Row {
     ) -> Self {
         let baseline = format!("baseline {:.3} m", pair.facts.baseline_m);
         let mut tiles = vec![
-            Tile::new(pictures.source(pair.facts), label),
-            Tile::new(pictures.target(pair.facts), baseline),
+            Tile::new(pictures.source(pair.facts), &label),
+            Tile::new(pictures.target(pair.facts), &baseline),
         ];
         let methods = pair.by_method.iter().zip(&board.methods);
         for (record, _) in methods.filter(|(_, method)| method.unranked.is_none()) {
             tiles.push(match record {
-                None => Tile::empty("no record".into()),
-                Some(record) if record.status != Status::Ok => Tile::empty("failed".into()),
+                None => Tile::empty("no record"),
+                Some(record) if record.status != Status::Ok => Tile::empty("failed"),
                 Some(record) => {
-                    let scores = metrics.iter().filter_map(|metric| {
+                    let named = metrics.iter().zip(Column::names(metrics));
+                    let scores = named.filter_map(|(metric, name)| {
                         let value = record.scores.get(&metric.key)?.value()?;
-                        let name = metric.label.split(' ').next().unwrap_or_default();
-                        Some(format!("{name} {}", metric.shown(value)))
+                        // A name and its number stay on one line.
+                        Some(format!("{name} {}", metric.shown(value)).replace(' ', "\u{a0}"))
                     });
-                    let scores: Vec<String> = scores.take(4).collect();
-                    Tile::new(pictures.prediction(record), scores.join("  "))
+                    let scores: Vec<String> = scores.collect();
+                    Tile::new(pictures.prediction(record), &scores.join(", "))
                 }
             });
         }
         Self { tiles }
     }
 
-    fn height(&self) -> u32 {
+    /// Height of the pictures.
+    fn pictures(&self) -> u32 {
         let heights = self.tiles.iter().filter_map(|t| t.picture.as_ref());
         heights.map(RgbImage::height).max().unwrap_or(0)
+    }
+
+    /// Height of pictures and text, with the distance to the next row.
+    fn height(&self) -> u32 {
+        let lines = self.tiles.iter().map(|tile| tile.text.len()).max();
+        self.pictures() + line(SMALL) * (lines.unwrap_or(0) as u32 + 1) + GAP
     }
 }
 
 /// Text from a baseline's start, shortened to the width of a tile.
 fn write(sheet: &mut RgbImage, text: &str, at: (u32, u32), size: f64, weight: Weight, ink: Ink) {
-    let mut text = text.to_owned();
-    while width(&text, size, weight) > f64::from(TILE) && text.pop().is_some() {}
+    let text = text::fitted(text, size, weight, f64::from(TILE));
     text::write(sheet, &text, at, size, weight, ink);
 }

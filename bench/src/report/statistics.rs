@@ -19,10 +19,6 @@ pub struct CellStatistics {
     pub infinite: usize,
     /// Mean over the finite numbers; `None` when there is none.
     pub finite_mean: Option<f64>,
-    /// Pairs whose prediction failed.
-    pub failed: usize,
-    /// Pairs without a number for another reason.
-    pub unavailable: usize,
     /// Why predictions failed, each reason once with its count, in the order met.
     pub failures: Vec<(String, usize)>,
     /// Why the other numbers are missing, likewise.
@@ -75,12 +71,10 @@ fn gather(
                 cell.scored.push(position);
             }
             Err((failed, reason)) => {
-                let (count, reasons) = if failed {
-                    (&mut cell.failed, &mut cell.failures)
-                } else {
-                    (&mut cell.unavailable, &mut cell.absences)
+                let reasons = match failed {
+                    true => &mut cell.failures,
+                    false => &mut cell.absences,
                 };
-                *count += 1;
                 match reasons.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, n)) => *n += 1,
                     None => reasons.push((reason, 1)),

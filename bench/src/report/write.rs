@@ -17,7 +17,7 @@ use super::paper;
 use super::plots::{Figure, baselines};
 use super::qualitative;
 use super::tables::text::text;
-use super::tables::{build, csv, latex, markdown as markdown_table};
+use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,13 +42,13 @@ const LIST: &str = "files.txt";
 pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
     check(input)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let mut ours = build::of_scores(&board, &input.metrics);
+    let (metrics, mut ours) = score_tables(input, &board);
     ours.extend(build::of_extras(&board, &input.extras));
     let known: Vec<_> = board.datasets.iter().map(|d| d.dataset.clone()).collect();
-    let mut published = paper::beside(&known, &input.metrics, input.published);
+    let mut published = paper::beside(&known, &metrics, input.published);
     let here = pairs_here(&board);
-    for note in published.iter_mut().filter_map(|t| t.notes.first_mut()) {
-        note.push_str(&here);
+    for table in &mut published {
+        table.remarks.extend(here.clone());
     }
 
     let mut files: Vec<(String, Vec<u8>)> = Vec::new();
@@ -62,7 +62,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
             files.push((format!("{stem}.{extension}"), text.into_bytes()));
         }
     }
-    let figures = figures(input, &board)?;
+    let figures = figures(&metrics, &board)?;
     let mut plots = Vec::new();
     for (stem, figure) in &figures {
         let png = format!("plots/{stem}.png");
@@ -70,22 +70,29 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
     }
-    if let Some(bytes) = qualitative::figure(&board, &input.metrics, input.pictures)? {
+    if let Some(bytes) = qualitative::figure(&board, &metrics, input.pictures)? {
         let png = "plots/qualitative.png".to_owned();
         plots.push(("Predictions side by side".to_owned(), png.clone()));
         files.push((png, bytes));
     }
-    let text = markdown::report(input, &board, &ours, &published, &plots);
-    files.push(("report.md".into(), text.into_bytes()));
-    let gallery = Gallery::new(&board, &input.metrics, input.pictures, &input.options);
+    let counts = board.counts(metrics.len());
+    let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
+    let lead = format!("{lead}. {}", input.summary);
+    let gallery = Gallery::new(&board, &metrics, input.pictures, &input.options);
     let page = Page {
         input,
+        out,
+        metrics: &metrics,
+        counts,
+        lead: &lead,
         board: &board,
         ours: &ours,
         published: &published,
         figures: &figures,
         gallery: &gallery,
     };
+    let text = markdown::report(&page, &plots);
+    files.push(("report.md".into(), text.into_bytes()));
     files.push(("index.html".into(), page.render()?.into_bytes()));
 
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
@@ -118,9 +125,18 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
 pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
     check(input)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let tables = build::of_scores(&board, &input.metrics);
-    let texts: Vec<String> = tables.iter().map(text).collect();
+    let texts: Vec<String> = score_tables(input, &board).1.iter().map(text).collect();
     Ok(texts.join("\n"))
+}
+
+/// The metrics to show and their tables, the first of which says why the other metrics are not shown.
+fn score_tables(input: &ReportInput<'_>, board: &Board<'_>) -> (Vec<Column>, Vec<Table>) {
+    let (metrics, remark) = remarks::scored(input.records, &input.metrics);
+    let mut tables = build::of_scores(board, &metrics);
+    if let Some(first) = tables.first_mut() {
+        first.remarks.extend(remark);
+    }
+    (metrics, tables)
 }
 
 /// The names in the list of an earlier report; only such as a report can have written.
@@ -136,31 +152,21 @@ fn listed_earlier(list: &Path) -> Vec<String> {
 }
 
 /// How much was measured here of what the paper's tables are about.
-fn pairs_here(board: &Board<'_>) -> String {
+fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());
-    let of_paper: Vec<String> = of_paper
-        .map(|d| {
-            format!(
-                "{} of {}",
-                counted(d.pairs.len(), "pair"),
-                d.dataset.title()
-            )
-        })
-        .collect();
-    if of_paper.is_empty() {
-        return String::new();
-    }
-    format!(" Measured here: {}.", of_paper.join(", "))
+    let of_paper = of_paper.map(|d| {
+        let pairs = counted(d.pairs.len(), "pair");
+        format!("{pairs} of {}", d.dataset.title())
+    });
+    let of_paper: Vec<String> = of_paper.collect();
+    (!of_paper.is_empty()).then(|| format!("Measured here: {}.", of_paper.join(", ")))
 }
 
 /// Each metric against the baseline, then the histogram, by file stem.
-fn figures(
-    input: &ReportInput<'_>,
-    board: &Board<'_>,
-) -> Result<Vec<(String, Figure)>, ReportError> {
+fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)>, ReportError> {
     let mut figures = Vec::new();
-    for metric in &input.metrics {
+    for metric in metrics {
         if let Some(figure) = baselines::against_metric(board, metric)? {
             figures.push((format!("motion-{}", metric.slug()), figure));
         }

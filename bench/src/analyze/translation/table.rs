@@ -47,6 +47,7 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
         groups: vec![Group::titled(&format!("{name} ({width} × {height})"))],
         columns: experiment.keys().into_iter().map(Column::from).collect(),
         rows,
+        remarks: Vec::new(),
         notes,
     }
 }
@@ -70,6 +71,7 @@ pub fn published() -> Table {
                 cells: values.iter().map(|value| cell(Some(*value))).collect(),
             })
             .collect(),
+        remarks: Vec::new(),
         notes: vec![
             "Published in the SHARP paper (`tab:metrics_comparison`) for a picture that it does not name, without the \
              LPIPS network, the SSIM window or how pictures were shifted: to be compared in kind, not in digits."

@@ -44,7 +44,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
     let metrics = paper.families.map(metric);
     let rows = paper.rows.iter().map(|(label, _)| Row {
         label: label.replace("(ours)", "(published)"),
-        note: Some(0),
+        note: None,
         cells: Vec::new(),
     });
     let mut rows: Vec<Row> = rows.collect();
@@ -78,7 +78,8 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
             .collect(),
         columns: metrics.into(),
         rows,
-        notes: vec![note],
+        remarks: vec![note],
+        notes: Vec::new(),
     }
 }
 
@@ -98,10 +99,7 @@ pub fn beside(
     if wanted.is_empty() {
         return Vec::new();
     }
-    let scored = |family: &Family| {
-        let families = metrics.iter().map(|m| m.key.split(['[', '@']).next());
-        families.flatten().any(|name| name == family.name())
-    };
+    let scored = |family: &Family| metrics.iter().any(|m| m.family() == family.name());
     let belongs = |paper: &&PaperTable| {
         which == PublishedNumbers::Always || paper.families.iter().any(scored)
     };
@@ -120,6 +118,7 @@ pub(crate) fn metric(family: Family) -> Column {
     Column {
         key: format!("{}[unstated]", family.name()),
         label: family.name().to_uppercase(),
+        short: family.name().to_uppercase(),
         convention: "as published; the paper does not state which variant".into(),
         ..key.into()
     }

@@ -185,31 +185,24 @@ fn vertical<'a>(bins: impl Iterator<Item = &'a Bin>, metric: &Column) -> PlotAxi
 
 /// The shade over each run of neighbouring bins that have a deviation; a lone one becomes a bar.
 fn shade(surface: &mut dyn Surface, bins: &[Bin], area: &PlotArea, style: Style) {
-    let ink = style.ink.with_alpha(0.16);
     for run in bins.split(|bin| bin.std.is_none()) {
-        let edge = |bin: &Bin, sign: f64| -> Point {
+        let half = if run.len() == 1 { 5.0 } else { 0.0 };
+        let edge = |bin: &Bin, side: f64, sign: f64| -> Point {
             let value = bin.mean + sign * bin.std.unwrap_or(0.0);
-            (area.x.place(bin.centre()), area.y.place(value))
+            (
+                area.x.place(bin.centre()) + side * half,
+                area.y.place(value),
+            )
         };
-        match run {
-            [] => {}
-            [bin] => {
-                let ((x, high), (_, low)) = (edge(bin, 1.0), edge(bin, -1.0));
-                let half = 5.0;
-                let corners = [
-                    (x - half, high),
-                    (x + half, high),
-                    (x + half, low),
-                    (x - half, low),
-                ];
-                surface.polygon(&corners, ink);
-            }
-            _ => {
-                let upper = run.iter().map(|bin| edge(bin, 1.0));
-                let lower = run.iter().rev().map(|bin| edge(bin, -1.0));
-                let outline: Vec<Point> = upper.chain(lower).collect();
-                surface.polygon(&outline, ink);
-            }
+        let upper = run
+            .iter()
+            .flat_map(|b| [edge(b, -1.0, 1.0), edge(b, 1.0, 1.0)]);
+        let lower = run.iter().rev();
+        let lower = lower.flat_map(|b| [edge(b, 1.0, -1.0), edge(b, -1.0, -1.0)]);
+        let mut outline: Vec<Point> = upper.chain(lower).collect();
+        outline.dedup();
+        if !outline.is_empty() {
+            surface.polygon(&outline, style.ink.with_alpha(0.16));
         }
     }
 }

@@ -5,7 +5,7 @@ use crate::report::error::ReportError;
 use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
 use super::palette::{Style, stroke};
 use super::scale::{Scale, Step};
-use super::text::{CAP_HEIGHT, Weight, width};
+use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped};
 
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
@@ -13,11 +13,13 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 52.0;
 const MARGIN: f64 = 10.0;
 const LEGEND_ROW: f64 = 22.0;
-const CAPTION: f64 = 26.0;
+const CAPTION_ROW: f64 = 17.0;
 const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
+/// Share of its room that a line of an SVG may fill in the bundled font: systems without it show wider ones.
+const ROOM: f64 = 0.8;
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;
 /// Height of the strip above the axis where infinite values stand.
@@ -85,7 +87,7 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// A figure of panels, with a legend and a caption of one line.
+/// A figure of panels, with a legend and a caption.
 ///
 /// # Errors
 /// When the drawing library refuses.
@@ -116,11 +118,11 @@ struct PanelLayout {
     rows: usize,
     panel: (f64, f64),
     legend: Vec<Vec<usize>>,
-    caption: String,
+    caption: Vec<String>,
 }
 
 impl PanelLayout {
-    /// Room for `panels` panels, a legend with these labels, and a caption of one line.
+    /// Room for `panels` panels, a legend with these labels, and a caption.
     fn new(panels: usize, labels: &[&str], caption: &str) -> Self {
         let columns = panels.clamp(1, 3);
         let panel = match columns {
@@ -133,9 +135,10 @@ impl PanelLayout {
             rows: panels.div_ceil(columns).max(1),
             panel,
             legend: Vec::new(),
-            caption: caption.to_owned(),
+            caption: Vec::new(),
         };
         let room = grid.width() - LEFT - RIGHT;
+        grid.caption = wrapped(caption, TICK_SIZE, Weight::Regular, room * ROOM);
         let mut used = f64::INFINITY;
         for (i, label) in labels.iter().enumerate() {
             let item = legend_width(label);
@@ -159,14 +162,14 @@ impl PanelLayout {
         MARGIN + self.legend.len() as f64 * LEGEND_ROW
     }
 
+    /// Lower edge of the panels.
+    fn foot(&self) -> f64 {
+        self.head() + self.rows as f64 * (TOP + self.panel.1 + BOTTOM)
+    }
+
     /// Of the whole figure, CSS pixels.
     fn size(&self) -> (u32, u32) {
-        let caption = if self.caption.is_empty() {
-            0.0
-        } else {
-            CAPTION
-        };
-        let height = self.head() + self.rows as f64 * (TOP + self.panel.1 + BOTTOM) + caption + 4.0;
+        let height = self.foot() + self.caption.len() as f64 * CAPTION_ROW + MARGIN;
         (self.width().round() as u32, height.round() as u32)
     }
 
@@ -183,13 +186,10 @@ impl PanelLayout {
                 x += legend_width(label);
             }
         }
-        if !self.caption.is_empty() {
-            let at = (MARGIN + LEFT, f64::from(self.size().1) - 14.0);
-            surface.text(
-                &self.caption,
-                at,
-                lettering(TICK_SIZE, MUTED, Anchor::Start),
-            );
+        let small = lettering(TICK_SIZE, MUTED, Anchor::Start);
+        for (i, line) in self.caption.iter().enumerate() {
+            let at = (MARGIN + LEFT, self.foot() + (i as f64 + 0.7) * CAPTION_ROW);
+            surface.text(line, at, small);
         }
     }
 
@@ -218,13 +218,13 @@ impl PanelLayout {
         };
         let remark = lettering(TICK_SIZE, MUTED, Anchor::End);
         surface.text(&frame.remark, (right, top - 12.0), remark);
-        let room = w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
+        let room = ROOM * w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
         let title = Lettering {
             weight: Weight::Bold,
             ..lettering(TITLE_SIZE, INK, Anchor::Start)
         };
         surface.text(
-            &fitted(&frame.title, TITLE_SIZE, room),
+            &fitted(&frame.title, TITLE_SIZE, Weight::Bold, room),
             (left, top - 12.0),
             title,
         );
@@ -258,7 +258,8 @@ impl PanelLayout {
             ..label
         };
         let at = (left - LEFT + 14.0, (top + bottom) / 2.0);
-        surface.text(&fitted(&frame.y.label, LABEL_SIZE, h), at, upwards);
+        let label = fitted(&frame.y.label, LABEL_SIZE, Weight::Regular, ROOM * h);
+        surface.text(&label, at, upwards);
         place
     }
 }
@@ -293,7 +294,7 @@ pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
 }
 
 fn legend_width(label: &str) -> f64 {
-    33.0 + width(label, LABEL_SIZE, Weight::Regular) + 22.0
+    33.0 + width(label, LABEL_SIZE, Weight::Regular) / ROOM + 12.0
 }
 
 /// From the middle of a capital to its baseline.
@@ -311,32 +312,9 @@ fn lettering(size: f64, ink: Ink, anchor: Anchor) -> Lettering {
     }
 }
 
-/// The text, shortened with an ellipsis where it is wider than the room.
-fn fitted(text: &str, size: f64, room: f64) -> String {
-    if width(text, size, Weight::Bold) <= room {
-        return text.to_owned();
-    }
-    let mut short: String = text.to_owned();
-    while short.pop().is_some() {
-        let candidate = format!("{}…", short.trim_end());
-        if width(&candidate, size, Weight::Bold) <= room {
-            return candidate;
-        }
-    }
-    String::new()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn long_names_are_shortened_to_fit() {
-        assert_eq!(fitted("eth3d", 14.0, 200.0), "eth3d");
-        let long = fitted(&"tanks".repeat(50), 14.0, 200.0);
-        assert!(long.ends_with('…') && width(&long, 14.0, Weight::Bold) <= 200.0);
-        assert_eq!(fitted("eth3d", 14.0, 1.0), "");
-    }
 
     #[test]
     fn an_axis_over_one_point_has_width() {

@@ -80,10 +80,26 @@ pub fn write(
     });
 }
 
-/// The text in lines no wider than `room` where its words allow.
+/// The text, shortened with an ellipsis where it is wider than the room.
+pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
+    if width(text, size, weight) <= room {
+        return text.to_owned();
+    }
+    let mut short: String = text.to_owned();
+    while short.pop().is_some() {
+        let candidate = format!("{}…", short.trim_end());
+        if width(&candidate, size, weight) <= room {
+            return candidate;
+        }
+    }
+    String::new()
+}
+
+/// The text in lines no wider than `room` where its words allow; a no-break space keeps words together.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    let breaks = |c: char| c.is_whitespace() && c != '\u{a0}';
+    for word in text.split(breaks).filter(|word| !word.is_empty()) {
         match lines.last_mut() {
             Some(line) if width(&format!("{line} {word}"), size, weight) <= room => {
                 line.push(' ');
@@ -148,12 +164,23 @@ mod tests {
     }
 
     #[test]
+    fn long_names_are_shortened_to_fit() {
+        let bold = |text: &str, room| fitted(text, 14.0, Weight::Bold, room);
+        assert_eq!(bold("eth3d", 200.0), "eth3d");
+        let long = bold(&"tanks".repeat(50), 200.0);
+        assert!(long.ends_with('…') && width(&long, 14.0, Weight::Bold) <= 200.0);
+        assert_eq!(bold("eth3d", 1.0), "");
+    }
+
+    #[test]
     fn lines_break_between_words() {
         let whole = width("one two", 10.0, Weight::Regular);
         let lines = |room| wrapped("one two  three", 10.0, Weight::Regular, room);
         assert_eq!(lines(whole), ["one two", "three"]);
         assert_eq!(lines(1.0), ["one", "two", "three"]);
         assert_eq!(lines(1e4), ["one two three"]);
+        let kept = wrapped("one\u{a0}two three", 10.0, Weight::Regular, 1.0);
+        assert_eq!(kept, ["one\u{a0}two", "three"]);
     }
 
     #[test]

@@ -4,9 +4,9 @@ use crate::report::board::{Board, DatasetBoard};
 use crate::report::input::Column;
 use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
-use super::footnotes::{cell_notes, prediction_marks, proxy_mark};
+use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
 use super::rank::{Candidate, ranks};
-use super::{Cell, Group, Row, Table};
+use super::{Cell, Group, Row, Table, remarks};
 
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
@@ -22,7 +22,7 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     if metrics.len() <= width {
         return vec![table(board, metrics, "scores", "Scores", of_metric)];
     }
-    let is_perceptual = |m: &Column| m.key.starts_with("lpips") || m.key.starts_with("dists");
+    let is_perceptual = |m: &Column| matches!(m.family(), "lpips" | "dists");
     let (perceptual, pixelwise): (Vec<Column>, Vec<Column>) =
         metrics.iter().cloned().partition(is_perceptual);
     let mut tables = Vec::new();
@@ -111,6 +111,7 @@ fn table(
                 let row = &mut rows[method];
                 let mut texts = cell_notes(&row.label, dataset.dataset.title(), column, cell);
                 if column.direction.is_some() && cell.n > 0 {
+                    texts.extend(feature_mark(column));
                     texts.extend(prediction_marks(dataset, method, &board.methods[method]));
                 }
                 let texts = texts.into_iter();
@@ -120,7 +121,7 @@ fn table(
                     coverage: Some((cell.n, cell.total)),
                     std: cell.std,
                     infinite: cell.infinite,
-                    failed: cell.failed,
+                    failed: cell.failures.iter().map(|(_, count)| count).sum(),
                     notes: texts.map(|text| Table::note(&mut notes, text)).collect(),
                 });
             }
@@ -133,8 +134,10 @@ fn table(
         groups,
         columns: columns.to_vec(),
         rows,
+        remarks: Vec::new(),
         notes,
     };
     table.keep_used_notes();
+    table.remarks = remarks::of_baselines(board, &table);
     table
 }

@@ -23,6 +23,15 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     ))
 }
 
+/// What a reader must know about numbers that rest on other features than the published ones.
+pub(super) fn feature_mark(column: &Column) -> Option<String> {
+    let features = column.stand_in.as_ref()?;
+    Some(format!(
+        "{} (`{}`): computed on `{features}` and not on the published features; comparable with no published number.",
+        column.label, column.key
+    ))
+}
+
 /// How the predictions of method number `method` differ from whole pictures of the target's size: cropped, resized up,
 /// the best of several scales, or in part excluded by masks.
 pub(super) fn prediction_marks(

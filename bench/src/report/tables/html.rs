@@ -2,6 +2,8 @@
 
 use askama::Template;
 
+use crate::report::input::Column;
+
 use super::{Cell, Table, letter, spans};
 
 #[derive(Template)]
@@ -20,6 +22,10 @@ pub fn html(table: &Table, id: &str) -> askama::Result<String> {
 }
 
 impl HtmlTable<'_> {
+    fn heads(&self) -> Vec<String> {
+        Column::heads(&self.table.columns)
+    }
+
     fn letter(&self, note: &usize) -> String {
         letter(*note)
     }

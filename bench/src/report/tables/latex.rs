@@ -55,7 +55,7 @@ pub fn latex(table: &Table) -> String {
         );
     }
     out.push_str(" \\\\\n");
-    let heads = table.heads();
+    let heads = Column::heads(&table.columns);
     for _ in &table.groups {
         for head in &heads {
             let _ = write!(out, " & {}", escape(head).replace(" $", "$"));
@@ -73,12 +73,17 @@ pub fn latex(table: &Table) -> String {
     out.push_str("\\bottomrule\n\\end{tabular}");
     out.push_str(if wide { "%\n}\n" } else { "\n" });
     out.push_str("\n\\smallskip\\raggedright\\footnotesize\n");
-    let keys = table.columns.iter().zip(&heads).map(|(column, head)| {
-        let head = head.trim_end_matches([' ', '↑', '↓']);
-        format!("{}: \\texttt{{{}}}", escape(head), escape(&column.key))
-    });
+    let names = Column::names(&table.columns);
+    let keys = table
+        .columns
+        .iter()
+        .zip(names)
+        .map(|(column, name)| format!("{}: \\texttt{{{}}}", escape(name), escape(&column.key)));
     let keys: Vec<String> = keys.collect();
     let _ = writeln!(out, "{}.", keys.join("; "));
+    for remark in &table.remarks {
+        let _ = writeln!(out, "\\par {}", rich(remark));
+    }
     for (i, note) in table.notes.iter().enumerate() {
         let _ = writeln!(
             out,

@@ -8,7 +8,7 @@ use crate::report::input::Column;
 /// GitHub-flavoured Markdown, footnotes below.
 pub fn markdown(table: &Table) -> String {
     let mut out = format!("| {} |", escape(table.row_head));
-    let heads = table.heads();
+    let heads = Column::heads(&table.columns);
     for group in &table.groups {
         let title = escape(&group.title) + &marks(group.note.as_slice());
         for head in &heads {
@@ -43,6 +43,9 @@ pub fn markdown(table: &Table) -> String {
         out.push_str(" Small: pairs behind the number.");
     }
     out.push('\n');
+    for remark in &table.remarks {
+        let _ = write!(out, "\n{}\n", rich(remark));
+    }
     let notes = table.notes.iter().enumerate();
     let notes: Vec<String> = notes
         .map(|(i, note)| format!("\n<sup>{}</sup> {}", letter(i), rich(note)))

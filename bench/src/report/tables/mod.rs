@@ -2,7 +2,8 @@
 //!
 //! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::board::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
-//! * `footnotes`: what a reader must know about a cell or a column besides its numbers.
+//! * `footnotes`: what a reader must know about a cell or a column besides its numbers; `remarks`: the same about a
+//!   whole table.
 //!
 //! Every cell says how many pairs it covers, and a cell without a number says why.
 
@@ -13,6 +14,7 @@ pub mod html;
 pub mod latex;
 pub mod markdown;
 pub mod rank;
+pub(super) mod remarks;
 pub mod text;
 
 use super::input::Column;
@@ -31,6 +33,8 @@ pub struct Table {
     /// Columns within each group.
     pub columns: Vec<Column>,
     pub rows: Vec<Row>,
+    /// Sentences about the table as a whole, below it.
+    pub remarks: Vec<String>,
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
 }
@@ -111,20 +115,6 @@ impl Table {
     pub(super) fn is_ranked(&self) -> bool {
         let mut cells = self.rows.iter().flat_map(|row| &row.cells);
         cells.any(|cell| cell.rank.is_some())
-    }
-
-    /// Heads of the columns within a group, with arrows: the first word of the label where that is unambiguous in this
-    /// table (`SSIM ↑`, the key standing beside or below it), else the whole label.
-    pub fn heads(&self) -> Vec<String> {
-        fn first(column: &Column) -> &str {
-            column.label.split(' ').next().unwrap_or_default()
-        }
-        let heads = self.columns.iter().map(|column| {
-            let mut same = self.columns.iter().filter(|c| first(c) == first(column));
-            let short = column.direction.is_some() && same.nth(1).is_none();
-            column.with_arrow(if short { first(column) } else { &column.label })
-        });
-        heads.collect()
     }
 
     /// The position of a footnote with this text, added if it is new.

@@ -6,7 +6,7 @@ use crate::report::input::Column;
 /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
 /// and the infinity sign.
 pub fn text(table: &Table) -> String {
-    let heads = table.heads();
+    let heads = Column::heads(&table.columns);
     let mut grid = vec![vec![table.row_head.to_owned()]];
     for _ in &table.groups {
         grid[0].extend(heads.iter().map(|head| format!("{head} ")));
@@ -50,6 +50,9 @@ pub fn text(table: &Table) -> String {
     let keys = table.columns.iter().zip(heads);
     let keys: Vec<String> = keys.map(|(c, head)| format!("{head} {}", c.key)).collect();
     out += &format!("{}\n", keys.join(", "));
+    for remark in &table.remarks {
+        out += &format!("{remark}\n");
+    }
     for (i, note) in table.notes.iter().enumerate() {
         out += &format!("{}) {note}\n", letter(i));
     }

@@ -1,7 +1,14 @@
 //! What a report leaves on disk.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::evaluate::record::Crop;
+use crate::report::error_map::colour;
+use crate::report::gallery::Gallery;
 use crate::report::plots::baselines;
 use crate::report::tables::markdown;
+use crate::scoring::Region;
 
 use super::*;
 
@@ -141,4 +148,141 @@ fn control_characters_leave_a_plot_readable() {
             .svg
             .contains("aria-label=\"&#60;\u{FFFD}&#62; against")
     );
+}
+
+#[test]
+fn a_metric_without_any_number_is_named_once_and_shown_nowhere() {
+    let mut records = small_run();
+    for record in &mut records {
+        let score = Score::Unavailable {
+            unavailable: "no weights of a network".into(),
+        };
+        record.scores.insert(MetricKey::LPIPS.to_string(), score);
+    }
+    let mut input = input(&records);
+    input.metrics = vec![MetricKey::LPIPS.into(), MetricKey::PSNR.into()];
+    input.pictures = &Plain;
+    let files = files(&input);
+    for (name, bytes) in &files {
+        let text = String::from_utf8_lossy(bytes);
+        let times = match name.as_str() {
+            "index.html" | "report.md" | "tables/scores.md" | "tables/scores.tex" => 1,
+            _ => 0,
+        };
+        assert_eq!(text.matches("LPIPS").count(), times, "{name}");
+        assert_eq!(
+            text.matches("no weights of a network").count(),
+            times,
+            "{name}"
+        );
+    }
+    // The lead, the tiles and the table count the same.
+    let html = String::from_utf8(files["index.html"].clone()).unwrap();
+    assert!(
+        html.contains("1 dataset, 1 scene, 2 pairs, 2 methods, 1 metric, 1 failure. Two methods.")
+    );
+    for tile in [
+        "<dt>metric</dt><dd>1</dd>",
+        "class=\"bad\"><dt>failure</dt><dd>1</dd>",
+        "<small>2 pairs</small>",
+    ] {
+        assert!(html.contains(tile), "{tile}");
+    }
+    let text = text_tables(&input).unwrap();
+    assert!(
+        text.contains("not shown: LPIPS alex (`lpips[alex,v0.1]`): no weights"),
+        "{text}"
+    );
+}
+
+/// What the score leaves out, the error picture does not show as an error.
+#[test]
+fn error_pictures_show_what_is_not_scored_as_such() {
+    let mut cropped = record("d", "p1", "crops", 0.1, &[("psnr", 0.0)]);
+    let region = Region {
+        x: 0,
+        y: 24,
+        width: 64,
+        height: 24,
+    };
+    cropped.crop = Some(Crop { region, share: 0.5 });
+    let records = [record("d", "p1", "all", 0.1, &[("psnr", 0.0)]), cropped];
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let pictures = HalfMasked(PathBuf::new());
+    let gallery = Gallery::new(&board, &[], &pictures, &ReportOptions::default());
+    let error = |method: usize| {
+        let shown = gallery.pairs[0].methods[method].as_ref().unwrap();
+        let data = shown.error.as_ref().unwrap().uri.split(',').nth(1).unwrap();
+        let jpeg = STANDARD.decode(data).unwrap();
+        image::load_from_memory(&jpeg).unwrap().to_rgb8()
+    };
+    let is_grey = |picture: &RgbImage, x, y| {
+        let [r, g, b] = picture.get_pixel(x, y).0;
+        r.abs_diff(g) < 12 && g.abs_diff(b) < 12 && (80..180).contains(&g)
+    };
+    let is_bright = |picture: &RgbImage, x, y| {
+        let pixels = picture.get_pixel(x, y).0.into_iter().zip(colour(1.0).0);
+        pixels.map(|(a, b)| a.abs_diff(b)).all(|d| d < 12)
+    };
+    let (all, crops) = (error(0), error(1));
+    for y in [4, 20, 28, 44] {
+        assert!(is_grey(&all, 8, y) && is_bright(&all, 56, y), "{y}");
+        let inside = y >= 24;
+        assert!(
+            is_grey(&crops, 8, y) && is_grey(&crops, 56, y) != inside,
+            "{y}"
+        );
+        assert_eq!(is_bright(&crops, 56, y), inside, "{y}");
+    }
+}
+
+#[test]
+fn kept_pictures_are_linked_where_they_lie_beside_the_report() {
+    let records = [record("d", "p 1", "a", 0.1, &[("psnr", 20.0)])];
+    let mut input = input(&records);
+    let beside = HalfMasked(std::env::temp_dir().join("run"));
+    input.pictures = &beside;
+    let page =
+        |input: &ReportInput<'_>| String::from_utf8(files(input)["index.html"].clone()).unwrap();
+    let html = page(&input);
+    assert!(html.contains("data-full=\"../run/a%201.png\""));
+    assert!(html.contains("id=\"pair=d/p 1\"") && html.contains("href=\"#pair=d/p 1\""));
+    let elsewhere = HalfMasked(PathBuf::from("/elsewhere"));
+    input.pictures = &elsewhere;
+    assert!(!page(&input).contains("data-full="));
+}
+
+#[test]
+fn the_qualitative_figure_has_all_datasets_and_whole_captions() {
+    let records: Vec<Record> = ["a", "b", "c", "d", "e", "f"]
+        .map(|dataset| {
+            record(
+                dataset,
+                "p",
+                "a",
+                0.1,
+                &[("psnr", 20.0), ("ssim[gauss11,valid]", 0.5)],
+            )
+        })
+        .into();
+    let height = |records: &[Record], metrics: &[Column]| {
+        let board = Board::new(records, &[], &[]).unwrap();
+        let png = qualitative::figure(&board, metrics, &Plain)
+            .unwrap()
+            .unwrap();
+        image::load_from_memory(&png).unwrap().height()
+    };
+    let all: Vec<Column> = MetricKey::all().into_iter().map(Column::from).collect();
+    let rows: Vec<u32> = (1..=6).map(|n| height(&records[..n], &all[..2])).collect();
+    assert!(
+        rows.windows(2)
+            .all(|two| two[1] - two[0] == rows[1] - rows[0]),
+        "{rows:?}"
+    );
+    let mut many = records[..1].to_vec();
+    many[0].scores = all
+        .iter()
+        .map(|m| (m.key.clone(), Score::Value(0.5)))
+        .collect();
+    assert!(height(&many, &all) > rows[0] + 100);
 }

@@ -5,9 +5,9 @@ mod record_tests;
 mod table_tests;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use image::{Rgb, RgbImage};
+use image::{GrayImage, Luma, Rgb, RgbImage};
 use sharp_metrics::MetricKey;
 
 use crate::evaluate::record::{Record, Score, Status};
@@ -99,8 +99,30 @@ fn files(input: &ReportInput<'_>) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-/// A picture that depends on the record.
+/// A picture that depends on the record; all pixels are scored.
 struct Plain;
+
+/// White truths, black predictions that were kept in a folder; the left half of every target is excluded.
+struct HalfMasked(PathBuf);
+
+impl ReportPictures for HalfMasked {
+    fn target(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Ok(RgbImage::from_pixel(64, 48, Rgb([255; 3])))
+    }
+
+    fn valid_pixels(&self, _record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
+        let level = |x: u32| if x < 32 { 254 } else { 255 };
+        Ok(Some(GrayImage::from_fn(64, 48, |x, _| Luma([level(x)]))))
+    }
+
+    fn prediction(&self, _record: &Record) -> Result<RgbImage, MissingPicture> {
+        Ok(RgbImage::new(64, 48))
+    }
+
+    fn kept(&self, record: &Record) -> Option<PathBuf> {
+        Some(self.0.join(format!("{} 1.png", record.method)))
+    }
+}
 
 impl ReportPictures for Plain {
     fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {

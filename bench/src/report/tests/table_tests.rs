@@ -308,3 +308,122 @@ fn a_column_that_is_not_the_papers_is_marked_in_every_form() {
     assert_eq!((&rows[1][1], &rows[1][11]), ("scannetpp", "a"));
     assert!(rows[1][12].contains("proxy of the paper's column"));
 }
+
+#[test]
+fn headings_state_region_and_every_variant_that_is_not_the_only_default() {
+    let heads = |keys: &str| {
+        let keys = sharp_metrics::Selection::parse(keys).unwrap();
+        let columns: Vec<Column> = keys.keys().map(Column::from).collect();
+        Column::heads(&columns)
+    };
+    assert_eq!(
+        heads("psnr,ssim-gauss11-valid@frustum"),
+        ["PSNR ↑", "SSIM (frustum) ↑"]
+    );
+    assert_eq!(
+        heads("ssim-gauss11-valid,ssim-gauss11-valid@frustum,psnr@frustum"),
+        ["SSIM ↑", "SSIM (frustum) ↑", "PSNR (frustum) ↑"]
+    );
+    assert_eq!(
+        heads("ssim-uniform7-sample,lpips-vgg"),
+        ["SSIM uniform7 sample ↑", "LPIPS vgg ↓"]
+    );
+    assert_eq!(
+        heads("ssim-gauss11-valid@frustum,ssim-gauss11-zero,dists"),
+        [
+            "SSIM gauss11 valid (frustum) ↑",
+            "SSIM gauss11 zero ↑",
+            "DISTS ↓"
+        ]
+    );
+    let key: MetricKey = "ssim-gauss11-valid@frustum".parse().unwrap();
+    let frustum = Column::from(key);
+    let record = record("d", "p", "m", 0.1, &[(&frustum.key, 0.5)]);
+    let records = [record];
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let table = build::of_scores(&board, &[frustum]).remove(0);
+    assert!(
+        latex::latex(&table).contains("SSIM (frustum)$\\uparrow$"),
+        "{}",
+        latex::latex(&table)
+    );
+    assert!(markdown::markdown(&table).contains("d<br>SSIM (frustum) ↑"));
+    assert!(text::text(&table).contains("SSIM (frustum) ↑"));
+    assert!(
+        html_table::html(&table, "t")
+            .unwrap()
+            .contains(">SSIM (frustum) ↑<code>")
+    );
+    let psnr: Column = "psnr@frustum".parse::<MetricKey>().unwrap().into();
+    assert_eq!(psnr.axis_label(), "PSNR (frustum, dB)");
+}
+
+#[test]
+fn baselines_that_methods_do_not_surpass_are_remarked_upon() {
+    let mut records = Vec::new();
+    for (method, psnr, ssim) in [
+        ("mean", 16.0, 0.5),
+        ("copy", 15.0, 0.4),
+        ("holed", 10.0, 0.6),
+        ("good", 12.0, 0.45),
+    ] {
+        let scores = [("psnr", psnr), ("ssim[gauss11,valid]", ssim)];
+        let mut record = record("d", "p", method, 0.1, &scores);
+        if method == "holed" {
+            record.extras.insert("hole_share".into(), 0.209);
+        }
+        records.push(record);
+    }
+    let baseline = |label: &str| ReportMethod {
+        is_baseline: true,
+        ..ReportMethod::named(label)
+    };
+    let remarks = |records: &[Record]| {
+        let methods = [baseline("mean"), baseline("copy")];
+        let board = Board::new(records, &[], &methods).unwrap();
+        let metrics = [MetricKey::PSNR.into(), MetricKey::SSIM.into()];
+        build::of_scores(&board, &metrics).remove(0)
+    };
+    let table = remarks(&records);
+    assert_eq!(
+        table.remarks,
+        [
+            "d: a baseline is better than every method that is not one in PSNR (mean 16.00; good 12.00). holed leaves on \
+          average 20.9 % of a picture empty, and these holes are scored like any other pixel; a baseline is better in \
+          PSNR (mean 16.00; holed 10.00)."
+        ]
+    );
+    for form in [
+        markdown::markdown(&table),
+        text::text(&table),
+        latex::latex(&table).replace("\\%", "%"),
+        html_table::html(&table, "t").unwrap(),
+    ] {
+        assert!(form.contains(&table.remarks[0]), "{form}");
+    }
+    // Equal as shown is not better; without baselines there is nothing to say.
+    let mut equal = records.clone();
+    for record in &mut equal[2..] {
+        record.scores.insert("psnr".into(), Score::Value(15.999));
+    }
+    assert!(remarks(&equal).remarks.is_empty());
+    assert!(remarks(&records[2..]).remarks.is_empty());
+}
+
+#[test]
+fn numbers_from_features_that_are_not_the_published_ones_are_marked() {
+    let selection = sharp_metrics::Selection::parse("dists").unwrap();
+    let weights = sharp_metrics::Weights::deterministic("x");
+    let infos = sharp_metrics::Scorer::new(&selection, &weights)
+        .unwrap()
+        .info();
+    let records = [record("d", "p", "m", 0.1, &[("dists", 0.5)])];
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let notes = |column: Column| build::of_scores(&board, &[column]).remove(0).notes;
+    let marked = notes((&infos[0]).into());
+    assert!(
+        marked[0].starts_with("DISTS (`dists`): computed on `vgg16="),
+        "{marked:?}"
+    );
+    assert!(notes(MetricKey::DISTS.into()).is_empty());
+}
