@@ -209,7 +209,7 @@ fn colmap_binary(bytes: &[u8]) {
 }
 
 fn gaussian_ply(bytes: &[u8]) {
-    let _ = sharp::ply::from_bytes(bytes);
+    let _ = sharp::ply::from_bytes(bytes, Some(sharp::ply::ColorSpace::Srgb));
 }
 
 /// For readers that want a file of a certain name.
@@ -247,7 +247,7 @@ fn prediction(bytes: &[u8]) {
 
 /// Gaussians as arrays.
 fn scene_arrays(bytes: &[u8]) {
-    let _ = sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path());
+    let _ = sharp_bench::io::gaussian_files::read(file_of(bytes, ".safetensors").path(), None);
 }
 
 /// `.pt` of either age and `.safetensors`; the reader maps files, so there has to be one.

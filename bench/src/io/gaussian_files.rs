@@ -9,7 +9,7 @@ use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, PlyError};
+use sharp::ply::{self, ColorSpace, PlyError};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -45,14 +45,30 @@ pub enum GaussianFileError {
     Camera { path: PathBuf, source: CameraError },
     #[error("{}: a scene is a .ply or .safetensors file", path.display())]
     Extension { path: PathBuf },
+    /// What is rendered here has one colour from all sides.
+    #[error(
+        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; bake them into \
+         the constant term for the source's view, or set them to zero", path.display()
+    )]
+    ViewDependent { path: PathBuf, coefficients: usize },
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
-/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`).
-pub fn read(path: &Path) -> Result<GaussianFile, GaussianFileError> {
+/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`). `color_space` is how a PLY's colours are encoded where
+/// it does not say.
+pub fn read(
+    path: &Path,
+    color_space: Option<ColorSpace>,
+) -> Result<GaussianFile, GaussianFileError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("ply") => {
-            let scene = ply::load(path)?;
+            let scene = ply::load(path, color_space)?;
+            if scene.is_view_dependent {
+                return Err(GaussianFileError::ViewDependent {
+                    path: path.to_owned(),
+                    coefficients: scene.color_coefficients,
+                });
+            }
             let camera_from_world = match scene.extrinsics {
                 None => DAffine3::IDENTITY,
                 Some(m) => affine_from_row_major(&m.map(f64::from)).map_err(|source| {

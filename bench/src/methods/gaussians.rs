@@ -3,11 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use sharp::ply::{ColorSpace, UnknownColorSpace};
+
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, Privilege, SourceView,
 };
 use super::spec::{MethodSpec, SpecError};
+use crate::io::gaussian_files::GaussianFile;
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
@@ -15,12 +18,14 @@ use crate::pairs::pair_id::path_of;
 ///
 /// The Gaussians lie in the source's camera space, metres, OpenCV axes: what `sharp predict` and
 /// `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and intrinsics place and
-/// render them.
+/// render them. Colours of a PLY that does not say how they are encoded need `color_space=`. Gaussians that are not finite
+/// are dropped, and counted in the extra `not_finite`.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
     dir: PathBuf,
     privilege: Privilege,
+    color_space: Option<ColorSpace>,
 }
 
 impl GaussianFiles {
@@ -29,6 +34,11 @@ impl GaussianFiles {
             label: spec.label.clone(),
             dir: spec.folder()?,
             privilege: spec.privilege(Privilege::DepthScale)?,
+            color_space: spec
+                .option("color_space")
+                .map(str::parse)
+                .transpose()
+                .map_err(|error: UnknownColorSpace| spec.error(error.to_string()))?,
         })
     }
 
@@ -50,7 +60,12 @@ impl Method for GaussianFiles {
     }
 
     fn identity(&self) -> MethodIdentity {
-        MethodIdentity::new("gaussians", [("space", "camera".to_owned())])
+        let mut identity = MethodIdentity::new("gaussians", [("space", "camera".to_owned())]);
+        if let Some(space) = self.color_space {
+            let settings = &mut identity.settings;
+            settings.insert("color_space".to_owned(), space.to_string());
+        }
+        identity
     }
 
     fn sources(&self) -> &'static str {
@@ -75,13 +90,23 @@ impl Method for GaussianFiles {
 impl PredictGaussians for GaussianFiles {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
         let path = self.find(source.name())?;
-        let scene = gaussian_files::read(&path);
-        let scene = scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        let scene = gaussian_files::read(&path, self.color_space);
+        let GaussianFile { gaussians, .. } =
+            scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        let not_finite = (0..gaussians.len()).filter(|&k| !gaussians.is_finite(k));
+        let not_finite = not_finite.count();
+        if not_finite == gaussians.len() {
+            return Err(MethodError::file(&path, "it holds no finite Gaussian"));
+        }
+        let mut extras = BTreeMap::new();
+        if not_finite > 0 {
+            extras.insert("not_finite".to_owned(), not_finite as f64);
+        }
         Ok(GaussianPrediction {
-            gaussians: scene.gaussians,
+            gaussians,
             space: GaussianSpace::Camera,
             first_layer: None,
-            extras: BTreeMap::new(),
+            extras,
         })
     }
 }

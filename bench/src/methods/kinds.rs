@@ -62,9 +62,10 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "gaussians",
-        options: &["dir", "depth"],
+        options: &["dir", "depth", "color_space"],
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
-                  depth=none|privileged: scaled by the median of true over rendered depth)",
+                  depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
+                  do not say)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {

@@ -9,7 +9,9 @@ mod read;
 pub mod table;
 mod write;
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
@@ -27,14 +29,39 @@ const VERTEX: [&str; 14] = [
     "rot_0", "rot_1", "rot_2", "rot_3",
 ];
 
-/// Encoding of colours in a file; in memory they are always linear.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// Encoding of colours in a file, `srgb` or `linear` as text; in memory they are always linear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColorSpace {
-    /// sRGB-encoded, code 0: what the release writes, for viewers that blend encoded values.
+    /// sRGB-encoded, code 0: what the release writes, for viewers that blend encoded values, and what 3D Gaussian
+    /// Splatting optimises without saying so.
     Srgb,
     /// Linear light, code 1: what the release assumes of a file that does not say.
-    #[default]
     Linear,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown colour space '{0}'; known: linear srgb")]
+pub struct UnknownColorSpace(String);
+
+impl FromStr for ColorSpace {
+    type Err = UnknownColorSpace;
+
+    fn from_str(text: &str) -> Result<Self, UnknownColorSpace> {
+        match text {
+            "srgb" => Ok(Self::Srgb),
+            "linear" => Ok(Self::Linear),
+            _ => Err(UnknownColorSpace(text.to_owned())),
+        }
+    }
+}
+
+impl fmt::Display for ColorSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Srgb => "srgb",
+            Self::Linear => "linear",
+        })
+    }
 }
 
 /// Gaussians with what a file says about them.
@@ -46,13 +73,15 @@ pub struct GaussianScene {
     pub intrinsics: Option<Intrinsics>,
     /// Row-major 4×4 `camera_from_world`; `None` for a file without one.
     pub extrinsics: Option<[f32; 16]>,
-    /// How colours were stored in the file read; the writer always stores sRGB.
-    pub color_space: ColorSpace,
+    /// How the file read says that its colours are stored, if it does; the writer always stores sRGB.
+    pub color_space: Option<ColorSpace>,
     /// The writing program's format version; the release writes 1.5.0.
     pub version: Option<[u8; 3]>,
-    /// How many view-dependent colour coefficients (`f_rest_*`) a Gaussian has in the file. They
-    /// are not read: only the constant term is.
-    pub ignored_color_coefficients: usize,
+    /// How many coefficients of view-dependent colour (`f_rest_*`) a Gaussian has in the file: 9, 24 or
+    /// 45 for degrees 1 to 3. Only the constant term is read.
+    pub color_coefficients: usize,
+    /// Whether one of those is not zero, so that colours depend on where one looks from.
+    pub is_view_dependent: bool,
 }
 
 impl GaussianScene {
@@ -62,9 +91,10 @@ impl GaussianScene {
             gaussians,
             intrinsics: Some(intrinsics),
             extrinsics: None,
-            color_space: ColorSpace::Srgb,
+            color_space: Some(ColorSpace::Srgb),
             version: None,
-            ignored_color_coefficients: 0,
+            color_coefficients: 0,
+            is_view_dependent: false,
         }
     }
 
@@ -125,6 +155,17 @@ pub enum PlyReason {
     Extra { element: &'static str, what: String },
     #[error("stored camera: {0}")]
     Camera(#[from] CameraError),
+    /// Read as the other, colours would be far off.
+    #[error(
+        "the file does not say whether its colours are linear or sRGB-encoded: say color_space=linear, as the SHARP \
+         release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
+    )]
+    ColorSpaceUnknown,
+    #[error("the file says that its colours are {stated}, but color_space={given} was given")]
+    ColorSpaceContradicted {
+        stated: ColorSpace,
+        given: ColorSpace,
+    },
 }
 
 #[cfg(test)]

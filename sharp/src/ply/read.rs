@@ -14,15 +14,15 @@ use crate::gaussians::Gaussians;
 /// Properties and elements may come in any order, in text or binary of either byte order. Needed
 /// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`. Older forms of the
 /// release's extra elements are understood: an `intrinsic` of four values (fx, fy, width, height)
-/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). Colours of a file that does not
-/// say how they are encoded are linear, as for the release.
+/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). `color_space` is how colours are
+/// encoded where the file does not say.
 ///
 /// # Errors
-/// [`PlyError`] with the path and the reason.
-pub fn load(path: &Path) -> Result<GaussianScene, PlyError> {
+/// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says.
+pub fn load(path: &Path, color_space: Option<ColorSpace>) -> Result<GaussianScene, PlyError> {
     std::fs::read(path)
         .map_err(PlyReason::from)
-        .and_then(|bytes| from_bytes(&bytes))
+        .and_then(|bytes| from_bytes(&bytes, color_space))
         .map_err(|reason| PlyError::new(path, reason))
 }
 
@@ -30,7 +30,7 @@ pub fn load(path: &Path) -> Result<GaussianScene, PlyError> {
 ///
 /// # Errors
 /// [`PlyReason`].
-pub fn from_bytes(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
+pub fn from_bytes(bytes: &[u8], given: Option<ColorSpace>) -> Result<GaussianScene, PlyReason> {
     let (header, mut body) = Header::parse(bytes)?;
     let mut vertices = None;
     let mut extras = Extras::new();
@@ -52,8 +52,18 @@ pub fn from_bytes(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
             extras.entry(&element.name).or_insert(values);
         }
     }
-    let (mut gaussians, ignored_color_coefficients) = vertices.ok_or(PlyReason::NoVertices)?;
-    let color_space = color_space(&header, &extras)?.unwrap_or_default();
+    let Vertices {
+        mut gaussians,
+        color_coefficients,
+        is_view_dependent,
+    } = vertices.ok_or(PlyReason::NoVertices)?;
+    let stated = color_space(&header, &extras)?;
+    let color_space = match (stated, given) {
+        (Some(stated), Some(given)) if stated != given => {
+            return Err(PlyReason::ColorSpaceContradicted { stated, given });
+        }
+        (stated, given) => stated.or(given).ok_or(PlyReason::ColorSpaceUnknown)?,
+    };
     // The element that says how colours are encoded follows them.
     for color in gaussians.colors.as_flattened_mut() {
         let stored = *color * SH_CONSTANT + 0.5;
@@ -66,11 +76,12 @@ pub fn from_bytes(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
         gaussians,
         intrinsics: intrinsics(&extras)?,
         extrinsics: extrinsics(&extras)?,
-        color_space,
+        color_space: stated,
         version: extra(&extras, "version")
             .and_then(|v| <[f64; 3]>::try_from(v).ok())
             .map(|v| v.map(|x| x as u8)),
-        ignored_color_coefficients,
+        color_coefficients,
+        is_view_dependent,
     })
 }
 
@@ -89,8 +100,15 @@ fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
     extras.get(name).map(Vec::as_slice)
 }
 
-/// Gaussians whose colours are still coefficients, and the number of coefficients passed over.
-fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<(Gaussians, usize), PlyReason> {
+/// What element `vertex` holds.
+struct Vertices {
+    /// Their colours are still coefficients.
+    gaussians: Gaussians,
+    color_coefficients: usize,
+    is_view_dependent: bool,
+}
+
+fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<Vertices, PlyReason> {
     let columns = VERTEX.map(|name| element.number(name));
     let missing = VERTEX.into_iter().zip(columns).filter(|(_, c)| c.is_none());
     let missing: Vec<_> = missing.map(|(name, _)| name).collect();
@@ -98,7 +116,11 @@ fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<(Gaussians, usize
         return Err(PlyReason::Missing(missing));
     }
     let columns = columns.map(Option::unwrap_or_default);
+    let rest = element.properties.iter().map(|p| &p.name);
+    let rest = rest.filter(|name| name.starts_with("f_rest_"));
+    let rest: Vec<usize> = rest.filter_map(|name| element.number(name)).collect();
     let mut out = Gaussians::default();
+    let mut is_view_dependent = false;
     body.rows::<TableError>(element, |row| {
         let c = columns.map(|index| row.number(index));
         out.means.push([c[0], c[1], c[2]].map(|v| v as f32));
@@ -107,13 +129,14 @@ fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<(Gaussians, usize
         out.scales.push([c[7], c[8], c[9]].map(|v| v.exp() as f32));
         out.quaternions
             .push([c[10], c[11], c[12], c[13]].map(|v| v as f32));
+        is_view_dependent |= rest.iter().any(|&index| row.number(index) != 0.0);
         Ok(())
     })?;
-    let ignored = element
-        .properties
-        .iter()
-        .filter(|p| p.name.starts_with("f_rest_"));
-    Ok((out, ignored.count()))
+    Ok(Vertices {
+        gaussians: out,
+        color_coefficients: rest.len(),
+        is_view_dependent,
+    })
 }
 
 fn color_space(header: &Header, extras: &Extras<'_>) -> Result<Option<ColorSpace>, PlyReason> {

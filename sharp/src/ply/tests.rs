@@ -16,7 +16,10 @@ fn scene() -> GaussianScene {
 }
 
 fn read(bytes: &[u8]) -> Result<GaussianScene, PlyReason> {
-    from_bytes(bytes)
+    from_bytes(bytes, Some(ColorSpace::Linear)).or_else(|reason| match reason {
+        PlyReason::ColorSpaceContradicted { .. } => from_bytes(bytes, None),
+        other => Err(other),
+    })
 }
 
 fn assert_same(found: &Gaussians, expected: &Gaussians) {
@@ -58,7 +61,7 @@ fn both_forms_survive_a_round_trip() {
     for form in [PlyForm::Release, PlyForm::Plain] {
         let found = read(&to_bytes(&scene, form)).unwrap();
         assert_same(&found.gaussians, &scene.gaussians);
-        assert_eq!(found.color_space, ColorSpace::Srgb);
+        assert_eq!(found.color_space, Some(ColorSpace::Srgb));
         if form == PlyForm::Release {
             assert_eq!(found.intrinsics, scene.intrinsics);
             assert_eq!(found.extrinsics.unwrap()[0], 1.0);
@@ -84,8 +87,40 @@ fn text_in_any_order_of_columns() {
     assert_eq!(found.gaussians.means, [[0.0, 0.0, 2.0]]);
     assert_eq!(found.gaussians.opacities, [0.5]);
     assert_eq!(found.gaussians.scales, [[1.0; 3]]);
-    // Linear unless the file says otherwise.
+    // As it was told, since the file does not say.
     assert_eq!(found.gaussians.colors, [[0.5; 3]]);
+}
+
+#[test]
+fn colours_are_never_guessed() {
+    let plain = text(&COLUMNS, "");
+    let unknown = from_bytes(&plain, None).unwrap_err();
+    assert!(matches!(unknown, PlyReason::ColorSpaceUnknown), "{unknown}");
+    let color = |space| from_bytes(&plain, Some(space)).unwrap().gaussians.colors[0][0];
+    assert_eq!(color(ColorSpace::Linear), 0.5);
+    assert!((color(ColorSpace::Srgb) - 0.214_041).abs() < 1e-6);
+    // Our own files say.
+    let tagged = to_bytes(&scene(), PlyForm::Plain);
+    assert!(from_bytes(&tagged, None).is_ok());
+    let contradicted = from_bytes(&tagged, Some(ColorSpace::Linear)).unwrap_err();
+    let is_contradicted = matches!(
+        contradicted,
+        PlyReason::ColorSpaceContradicted {
+            stated: ColorSpace::Srgb,
+            given: ColorSpace::Linear
+        }
+    );
+    assert!(is_contradicted, "{contradicted}");
+}
+
+#[test]
+fn coefficients_that_are_not_zero_make_colours_depend_on_the_view() {
+    let mut columns = vec!["f_rest_0"];
+    columns.extend(COLUMNS);
+    let flat = String::from_utf8(text(&columns, "")).unwrap();
+    assert!(!read(flat.as_bytes()).unwrap().is_view_dependent);
+    let varied = flat.replace("end_header\n0 ", "end_header\n0.1 ");
+    assert!(read(varied.as_bytes()).unwrap().is_view_dependent);
 }
 
 #[test]
@@ -93,7 +128,7 @@ fn view_dependent_coefficients_and_normals_are_counted_and_skipped() {
     let mut columns = vec!["nx", "f_rest_0", "f_rest_1"];
     columns.extend(COLUMNS);
     let found = read(&text(&columns, "")).unwrap();
-    assert_eq!(found.ignored_color_coefficients, 2);
+    assert_eq!(found.color_coefficients, 2);
     assert_eq!(found.gaussians.means, [[0.0, 0.0, 2.0]]);
 }
 
@@ -240,7 +275,7 @@ fn impossible_extras_are_named() {
 #[test]
 fn errors_name_the_file() {
     let path = Path::new("/nonexistent/scene.ply");
-    assert_eq!(load(path).unwrap_err().path, path);
+    assert_eq!(load(path, None).unwrap_err().path, path);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 use sharp::gaussians::Gaussians;
-use sharp::ply::{GaussianScene, PlyForm, load, to_bytes};
+use sharp::ply::{ColorSpace, GaussianScene, PlyForm, PlyReason, load, to_bytes};
 
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
@@ -39,6 +39,9 @@ enum GaussiansCommand {
         /// Which elements the result has
         #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
         to: TargetForm,
+        /// How the file's colours are encoded, linear or srgb, where it does not say
+        #[arg(long, value_name = "SPACE")]
+        color_space: Option<ColorSpace>,
         /// Drop Gaussians of lower opacity, 0..1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
@@ -60,8 +63,18 @@ pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
             ply,
             out,
             to,
+            color_space,
             min_opacity,
-        } => convert(ply, out, *to, *min_opacity),
+        } => {
+            let scene = load(ply, *color_space)?;
+            anyhow::ensure!(
+                !scene.is_view_dependent,
+                "{}: colours depend on the view ({} coefficients f_rest_*), which would be lost",
+                ply.display(),
+                scene.color_coefficients
+            );
+            convert(scene, out, *to, *min_opacity)
+        }
     }
 }
 
@@ -99,6 +112,11 @@ struct Info {
     per_layer: Option<usize>,
     not_finite: usize,
     below_visibility: usize,
+    /// `None` where the file does not say.
+    color_space: Option<String>,
+    /// Of the spherical harmonics of colour.
+    color_degree: usize,
+    is_view_dependent: bool,
     image_size: Option<[u32; 2]>,
     focal_px: Option<[f64; 2]>,
     opacity: Option<Distribution>,
@@ -119,6 +137,10 @@ fn describe(scene: &GaussianScene) -> Info {
         per_layer: (scene.version.is_some() && n > 0 && n.is_multiple_of(2)).then_some(n / 2),
         not_finite: (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count(),
         below_visibility: opacities.iter().filter(|&&o| o < 1.0 / 255.0).count(),
+        color_space: scene.color_space.map(|space| space.to_string()),
+        // 3 ((d + 1)² − 1) coefficients besides the constant one.
+        color_degree: (scene.color_coefficients / 3 + 1).isqrt() - 1,
+        is_view_dependent: scene.is_view_dependent,
         image_size: scene.intrinsics.map(|k| [k.width, k.height]),
         focal_px: scene.intrinsics.map(|k| [k.fx, k.fy]),
         opacity: Distribution::of(opacities.iter().copied()),
@@ -128,8 +150,14 @@ fn describe(scene: &GaussianScene) -> Info {
 }
 
 fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
-    let scene = load(ply)?;
-    let info = describe(&scene);
+    let scene = match load(ply, None) {
+        // Nothing that is shown depends on colours.
+        Err(error) if matches!(error.reason, PlyReason::ColorSpaceUnknown) => {
+            load(ply, Some(ColorSpace::Linear))
+        }
+        loaded => loaded,
+    };
+    let info = describe(&scene?);
     if json {
         output::json(&info)?;
         return Ok(Outcome::Done);
@@ -145,6 +173,16 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
     output::line(format!(
         "opacity < 1/255  {} (never visible)",
         info.below_visibility
+    ))?;
+    let space = info.color_space.as_deref();
+    let view = match info.is_view_dependent {
+        true => "depend on the view, which is not rendered",
+        false => "equal from all sides",
+    };
+    output::line(format!(
+        "colours          {}, degree {}, {view}",
+        space.unwrap_or("linear or srgb, the file does not say"),
+        info.color_degree
     ))?;
     if let (Some([w, h]), Some([fx, fy])) = (info.image_size, info.focal_px) {
         output::line(format!(
@@ -181,12 +219,16 @@ fn bars(histogram: &[usize; 10]) -> String {
         .collect()
 }
 
-fn convert(ply: &Path, out: &Path, to: TargetForm, min_opacity: f32) -> anyhow::Result<Outcome> {
+fn convert(
+    mut scene: GaussianScene,
+    out: &Path,
+    to: TargetForm,
+    min_opacity: f32,
+) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         (0.0..=1.0).contains(&min_opacity),
         "--min-opacity {min_opacity}: a number from 0 to 1 is needed"
     );
-    let mut scene = load(ply)?;
     let before = scene.gaussians.len();
     if min_opacity > 0.0 {
         let opacities = scene.gaussians.opacities.clone();

@@ -36,7 +36,7 @@ pub(super) struct RenderJob<'a> {
 
 impl<'a> RenderJob<'a> {
     pub(super) fn prepare(args: &'a RenderArgs, kind: OutputKind) -> anyhow::Result<Self> {
-        let file = gaussian_files::read(&args.scene)?;
+        let file = gaussian_files::read(&args.scene, args.color_space)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
             (None, Some(stored)) => stored,

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
+use sharp::ply::ColorSpace;
 use sharp::render::{Backend, Background, RenderOutput, RenderView};
 
 use self::args::{Layers, Quantise};
@@ -44,6 +45,9 @@ given up: the CPU takes over, and the command says so.")]
 pub(super) struct RenderArgs {
     /// The Gaussians: .ply or .safetensors
     scene: PathBuf,
+    /// How a PLY's colours are encoded, linear or srgb, where it does not say
+    #[arg(long, value_name = "SPACE")]
+    color_space: Option<ColorSpace>,
     /// The camera; without it, the one stored in the PLY
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
