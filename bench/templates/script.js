@@ -202,7 +202,8 @@
   }
   function openFragment() {
     var pair = location.hash.indexOf('#pair=') === 0 && document.getElementById(location.hash.slice(1));
-    if (pair) { open(pair, null, 'prediction'); }
+    var ranked = pair && one('.method[data-ranked]', pair);
+    if (pair) { open(pair, ranked && ranked.dataset.method, 'prediction'); }
   }
   window.addEventListener('hashchange', openFragment);
   viewer.addEventListener('close', function () { history.replaceState(null, '', '#pairs'); });

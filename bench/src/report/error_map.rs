@@ -108,7 +108,7 @@ pub fn picture(
 
 /// Stripes in greys, which the scale does not have: pixels that no score counts.
 pub fn hatched(x: u32, y: u32) -> Rgb<u8> {
-    if (x + y) / 4 % 2 == 0 {
+    if ((x + y) / 4).is_multiple_of(2) {
         Rgb([104; 3])
     } else {
         Rgb([148; 3])
