@@ -467,7 +467,7 @@ fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards
         let (asked, source, target) = (asked.clone(), source.clone(), target.clone());
         let replaces = move |view: &SourceView, _: &TargetCamera| {
             if asked.fetch_add(1, Ordering::SeqCst) == 0 {
-                std::fs::copy(&source, &target).unwrap();
+                std::fs::copy(&target, &source).unwrap();
             }
             Ok(view.image().clone().into())
         };
@@ -483,10 +483,10 @@ fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards
         panic!("{:?}", first[0]);
     };
     assert!(
-        reason.contains("im1.png changed during the run"),
+        reason.contains("im0.png changed during the run"),
         "{reason}"
     );
-    // The new truth is the source itself.
+    // The new source is the truth itself.
     let second = evaluate().results.records;
     assert_eq!(second[0].scores["psnr"].value(), Some(f64::INFINITY));
 }

@@ -29,7 +29,7 @@ use crate::io::{fingerprints, pictures};
 ///
 /// The program is started by the shell at the first pair and gets the following ones on its standard input; it is
 /// started anew for the next pair after it crashed, was silent for too long or said something that is no answer. Each
-/// of these is a recorded failure of that pair alone; but a program that ends [`STARTS`] times in a row before it has
+/// of these is a recorded failure of that pair alone; but a program that ends three times in a row before it has
 /// answered anything is not started again.
 ///
 /// The files that the command line names are hashed with each unit; whatever else changes predictions (an environment,
