@@ -114,3 +114,65 @@ fn predicted_and_imported_gaussians_are_evaluated_alike() {
     ];
     assert_eq!(run(dir.path(), &args).ends_with(0).json()["failed"], 0);
 }
+
+#[test]
+fn colours_that_a_file_does_not_explain_are_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = "S:synthetic=size=96x72,views=4";
+    // Our own splats, as someone else's program would write them: without a word on their colours.
+    let tagged = dir.path().join("tagged.ply");
+    crate::render_scene::write(&tagged, crate::render_scene::gaussians());
+    run(
+        dir.path(),
+        &["gaussians", "convert", "tagged.ply", "plain.ply"],
+    )
+    .ends_with(0);
+    let plain = std::fs::read(dir.path().join("plain.ply")).unwrap();
+    let tag = b"comment color_space srgb\n";
+    let at = plain.windows(tag.len()).position(|w| w == tag).unwrap();
+    let untagged = [&plain[..at], &plain[at + tag.len()..]].concat();
+    std::fs::write(dir.path().join("untagged.ply"), &untagged).unwrap();
+
+    let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
+    assert!(info.out.contains("the file does not say"), "{}", info.out);
+    let convert = ["gaussians", "convert", "untagged.ply", "x.ply"];
+    run(dir.path(), &convert).is_error_with(&["color_space=linear", "color_space=srgb"]);
+    run(
+        dir.path(),
+        &[&convert[..], &["--color-space", "srgb"]].concat(),
+    )
+    .ends_with(0);
+    let colors = |name: &str| {
+        let scene = sharp::ply::load(&dir.path().join(name), None).unwrap();
+        scene.gaussians.colors.into_flattened()
+    };
+    for (back, before) in colors("x.ply").iter().zip(colors("plain.ply")) {
+        assert!((back - before).abs() < 1e-5, "{back} {before}");
+    }
+
+    let evaluate = |more: &str| {
+        let method = format!("gaussians:dir=g{more}");
+        let args = [
+            "run",
+            "--dataset",
+            dataset,
+            "--metrics",
+            "psnr",
+            "--limit",
+            "1",
+        ];
+        let more = ["--method", &method, "--out", "r", "--json"];
+        run(dir.path(), &[&args[..], &more].concat())
+    };
+    std::fs::create_dir_all(dir.path().join("g/S/seed0")).unwrap();
+    for view in 0..4 {
+        let file = format!("g/S/seed0/view_{view:02}.ply");
+        std::fs::write(dir.path().join(file), &untagged).unwrap();
+    }
+    assert_eq!(evaluate("").ends_with(4).json()["failed"], 1);
+    assert_eq!(
+        evaluate(",color_space=srgb").ends_with(0).json()["failed"],
+        0
+    );
+    evaluate(",color_space=rec709").is_error_with(&["rec709", "linear srgb"]);
+}
