@@ -99,7 +99,7 @@ pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
         let mut text = String::new();
         if !ahead_of_all.is_empty() {
             text = format!(
-                " a baseline is better than every method that is not one in {}.",
+                " a baseline beats every other method in {}.",
                 ahead_of_all.join(", ")
             );
         }

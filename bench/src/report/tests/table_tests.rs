@@ -388,7 +388,7 @@ fn baselines_that_methods_do_not_surpass_are_remarked_upon() {
     assert_eq!(
         table.remarks,
         [
-            "d: a baseline is better than every method that is not one in PSNR (mean 16.00; good 12.00). holed leaves on \
+            "d: a baseline beats every other method in PSNR (mean 16.00; good 12.00). holed leaves on \
           average 20.9 % of a picture empty, and these holes are scored like any other pixel; a baseline is better in \
           PSNR (mean 16.00; holed 10.00)."
         ]
