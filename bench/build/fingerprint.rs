@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use sha2::{Digest, Sha256};
 
 /// The code that decides the results of one stage.
-pub(crate) struct Group {
+pub(crate) struct SourceGroup {
     /// The fingerprint is in the environment of the build as `SHARP_BENCH_<name>`.
     pub(crate) name: &'static str,
     /// Files and folders below the workspace.
@@ -16,7 +16,7 @@ pub(crate) struct Group {
     crates: &'static [&'static str],
 }
 
-impl Group {
+impl SourceGroup {
     /// Files and folders below the workspace.
     pub(crate) fn sources(&self) -> impl Iterator<Item = &'static str> {
         let shared = self.shared.iter().flat_map(|list| list.iter());
@@ -72,7 +72,7 @@ const FEATURES: &[&str] = &[
 const READERS: &[&str] = &["image", "exr", "half", "flate2"];
 
 /// All groups there are.
-pub(crate) const GROUPS: [Group; 13] = [
+pub(crate) const GROUPS: [SourceGroup; 13] = [
     group("READING", &[], &[READING], READERS),
     group(
         "OVERLAP",
@@ -174,8 +174,8 @@ const fn group(
     own: &'static [&'static str],
     shared: &'static [&'static [&'static str]],
     crates: &'static [&'static str],
-) -> Group {
-    Group {
+) -> SourceGroup {
+    SourceGroup {
         name,
         own,
         shared,
@@ -230,7 +230,7 @@ impl Code {
     }
 
     /// sha256 over the sources of a group, its dependencies with theirs, and the compiler.
-    pub(crate) fn fingerprint(&self, group: &Group) -> String {
+    pub(crate) fn fingerprint(&self, group: &SourceGroup) -> String {
         let mut parts = Vec::new();
         let mut add = |part: &[u8]| {
             parts.extend_from_slice(&(part.len() as u64).to_le_bytes());

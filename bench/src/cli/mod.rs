@@ -42,11 +42,11 @@ pub struct Cli {
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]
-    command: Command,
+    command: CliCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum CliCommand {
     Demo(demo::DemoArgs),
     Run(run::RunArgs),
     Score(score::ScoreArgs),
@@ -78,25 +78,25 @@ impl Cli {
             output::silence_progress();
         }
         match self.command {
-            Command::Demo(args) => demo::execute(&args),
-            Command::Run(args) => run::execute(&args),
-            Command::Score(args) => score::execute(&args),
-            Command::Merge(args) => merge::execute(&args),
-            Command::Report(args) => report::execute(&args),
-            Command::Pairs(args) => pairs::execute(&args),
-            Command::Cameras(args) => cameras::execute(&args),
-            Command::Datasets(args) => datasets::execute(&args),
-            Command::Metrics(args) => metrics::execute(&args),
-            Command::Analyze(args) => analyze::execute(&args),
-            Command::Predict(args) => model::predict::execute(&args),
-            Command::Gaussians(args) => model::gaussians::execute(&args),
-            Command::Record(args) => model::record::execute(&args),
-            Command::Parity(args) => model::parity::execute(&args),
-            Command::Render(args) => render::execute(&args),
-            Command::Weights(args) => weights::execute(&args),
-            Command::Doctor(args) => doctor::execute(&args),
-            Command::Schema(args) => schema::execute(&args),
-            Command::Completions(args) => completions::execute(&args),
+            CliCommand::Demo(args) => demo::execute(&args),
+            CliCommand::Run(args) => run::execute(&args),
+            CliCommand::Score(args) => score::execute(&args),
+            CliCommand::Merge(args) => merge::execute(&args),
+            CliCommand::Report(args) => report::execute(&args),
+            CliCommand::Pairs(args) => pairs::execute(&args),
+            CliCommand::Cameras(args) => cameras::execute(&args),
+            CliCommand::Datasets(args) => datasets::execute(&args),
+            CliCommand::Metrics(args) => metrics::execute(&args),
+            CliCommand::Analyze(args) => analyze::execute(&args),
+            CliCommand::Predict(args) => model::predict::execute(&args),
+            CliCommand::Gaussians(args) => model::gaussians::execute(&args),
+            CliCommand::Record(args) => model::record::execute(&args),
+            CliCommand::Parity(args) => model::parity::execute(&args),
+            CliCommand::Render(args) => render::execute(&args),
+            CliCommand::Weights(args) => weights::execute(&args),
+            CliCommand::Doctor(args) => doctor::execute(&args),
+            CliCommand::Schema(args) => schema::execute(&args),
+            CliCommand::Completions(args) => completions::execute(&args),
         }
     }
 }

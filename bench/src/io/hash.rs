@@ -24,19 +24,19 @@ pub struct HashedFile {
     path: PathBuf,
     sha256: String,
     /// As the file was before it was hashed, or when its hash was last found to be the same; `None` once it was not.
-    stamp: Mutex<Option<Stamp>>,
+    stamp: Mutex<Option<FileStamp>>,
 }
 
 /// What changes with a file's content, unless someone takes pains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stamp {
+pub struct FileStamp {
     len: u64,
     modified: Option<SystemTime>,
     /// 0 where the system has none.
     inode: u64,
 }
 
-impl Stamp {
+impl FileStamp {
     /// # Errors
     /// When the file is not there.
     pub fn of(path: &Path) -> Result<Self, FileError> {
@@ -57,12 +57,12 @@ impl HashedFile {
     /// # Errors
     /// When the file cannot be read.
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let stamp = Stamp::of(path)?;
+        let stamp = FileStamp::of(path)?;
         Ok(Self::new(path, file_sha256(path)?, stamp))
     }
 
     /// A file with a hash computed elsewhere, and its stamp from before that.
-    pub fn new(path: &Path, sha256: String, stamp: Stamp) -> Self {
+    pub fn new(path: &Path, sha256: String, stamp: FileStamp) -> Self {
         Self {
             path: path.to_owned(),
             sha256,
@@ -77,7 +77,7 @@ impl HashedFile {
     /// Whether the file still has the content that was hashed. It is only read again where its stamp differs.
     pub fn is_unchanged(&self) -> bool {
         let mut stamp = self.stamp.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = Stamp::of(&self.path).ok();
+        let now = FileStamp::of(&self.path).ok();
         if now.is_none() || stamp.is_none() {
             *stamp = None;
         } else if *stamp != now {

@@ -17,7 +17,7 @@ use super::spec::{MethodSpec, SpecError};
 use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
 use crate::io::fingerprints;
-use crate::io::hash::{HashedFile, Stamp};
+use crate::io::hash::{FileStamp, HashedFile};
 
 /// The SHARP network.
 ///
@@ -71,7 +71,7 @@ impl Sharp {
             device,
             convolution: Algorithm::Winograd,
         };
-        let stamp = Stamp::of(&network.checkpoint).map_err(|error| refused(&error))?;
+        let stamp = FileStamp::of(&network.checkpoint).map_err(|error| refused(&error))?;
         let identity = network.identity().map_err(|error| refused(&error))?;
         let sha256 = identity.checkpoint_sha256.clone();
         let checkpoint = HashedFile::new(&network.checkpoint, sha256, stamp);

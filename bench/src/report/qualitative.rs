@@ -29,14 +29,14 @@ pub fn figure(
     metrics: &[Column],
     pictures: &dyn ReportPictures,
 ) -> Result<Option<Vec<u8>>, ReportError> {
-    let rows: Vec<Row> = board
+    let rows: Vec<PictureRow> = board
         .datasets
         .iter()
         .filter_map(|dataset| {
             let pairs = by_badness(board, &dataset.pairs, metrics);
             let pair = pairs.get(pairs.len() / 2)?;
             let label = format!("{}, {}", dataset.dataset.title(), pair.facts.scene);
-            Some(Row::new(board, pair, label, metrics, pictures))
+            Some(PictureRow::new(board, pair, label, metrics, pictures))
         })
         .filter(|row| row.tiles.iter().any(|tile| tile.picture.is_some()))
         .collect();
@@ -49,7 +49,7 @@ pub fn figure(
         .filter(|m| m.unranked.is_none())
         .count() as u32;
     let head = MARGIN + line(SIZE) + GAP;
-    let total = rows.iter().map(Row::height).sum::<u32>();
+    let total = rows.iter().map(PictureRow::height).sum::<u32>();
     let mut sheet = RgbImage::from_pixel(
         2 * MARGIN + columns * (TILE + GAP) - GAP,
         head + total + MARGIN - GAP,
@@ -89,7 +89,7 @@ fn line(size: f64) -> u32 {
     (size * 1.3).round() as u32
 }
 
-struct Row {
+struct PictureRow {
     tiles: Vec<Tile>,
 }
 
@@ -118,7 +118,7 @@ impl Tile {
     }
 }
 
-impl Row {
+impl PictureRow {
     fn new(
         board: &Board<'_>,
         pair: &PairBoard<'_>,

@@ -18,12 +18,12 @@ use crate::weights::{Backbone, Tensors};
 #[derive(Debug, Clone)]
 pub(crate) struct TensorNetwork {
     device: Device,
-    layers: Vec<Layer>,
+    layers: Vec<TensorLayer>,
     smallest_side: usize,
 }
 
 #[derive(Debug, Clone)]
-struct Layer {
+struct TensorLayer {
     op: Op,
     window: Window,
     /// Which tap its output is.
@@ -109,7 +109,7 @@ impl ConvWeights {
     }
 }
 
-impl Layer {
+impl TensorLayer {
     fn channels(&self, input: usize) -> usize {
         match &self.op {
             Op::Conv(conv) => conv.channels(),
@@ -156,7 +156,7 @@ impl TensorNetwork {
     /// Builds the network as it was trained.
     pub(crate) fn new(backbone: Backbone, tensors: &Tensors, device: &Device) -> Result<Self> {
         let conv = |name: &str| ConvWeights::new(tensors, name, device);
-        let mut layers: Vec<Layer> = Vec::new();
+        let mut layers: Vec<TensorLayer> = Vec::new();
         let mut taps = 0;
         for step in layer_specs(backbone) {
             let (op, size, stride, padding, ceil) = match *step {
@@ -175,7 +175,7 @@ impl TensorNetwork {
                 ),
                 LayerSpec::MaxPool { kernel, ceil } => (Op::MaxPool, kernel, 2, 0, ceil),
                 LayerSpec::Fire { index, .. } => {
-                    layers.push(Layer {
+                    layers.push(TensorLayer {
                         op: Op::Conv(conv(&format!("{index}.squeeze"))?),
                         window: Window {
                             size: 1,
@@ -197,7 +197,7 @@ impl TensorNetwork {
                     continue;
                 }
             };
-            layers.push(Layer {
+            layers.push(TensorLayer {
                 op,
                 window: Window {
                     size,
@@ -246,7 +246,7 @@ impl TensorNetwork {
             width,
             channels: 3,
         };
-        let next = |size: &mut MapSize, layer: &Layer| {
+        let next = |size: &mut MapSize, layer: &TensorLayer| {
             *size = MapSize {
                 height: layer.window.out_side(size.height),
                 width: layer.window.out_side(size.width),
@@ -329,7 +329,7 @@ impl TensorNetwork {
     }
 }
 
-impl Layer {
+impl TensorLayer {
     /// The next output rows for which all input is there; `end` is one past the last one made.
     fn ready(&self, from: MapSize, to: MapSize, held: &Held, end: usize) -> Range<usize> {
         let there = |y: &usize| self.window.inputs(&(*y..*y + 1), from.height).0.end <= held.end;

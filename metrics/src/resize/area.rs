@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::Size;
 
 /// A value of a channel and how OpenCV rounds to it.
-pub(super) trait Sample: Copy + Default + Send + Sync {
+pub(super) trait AreaSample: Copy + Default + Send + Sync {
     /// As it enters a sum.
     fn to_f32(self) -> f32;
 
@@ -17,7 +17,7 @@ pub(super) trait Sample: Copy + Default + Send + Sync {
     fn mean_of_four(of: [Self; 4]) -> Self;
 }
 
-impl Sample for u8 {
+impl AreaSample for u8 {
     fn to_f32(self) -> f32 {
         f32::from(self)
     }
@@ -31,7 +31,7 @@ impl Sample for u8 {
     }
 }
 
-impl Sample for f32 {
+impl AreaSample for f32 {
     fn to_f32(self) -> f32 {
         self
     }
@@ -46,7 +46,7 @@ impl Sample for f32 {
 }
 
 /// Interleaved RGB of size `to`, whose sides are not longer than those of `from`.
-pub(super) fn shrink<T: Sample>(picture: &[T], from: Size, to: Size) -> Vec<T> {
+pub(super) fn shrink<T: AreaSample>(picture: &[T], from: Size, to: Size) -> Vec<T> {
     let mut out = vec![T::default(); 3 * to.width * to.height];
     let (scale_x, scale_y) = (scale(from.width, to.width), scale(from.height, to.height));
     if let (Some(cell_x), Some(cell_y)) = (whole(scale_x), whole(scale_y)) {
@@ -87,7 +87,7 @@ fn whole(scale: f64) -> Option<usize> {
 }
 
 /// A row of means over cells of whole pixels.
-fn cells<T: Sample>(
+fn cells<T: AreaSample>(
     picture: &[T],
     width: usize,
     (cell_x, cell_y): (usize, usize),
@@ -132,7 +132,7 @@ fn shares(inputs: usize, outputs: usize, scale: f64) -> Vec<Vec<(usize, f32)>> {
         .collect()
 }
 
-fn across<T: Sample>(row: &[T], columns: &[Vec<(usize, f32)>], line: &mut [f32]) {
+fn across<T: AreaSample>(row: &[T], columns: &[Vec<(usize, f32)>], line: &mut [f32]) {
     for (out, shares) in line.as_chunks_mut::<3>().0.iter_mut().zip(columns) {
         *out = [0.0; 3];
         for &(x, share) in shares {

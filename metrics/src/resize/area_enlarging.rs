@@ -9,12 +9,12 @@ use super::Size;
 use super::area::scale;
 
 /// Two neighbours and their weights.
-struct Neighbours {
+struct AreaNeighbours {
     at: [usize; 2],
     weight: [f32; 2],
 }
 
-fn neighbours(inputs: usize, outputs: usize) -> Vec<Neighbours> {
+fn neighbours(inputs: usize, outputs: usize) -> Vec<AreaNeighbours> {
     let (scale, inverse) = (scale(inputs, outputs), outputs as f64 / inputs as f64);
     (0..outputs)
         .map(|i| {
@@ -26,7 +26,7 @@ fn neighbours(inputs: usize, outputs: usize) -> Vec<Neighbours> {
                 over - over.floor()
             };
             let first = (first as usize).min(inputs - 1);
-            Neighbours {
+            AreaNeighbours {
                 at: [first, (first + 1).min(inputs - 1)],
                 weight: [1.0 - second, second],
             }

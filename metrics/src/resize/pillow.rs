@@ -60,7 +60,7 @@ fn lanczos(x: f64) -> f64 {
 }
 
 /// A value of a channel, with the arithmetic that PIL has for it.
-pub(super) trait Sample: Copy + Default + Send + Sync {
+pub(super) trait PillowSample: Copy + Default + Send + Sync {
     /// A weight as it enters the sum.
     type Weight: Send + Sync;
 
@@ -76,7 +76,7 @@ pub(super) trait Sample: Copy + Default + Send + Sync {
 /// Bits after the point of the fixed-point weights.
 const BITS: u32 = 22;
 
-impl Sample for u8 {
+impl PillowSample for u8 {
     type Weight = i32;
 
     fn weight(value: f64) -> i32 {
@@ -93,7 +93,7 @@ impl Sample for u8 {
     }
 }
 
-impl Sample for f32 {
+impl PillowSample for f32 {
     type Weight = f64;
 
     fn weight(value: f64) -> f64 {
@@ -107,7 +107,12 @@ impl Sample for f32 {
 }
 
 /// Interleaved RGB of size `to`. A side that stays as it is is not filtered.
-pub(super) fn resize<T: Sample>(picture: &[T], from: Size, to: Size, filter: &Filter) -> Vec<T> {
+pub(super) fn resize<T: PillowSample>(
+    picture: &[T],
+    from: Size,
+    to: Size,
+    filter: &Filter,
+) -> Vec<T> {
     let between = if vertical_first(from, to) {
         Size {
             width: from.width,
@@ -142,7 +147,7 @@ fn vertical_first(from: Size, to: Size) -> bool {
     rows > 0 && rows > 2 * columns
 }
 
-fn along_x<T: Sample>(picture: &[T], from: Size, width: usize, filter: &Filter) -> Vec<T> {
+fn along_x<T: PillowSample>(picture: &[T], from: Size, width: usize, filter: &Filter) -> Vec<T> {
     let columns = taps::<T>(from.width, width, filter);
     let mut out = vec![T::default(); 3 * width * from.height];
     out.par_chunks_exact_mut(3 * width)
@@ -157,7 +162,12 @@ fn along_x<T: Sample>(picture: &[T], from: Size, width: usize, filter: &Filter) 
     out
 }
 
-fn along_y<T: Sample>(picture: &[T], from_height: usize, to: Size, filter: &Filter) -> Vec<T> {
+fn along_y<T: PillowSample>(
+    picture: &[T],
+    from_height: usize,
+    to: Size,
+    filter: &Filter,
+) -> Vec<T> {
     let stride = 3 * to.width;
     let mut out = vec![T::default(); stride * to.height];
     out.par_chunks_exact_mut(stride)
@@ -174,7 +184,11 @@ fn along_y<T: Sample>(picture: &[T], from_height: usize, to: Size, filter: &Filt
 }
 
 /// For each output pixel its first input pixel and the weights from there on.
-fn taps<T: Sample>(inputs: usize, outputs: usize, filter: &Filter) -> Vec<(usize, Vec<T::Weight>)> {
+fn taps<T: PillowSample>(
+    inputs: usize,
+    outputs: usize,
+    filter: &Filter,
+) -> Vec<(usize, Vec<T::Weight>)> {
     let scale = inputs as f64 / outputs as f64;
     let widening = scale.max(1.0);
     let (support, narrowing) = (filter.support * widening, 1.0 / widening);

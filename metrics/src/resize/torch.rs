@@ -8,17 +8,17 @@ use rayon::prelude::*;
 use super::Size;
 
 /// Source positions of one output coordinate: two neighbours and their weights.
-struct Neighbours {
+struct LinearNeighbours {
     at: [usize; 2],
     weight: [f32; 2],
 }
 
-fn neighbours(inputs: usize, outputs: usize) -> Vec<Neighbours> {
+fn neighbours(inputs: usize, outputs: usize) -> Vec<LinearNeighbours> {
     let scale = inputs as f32 / outputs as f32;
     (0..outputs)
         .map(|i| {
             if inputs == outputs {
-                return Neighbours {
+                return LinearNeighbours {
                     at: [i; 2],
                     weight: [1.0, 0.0],
                 };
@@ -26,7 +26,7 @@ fn neighbours(inputs: usize, outputs: usize) -> Vec<Neighbours> {
             let position = (scale * (i as f32 + 0.5) - 0.5).max(0.0);
             let first = (position as usize).min(inputs - 1);
             let second = (position - first as f32).clamp(0.0, 1.0);
-            Neighbours {
+            LinearNeighbours {
                 at: [first, (first + 1).min(inputs - 1)],
                 weight: [1.0 - second, second],
             }

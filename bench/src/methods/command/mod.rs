@@ -21,7 +21,7 @@ use super::method::{
     SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::hash::{StableHasher, Stamp, sha256_hex};
+use crate::io::hash::{FileStamp, StableHasher, sha256_hex};
 use crate::io::rendering_files::write_png;
 use crate::io::{fingerprints, pictures};
 
@@ -52,7 +52,7 @@ struct State {
     process: Option<Process>,
     scratch: Option<TempDir>,
     /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
-    source: Option<(String, Vec<Option<Stamp>>)>,
+    source: Option<(String, Vec<Option<FileStamp>>)>,
     /// Starts in a row that ended without an answer.
     vain_starts: usize,
     /// Why it is not started again.
@@ -193,7 +193,10 @@ impl State {
         let hash = hash.finish();
         let stamps = || {
             let paths = [Some(&files.picture), files.depth.as_ref()].into_iter();
-            paths.flatten().map(|path| Stamp::of(path).ok()).collect()
+            paths
+                .flatten()
+                .map(|path| FileStamp::of(path).ok())
+                .collect()
         };
         // A program may have worked in place on what it was given.
         if self.source.as_ref() != Some(&(hash.clone(), stamps())) {

@@ -10,7 +10,7 @@ use sharp_datasets::entry::ENTRIES;
 use sharp_metrics::{Family, MetricKey};
 
 use super::input::{Column, PublishedNumbers, ReportDataset};
-use super::tables::rank::{Candidate, ranks};
+use super::tables::rank::{RankedValue, ranks};
 use super::tables::{Cell, Group, Row, Table};
 
 use numbers::{PaperTable, TABLES};
@@ -51,7 +51,7 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
     for &dataset in datasets {
         for (m, metric) in metrics.iter().enumerate() {
             let values = paper.rows.map(|(_, numbers)| numbers[dataset * 2 + m]);
-            let candidates = values.map(|value| Candidate {
+            let candidates = values.map(|value| RankedValue {
                 value: Some(value),
                 covers: &[],
                 complete: true,

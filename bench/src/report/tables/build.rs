@@ -5,7 +5,7 @@ use crate::report::input::Column;
 use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
 use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
-use super::rank::{Candidate, ranks};
+use super::rank::{RankedValue, ranks};
 use super::{Cell, Group, Row, Table, remarks};
 
 /// Value columns of a table at most: as many as the paper's own tables have.
@@ -99,13 +99,13 @@ fn table(
                 .map(|method| statistics(dataset, method, &column.key))
                 .collect();
             let candidates = cells.iter().zip(&board.methods);
-            let candidates = candidates.map(|(cell, method)| Candidate {
+            let candidates = candidates.map(|(cell, method)| RankedValue {
                 value: cell.mean,
                 covers: &cell.scored,
                 complete: cell.n == cell.total,
                 ranked: method.unranked.is_none(),
             });
-            let candidates: Vec<Candidate<'_>> = candidates.collect();
+            let candidates: Vec<RankedValue<'_>> = candidates.collect();
             let ranks = ranks(&candidates, column.direction, column.decimals);
             for (method, (cell, rank)) in cells.iter().zip(ranks).enumerate() {
                 let row = &mut rows[method];

@@ -4,7 +4,7 @@ use sharp_metrics::Direction;
 
 /// A candidate for a rank.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Candidate<'a> {
+pub struct RankedValue<'a> {
     /// The number; `None` is never ranked.
     pub value: Option<f64>,
     /// Which pairs it covers. Only numbers over the same pairs are ranked with each other.
@@ -19,7 +19,7 @@ pub struct Candidate<'a> {
 /// before it (1, 1, 3). Where some rows are complete, only these are ranked; where none is, rows are ranked
 /// only if all of them cover the same pairs. A single row has no rank.
 pub fn ranks(
-    candidates: &[Candidate<'_>],
+    candidates: &[RankedValue<'_>],
     direction: Option<Direction>,
     decimals: usize,
 ) -> Vec<Option<u8>> {
@@ -85,7 +85,7 @@ mod tests {
     fn of(values: &[f64], direction: Option<Direction>, decimals: usize) -> Vec<Option<u8>> {
         let candidates: Vec<_> = values
             .iter()
-            .map(|v| Candidate {
+            .map(|v| RankedValue {
                 value: Some(*v),
                 covers: &[0, 1],
                 complete: true,
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn incomplete_rows_are_not_ranked_against_complete_ones() {
-        let row = |value, covers, complete| Candidate {
+        let row = |value, covers, complete| RankedValue {
             value: Some(value),
             covers,
             complete,
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn rows_out_of_contest_do_not_count() {
         let mut rows: Vec<_> = [1.0, 2.0, 3.0]
-            .map(|value| Candidate {
+            .map(|value| RankedValue {
                 value: Some(value),
                 covers: &[],
                 complete: true,
