@@ -10,7 +10,7 @@ use crate::options::ScorerOptions;
 use crate::picture::{Mask, Picture};
 use crate::selection::Selection;
 use crate::unavailable::{ScoreError, Unavailable};
-use crate::weights::{Weights, WeightsError, WeightsUsed};
+use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed};
 use crate::{dists::Similarity, lpips::Distance, psnr, ssim};
 
 /// Computes a selection of metrics. A prediction's scores depend on nothing but itself, its target
@@ -115,6 +115,14 @@ impl Scorer {
     /// The network weights in use.
     pub fn weights(&self) -> &[WeightsUsed] {
         &self.engines.used
+    }
+
+    /// The metrics whose network's weights are missing, each with it; they have no value for any picture.
+    pub fn missing_weights(&self) -> impl Iterator<Item = (MetricKey, Backbone)> + '_ {
+        let used = |backbone| self.weights().iter().any(|used| used.backbone == backbone);
+        let needed = self.keys.iter();
+        let needed = needed.filter_map(|&key| Some((key, Backbone::of(key.metric())?)));
+        needed.filter(move |&(_, backbone)| !used(backbone))
     }
 
     /// Scores a prediction against its target: 0..1 or 8-bit values, sRGB-encoded, of one size.

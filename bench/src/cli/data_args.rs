@@ -94,17 +94,9 @@ impl MetricArgs {
 
 /// Refuses missing weights of metrics that were named explicitly.
 pub(super) fn demand_weights(selection: &Selection, scorer: &Scorer) -> anyhow::Result<()> {
-    for info in scorer.info() {
-        if let Some(network) = info.backbone
-            && network.features_sha256.is_none()
-            && selection.is_explicit(info.key)
-        {
-            let backbone = network.name;
-            bail!(
-                "--metrics {}: {}",
-                info.key,
-                Unavailable::NoWeights { backbone }
-            );
+    for (key, backbone) in scorer.missing_weights() {
+        if selection.is_explicit(key) {
+            bail!("--metrics {key}: {}", Unavailable::NoWeights { backbone });
         }
     }
     Ok(())

@@ -37,6 +37,11 @@ pub(super) fn silence_progress() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
+/// Whether progress is not to be shown.
+pub(super) fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
 /// Warnings as lines, progress as a bar, or as a line now and then where standard error is no terminal.
 #[derive(Debug, Default)]
 pub(super) struct Terminal(Mutex<Option<Phase>>);
@@ -61,7 +66,7 @@ impl Phase {
             format!("{{msg:28!}} {{bar:32}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
         let style = ProgressStyle::with_template(&template)
             .unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = match QUIET.load(Ordering::Relaxed) {
+        let bar = match is_quiet() {
             true => ProgressBar::hidden(),
             false => ProgressBar::new(0),
         };
@@ -75,7 +80,7 @@ impl Phase {
     }
 
     fn say_now_and_then(&mut self) {
-        if !QUIET.load(Ordering::Relaxed)
+        if !is_quiet()
             && !io::stderr().is_terminal()
             && let Some(line) = self.plain_line(Instant::now())
         {

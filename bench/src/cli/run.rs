@@ -281,7 +281,7 @@ fn estimate(
     ))?;
     output::line(format!("CPU     {:.2} h", cpu_secs / 3600.0))?;
     output::line(format!(
-        "time    {}, like this machine now",
+        "time    {} at the present pace of this machine",
         span(wall_secs)
     ))?;
     output::line(format!(

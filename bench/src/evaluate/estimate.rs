@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
-use super::pipeline::{Job, RunOptions, UnitCounts, run};
+use super::pipeline::{RunOptions, UnitCounts, run};
 use super::prepare::Evaluation;
 use crate::io::atomic_files::FileError;
 use crate::io::observer::Quiet;
@@ -22,7 +22,8 @@ const SOURCES: usize = 3;
 /// The cost of a whole evaluation, whatever a folder holds of it.
 ///
 /// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
-/// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts in [`wall_secs`](Self::wall_secs) only.
+/// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
+/// in [`wall_secs`](Self::wall_secs) only.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
     pub units: usize,
@@ -60,20 +61,14 @@ impl Evaluation {
         let folder =
             tempfile::tempdir().map_err(FileError::new(&temporary, "create a folder in"))?;
         let run_folder = RunFolder::create(folder.path())?;
+        let keys = Keys::new(&self.datasets, self.renderer.name());
+        // Kept, so that the second pairs find the predictions of the first.
+        let kept = RunOptions {
+            keep_gaussians: true,
+            ..options
+        };
         let measure = |pairs: Vec<ResolvedPair<'_>>| -> Result<Cost, EvaluateError> {
-            let keys = Keys::new(&self.datasets, self.renderer.name());
-            let job = Job {
-                pairs,
-                methods: &self.methods,
-                scoring: &self.scoring,
-                renderer: &self.renderer,
-                keys: &keys,
-                // Kept, so that the second pairs find the predictions of the first.
-                options: RunOptions {
-                    keep_gaussians: true,
-                    ..options
-                },
-            };
+            let job = self.job(pairs, &keys, kept);
             let (cpu, wall) = (ProcessTime::now(), Instant::now());
             let counts = run(&job, &run_folder, &Quiet)?;
             Ok(Cost {

@@ -99,7 +99,7 @@ pub struct Evaluation {
     limit: Option<usize>,
     specs: Vec<String>,
     pub(super) methods: Vec<Box<dyn Method>>,
-    pub(super) scoring: Scoring,
+    scoring: Scoring,
     common_region: bool,
     pub(super) renderer: SharedRenderer,
 }
@@ -239,6 +239,23 @@ impl Evaluation {
             Some(limit) => spread(&pairs, limit),
             None => pairs,
         })
+    }
+
+    /// These pairs by all methods.
+    pub(super) fn job<'a>(
+        &'a self,
+        pairs: Vec<ResolvedPair<'a>>,
+        keys: &'a Keys,
+        options: RunOptions,
+    ) -> Job<'a> {
+        Job {
+            pairs,
+            methods: &self.methods,
+            scoring: &self.scoring,
+            renderer: &self.renderer,
+            keys,
+            options,
+        }
     }
 
     /// The metrics.
@@ -387,14 +404,7 @@ impl Evaluation {
         folder.write_manifest(&manifest)?;
 
         let keys = Keys::new(&self.datasets, self.renderer.name());
-        let job = Job {
-            pairs,
-            methods: &self.methods,
-            scoring: &self.scoring,
-            renderer: &self.renderer,
-            keys: &keys,
-            options,
-        };
+        let job = self.job(pairs, &keys, options);
         let counts = run_pipeline(&job, &folder, observer)?;
         if self.common_region {
             score_common_region(&folder, &job.pairs, &self.scoring, &keys, observer)?;

@@ -75,16 +75,6 @@ impl Scoring {
         self.metrics.iter().map(|m| m.key.to_string()).collect()
     }
 
-    /// The metrics whose network's weights are missing; they have no value for any picture.
-    pub fn missing_weights(&self) -> Vec<(MetricKey, Backbone)> {
-        let backbones = self.metrics.iter().filter_map(|metric| {
-            let backbone = metric.info.backbone.as_ref()?;
-            let missing = backbone.features_sha256.is_none();
-            missing.then_some((metric.key, backbone.name))
-        });
-        backbones.collect()
-    }
-
     /// True if a metric needs the view-frustum mask of a pair.
     pub fn needs_mask(&self) -> bool {
         self.metrics.iter().any(|metric| metric.key.is_masked())

@@ -25,7 +25,7 @@ impl ScaleChooser {
     pub fn dists(weights: &Weights, options: ScorerOptions) -> Result<Option<Self>, WeightsError> {
         let selection = Selection::of(&[MetricKey::DISTS]);
         let scoring = Scoring::with_options(&selection, weights, options)?;
-        if !scoring.missing_weights().is_empty() {
+        if scoring.scorer.missing_weights().next().is_some() {
             return Ok(None);
         }
         let identity = scoring.metrics.iter().map(|metric| {

@@ -184,7 +184,11 @@ fn forward(
 ) -> anyhow::Result<NetworkOutput> {
     let style = ProgressStyle::with_template("{msg:20} {bar:32} {percent:>3} %  {elapsed}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    let bar = ProgressBar::new(1000).with_style(style);
+    let bar = match output::is_quiet() {
+        true => ProgressBar::hidden(),
+        false => ProgressBar::new(1000),
+    };
+    let bar = bar.with_style(style);
     let mut progress = StageProgress::new(predictor.config().vit.depth, |part, done: f64| {
         bar.set_message(part);
         bar.set_position((1000.0 * done) as u64);
@@ -200,7 +204,8 @@ fn forward(
 struct StageTimes {
     last_milestone: Instant,
     stages: Vec<StageTime>,
-    terminal: bool,
+    /// Whether each part is said when it is over: where there is no bar.
+    as_lines: bool,
 }
 
 impl StageTimes {
@@ -208,7 +213,7 @@ impl StageTimes {
         Self {
             last_milestone: Instant::now(),
             stages: Vec::new(),
-            terminal: std::io::stderr().is_terminal(),
+            as_lines: !std::io::stderr().is_terminal() && !output::is_quiet(),
         }
     }
 
@@ -231,7 +236,7 @@ impl StageTimes {
 
     /// Says that the last part is over.
     fn finish(&self) {
-        if let (Some(StageTime { stage, seconds }), false) = (self.stages.last(), self.terminal) {
+        if let (Some(StageTime { stage, seconds }), true) = (self.stages.last(), self.as_lines) {
             output::remark(format!("  {stage:<18} {seconds:>8.2} s"));
         }
     }

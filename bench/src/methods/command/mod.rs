@@ -29,7 +29,7 @@ use crate::io::{fingerprints, pictures};
 ///
 /// The program is started by the shell at the first pair and gets the following ones on its standard input; it is
 /// started anew for the next pair after it crashed, was silent for too long or said something that is no answer. Each
-/// of these is a recorded failure of that pair alone; but a program that ends three times in a row before it has
+/// of these is a recorded failure of that pair alone; but a program that ends three times before it has
 /// answered anything is not started again.
 ///
 /// The files that the command line names are hashed with each unit; whatever else changes predictions (an environment,
@@ -53,13 +53,15 @@ struct State {
     scratch: Option<TempDir>,
     /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
     source: Option<(String, Vec<Option<FileStamp>>)>,
-    /// Starts in a row that ended without an answer.
+    /// Whether the program has answered anything in this run.
+    has_answered: bool,
+    /// Starts before that which ended without an answer.
     vain_starts: usize,
     /// Why it is not started again.
     given_up: Option<String>,
 }
 
-/// Starts in a row that may fail.
+/// Starts without any answer before a program is given up.
 const STARTS: usize = 3;
 
 impl Command {
@@ -137,7 +139,7 @@ impl Command {
                 Ok(text) => match Answer::parse(&text, target.pair_id()) {
                     Ok(answer) => {
                         state.process = Some(process);
-                        state.vain_starts = 0;
+                        state.has_answered = true;
                         return Ok(answer);
                     }
                     Err(reason) => reason,
@@ -148,12 +150,12 @@ impl Command {
                     if !fresh && ended.succeeded() {
                         continue;
                     }
-                    if fresh {
+                    if fresh && !state.has_answered {
                         state.vain_starts += 1;
                     }
                     if state.vain_starts == STARTS {
                         let what = format!(
-                            "not started again: it ended {STARTS} times in a row before it answered anything"
+                            "not started again: it ended {STARTS} times before it answered anything"
                         );
                         let reason = ended.describe(&what);
                         state.given_up = Some(reason.clone());
