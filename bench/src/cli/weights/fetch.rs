@@ -64,7 +64,8 @@ fn wanted(names: &[String]) -> anyhow::Result<(BTreeSet<Backbone>, bool)> {
             "metrics" => backbones.extend(Backbone::ALL),
             "sharp" => sharp = true,
             name => {
-                let hint = "`metrics` means those that are not at hand, `sharp` the official checkpoint";
+                let hint =
+                    "`metrics` means those that are not at hand, `sharp` the official checkpoint";
                 let known = name.parse().map_err(|error| anyhow!("{error}; {hint}"));
                 backbones.insert(known?);
             }
