@@ -34,7 +34,7 @@ fn with_one_value_changed(tensor: &str, to: &Path) {
         .collect();
     assert!(official.contains(tensor), "{tensor}");
     write_safetensors(to, &BTreeMap::new(), &tensors, |out| {
-        let mut bytes = official.tensor_bytes(&out.name)?.into_owned();
+        let mut bytes = official.tensor_bytes(&out.name)?;
         if out.name == tensor {
             let value = f32::from_le_bytes(bytes[..4].try_into().unwrap()) + 0.5;
             bytes[..4].copy_from_slice(&value.to_le_bytes());

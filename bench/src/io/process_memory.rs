@@ -1,6 +1,6 @@
 //! How much memory this process has used.
 
-/// Largest resident size so far, bytes; mapped files count while they are resident. `None` where the system does not
+/// Largest resident size so far, bytes. `None` where the system does not
 /// say (it does on Linux).
 pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

@@ -120,7 +120,10 @@ fn read(backbone: Backbone, path: &Path) -> Result<(Tensors, String), WeightsErr
         tensors.insert(tensor.name, (tensor.shape, values));
     }
     let original = file.metadata().get(SOURCE_SHA256).cloned();
-    let original = original.unwrap_or_else(|| file.sha256());
+    let original = match original {
+        Some(original) => original,
+        None => file.sha256().map_err(refused)?,
+    };
     Ok((Tensors(tensors), original))
 }
 

@@ -1,25 +1,24 @@
 //! One type for every checkpoint format.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::bytes::{Bytes, OpenFile};
 use crate::error::{CheckpointError, Fault, malformed};
-use crate::hash::sha256_hex;
-use crate::mapped::Mapped;
 use crate::pickle::state_dict::{NamedTensors, resolve};
 use crate::pickle::value::Heap;
 use crate::tensor::{DType, TensorLayout};
 use crate::zip::{Directory, ZipEntry};
 use crate::{legacy, pickle, safetensors, zip};
 
-/// An opened checkpoint: a mapped file and the checked table of its tensors.
+/// An opened checkpoint: a file and the checked table of its tensors.
 ///
-/// Opening reads the table of contents only. The file must not be changed while it is open.
+/// Opening reads the table of contents only. A file that is changed meanwhile gives other values, or an error where it
+/// became shorter.
 #[derive(Debug)]
 pub struct Checkpoint {
     path: PathBuf,
-    file: Mapped,
+    file: OpenFile,
     tensors: BTreeMap<String, TensorLayout>,
     others: Vec<String>,
     metadata: BTreeMap<String, String>,
@@ -37,7 +36,7 @@ impl Checkpoint {
     /// single state dict to choose.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CheckpointError> {
         let path = path.as_ref();
-        let file = Mapped::open(path)?;
+        let file = OpenFile::open(path).map_err(|error| Fault::Io(error).at(path))?;
         let (named, metadata) = read(&file).map_err(|fault| fault.at(path))?;
         Ok(Self {
             path: path.to_path_buf(),
@@ -91,31 +90,28 @@ impl Checkpoint {
     /// integers rounded to the nearest f32.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`].
+    /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
     pub fn tensor_f32(&self, name: &str) -> Result<Vec<f32>, CheckpointError> {
-        Ok(self.tensor_f32_cow(name)?.into_owned())
-    }
-
-    /// As [`Self::tensor_f32`], but without a copy where the file holds the elements just so
-    /// (f32, contiguous, aligned): large weights can be packed straight from the map.
-    ///
-    /// # Errors
-    /// [`CheckpointError::NoTensor`].
-    pub fn tensor_f32_cow(&self, name: &str) -> Result<Cow<'_, [f32]>, CheckpointError> {
-        Ok(self.layout(name)?.f32(&self.file))
+        let values = self.layout(name)?.f32(&self.file);
+        values.map_err(|fault| fault.at(&self.path))
     }
 
     /// The tensor's elements in their stored type, little-endian, in C order.
     ///
     /// # Errors
-    /// [`CheckpointError::NoTensor`].
-    pub fn tensor_bytes(&self, name: &str) -> Result<Cow<'_, [u8]>, CheckpointError> {
-        Ok(self.layout(name)?.bytes(&self.file))
+    /// [`CheckpointError::NoTensor`]; [`CheckpointError::Io`].
+    pub fn tensor_bytes(&self, name: &str) -> Result<Vec<u8>, CheckpointError> {
+        let bytes = self.layout(name)?.bytes(&self.file);
+        bytes.map_err(|fault| fault.at(&self.path))
     }
 
     /// SHA-256 of the whole file, in lower-case hexadecimal. Reads it all.
-    pub fn sha256(&self) -> String {
-        sha256_hex(&self.file)
+    ///
+    /// # Errors
+    /// [`CheckpointError::Io`].
+    pub fn sha256(&self) -> Result<String, CheckpointError> {
+        let hash = self.file.sha256();
+        hash.map_err(|error| Fault::Io(error).at(&self.path))
     }
 
     fn layout(&self, name: &str) -> Result<&TensorLayout, CheckpointError> {
@@ -130,38 +126,39 @@ impl Checkpoint {
 
 type Read = (NamedTensors, BTreeMap<String, String>);
 
-fn read(file: &[u8]) -> Result<Read, Fault> {
-    if safetensors::looks_like(file) {
+fn read(file: &(impl Bytes + ?Sized)) -> Result<Read, Fault> {
+    let start = file.start(64)?;
+    if safetensors::looks_like(&start, file.len()) {
         let contents = safetensors::read(file)?;
         let named = NamedTensors {
             tensors: contents.tensors,
             ..NamedTensors::default()
         };
         Ok((named, contents.metadata))
-    } else if file.starts_with(b"PK") {
+    } else if start.starts_with(b"PK") {
         Ok((read_zip(file)?, BTreeMap::new()))
-    } else if file.first() == Some(&0x80) {
+    } else if start.first() == Some(&0x80) {
         Ok((legacy::read(file)?, BTreeMap::new()))
     } else {
-        malformed!("neither a PyTorch nor a safetensors file{}", guess(file))
+        malformed!("neither a PyTorch nor a safetensors file{}", guess(&start))
     }
 }
 
 /// What a file that is no checkpoint often is.
-fn guess(file: &[u8]) -> &'static str {
-    let start = file.trim_ascii_start();
-    if file.is_empty() {
+fn guess(start: &[u8]) -> &'static str {
+    let text = start.trim_ascii_start();
+    if start.is_empty() {
         ": it is empty"
-    } else if start.starts_with(b"<") {
+    } else if text.starts_with(b"<") {
         ": it looks like a web page"
-    } else if start.starts_with(b"version https://git-lfs") {
+    } else if text.starts_with(b"version https://git-lfs") {
         ": it is a Git LFS pointer, fetch the file behind it"
     } else {
         " (or its header is damaged)"
     }
 }
 
-fn read_zip(file: &[u8]) -> Result<NamedTensors, Fault> {
+fn read_zip(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
     let entries = zip::read(file)?;
     let mut pickles = entries
         .keys()
@@ -171,13 +168,14 @@ fn read_zip(file: &[u8]) -> Result<NamedTensors, Fault> {
         return malformed!("a zip file, but without exactly one 'data.pkl': not a checkpoint");
     };
     if let Some(ZipEntry::Stored(range)) = entries.get(format!("{prefix}byteorder").as_str())
-        && file[range.clone()].trim_ascii() == b"big"
+        && range.len() < 16
+        && file.get(range.clone())?.trim_ascii() == b"big"
     {
         return malformed!("written on a big-endian machine");
     }
-    let program = stored(&entries, &format!("{prefix}data.pkl"))?;
+    let program = file.get(stored(&entries, &format!("{prefix}data.pkl"))?)?;
     let mut heap = Heap::default();
-    let (root, _) = pickle::load(&file[program], &mut heap)?;
+    let (root, _) = pickle::load(&program, &mut heap)?;
     resolve(&heap, root, file.len(), |storage| {
         let range = stored(&entries, &format!("{prefix}data/{}", storage.key))?;
         let told = usize::try_from(storage.numel)
@@ -196,7 +194,7 @@ fn read_zip(file: &[u8]) -> Result<NamedTensors, Fault> {
     })
 }
 
-fn stored(entries: &Directory<'_>, name: &str) -> Result<std::ops::Range<usize>, Fault> {
+fn stored(entries: &Directory, name: &str) -> Result<std::ops::Range<usize>, Fault> {
     match entries.get(name) {
         Some(ZipEntry::Stored(range)) => Ok(range.clone()),
         Some(ZipEntry::Unreadable(why)) => malformed!("zip: '{name}' {why}"),

@@ -122,9 +122,9 @@ impl Checkpoint {
     /// As [`write_safetensors`].
     pub fn convert(&self, out: &Path, keep: impl Fn(&str) -> bool) -> Result<(), CheckpointError> {
         let mut metadata = self.metadata().clone();
-        metadata
-            .entry("source_sha256".to_owned())
-            .or_insert_with(|| self.sha256());
+        if !metadata.contains_key("source_sha256") {
+            metadata.insert("source_sha256".to_owned(), self.sha256()?);
+        }
         let mut tensors = Vec::new();
         for name in self.names().filter(|name| keep(name)) {
             tensors.push(OutTensor {
@@ -133,6 +133,8 @@ impl Checkpoint {
                 shape: self.shape(name)?.to_vec(),
             });
         }
-        write_safetensors(out, &metadata, &tensors, |t| self.tensor_bytes(&t.name))
+        write_safetensors(out, &metadata, &tensors, |t| {
+            self.tensor_bytes(&t.name).map(Cow::Owned)
+        })
     }
 }

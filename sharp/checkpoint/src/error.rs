@@ -35,6 +35,7 @@ pub enum CheckpointError {
 /// An error before the file's name is attached to it.
 #[derive(Debug)]
 pub(crate) enum Fault {
+    Io(std::io::Error),
     Malformed(String),
     ForbiddenGlobal(String),
     StateDict(String),
@@ -44,6 +45,7 @@ impl Fault {
     pub(crate) fn at(self, path: &Path) -> CheckpointError {
         let path = path.to_path_buf();
         match self {
+            Self::Io(source) => CheckpointError::Io { path, source },
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
             Self::ForbiddenGlobal(global) => CheckpointError::ForbiddenGlobal { path, global },
             Self::StateDict(reason) => CheckpointError::StateDict { path, reason },

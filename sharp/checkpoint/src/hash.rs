@@ -5,8 +5,8 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
+use crate::bytes::OpenFile;
 use crate::error::CheckpointError;
-use crate::mapped::Mapped;
 
 /// The digits of a finished digest.
 pub fn hex(digest: impl AsRef<[u8]>) -> String {
@@ -25,12 +25,16 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes))
 }
 
-/// The hash of a file, which must not change meanwhile.
+/// The hash of a regular file, read in pieces.
 ///
 /// # Errors
 /// [`CheckpointError::Io`].
 pub fn file_sha256(path: &Path) -> Result<String, CheckpointError> {
-    Ok(sha256_hex(&Mapped::open(path)?))
+    let hash = OpenFile::open(path).and_then(|file| file.sha256());
+    hash.map_err(|source| CheckpointError::Io {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 use crate::pickle;
 use crate::pickle::state_dict::{NamedTensors, resolve};
@@ -15,14 +16,17 @@ use crate::pickle::value::{Heap, Value};
 /// 0x1950a86a20f9469cfc6c, little-endian.
 const MAGIC: [u8; 10] = [0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
 const PROTOCOL: i64 = 1001;
+/// The most bytes that the pickles before the storages may take.
+const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
-pub(crate) fn read(file: &[u8]) -> Result<NamedTensors, Fault> {
+pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
+    let start = file.start(MAX_PICKLES)?;
     let mut heap = Heap::default();
     let mut values = [Value::None; 5];
     let mut at = 0;
     for (nth, slot) in values.iter_mut().enumerate() {
-        let (value, used) = pickle::load(&file[at..], &mut heap)?;
+        let (value, used) = pickle::load(&start[at..], &mut heap)?;
         at += used;
         if nth == 0 && value != Value::Long(&MAGIC) {
             return malformed!("a pickle, but not one that PyTorch wrote");
@@ -49,7 +53,7 @@ pub(crate) fn read(file: &[u8]) -> Result<NamedTensors, Fault> {
 
 /// Walks over the storages that follow the pickles.
 fn storages<'a>(
-    file: &[u8],
+    file: &(impl Bytes + ?Sized),
     mut at: usize,
     heap: &Heap<'a>,
     keys: Value<'a>,
@@ -74,10 +78,12 @@ fn storages<'a>(
         let Some(storage) = described.get(key) else {
             return malformed!("storage '{key}' belongs to no tensor, so its type is unknown");
         };
-        let Some((count, _)) = file[at..].split_first_chunk::<8>() else {
+        if at + 8 > file.len() {
             return malformed!("storage '{key}' is cut off");
-        };
-        let numel = u64::from_le_bytes(*count);
+        }
+        let mut count = [0; 8];
+        file.read_into(at, &mut count)?;
+        let numel = u64::from_le_bytes(count);
         if numel != storage.numel {
             return malformed!(
                 "storage '{key}' has {numel} elements, its tensors say {}",

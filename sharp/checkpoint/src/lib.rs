@@ -1,6 +1,6 @@
 //! Checkpoints: PyTorch's `.pt` / `.pth` (zip files and the older bare pickles) and `.safetensors`.
 //!
-//! A file is mapped, its table of contents checked against its length, and a tensor read only
+//! Of a file, the table of contents is read and checked against its length, and a tensor only
 //! when it is asked for. Pickles are run by an interpreter that knows just what a state dict
 //! needs: a file that wants to call anything else is refused by the name of what it calls.
 //! Nothing allocates more than a small multiple of the file's own length.
@@ -16,8 +16,9 @@
 //! * [`tensor`]: element types and strided layouts.
 //!
 //! Private: `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
-//! `safetensors`, `mapped` (the memory map).
+//! `safetensors`, `bytes` (reading parts of a file).
 
+mod bytes;
 pub mod checkpoint;
 pub mod completeness;
 pub mod convert;
@@ -27,7 +28,6 @@ pub mod download;
 pub mod error;
 pub mod hash;
 mod legacy;
-mod mapped;
 mod pickle;
 mod safetensors;
 pub mod tensor;

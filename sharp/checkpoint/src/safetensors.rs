@@ -6,6 +6,7 @@ use std::fmt;
 use serde::Deserialize;
 use serde::de::{MapAccess, Visitor};
 
+use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 use crate::tensor::{DType, TensorLayout};
 
@@ -62,12 +63,12 @@ impl<'de> Deserialize<'de> for SafetensorsHeader {
     }
 }
 
-/// Whether the file starts like one.
-pub(crate) fn looks_like(file: &[u8]) -> bool {
-    match file.split_first_chunk::<8>() {
+/// Whether a file of some length starts like one.
+pub(crate) fn looks_like(start: &[u8], file_len: usize) -> bool {
+    match start.split_first_chunk::<8>() {
         Some((len, rest)) => {
             let len = u64::from_le_bytes(*len);
-            rest.first() == Some(&b'{') && len >= 2 && len <= rest.len() as u64
+            rest.first() == Some(&b'{') && len >= 2 && len <= file_len as u64 - 8
         }
         None => false,
     }
@@ -75,20 +76,22 @@ pub(crate) fn looks_like(file: &[u8]) -> bool {
 
 /// Parses the header and checks every tensor against the file's length. As the format
 /// demands, the tensors must fill the data without gaps or overlaps.
-pub(crate) fn read(file: &[u8]) -> Result<Contents, Fault> {
-    let Some((len, rest)) = file.split_first_chunk::<8>() else {
+pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Contents, Fault> {
+    let start = file.start(8)?;
+    let Ok(len) = <[u8; 8]>::try_from(start) else {
         return malformed!("safetensors: the header is cut off");
     };
-    let len = u64::from_le_bytes(*len);
-    if len > MAX_HEADER || len > rest.len() as u64 {
+    let len = u64::from_le_bytes(len);
+    if len > MAX_HEADER || len > file.len() as u64 - 8 {
         return malformed!("safetensors: a header of {len} bytes");
     }
-    let (json, data) = rest.split_at(len as usize);
-    let header: SafetensorsHeader = match serde_json::from_slice(json) {
+    let base = 8 + len as usize;
+    let data_len = file.len() - base;
+    let json = file.get(8..base)?;
+    let header: SafetensorsHeader = match serde_json::from_slice(&json) {
         Ok(header) => header,
         Err(reason) => return malformed!("safetensors: header: {reason}"),
     };
-    let base = file.len() - data.len();
     let mut tensors = BTreeMap::new();
     let mut spans = Vec::with_capacity(header.entries.len());
     for (name, entry) in header.entries {
@@ -96,8 +99,8 @@ pub(crate) fn read(file: &[u8]) -> Result<Contents, Fault> {
             return malformed!("tensor '{name}': element type '{}' is unknown", entry.dtype);
         };
         let [start, end] = entry.data_offsets;
-        if start > end || end > data.len() {
-            return malformed!("tensor '{name}': bytes {start}..{end} of {}", data.len());
+        if start > end || end > data_len {
+            return malformed!("tensor '{name}': bytes {start}..{end} of {}", data_len);
         }
         spans.push((start, end));
         match TensorLayout::contiguous(dtype, entry.shape, base + start..base + end, file.len()) {
@@ -114,10 +117,10 @@ pub(crate) fn read(file: &[u8]) -> Result<Contents, Fault> {
         }
         filled = end;
     }
-    if filled != data.len() {
+    if filled != data_len {
         return malformed!(
             "safetensors: {} bytes belong to no tensor",
-            data.len() - filled
+            data_len - filled
         );
     }
     Ok(Contents {
@@ -144,9 +147,12 @@ mod tests {
                "a":{"dtype":"F32","shape":[],"data_offsets":[0,4]}}"#,
             6,
         );
-        assert!(looks_like(&good));
-        let contents = read(&good).unwrap();
-        assert_eq!(contents.tensors["b"].f32(&good)[..], [4.0, 5.0]);
+        assert!(looks_like(&good, good.len()));
+        let contents = read(good.as_slice()).unwrap();
+        assert_eq!(
+            contents.tensors["b"].f32(good.as_slice()).unwrap(),
+            [4.0, 5.0]
+        );
         assert_eq!(contents.metadata["k"], "v");
     }
 
@@ -154,7 +160,7 @@ mod tests {
     fn lying_headers_are_refused() {
         let one = |fields: &str, data| {
             let json = format!(r#"{{"a":{{{fields}}}}}"#);
-            read(&file(&json, data)).is_err()
+            read(file(&json, data).as_slice()).is_err()
         };
         assert!(
             one(r#""dtype":"F32","shape":[2],"data_offsets":[0,4]"#, 4),
@@ -188,10 +194,10 @@ mod tests {
         assert!(one(huge, 4), "overflow");
         let twice = r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,1]},
                         "a":{"dtype":"U8","shape":[1],"data_offsets":[0,1]}}"#;
-        assert!(read(&file(twice, 1)).is_err());
+        assert!(read(file(twice, 1).as_slice()).is_err());
         let nested = format!("{{\"a\":{}", "[".repeat(100_000));
-        assert!(read(&file(&nested, 0)).is_err());
-        assert!(read(&[0xFF; 9]).is_err());
-        assert!(!looks_like(b"PK\x03\x04\0\0\0\0\0\0"));
+        assert!(read(file(&nested, 0).as_slice()).is_err());
+        assert!(read([0xFF; 9].as_slice()).is_err());
+        assert!(!looks_like(b"PK\x03\x04\0\0\0\0\0\0", 10));
     }
 }

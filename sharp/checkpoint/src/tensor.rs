@@ -1,11 +1,11 @@
-//! Element types, strided layouts, and reading one tensor out of mapped bytes.
+//! Element types, strided layouts, and reading one tensor.
 
-use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 
 use half::{bf16, f16};
 
+use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 
 /// The most axes a tensor may have. A hostile file could otherwise make every shape long.
@@ -185,23 +185,27 @@ impl TensorLayout {
         true
     }
 
-    /// The elements in C order, little-endian; borrowed when they lie so in the file.
-    pub(crate) fn bytes<'a>(&self, file: &'a [u8]) -> Cow<'a, [u8]> {
-        let source = &file[self.bytes.clone()];
+    /// The elements in C order, little-endian.
+    pub(crate) fn bytes(&self, file: &(impl Bytes + ?Sized)) -> Result<Vec<u8>, Fault> {
         let size = self.dtype.size();
         if self.numel == 0 {
-            return Cow::Borrowed(&[]);
+            return Ok(Vec::new());
         }
-        if self.is_contiguous() {
-            return Cow::Borrowed(&source[..self.numel * size]);
-        }
-        let mut out = Vec::with_capacity(self.numel * size);
-        let (Some((&run, outer)), Some((&step, outer_strides))) =
-            (self.shape.split_last(), self.strides.split_last())
-        else {
-            // Unreachable in effect: a tensor without axes is contiguous.
-            return Cow::Borrowed(&source[..size]);
+        let last: usize = self
+            .shape
+            .iter()
+            .zip(&self.strides)
+            .map(|(&n, &stride)| (n - 1) * stride)
+            .sum();
+        let source = file.get(self.bytes.start..self.bytes.start + (last + 1) * size)?;
+        let (Some((&run, outer)), Some((&step, outer_strides)), false) = (
+            self.shape.split_last(),
+            self.strides.split_last(),
+            self.is_contiguous(),
+        ) else {
+            return Ok(source);
         };
+        let mut out = Vec::with_capacity(self.numel * size);
         let mut index = vec![0_usize; outer.len()];
         loop {
             let base: usize = index.iter().zip(outer_strides).map(|(&i, &s)| i * s).sum();
@@ -213,7 +217,7 @@ impl TensorLayout {
             let mut axis = outer.len();
             loop {
                 if axis == 0 {
-                    return Cow::Owned(out);
+                    return Ok(out);
                 }
                 axis -= 1;
                 index[axis] += 1;
@@ -225,16 +229,14 @@ impl TensorLayout {
         }
     }
 
-    /// The elements in C order as f32; borrowed when they are stored so, and aligned.
-    pub(crate) fn f32<'a>(&self, file: &'a [u8]) -> Cow<'a, [f32]> {
-        let bytes = self.bytes(file);
-        if let (DType::F32, true, Cow::Borrowed(raw)) =
-            (self.dtype, cfg!(target_endian = "little"), &bytes)
-            && let Ok(values) = bytemuck::try_cast_slice(raw)
-        {
-            return Cow::Borrowed(values);
+    /// The elements in C order as f32.
+    pub(crate) fn f32(&self, file: &(impl Bytes + ?Sized)) -> Result<Vec<f32>, Fault> {
+        if self.dtype == DType::F32 && self.is_contiguous() && cfg!(target_endian = "little") {
+            let mut values = vec![0.0_f32; self.numel];
+            file.read_into(self.bytes.start, bytemuck::cast_slice_mut(&mut values))?;
+            return Ok(values);
         }
-        Cow::Owned(to_f32(self.dtype, &bytes))
+        Ok(to_f32(self.dtype, &self.bytes(file)?))
     }
 }
 
@@ -279,7 +281,7 @@ mod tests {
             0..96,
             96,
         )
-        .map(|l| l.f32(&file).into_owned())
+        .and_then(|layout| layout.f32(file.as_slice()))
     }
 
     #[test]
@@ -324,7 +326,8 @@ mod tests {
         let one = |dtype: DType, at: usize| {
             TensorLayout::contiguous(dtype, vec![1], at..at + dtype.size(), len)
                 .unwrap()
-                .f32(&file)[0]
+                .f32(file.as_slice())
+                .unwrap()[0]
         };
         assert_eq!(one(DType::F16, 8), -1.5);
         assert_eq!(one(DType::BF16, 10), 3.25);

@@ -2,11 +2,12 @@
 //! directory, with 64-bit sizes where needed.
 //!
 //! Our own, because the `zip` crate reads entries as streams, guesses at damaged directories and
-//! lets the last of equal names win; here bytes stay mapped and every contradiction is refused.
+//! lets the last of equal names win; here every contradiction is refused.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use crate::bytes::Bytes;
 use crate::error::{Fault, malformed};
 
 const END: &[u8] = b"PK\x05\x06";
@@ -16,6 +17,7 @@ const CENTRAL: &[u8] = b"PK\x01\x02";
 const LOCAL: &[u8] = b"PK\x03\x04";
 /// Length of an end record without its comment, which takes at most 65 535 bytes more.
 const END_LEN: usize = 22;
+const LOCATOR_LEN: usize = 20;
 const CENTRAL_LEN: usize = 46;
 const LOCAL_LEN: usize = 30;
 
@@ -24,12 +26,12 @@ const LOCAL_LEN: usize = 30;
 pub(crate) enum ZipEntry {
     /// Uncompressed, at these bytes of the file.
     Stored(Range<usize>),
-    /// Something else than stored: why it cannot be mapped.
+    /// Something else than stored: why it cannot be read.
     Unreadable(String),
 }
 
 /// Name → data of every entry.
-pub(crate) type Directory<'a> = BTreeMap<&'a str, ZipEntry>;
+pub(crate) type Directory = BTreeMap<String, ZipEntry>;
 
 /// A little-endian field of a record whose length was checked.
 fn u16_at(b: &[u8], at: usize) -> u64 {
@@ -45,18 +47,19 @@ fn u64_at(b: &[u8], at: usize) -> u64 {
 }
 
 /// `len` bytes at `start`, or an error that says what was looked for.
-fn slice<'a>(file: &'a [u8], start: u64, len: u64, what: &str) -> Result<&'a [u8], Fault> {
-    start
-        .checked_add(len)
-        .filter(|&end| end <= file.len() as u64)
-        .map(|end| &file[start as usize..end as usize])
-        .ok_or_else(|| Fault::Malformed(format!("zip: {what} lies outside the file")))
+fn slice(file: &(impl Bytes + ?Sized), start: u64, len: u64, what: &str) -> Result<Vec<u8>, Fault> {
+    let end = start.checked_add(len);
+    match end.filter(|&end| end <= file.len() as u64) {
+        Some(end) => file.get(start as usize..end as usize),
+        None => malformed!("zip: {what} lies outside the file"),
+    }
 }
 
 /// Reads the central directory and every entry's local header.
-pub(crate) fn read(file: &[u8]) -> Result<Directory<'_>, Fault> {
+pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<Directory, Fault> {
     let (count, size, start) = locate(file)?;
-    let mut rest = slice(file, start, size, "the central directory")?;
+    let directory = slice(file, start, size, "the central directory")?;
+    let mut rest = directory.as_slice();
     if count > (rest.len() / CENTRAL_LEN) as u64 {
         return malformed!("zip: {count} entries announced in a directory of {size} bytes");
     }
@@ -80,7 +83,7 @@ pub(crate) fn read(file: &[u8]) -> Result<Directory<'_>, Fault> {
         };
         let extra = &record[CENTRAL_LEN + name_len..][..extra_len];
         let entry = entry(file, record, extra, name)?;
-        if entries.insert(name, entry).is_some() {
+        if entries.insert(name.to_owned(), entry).is_some() {
             return malformed!("zip: two entries are named '{name}'");
         }
     }
@@ -88,22 +91,23 @@ pub(crate) fn read(file: &[u8]) -> Result<Directory<'_>, Fault> {
 }
 
 /// ZipEntry count, size and start of the central directory.
-fn locate(file: &[u8]) -> Result<(u64, u64, u64), Fault> {
-    let Some(last) = file.len().checked_sub(END_LEN) else {
+fn locate(file: &(impl Bytes + ?Sized)) -> Result<(u64, u64, u64), Fault> {
+    let tail = file.get(file.len().saturating_sub(END_LEN + 0xFFFF + LOCATOR_LEN)..file.len())?;
+    let Some(last) = tail.len().checked_sub(END_LEN) else {
         return malformed!("zip: the file is cut off");
     };
     let end = (last.saturating_sub(0xFFFF)..=last).rev().find(|&at| {
-        file[at..].starts_with(END) && at + END_LEN + u16_at(file, at + 20) as usize == file.len()
+        tail[at..].starts_with(END) && at + END_LEN + u16_at(&tail, at + 20) as usize == tail.len()
     });
     let Some(at) = end else {
         return malformed!("zip: no end of the central directory; the file is cut off");
     };
-    let end = &file[at..];
+    let end = &tail[at..];
     let (count, size, start) = (u16_at(end, 10), u32_at(end, 12), u32_at(end, 16));
     if count != 0xFFFF && size != 0xFFFF_FFFF && start != 0xFFFF_FFFF {
         return Ok((count, size, start));
     }
-    let Some(locator) = at.checked_sub(20).map(|l| &file[l..at]) else {
+    let Some(locator) = at.checked_sub(LOCATOR_LEN).map(|l| &tail[l..at]) else {
         return malformed!("zip: the 64-bit end record is missing");
     };
     if !locator.starts_with(END_64_LOCATOR) {
@@ -114,11 +118,16 @@ fn locate(file: &[u8]) -> Result<(u64, u64, u64), Fault> {
     if !end.starts_with(END_64) {
         return malformed!("zip: the 64-bit end record is damaged");
     }
-    Ok((u64_at(end, 32), u64_at(end, 40), u64_at(end, 48)))
+    Ok((u64_at(&end, 32), u64_at(&end, 40), u64_at(&end, 48)))
 }
 
 /// Resolves one central record to the bytes of its data.
-fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<ZipEntry, Fault> {
+fn entry(
+    file: &(impl Bytes + ?Sized),
+    record: &[u8],
+    extra: &[u8],
+    name: &str,
+) -> Result<ZipEntry, Fault> {
     let (flags, method) = (u16_at(record, 8), u16_at(record, 10));
     let mut packed = u32_at(record, 20);
     let mut size = u32_at(record, 24);
@@ -151,7 +160,7 @@ fn entry(file: &[u8], record: &[u8], extra: &[u8], name: &str) -> Result<ZipEntr
     if !local.starts_with(LOCAL) {
         return malformed!("zip: the local header of '{name}' is damaged");
     }
-    let data = start + LOCAL_LEN as u64 + u16_at(local, 26) + u16_at(local, 28);
+    let data = start + LOCAL_LEN as u64 + u16_at(&local, 26) + u16_at(&local, 28);
     let end = data.checked_add(size).filter(|&e| e <= file.len() as u64);
     match end {
         Some(end) => Ok(ZipEntry::Stored(data as usize..end as usize)),
@@ -252,7 +261,7 @@ pub(crate) mod tests {
     fn stored_entries_are_found_with_narrow_and_wide_fields() {
         for wide in [false, true] {
             let file = archive(&[("a/data.pkl", b"xyz"), ("a/data/0", b"")], wide);
-            let found = read(&file).unwrap();
+            let found = read(file.as_slice()).unwrap();
             let ZipEntry::Stored(range) = &found["a/data.pkl"] else {
                 panic!("stored");
             };
@@ -267,7 +276,7 @@ pub(crate) mod tests {
         let at = file.windows(4).position(|w| w == CENTRAL).unwrap();
         file[at + 10] = 8;
         assert!(
-            matches!(&read(&file).unwrap()["a"], ZipEntry::Unreadable(why) if why.contains("compressed"))
+            matches!(&read(file.as_slice()).unwrap()["a"], ZipEntry::Unreadable(why) if why.contains("compressed"))
         );
     }
 
@@ -279,7 +288,7 @@ pub(crate) mod tests {
         let lie = |at: usize, bytes: &[u8]| {
             let mut file = good.clone();
             file[at..at + bytes.len()].copy_from_slice(bytes);
-            read(&file).is_err()
+            read(file.as_slice()).is_err()
         };
         assert!(lie(central + 20, &[0xF0; 8]), "sizes");
         assert!(lie(central + 42, &[0xF0; 4]), "local header's place");
@@ -288,7 +297,7 @@ pub(crate) mod tests {
         assert!(lie(end + 12, &[0xF0; 4]), "directory's size");
         assert!(lie(end + 16, &[0xF0; 4]), "directory's place");
         assert!(lie(0, b"XX"), "local signature");
-        assert!(read(&archive(&[("a", b"1"), ("a", b"2")], false)).is_err());
+        assert!(read(archive(&[("a", b"1"), ("a", b"2")], false).as_slice()).is_err());
         for cut in 0..good.len() {
             assert!(read(&good[..cut]).is_err(), "cut at {cut}");
         }

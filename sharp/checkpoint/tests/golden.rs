@@ -28,20 +28,6 @@ fn every_tensor_of_a_real_state_dict_bit_for_bit() {
 }
 
 #[test]
-fn a_mapped_tensor_is_not_copied() {
-    let found = Checkpoint::open(golden("model/tiny_model.pt")).unwrap();
-    let borrowed = found
-        .names()
-        .filter(|name| {
-            let values = found.tensor_f32_cow(name).unwrap();
-            matches!(values, std::borrow::Cow::Borrowed(_))
-        })
-        .count();
-    // PyTorch aligns storages to 64 bytes, so every contiguous tensor can be borrowed.
-    assert_eq!(borrowed, found.names().len());
-}
-
-#[test]
 fn backbone_weights_match_their_recorded_values() {
     let text = std::fs::read_to_string(golden("metrics/weights_vectors.json")).unwrap();
     let vectors: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -74,5 +60,5 @@ fn the_hash_is_that_of_the_file() {
         Checkpoint::open(golden("metrics/weights/lpips_v0.1_alex_lin.safetensors")).unwrap();
     assert_eq!(found.shape("lin0.model.1.weight").unwrap(), [1, 64, 1, 1]);
     let hash = "255d6454292d155a069f693a111769acec003d588617b250f24775369c816e04";
-    assert_eq!(found.sha256(), hash);
+    assert_eq!(found.sha256().unwrap(), hash);
 }

@@ -67,10 +67,7 @@ impl Runtime {
         }
     }
 
-    pub(super) fn values(
-        &self,
-        parameter: &Parameter,
-    ) -> Result<std::borrow::Cow<'_, [f32]>, ModelError> {
+    pub(super) fn values(&self, parameter: &Parameter) -> Result<Vec<f32>, ModelError> {
         let values = self.source.values(&parameter.name, &parameter.shape)?;
         if values.len() == parameter.len() {
             Ok(values)
@@ -93,7 +90,7 @@ impl Runtime {
             return Ok(tensor.clone());
         }
         let values = self.values(parameter)?;
-        let tensor = Tensor::from_slice(&values, &parameter.shape[..], device)?;
+        let tensor = Tensor::from_vec(values, &parameter.shape[..], device)?;
         resident.insert(parameter.name.clone(), tensor.clone());
         Ok(tensor)
     }

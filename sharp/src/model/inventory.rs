@@ -1,6 +1,5 @@
 //! Everything that a network has, and whether a checkpoint holds it.
 
-use std::borrow::Cow;
 use std::cell::RefCell;
 use std::path::Path;
 
@@ -35,8 +34,11 @@ impl CheckpointSource {
     }
 
     /// Of the whole file, 64 hexadecimal digits.
-    pub fn sha256(&self) -> String {
-        self.0.sha256()
+    ///
+    /// # Errors
+    /// [`ModelError::Checkpoint`].
+    pub fn sha256(&self) -> Result<String, ModelError> {
+        Ok(self.0.sha256()?)
     }
 
     /// Checks that the file holds every parameter of `config` that inference uses, in its shape,
@@ -82,8 +84,8 @@ impl CheckpointSource {
 const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 
 impl WeightSource for CheckpointSource {
-    fn values(&self, name: &str, _: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
-        Ok(self.0.tensor_f32_cow(name)?)
+    fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {
+        Ok(self.0.tensor_f32(name)?)
     }
 }
 

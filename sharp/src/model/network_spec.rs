@@ -52,7 +52,7 @@ impl NetworkSpec {
     pub fn identity(&self) -> Result<NetworkIdentity, ModelError> {
         Ok(NetworkIdentity {
             engine: self.device.open(self.convolution)?.name(),
-            checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256(),
+            checkpoint_sha256: CheckpointSource::open(&self.checkpoint)?.sha256()?,
             preset: self.config.preset.clone(),
             // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
             config_sha256: sha256_hex(format!("{:?}", self.config).as_bytes()),

@@ -2,10 +2,8 @@
 //!
 //! Modules declare their parameters by name and shape while they are built, and fetch the values
 //! when they run. On the CPU each layer's weights are packed just before their one use in a
-//! prediction and dropped after it, so that a network of 2.8 GB takes a few megabytes beyond the
-//! mapped file.
+//! prediction and dropped after it, so that a network of 2.8 GB takes a few megabytes of weights.
 
-use std::borrow::Cow;
 use std::cell::RefCell;
 
 use super::ModelError;
@@ -16,7 +14,7 @@ pub trait WeightSource: Send + Sync {
     ///
     /// # Errors
     /// [`ModelError`] when they cannot be read.
-    fn values(&self, name: &str, shape: &[usize]) -> Result<Cow<'_, [f32]>, ModelError>;
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError>;
 }
 
 /// One parameter of a network.

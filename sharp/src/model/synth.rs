@@ -20,8 +20,8 @@ pub struct Synth {
 }
 
 impl WeightSource for Synth {
-    fn values(&self, name: &str, shape: &[usize]) -> Result<Cow<'_, [f32]>, ModelError> {
-        Ok(Cow::Owned(model_weights(&self.salt, name, shape)))
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
+        Ok(model_weights(&self.salt, name, shape))
     }
 }
 

@@ -30,14 +30,14 @@ pub(super) fn execute(
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
     for name in checkpoint.names() {
         let module = modules.entry(module_of(name)).or_default();
-        let values = checkpoint.tensor_f32_cow(name)?;
+        let values = checkpoint.tensor_f32(name)?;
         module.tensors += 1;
         module.parameters += values.len();
         module.not_finite += values.iter().filter(|v| !v.is_finite()).count();
     }
     let total: usize = modules.values().map(|m| m.parameters).sum();
     let not_finite: usize = modules.values().map(|m| m.not_finite).sum();
-    let sha256 = checkpoint.sha256();
+    let sha256 = checkpoint.sha256()?;
     let standing = standing(file, &sha256)?;
     if json {
         output::json(&json!({

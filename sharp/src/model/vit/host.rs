@@ -115,8 +115,8 @@ struct Norm {
 impl Norm {
     fn new(rt: &Runtime, affine: &WeightBias, eps: f32) -> Result<Self, ModelError> {
         Ok(Self {
-            gamma: rt.values(&affine.weight)?.into_owned(),
-            beta: rt.values(&affine.bias)?.into_owned(),
+            gamma: rt.values(&affine.weight)?,
+            beta: rt.values(&affine.bias)?,
             eps,
         })
     }
@@ -199,11 +199,11 @@ fn pack(
     let (mut weight, mut bias) = (rt.values(&affine.weight)?, rt.values(&affine.bias)?);
     if let Some(scale) = scale {
         let scale = rt.values(scale)?;
-        let rows = weight.to_mut().chunks_exact_mut(k);
+        let rows = weight.chunks_exact_mut(k);
         for (row, scale) in rows.zip(scale.iter()) {
             row.iter_mut().for_each(|w| *w *= scale);
         }
-        for (bias, scale) in bias.to_mut().iter_mut().zip(scale.iter()) {
+        for (bias, scale) in bias.iter_mut().zip(scale.iter()) {
             *bias *= scale;
         }
     }
