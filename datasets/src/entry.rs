@@ -173,6 +173,11 @@ impl Setting {
         }
     }
 
+    /// Whether the paper leaves open which value it used: none of several is known to differ.
+    pub fn is_open(&self) -> bool {
+        self.choices.iter().filter(|choice| !choice.proxy).count() > 1
+    }
+
     /// Whether a value is known to differ from what the paper did.
     pub(crate) fn is_proxy(&self, value: &str) -> bool {
         let chosen = self.choices.iter().find(|choice| choice.value == value);

@@ -34,8 +34,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              data/<scene>/scans/mesh_aligned_0.05.ply",
     paper_column: "ScanNet++",
     paper_overlap: PaperOverlap::Dense,
-    caveat: "the paper names nvs_test, whose test pictures and meshes are withheld; \
-             split=nvs_sem_val has both",
+    caveat: "the paper says 'nvs test split': whether that is the list nvs_test, whose meshes and \
+             test pictures are withheld, or the test pictures of other scenes, is open",
     settings: &[
         Setting::named(
             "split",
@@ -43,12 +43,15 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice(
                     "nvs_test",
-                    "the one the paper names: it has neither mesh nor test pictures, so that \
-                     frames=train and depth=points are what is left of it",
+                    "one reading of the paper's 'nvs test': it has neither mesh nor test pictures, so \
+                     that frames=train and depth=points are what is left of it",
                 ),
-                proxy("nvs_sem_val", "has meshes and test pictures"),
+                choice(
+                    "nvs_sem_val",
+                    "has meshes and test pictures: with frames=test another reading",
+                ),
                 proxy("nvs_test_small", "twelve scenes of nvs_test"),
-                proxy("all", "every scene that is there"),
+                choice("all", "every scene that is there: with frames=test a third"),
             ],
         ),
         Setting::choice(
@@ -82,7 +85,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice("rendered", "the toolbox's dslr/render_depth, millimetres"),
                 choice("mesh", "scans/mesh_aligned_0.05.ply, drawn by us"),
-                proxy("points", "COLMAP's points that each picture sees: sparse"),
+                choice("points", "COLMAP's points that each picture sees: sparse"),
                 choice("none", "nowhere"),
             ],
         ),

@@ -160,7 +160,8 @@ fn the_list_has_every_format_with_its_readings() {
         .ends_with(0)
         .out;
     for part in [
-        "split=nvs_sem_val (proxy)",
+        "split=nvs_sem_val (open)",
+        "split=nvs_test_small (proxy)",
         "illuminations=all unless given",
         "rectification=perfect",
         "scenes=training15",

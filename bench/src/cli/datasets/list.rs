@@ -18,16 +18,22 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
                 setting.key, setting.default, setting.meaning
             ))?;
             for choice in setting.choices {
-                let proxy = if choice.proxy { " (proxy)" } else { "" };
+                let standing = match (choice.proxy, setting.is_open()) {
+                    (true, _) => " (proxy)",
+                    (false, true) => " (open)",
+                    (false, false) => "",
+                };
                 output::line(format!(
-                    "              {}={}{proxy}  {}",
+                    "              {}={}{standing}  {}",
                     setting.key, choice.value, choice.meaning
                 ))?;
             }
         }
         output::line("")?;
     }
-    output::line("proxy: known to differ from what the paper did; reports say so")?;
+    output::line(
+        "open: the paper does not say which; proxy: known to differ from what the paper did; reports say so",
+    )?;
     Ok(Outcome::Done)
 }
 

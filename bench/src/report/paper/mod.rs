@@ -37,8 +37,8 @@ pub fn table(paper: &PaperTable, datasets: &[usize]) -> Table {
     );
     if paper.label == "tab:quantitative-aligned" {
         note.push_str(
-            " Given ground-truth depth: one scale per image, the median of the depth ratios; LVSM and SVC by a scale \
-             sweep per pair that minimises DISTS.",
+            " With privileged ground-truth depth: an approximate global scale factor, the median of true over predicted \
+             depth; LVSM and SVC by a linear scale sweep per pair that minimises DISTS.",
         );
     }
     let metrics = paper.families.map(metric);
