@@ -43,6 +43,7 @@ pub use info::{BackboneInfo, Direction, MetricInfo, OwnWeights, term_names};
 pub use maps::ScoreMap;
 pub use options::{Arithmetic, Device, ScorerOptions};
 pub use picture::{Mask, Picture, PictureError};
+pub use psnr::psnr;
 pub use resize::{ResizeKernel, resize};
 pub use scorer::{AllTerms, Examined, Maps, Scorer, Scores, Terms};
 pub use selection::{Selected, Selection, SelectionError};

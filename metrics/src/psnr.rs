@@ -10,7 +10,10 @@ use crate::unavailable::Unavailable;
 ///
 /// The squared error of two 8-bit pictures is an exact integer; otherwise rows are summed in f64
 /// and added in order. The pictures (and the mask) are of one size.
-pub(crate) fn psnr(
+///
+/// # Errors
+/// When the mask is empty.
+pub fn psnr(
     prediction: &Picture,
     target: &Picture,
     mask: Option<&Mask>,

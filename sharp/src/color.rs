@@ -30,6 +30,15 @@ pub enum Quantization {
     Truncate,
 }
 
+impl std::fmt::Display for Quantization {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Round => "round",
+            Self::Truncate => "truncate",
+        })
+    }
+}
+
 /// The 8-bit level of a 0..1 value; clamps first, NaN becomes 0.
 pub fn quantize(x: f32, rule: Quantization) -> u8 {
     let level = x.clamp(0.0, 1.0) * 255.0;

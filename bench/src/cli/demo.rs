@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::json;
-use sharp::render::Backend;
 
 use super::data_args::MetricArgs;
 use super::output::Terminal;
@@ -54,18 +53,14 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     let mut options = PairOptions::default();
     options.sampling.limit = Some(SYNTHETIC_PAIRS);
     let terminal = Terminal::default();
+    let scoring = args.metrics.scoring()?;
     let request = Request {
-        datasets: OpenDataset::open_all(&datasets, None)?,
-        only_scenes: None,
         pairs: PairOrigin::Built {
             recipe: Box::new(PairRecipe::new(options)),
             cache: None,
         },
-        limit: None,
         methods: build_methods(&METHODS.map(str::to_owned), None)?,
-        scoring: args.metrics.scoring()?,
-        common_region: false,
-        backend: Backend::Cpu,
+        ..Request::new(OpenDataset::open_all(&datasets, None)?, Vec::new(), scoring)
     };
     let finished = prepare(request, &terminal)?.run(
         &args.out.join("run"),

@@ -14,6 +14,7 @@ mod outcome;
 mod output;
 mod pairs;
 mod render;
+mod rendering_args;
 mod report;
 mod run;
 mod schema;

@@ -10,6 +10,7 @@ use sharp_metrics::{InstructionSet, Simd};
 use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
 use super::outcome::UsageError;
 use super::output::{Terminal, span};
+use super::rendering_args::RenderingArgs;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::{
@@ -67,6 +68,8 @@ pub(super) struct RunArgs {
     /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    #[command(flatten)]
+    rendering: RenderingArgs,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -156,6 +159,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         scoring,
         common_region: args.common_region,
         backend,
+        rendering: args.rendering.settings(),
     };
     let evaluation = prepare(request, &terminal)?;
     let options = RunOptions {

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
+use super::manifest::RendererRecord;
 use super::pipeline::{RunOptions, UnitCounts, run};
 use super::prepare::Evaluation;
 use crate::io::atomic_files::FileError;
@@ -61,7 +62,7 @@ impl Evaluation {
         let folder =
             tempfile::tempdir().map_err(FileError::new(&temporary, "create a folder in"))?;
         let run_folder = RunFolder::create(folder.path())?;
-        let keys = Keys::new(&self.datasets, self.renderer.name());
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         // Kept, so that the second pairs find the predictions of the first.
         let kept = RunOptions {
             keep_gaussians: true,

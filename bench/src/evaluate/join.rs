@@ -338,7 +338,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
 
 /// Why the units of a folder cannot lie in one that has this manifest: they were computed otherwise.
 fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
-    let (before, now) = (&manifest.renderer.backend, &other.renderer.backend);
+    let (before, now) = (&manifest.renderer, &other.renderer);
     if before != now {
         return Some(format!("rendered by {before} and by {now}"));
     }

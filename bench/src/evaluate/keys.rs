@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use sharp_datasets::View;
 
-use super::manifest::MethodRecord;
+use super::manifest::{MethodRecord, RendererRecord};
 use super::unit::Slot;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
@@ -28,7 +28,7 @@ pub(super) struct Keys {
     hashes: ViewHashes,
     /// Reader and settings of each dataset, hashed.
     datasets: BTreeMap<String, String>,
-    renderer: String,
+    renderer: RendererRecord,
 }
 
 /// The keys of what makes a unit's picture.
@@ -55,14 +55,14 @@ pub(super) fn method_identity(record: &MethodRecord) -> String {
 }
 
 impl Keys {
-    pub(super) fn new(datasets: &[OpenDataset], renderer: &str) -> Self {
+    pub(super) fn new(datasets: &[OpenDataset], renderer: &RendererRecord) -> Self {
         let identities = datasets
             .iter()
             .map(|d| (d.name.clone(), dataset_identity(d)));
         Self {
             hashes: ViewHashes::default(),
             datasets: identities.collect(),
-            renderer: renderer.to_owned(),
+            renderer: renderer.clone(),
         }
     }
 
@@ -82,7 +82,10 @@ impl Keys {
             .add("method", method.sources())
             .add("reading", fingerprints::READING);
         if let Approach::Gaussians(_) = method.approach() {
-            sources.add("renderer", fingerprints::of_renderer(&self.renderer));
+            sources.add(
+                "renderer",
+                fingerprints::of_renderer(&self.renderer.backend),
+            );
         }
         MethodRecord {
             label: method.label().to_owned(),
@@ -138,10 +141,10 @@ impl Keys {
         if let Approach::Gaussians(_) = approach {
             picture
                 .add("target camera", &camera(planned.target))
-                .add("renderer", &self.renderer)
+                .add("renderer", &self.renderer.to_string())
                 .add(
                     "renderer sources",
-                    fingerprints::of_renderer(&self.renderer),
+                    fingerprints::of_renderer(&self.renderer.backend),
                 );
             if method.privilege() == Privilege::DepthScale {
                 picture.add("source depth", &self.view(planned.source));

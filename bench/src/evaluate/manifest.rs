@@ -1,11 +1,13 @@
 //! `manifest.json`: what was run and under which conventions, said once for all results of a folder.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use sharp::color::Quantization;
 use sharp_metrics::options::Arithmetic;
 use sharp_metrics::{InstructionSet, MetricInfo};
 
@@ -13,6 +15,7 @@ use super::error::EvaluateError;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
+use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
 /// Version of a run folder's layout: manifest, units and plan.
@@ -61,8 +64,53 @@ pub struct RendererRecord {
     pub far: f64,
     /// Added to the diagonal of projected covariances, pixels².
     pub eps2d: f64,
-    /// Colour behind the Gaussians.
+    /// Behind the Gaussians, blended in linear light: `black`, `white`, or linear RGB.
     pub background: String,
+    /// From 0..1 to 8 bit: `round` or `truncate`.
+    #[serde(default = "rounded")]
+    pub quantization: String,
+}
+
+/// What folders did that do not say.
+fn rounded() -> String {
+    Quantization::Round.to_string()
+}
+
+impl RendererRecord {
+    /// The record of a renderer.
+    pub fn of(renderer: &SharedRenderer) -> Self {
+        let RenderSettings {
+            eps2d,
+            background,
+            quantization,
+        } = renderer.settings();
+        Self {
+            backend: renderer.name().to_owned(),
+            near: 0.01,
+            far: 1e10,
+            // The decimals that were asked for, not the nearest single.
+            eps2d: eps2d.to_string().parse().unwrap_or(f64::from(eps2d)),
+            background: background.to_string(),
+            quantization: quantization.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for RendererRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            backend,
+            near,
+            far,
+            eps2d,
+            background,
+            quantization,
+        } = self;
+        write!(
+            f,
+            "{backend}, near {near}, far {far:e}, eps2d {eps2d}, background {background}, 8 bit by {quantization}"
+        )
+    }
 }
 
 /// One dataset instance.
@@ -183,7 +231,8 @@ impl Manifest {
                 now: now.to_owned(),
             }),
         };
-        differs("renderer", &self.renderer.backend, &new.renderer.backend)?;
+        let (before, now) = (self.renderer.to_string(), new.renderer.to_string());
+        differs("renderer", &before, &now)?;
         differs(
             "device behind LPIPS and DISTS",
             &self.metric_networks.device.to_string(),
@@ -279,7 +328,10 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
 /// What decides how predictions become scored pictures, in words.
 pub(super) fn scoring_conventions() -> BTreeMap<String, String> {
     [
-        ("prediction", "sRGB, 8 bit, rounded to nearest"),
+        (
+            "prediction",
+            "sRGB, 8 bit, rounded to nearest; renderings of Gaussians as the renderer's entry says",
+        ),
         (
             "target",
             "sRGB, 8 bit, as decoded; colour profiles ignored; undistorted or masked where the dataset's notes say so",
@@ -290,7 +342,10 @@ pub(super) fn scoring_conventions() -> BTreeMap<String, String> {
             "full resolution of the target, which is never resized; predictions are resized up or cropped only where a \
              method's identity says so, and are marked in the tables",
         ),
-        ("background", "black, in linear light"),
+        (
+            "median",
+            "of an even count the mean of the middle two (torch.median takes the lower)",
+        ),
         (
             "aggregation",
             "mean over pairs; a mean that holds inf is inf",

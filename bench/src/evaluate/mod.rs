@@ -16,7 +16,7 @@
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored; `estimate`: what that
 //!   would cost.
 //! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
-//!   `prediction_file`: predictions of sources, made once.
+//!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
 //!   [`manifest`]: what its results share.
 //! * [`results`]: a folder as records and tables; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
@@ -37,6 +37,7 @@ mod render;
 pub mod rescore;
 pub mod results;
 mod score;
+pub mod source_check;
 #[cfg(test)]
 mod tests;
 pub mod unit;

@@ -1,5 +1,6 @@
 //! Runs a plan: predicts and renders the pictures of a pair on one thread, scores those of the pair before on the other.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;
 
@@ -16,6 +17,7 @@ use super::manifest::FORMAT;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{PairTruth, Unscored, crop, empty_record, missing, one_line, score_pair};
+use super::source_check::{check_source, doubt};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::observer::Observer;
@@ -167,6 +169,7 @@ pub(super) fn run(
     std::thread::scope(|scope| {
         scope.spawn(move || prepare_all(job, folder, &sender));
         let mut counts = UnitCounts::default();
+        let mut doubted = BTreeSet::new();
         for pair in pairs {
             let PreparedPair { truth, units, made } = pair?;
             counts.predicted += made.predicted;
@@ -182,7 +185,16 @@ pub(super) fn run(
                         counts.reused += usize::from(reuse == Reuse::Complete);
                     }
                     Prepared::Waiting => counts.waiting += 1,
-                    Prepared::Unscored(item) => unscored.push(*item),
+                    Prepared::Unscored(item) => {
+                        let maker = job.methods.iter().find(|m| m.label() == method);
+                        let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
+                        if let Some(doubt) = doubt(&item.unit.record, privilege)
+                            && doubted.insert(method.clone())
+                        {
+                            observer.warn(&format!("method '{method}': {doubt}"));
+                        }
+                        unscored.push(*item);
+                    }
                 }
             }
             if !unscored.is_empty() {
@@ -213,6 +225,7 @@ fn prepare_all<'a>(
         photograph: None,
         depth: None,
         scale: None,
+        check: None,
     };
     for planned in &job.pairs {
         let mut pair = PairWork {
@@ -251,6 +264,8 @@ struct Sources<'a> {
     depth: Option<(&'a View, Option<DepthMap>)>,
     /// By the key of the prediction.
     scale: Option<(String, Result<f64, String>)>,
+    /// What the prediction shows of its source, by its key.
+    check: Option<(String, BTreeMap<String, f64>)>,
 }
 
 impl<'a> Sources<'a> {
@@ -577,6 +592,16 @@ impl<'a> PairWork<'_, 'a> {
             }
             _ => None,
         };
+        if sources
+            .check
+            .as_ref()
+            .is_none_or(|(key, _)| *key != keys.predict)
+        {
+            let photograph = sources.photograph(view)?;
+            let check = check_source(&prediction, &self.source, photograph, self.job.renderer);
+            let check = check.map_err(|error| self.render_failure(method, &error))?;
+            sources.check = Some((keys.predict.clone(), check));
+        }
         let rendered = render(
             &prediction,
             scale,
@@ -584,7 +609,10 @@ impl<'a> PairWork<'_, 'a> {
             &self.target,
             self.job.renderer,
         );
-        let (picture, output) = rendered.map_err(|error| self.render_failure(method, &error))?;
+        let (mut picture, output) =
+            rendered.map_err(|error| self.render_failure(method, &error))?;
+        let check = sources.check.iter().flat_map(|(_, check)| check.clone());
+        picture.extras.extend(check);
         self.made.rendered += 1;
         Ok(Some(Made {
             prediction: picture,

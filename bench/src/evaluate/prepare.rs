@@ -27,7 +27,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::sampling::spread;
 use crate::pairs::{OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe};
-use crate::rendering::SharedRenderer;
+use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
 /// Where the pairs come from.
@@ -62,6 +62,8 @@ pub struct Request {
     pub common_region: bool,
     /// Who renders.
     pub backend: Backend,
+    /// And how.
+    pub rendering: RenderSettings,
 }
 
 impl Request {
@@ -84,6 +86,7 @@ impl Request {
             scoring,
             common_region: false,
             backend: Backend::Cpu,
+            rendering: RenderSettings::default(),
         }
     }
 }
@@ -176,7 +179,7 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
-        renderer: SharedRenderer::open(&request.backend)?,
+        renderer: SharedRenderer::open(&request.backend, request.rendering)?,
     };
     if evaluation.pairs()?.is_empty() {
         let reason = match evaluation.list.pairs.len() {
@@ -281,12 +284,12 @@ impl Evaluation {
         };
         let methods = self.specs.iter().zip(&self.methods);
         let evaluated = self.pairs()?.len();
-        let keys = Keys::new(&self.datasets, self.renderer.name());
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         Ok(Manifest {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             sources: fingerprints::all(),
-            renderer: renderer_record(&self.renderer),
+            renderer: RendererRecord::of(&self.renderer),
             kernels: self.scoring.scorer.options().simd.instruction_set(),
             metric_networks: self.scoring.scorer.options().arithmetic(),
             scoring: scoring_conventions(),
@@ -326,7 +329,7 @@ impl Evaluation {
             standing.missing = standing.units;
             return Ok(standing);
         };
-        let keys = Keys::new(&self.datasets, self.renderer.name());
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         for planned in &pairs {
             for method in &self.methods {
                 let unit = folder.load(&keys.slot(method.as_ref(), planned))?;
@@ -403,7 +406,7 @@ impl Evaluation {
         folder.write_plan(&plan)?;
         folder.write_manifest(&manifest)?;
 
-        let keys = Keys::new(&self.datasets, self.renderer.name());
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let job = self.job(pairs, &keys, options);
         let counts = run_pipeline(&job, &folder, observer)?;
         if self.common_region {
@@ -416,15 +419,5 @@ impl Evaluation {
             results,
             scenes: self.scenes,
         })
-    }
-}
-
-fn renderer_record(renderer: &SharedRenderer) -> RendererRecord {
-    RendererRecord {
-        backend: renderer.name().to_owned(),
-        near: 0.01,
-        far: 1e10,
-        eps2d: 0.0,
-        background: "black".to_owned(),
     }
 }

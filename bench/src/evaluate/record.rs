@@ -204,12 +204,11 @@ pub mod finite_or_text {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    #[test]
-    fn records_survive_json_with_infinity_and_absence() {
-        let record = Record {
+    pub(in crate::evaluate) fn record() -> Record {
+        Record {
             pair_id: "m/Motorcycle/im0__im1".into(),
             dataset: "m".into(),
             scene: "Motorcycle".into(),
@@ -239,7 +238,12 @@ mod tests {
             resized_from: Some((4, 3)),
             scale: None,
             extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
-        };
+        }
+    }
+
+    #[test]
+    fn records_survive_json_with_infinity_and_absence() {
+        let record = record();
         let text = serde_json::to_string(&record).unwrap();
         assert!(text.contains(r#""psnr":"inf""#), "{text}");
         assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), record);

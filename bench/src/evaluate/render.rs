@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use glam::DAffine3;
 use sharp::camera::target_camera_from_source_ndc;
-use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
-use sharp::render::{Background, RenderError, RenderOutput, RenderView};
+use sharp::render::{RenderError, RenderOutput};
 use sharp_datasets::DepthMap;
 use sharp_metrics::Picture;
 
@@ -50,31 +50,34 @@ fn seen_depth(
     source: &PosedCamera,
     renderer: &SharedRenderer,
 ) -> Result<DepthMap, RenderError> {
-    let view = placed(prediction.space, source, source);
-    let output = renderer.render(&prediction.gaussians, &view)?;
+    let placed = placed(prediction.space, source, source);
+    let output = renderer.render(&prediction.gaussians, placed, source.intrinsics)?;
+    Ok(surface_depth(&output))
+}
+
+/// Expected z-depth of a rendering, metres; 0 in holes.
+pub(super) fn surface_depth(output: &RenderOutput) -> DepthMap {
     let mut depth = output.expected_depth();
     for (depth, &alpha) in depth.iter_mut().zip(&output.alpha) {
         if alpha < HOLE_ALPHA {
             *depth = 0.0;
         }
     }
-    Ok(depth)
+    depth
 }
 
-/// The target's view of Gaussians that lie in a space of the source.
-fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedCamera) -> RenderView {
+/// From a space of the source to the target's camera space.
+pub(super) fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedCamera) -> DAffine3 {
     let target_from_source = source.to(target);
-    let target_camera_from_gaussians = match space {
+    match space {
         GaussianSpace::Normalized => {
             target_camera_from_source_ndc(&source.intrinsics, &target_from_source)
         }
         GaussianSpace::Camera => target_from_source.to_affine(),
-    };
-    RenderView::new(target_camera_from_gaussians, target.intrinsics)
+    }
 }
 
-/// Renders a prediction into the target: placed by the dataset's own cameras, composited over black in linear light,
-/// encoded to sRGB, rounded to 8 bit.
+/// Renders a prediction into the target, placed by the dataset's own cameras.
 ///
 /// Extras: those of the prediction, `mean_alpha` (mean coverage, 0..1), `hole_share` (share of pixels with alpha below
 /// [`HOLE_ALPHA`]) and, with a scale, `median_scale`.
@@ -88,11 +91,16 @@ pub(super) fn render(
     target: &PosedCamera,
     renderer: &SharedRenderer,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
-    let view = placed(prediction.space, source, target);
-    let output = match scale {
-        None => renderer.render(&prediction.gaussians, &view)?,
-        Some(scale) => renderer.render(&scaled(&prediction.gaussians, scale), &view)?,
+    let placed = placed(prediction.space, source, target);
+    let resized;
+    let gaussians = match scale {
+        None => &prediction.gaussians,
+        Some(scale) => {
+            resized = scaled(&prediction.gaussians, scale);
+            &resized
+        }
     };
+    let output = renderer.render(gaussians, placed, target.intrinsics)?;
     let n = output.alpha.len() as f64;
     let covered: f64 = output.alpha.iter().map(|&a| f64::from(a)).sum();
     let holes = output.alpha.iter().filter(|&&a| a < HOLE_ALPHA).count();
@@ -103,7 +111,7 @@ pub(super) fn render(
         extras.insert("median_scale".to_owned(), scale);
     }
     let picture = PicturePrediction {
-        picture: Picture::Rgb8(output.srgb8(Background::Black, Quantization::Round)),
+        picture: Picture::Rgb8(renderer.picture(&output)),
         region: None,
         resized_from: None,
         extras,

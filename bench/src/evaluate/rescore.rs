@@ -60,7 +60,7 @@ pub fn rescore(
         .collect();
     list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
     let list = PairList::new("pairs.csv", list.pairs);
-    let keys = Keys::new(&datasets, &manifest.renderer.backend);
+    let keys = Keys::new(&datasets, &manifest.renderer);
     folder.remove_tables()?;
     folder.write_manifest(&manifest)?;
 

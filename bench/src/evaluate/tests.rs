@@ -20,7 +20,7 @@ use crate::methods::{
     PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
 };
 use crate::pairs::OpenDataset;
-use crate::rendering::SharedRenderer;
+use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
 const DATASET: &str = "S:synthetic=size=48x36,views=20";
@@ -545,10 +545,11 @@ impl Renderer for Mortal {
 }
 
 fn mortal(pictures_left: usize) -> SharedRenderer {
-    SharedRenderer::new(Box::new(Mortal {
+    let mortal = Mortal {
         cpu: CpuRenderer::new(),
         pictures_left,
-    }))
+    };
+    SharedRenderer::new(Box::new(mortal), RenderSettings::default())
 }
 
 #[test]
@@ -561,7 +562,8 @@ fn a_lost_device_leaves_the_unit_undone_and_the_run_continues_from_there() {
         evaluation.run(&dir.path().join(name), RunOptions::default(), &Quiet)
     };
     on(mortal(usize::MAX), "whole").unwrap();
-    let error = on(mortal(2), "cut").err().unwrap();
+    // The source itself, and two of its targets.
+    let error = on(mortal(3), "cut").err().unwrap();
     let EvaluateError::Device { pair_id, .. } = &error else {
         panic!("{error}");
     };

@@ -7,4 +7,4 @@ pub mod batch;
 pub mod shared;
 
 pub use batch::{BatchRenderer, Fallback};
-pub use shared::SharedRenderer;
+pub use shared::{RenderSettings, SharedRenderer};

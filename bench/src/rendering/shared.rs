@@ -2,29 +2,63 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use glam::DAffine3;
+use image::RgbImage;
+use sharp::camera::Intrinsics;
+use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
-use sharp::render::{Backend, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer};
+use sharp::render::{
+    Backend, Background, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer,
+};
+
+/// What decides a rendering's pixels besides its backend. The paper states none of it; the defaults are the release's,
+/// but for rounding, where it truncates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RenderSettings {
+    /// Added to both diagonal entries of projected covariances, px².
+    pub eps2d: f32,
+    /// Behind the Gaussians, blended in linear light.
+    pub background: Background,
+    /// From 0..1 to 8 bit.
+    pub quantization: Quantization,
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self {
+            eps2d: RenderView::EPS2D_RELEASE,
+            background: Background::Black,
+            quantization: Quantization::Round,
+        }
+    }
+}
 
 /// A renderer that methods share. Nothing takes over from it: a device that fails ends the run, which can be resumed.
 pub struct SharedRenderer {
     name: String,
+    settings: RenderSettings,
     renderer: Mutex<Box<dyn Renderer>>,
 }
 
 impl SharedRenderer {
-    pub fn new(renderer: Box<dyn Renderer>) -> Self {
+    pub fn new(renderer: Box<dyn Renderer>, settings: RenderSettings) -> Self {
         Self {
             name: renderer.name(),
+            settings,
             renderer: Mutex::new(renderer),
         }
     }
 
     pub fn cpu() -> Self {
-        Self::new(Box::new(CpuRenderer::new()))
+        Self::new(Box::new(CpuRenderer::new()), RenderSettings::default())
     }
 
-    pub fn open(backend: &Backend) -> Result<Self, RenderError> {
-        backend.open().map(Self::new)
+    pub fn open(backend: &Backend, settings: RenderSettings) -> Result<Self, RenderError> {
+        Ok(Self::new(backend.open()?, settings))
+    }
+
+    pub fn settings(&self) -> RenderSettings {
+        self.settings
     }
 
     /// The exact backend, for records and keys: `cpu-avx512`, `wgpu:<adapter, driver>`.
@@ -32,13 +66,24 @@ impl SharedRenderer {
         &self.name
     }
 
+    /// Renders a scene into a camera; `camera_from_scene` may be any affine map.
     pub fn render(
         &self,
         scene: &Gaussians,
-        view: &RenderView,
+        camera_from_scene: DAffine3,
+        intrinsics: Intrinsics,
     ) -> Result<RenderOutput, RenderError> {
+        let view = RenderView {
+            eps2d: self.settings.eps2d,
+            ..RenderView::new(camera_from_scene, intrinsics)
+        };
         let mut renderer = self.renderer.lock().unwrap_or_else(PoisonError::into_inner);
-        renderer.render(scene, view)
+        renderer.render(scene, &view)
+    }
+
+    /// What is scored of a rendering: composited, sRGB-encoded, 8 bit.
+    pub fn picture(&self, rendering: &RenderOutput) -> RgbImage {
+        rendering.srgb8(self.settings.background, self.settings.quantization)
     }
 }
 

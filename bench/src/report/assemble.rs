@@ -175,6 +175,12 @@ fn extras() -> Vec<Column> {
             "share of pixels whose alpha is below 0.5",
         ),
         (
+            "source_psnr",
+            "Source PSNR",
+            2,
+            "PSNR of the source's photograph and the Gaussians rendered from its own camera, dB",
+        ),
+        (
             "median_scale",
             "Depth scale",
             3,
@@ -223,18 +229,11 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     if !notes.is_empty() {
         groups.push(group("Dataset notes", notes));
     }
-    let renderer = &manifest.renderer;
     let mut scoring: Vec<(String, String)> = manifest.scoring.clone().into_iter().collect();
     scoring.extend([
         fact("kernels", format!("cpu-{}", manifest.kernels)),
         fact("metric networks", manifest.metric_networks),
-        fact(
-            "renderer",
-            format!(
-                "{}, near {}, far {:e}, eps2d {}, background {}",
-                renderer.backend, renderer.near, renderer.far, renderer.eps2d, renderer.background
-            ),
-        ),
+        fact("renderer", &manifest.renderer),
     ]);
     if manifest.common_region {
         let rule = "on the part of a target that all methods predict (--common-region)";

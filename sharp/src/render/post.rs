@@ -27,6 +27,17 @@ impl Background {
     }
 }
 
+/// As records name it: `black`, `white`, or linear RGB.
+impl std::fmt::Display for Background {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Black => f.write_str("black"),
+            Self::White => f.write_str("white"),
+            Self::Color([r, g, b]) => write!(f, "{r},{g},{b}"),
+        }
+    }
+}
+
 /// The smallest alpha by which an accumulated depth is divided (the release's).
 const ALPHA_FLOOR: f32 = 1e-8;
 

@@ -10,9 +10,9 @@ use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
 use sharp::render::trajectory::DepthRange;
-use sharp::render::{Background, RenderError, RenderOutput, RenderView, release_screen};
+use sharp::render::{RenderError, RenderOutput, RenderView, release_screen};
 
-use super::args::{self, Layers};
+use super::args::Layers;
 use super::writer::{self, Appearance, OutputKind, ViewWriter};
 use super::{RenderArgs, Summary, frames};
 use crate::cli::output::Terminal;
@@ -58,8 +58,9 @@ impl<'a> RenderJob<'a> {
         } else {
             photo
         };
+        let rendering = args.rendering.settings();
         let view = |camera_from_scene: DAffine3| RenderView {
-            eps2d: args.eps2d,
+            eps2d: rendering.eps2d,
             near: args.near,
             far: args.far,
             ..RenderView::new(camera_from_scene, screen)
@@ -80,10 +81,9 @@ impl<'a> RenderJob<'a> {
                     .map_or([1.0, 2.0], |range| [range.near as f32, range.far as f32]),
             ),
         };
-        let rule = match (args.quantise, args.release_screen) {
-            (Some(rule), _) => rule.into(),
+        let rule = match (args.rendering.quantise, args.release_screen) {
             (None, true) => Quantization::Truncate,
-            (None, false) => Quantization::Round,
+            _ => rendering.quantization,
         };
         Ok(Self {
             args,
@@ -91,7 +91,7 @@ impl<'a> RenderJob<'a> {
             screen,
             views,
             appearance: Appearance {
-                background: args.background.unwrap_or(Background::Black),
+                background: rendering.background,
                 quantization: rule,
                 depth_m,
                 alpha: args.alpha,
@@ -224,10 +224,10 @@ impl<'a> RenderJob<'a> {
             "path": self.path,
             "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
             "frames": self.views.len(),
-            "eps2d": self.args.eps2d,
+            "eps2d": self.args.rendering.settings().eps2d,
             "near": self.args.near,
             "far": self.args.far,
-            "background": args::background_text(self.appearance.background),
+            "background": self.appearance.background.to_string(),
             "quantization": format!("{:?}", self.appearance.quantization),
             "depth_range_m": self.appearance.depth_m,
             "alpha": self.appearance.alpha,
@@ -270,8 +270,8 @@ fn check_kind(args: &RenderArgs, kind: OutputKind, moved: Option<usize>) -> anyh
         "{out}: --fps is for .gif and .mp4"
     );
     let options = [
-        ("--background", args.background.is_some()),
-        ("--quantise", args.quantise.is_some()),
+        ("--background", args.rendering.background.is_some()),
+        ("--quantise", args.rendering.quantise.is_some()),
     ];
     writer::refuse_for_floats(&args.out, &options)
 }

@@ -12,12 +12,13 @@ use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use sharp::ply::ColorSpace;
-use sharp::render::{Backend, Background, RenderOutput, RenderView};
+use sharp::render::{Backend, RenderOutput, RenderView};
 
-use self::args::{Layers, Quantise};
+use self::args::Layers;
 use self::job::RenderJob;
 use self::path::PathArgs;
 use self::writer::OutputKind;
+use super::rendering_args::RenderingArgs;
 use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
 
@@ -61,23 +62,14 @@ pub(super) struct RenderArgs {
     /// The GPU, by a part of its description (`sharp-bench doctor` lists them); a software one is used only when named
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Low-pass added to both variances of a projected Gaussian: release (0), config (0.01), gsplat (0.3; also 3dgs),
-    /// or square pixels
-    #[arg(long, value_name = "X", default_value = "release", value_parser = args::eps2d)]
-    eps2d: f32,
+    #[command(flatten)]
+    rendering: RenderingArgs,
     /// Drop Gaussians whose centre is nearer, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::NEAR)]
     near: f32,
     /// Drop Gaussians whose centre is farther, metres
     #[arg(long, value_name = "M", default_value_t = RenderView::FAR)]
     far: f32,
-    /// Behind the Gaussians: black, white, #RRGGBB (sRGB), or R,G,B in linear light; blended in linear light
-    /// [default: black]
-    #[arg(long, value_name = "COLOUR", value_parser = args::background)]
-    background: Option<Background>,
-    /// From 0..1 to 8 bit [default: round]
-    #[arg(long, alias = "quantize", value_enum, value_name = "RULE")]
-    quantise: Option<Quantise>,
     /// The screen of the release's `sharp render`: principal point at ((W-1)/2, (H-1)/2), pictures higher than 3000
     /// pixels halved, odd sides one larger, truncation to 8 bit
     #[arg(long)]
