@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use sha2::{Digest, Sha256};
+use sharp::regular_file;
 
 use crate::format::FormatError;
 use crate::{DatasetError, natural_order};
@@ -220,12 +221,7 @@ pub fn parse_text<T>(
 /// # Errors
 /// As [`read`].
 pub fn open(path: &Path) -> Result<File, DatasetError> {
-    // Asked before opening: opening a pipe waits for its writer.
-    let metadata = std::fs::metadata(path).map_err(|e| DatasetError::io(path, e))?;
-    if !metadata.is_file() {
-        return Err(DatasetError::malformed(path, "not a regular file"));
-    }
-    File::open(path).map_err(|e| DatasetError::io(path, e))
+    regular_file::open(path).map_err(|e| DatasetError::io(path, e))
 }
 
 /// sha256 of a file's bytes, 64 lower-case hexadecimal digits.

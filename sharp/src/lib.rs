@@ -18,6 +18,7 @@
 //! * [`unprojection`]: from normalised to metric space, as the release does it.
 //! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.
 //! * [`random`]: the generator behind every seeded choice.
+//! * [`regular_file`]: reading files that people name.
 //! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;
@@ -31,6 +32,7 @@ pub mod initializer;
 pub mod model;
 pub mod ply;
 pub mod random;
+pub mod regular_file;
 #[cfg(feature = "render")]
 pub mod render;
 pub mod resize;

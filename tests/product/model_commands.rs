@@ -135,6 +135,15 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
 
     let info = run(dir.path(), &["gaussians", "info", "untagged.ply"]).ends_with(0);
     assert!(info.out.contains("the file does not say"), "{}", info.out);
+    assert!(info.out.contains("plausible as the camera's space"));
+    // In OpenGL axes, and in millimetres.
+    for (scale, words) in [(-1.0, "OpenGL axes"), (1000.0, "median depth of 4")] {
+        let mut moved = crate::render_scene::gaussians();
+        moved.means.iter_mut().for_each(|mean| mean[2] *= scale);
+        crate::render_scene::write(&dir.path().join("moved.ply"), moved);
+        let info = run(dir.path(), &["gaussians", "info", "moved.ply"]).ends_with(0);
+        assert!(info.out.contains(words), "{}", info.out);
+    }
     let convert = ["gaussians", "convert", "untagged.ply", "x.ply"];
     run(dir.path(), &convert).is_error_with(&["color_space=linear", "color_space=srgb"]);
     run(
@@ -174,5 +183,20 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         evaluate(",color_space=srgb").ends_with(0).json()["failed"],
         0
     );
+    // Taken for linear, they give themselves away in their own source.
+    let wrong = evaluate(",color_space=linear").ends_with(0);
+    assert!(
+        wrong.err.contains("photograph they were predicted from"),
+        "{}",
+        wrong.err
+    );
+    let report = run(dir.path(), &["report", "r"]).ends_with(0);
+    let page = std::fs::read_to_string(dir.path().join("r/report/index.html")).unwrap();
+    assert!(
+        page.contains("photograph they were predicted from"),
+        "{}",
+        report.out
+    );
+    assert!(page.contains("Source PSNR"));
     evaluate(",color_space=rec709").is_error_with(&["rec709", "linear srgb"]);
 }

@@ -394,3 +394,58 @@ fn an_estimate_and_a_count_write_nothing() {
     assert!(left.iter().all(|name| name == ".cache"), "{left:?}");
     assert_eq!(with(&[]).code, 2);
 }
+
+#[test]
+fn what_the_paper_leaves_unsaid_about_renderings_is_a_recorded_choice() {
+    let dir = tempfile::tempdir().unwrap();
+    let splat = |out: &str, more: &[&str]| {
+        let method = ["--method", "depth-splat"];
+        run(dir.path(), out, &[&method[..], more].concat())
+    };
+    let scores = |out: &str| {
+        let rows = rows(&dir.path().join(out).join("scores.csv"));
+        let psnr = column(&rows, "psnr");
+        rows[1..]
+            .iter()
+            .map(|row| row[psnr].clone())
+            .collect::<Vec<_>>()
+    };
+    splat("r", &[]).ends_with(0);
+    for (out, option, value, recorded) in [
+        ("eps2d", "--eps2d", "gsplat", "\"eps2d\": 0.3"),
+        (
+            "background",
+            "--background",
+            "white",
+            "\"background\": \"white\"",
+        ),
+        (
+            "quantise",
+            "--quantise",
+            "truncate",
+            "\"quantization\": \"truncate\"",
+        ),
+    ] {
+        splat(out, &[option, value]).ends_with(0);
+        let manifest = read(dir.path().join(out).join("manifest.json"));
+        assert!(manifest.contains(recorded), "{manifest}");
+        assert_ne!(scores(out), scores("r"), "{option}");
+        // One folder has one choice.
+        splat("r", &[option, value]).is_error_with(&["r:", "renderer"]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn what_never_ends_is_no_input() {
+    let dir = tempfile::tempdir().unwrap();
+    for args in [
+        &["weights", "check", "/dev/zero"][..],
+        &["gaussians", "info", "/dev/zero"],
+        &["render", "/dev/zero", "--out", "x.png"],
+    ] {
+        sharp_bench(dir.path(), args).is_error_with(&["/dev/zero"]);
+    }
+    let method = ["--method", "sharp:checkpoint=/dev/zero"];
+    run(dir.path(), "r", &method).is_error_with(&["/dev/zero", "not a regular file"]);
+}

@@ -1,20 +1,20 @@
 //! sha256 of bytes and of files, in hexadecimal.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
+use sharp::regular_file;
 use sharp_datasets::files;
 
 use super::atomic_files::FileError;
 
 pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
-/// sha256 of a file's content, read in pieces.
+/// sha256 of a regular file's content, read in pieces.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
-    let hash = File::open(path).and_then(files::sha256_of_reader);
+    let hash = regular_file::open(path).and_then(files::sha256_of_reader);
     hash.map_err(FileError::new(path, "read"))
 }
 

@@ -63,6 +63,18 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
     Ok(picture)
 }
 
+/// Width and height from the header of a picture that is compressed; `None` for arrays, which are as large as their file.
+///
+/// # Errors
+/// As [`read`], as far as the header shows.
+pub fn dimensions(path: &Path) -> Result<Option<(u32, u32)>, ReadError> {
+    match extension(path).as_deref() {
+        Some("exr") => exr_dimensions(path).map(Some),
+        Some("npy" | "safetensors") => Ok(None),
+        _ => Ok(Some(picture::dimensions(path)?)),
+    }
+}
+
 /// True for a PNG with an alpha channel or transparent palette entries, which [`read`] drops.
 pub fn has_alpha(path: &Path) -> bool {
     let decoder = || {
@@ -112,13 +124,14 @@ fn malformed(path: &Path, reason: impl Into<String>) -> ReadError {
     }
 }
 
-fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
-    let reason = |error: exr::error::Error| malformed(path, error.to_string());
-    // The header decides how much is allocated, so it is checked against the file first.
+/// The size of the first layer. The header decides how much is allocated, so it is checked against the file.
+fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     let bytes = std::fs::metadata(path)
         .map_err(|error| malformed(path, error.to_string()))?
         .len();
-    let meta = MetaData::read_from_file(path, false).map_err(reason)?;
+    let meta = MetaData::read_from_file(path, false);
+    let meta = meta.map_err(|error| malformed(path, error.to_string()))?;
+    let mut first = None;
     for header in &meta.headers {
         let size = header.layer_size;
         let pixels = size.width() as u64 * size.height() as u64;
@@ -132,7 +145,14 @@ fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
                 ),
             ));
         }
+        first.get_or_insert((size.width() as u32, size.height() as u32));
     }
+    first.ok_or_else(|| malformed(path, "it has no layer"))
+}
+
+fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
+    let reason = |error: exr::error::Error| malformed(path, error.to_string());
+    exr_dimensions(path)?;
     let image = read_first_rgba_layer_from_file(
         path,
         |size, _| Rgb32FImage::new(size.width() as u32, size.height() as u32),

@@ -5,12 +5,13 @@
 //! and nothing is reduced.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use sharp_metrics::Picture;
 use sharp_metrics::resize::{ResizeKernel, resize};
 
-use super::method::PicturePrediction;
-use crate::io::pictures::to_rgb8;
+use super::method::{MethodError, PicturePrediction};
+use crate::io::pictures::{self, ReadError, to_rgb8};
 use crate::scoring::Region;
 
 /// Which part of the target a method's pictures show.
@@ -103,8 +104,25 @@ impl FitRules {
         Ok((region != Region::whole(target)).then_some(region))
     }
 
+    /// Reads a picture and brings it to the size of what it shows, 8 bit. It is not decoded where its header already
+    /// tells that its size is wrong: a small file may hold more pixels than memory.
+    pub(super) fn read(
+        &self,
+        path: &Path,
+        region: Option<Region>,
+        target: (u32, u32),
+    ) -> Result<PicturePrediction, MethodError> {
+        let named = |reason: String| MethodError::file(path, reason);
+        let unreadable = |error: ReadError| MethodError::Model(error.to_string());
+        if let Some(own) = pictures::dimensions(path).map_err(unreadable)? {
+            self.kernel_for(own, region, target).map_err(named)?;
+        }
+        let picture = pictures::read(path).map_err(unreadable)?;
+        self.fit(picture, region, target).map_err(named)
+    }
+
     /// Brings a picture to the size of what it shows, 8 bit. Errors are the bare reason.
-    pub(super) fn fit(
+    fn fit(
         &self,
         picture: Picture,
         region: Option<Region>,
@@ -112,11 +130,11 @@ impl FitRules {
     ) -> Result<PicturePrediction, String> {
         let own = picture.dimensions();
         let shown = region.unwrap_or(Region::whole(target)).size();
-        let picture = if own == shown {
-            picture
-        } else {
-            let kernel = self.kernel_for(own, shown, region.is_some())?;
-            resize(&picture, shown.0, shown.1, kernel).map_err(|error| error.to_string())?
+        let picture = match self.kernel_for(own, region, target)? {
+            None => picture,
+            Some(kernel) => {
+                resize(&picture, shown.0, shown.1, kernel).map_err(|error| error.to_string())?
+            }
         };
         Ok(PicturePrediction {
             picture: Picture::Rgb8(match picture {
@@ -129,18 +147,20 @@ impl FitRules {
         })
     }
 
-    /// The kernel for a picture that is not of the size that it has to be, if it may be resized.
+    /// The kernel for a picture that is not of the size that it has to be, if it may be resized; `None` where it is.
     fn kernel_for(
         &self,
         (w, h): (u32, u32),
-        (to_w, to_h): (u32, u32),
-        cropped: bool,
-    ) -> Result<ResizeKernel, String> {
-        let what = if cropped {
-            "its crop of the target"
-        } else {
-            "the target"
+        region: Option<Region>,
+        target: (u32, u32),
+    ) -> Result<Option<ResizeKernel>, String> {
+        let (what, (to_w, to_h)) = match region {
+            Some(region) => ("its crop of the target", region.size()),
+            None => ("the target", target),
         };
+        if (w, h) == (to_w, to_h) {
+            return Ok(None);
+        }
         let sizes = format!("the picture is {w}x{h}, {what} {to_w}x{to_h}");
         if w > to_w || h > to_h {
             return Err(format!("{sizes}: larger pictures are never reduced"));
@@ -154,7 +174,7 @@ impl FitRules {
                  crop=sidecar)"
             ));
         }
-        self.kernel.ok_or_else(|| {
+        self.kernel.map(Some).ok_or_else(|| {
             let names: Vec<&str> = ResizeKernel::ALL.iter().map(|k| k.name()).collect();
             format!(
                 "{sizes}: name the kernel to resize it up with (resize={})",
@@ -252,6 +272,23 @@ mod tests {
             let error = fit(kernel, size.0, size.1).unwrap_err();
             assert!(error.contains(part), "{error}");
         }
+    }
+
+    #[test]
+    fn a_picture_of_the_wrong_size_is_not_decoded() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("p.png");
+        RgbImage::new(97, 72).save(&path).unwrap();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let data = bytes.windows(4).position(|w| w == b"IDAT").unwrap();
+        bytes[data + 6] ^= 0xFF;
+        std::fs::write(&path, bytes).unwrap();
+        let said = |target| {
+            let read = rules(None, None).read(&path, None, target);
+            read.unwrap_err().to_string()
+        };
+        assert!(said((96, 72)).contains("never reduced"));
+        assert!(!said((97, 72)).contains("97x72"), "decoded, and damaged");
     }
 
     #[test]

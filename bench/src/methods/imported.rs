@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use sharp_datasets::format::picture;
+use sharp::regular_file;
 
 use super::crop_and_resize::{CropRule, FitRules};
 use super::method::{
@@ -93,7 +93,7 @@ impl Imported {
 
     fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {
         let path = self.sidecar_path(pair_id);
-        let bytes = std::fs::read(&path).map_err(|error| MethodError::file(&path, error))?;
+        let bytes = regular_file::read(&path).map_err(|error| MethodError::file(&path, error))?;
         let sidecar = serde_json::from_slice(&bytes);
         let Sidecar { crop } = sidecar.map_err(|error| MethodError::file(&path, error))?;
         let [x, y, width, height] = crop;
@@ -113,13 +113,9 @@ impl Imported {
         target: (u32, u32),
     ) -> Result<Option<Region>, MethodError> {
         let (own, sidecar) = match self.fit.crop() {
-            CropRule::CenterOfOwnAspect if path.extension().is_some_and(|e| e == "exr") => {
-                let picture = pictures::read(path).map_err(|e| MethodError::file(path, e))?;
-                (Some(picture.dimensions()), None)
-            }
             CropRule::CenterOfOwnAspect => {
-                let size = picture::dimensions(path).map_err(|e| MethodError::file(path, e))?;
-                (Some(size), None)
+                let size = pictures::dimensions(path);
+                (size.map_err(|e| MethodError::Model(e.to_string()))?, None)
             }
             CropRule::Sidecar => (None, Some(self.sidecar(pair_id)?)),
             _ => (None, None),
@@ -168,8 +164,6 @@ impl PredictPicture for Imported {
     ) -> Result<PicturePrediction, MethodError> {
         let path = self.find(target.pair_id())?;
         let region = self.region_of(&path, target.pair_id(), target.size())?;
-        let picture = pictures::read(&path).map_err(|e| MethodError::file(&path, e))?;
-        let fitted = self.fit.fit(picture, region, target.size());
-        fitted.map_err(|reason| MethodError::file(&path, reason))
+        self.fit.read(&path, region, target.size())
     }
 }

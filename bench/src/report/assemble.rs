@@ -14,6 +14,7 @@ use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report}
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
 use crate::evaluate::record::Record;
+use crate::evaluate::source_check::doubt;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
@@ -104,7 +105,11 @@ fn input<'a>(
                 ..ReportDataset::named(&dataset.name)
             })
             .collect(),
-        methods: manifest.methods.iter().map(method).collect(),
+        methods: manifest
+            .methods
+            .iter()
+            .map(|m| method(m, records))
+            .collect(),
         facts: facts(manifest),
         published,
         pictures,
@@ -112,8 +117,9 @@ fn input<'a>(
     }
 }
 
-fn method(record: &MethodRecord) -> ReportMethod {
+fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
     let identity = &record.identity;
+    let mut of_method = records.iter().filter(|r| r.method == record.label);
     let summary = KINDS.iter().find(|known| known.name == identity.kind);
     let privilege = match record.privilege {
         Privilege::DepthScale => ", its scale aligned to the source's true depth",
@@ -132,6 +138,7 @@ fn method(record: &MethodRecord) -> ReportMethod {
         resize_kernel: kernel
             .and_then(|text| text.split(' ').next())
             .map(str::to_owned),
+        doubt: of_method.find_map(|r| doubt(r, record.privilege)),
     }
 }
 

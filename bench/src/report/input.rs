@@ -205,6 +205,8 @@ pub struct ReportMethod {
     pub is_baseline: bool,
     /// The kernel that smaller predictions are resized up with, where one is named.
     pub resize_kernel: Option<String>,
+    /// What is odd about its predictions, as a sentence of which its label is the beginning: a remark of the first table.
+    pub doubt: Option<String>,
 }
 
 impl ReportMethod {

@@ -135,6 +135,9 @@ fn score_tables(input: &ReportInput<'_>, board: &Board<'_>) -> (Vec<Column>, Vec
     let mut tables = build::of_scores(board, &metrics);
     if let Some(first) = tables.first_mut() {
         first.remarks.extend(remark);
+        let methods = board.methods.iter();
+        let doubts = methods.filter_map(|m| Some(format!("{}: {}.", m.label, m.doubt.as_ref()?)));
+        first.remarks.extend(doubts);
     }
     (metrics, tables)
 }

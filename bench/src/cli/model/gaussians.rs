@@ -19,7 +19,7 @@ pub(crate) struct GaussiansArgs {
 
 #[derive(Debug, Subcommand)]
 enum GaussiansCommand {
-    /// Counts, and histograms of opacity, scale and depth
+    /// Counts, histograms of opacity, scale and place, and whether these can be metres in camera space
     Info {
         /// The file
         ply: PathBuf,
@@ -121,8 +121,17 @@ struct Info {
     focal_px: Option<[f64; 2]>,
     opacity: Option<Distribution>,
     scale: Option<Distribution>,
+    x: Option<Distribution>,
+    y: Option<Distribution>,
     depth: Option<Distribution>,
+    /// Share of Gaussians behind the camera, 0..1: where it is large, the axes or the space are others.
+    behind: f64,
+    /// What speaks against camera space, OpenCV axes and metres.
+    implausible: Vec<String>,
 }
+
+/// Medians of depth that photographs have, metres.
+const PLAUSIBLE_DEPTH: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 fn describe(scene: &GaussianScene) -> Info {
     let Gaussians {
@@ -132,6 +141,22 @@ fn describe(scene: &GaussianScene) -> Info {
         ..
     } = &scene.gaussians;
     let n = scene.gaussians.len();
+    let along = |axis: usize| Distribution::of(means.iter().map(|m| m[axis]));
+    let depth = along(2);
+    let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
+    let median = depth.as_ref().map(|depth| depth.quantiles[3]);
+    let mut implausible = Vec::new();
+    if behind > 0.1 {
+        implausible.push(format!(
+            "{:.0} % lie behind the camera: OpenGL axes, or a space that is not the camera's?",
+            100.0 * behind
+        ));
+    }
+    if let Some(median) = median.filter(|z| *z > 0.0 && !PLAUSIBLE_DEPTH.contains(z)) {
+        implausible.push(format!(
+            "a median depth of {median} is not one of a photograph in metres"
+        ));
+    }
     Info {
         gaussians: n,
         per_layer: (scene.version.is_some() && n > 0 && n.is_multiple_of(2)).then_some(n / 2),
@@ -145,7 +170,11 @@ fn describe(scene: &GaussianScene) -> Info {
         focal_px: scene.intrinsics.map(|k| [k.fx, k.fy]),
         opacity: Distribution::of(opacities.iter().copied()),
         scale: Distribution::of(scales.iter().flatten().copied()),
-        depth: Distribution::of(means.iter().map(|m| m[2])),
+        x: along(0),
+        y: along(1),
+        depth,
+        behind,
+        implausible,
     }
 }
 
@@ -195,6 +224,8 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
     for (name, distribution) in [
         ("opacity", &info.opacity),
         ("scale (m)", &info.scale),
+        ("x (m)", &info.x),
+        ("y (m)", &info.y),
         ("depth (m)", &info.depth),
     ] {
         if let Some(Distribution {
@@ -207,6 +238,11 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
             output::line(format!("{:<12}  {}", "", bars(histogram)))?;
         }
     }
+    let verdict = match info.implausible.is_empty() {
+        true => "plausible as the camera's space, OpenCV axes, metres".to_owned(),
+        false => info.implausible.join("; "),
+    };
+    output::line(format!("space        {verdict}"))?;
     Ok(Outcome::Done)
 }
 

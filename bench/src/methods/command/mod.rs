@@ -21,9 +21,9 @@ use super::method::{
     SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
+use crate::io::fingerprints;
 use crate::io::hash::{FileStamp, StableHasher, sha256_hex};
 use crate::io::rendering_files::write_png;
-use crate::io::{fingerprints, pictures};
 
 /// Runs a program for all pairs of a run.
 ///
@@ -278,9 +278,7 @@ impl PredictPicture for Command {
             return Err(self.failure(format!("the program says: {reason}")));
         }
         let path = answer.picture.unwrap_or(write_to);
-        let picture = pictures::read(&path).map_err(|error| MethodError::file(&path, error))?;
-        let fitted = self.fit.fit(picture, region, target.size());
-        let mut prediction = fitted.map_err(|reason| MethodError::file(&path, reason))?;
+        let mut prediction = self.fit.read(&path, region, target.size())?;
         prediction.extras = answer.extras;
         Ok(prediction)
     }
