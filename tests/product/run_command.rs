@@ -274,6 +274,18 @@ fn a_folder_grows_and_is_reported_joined_and_scored_again() {
         "{report}"
     );
 
+    // A bundle stands for its folder, but for the pictures.
+    sharp_bench(path, &["bundle", "r", "--out", "r.zip"]).ends_with(0);
+    sharp_bench(path, &["report", "r.zip"]).is_usage_error_with(&["--out"]);
+    sharp_bench(path, &["report", "r", "--out", "of-folder"]).ends_with(0);
+    sharp_bench(path, &["report", "r.zip", "--out", "of-bundle"]).ends_with(0);
+    assert_eq!(
+        read(path.join("of-folder/tables/scores.csv")),
+        read(path.join("of-bundle/tables/scores.csv"))
+    );
+    sharp_bench(path, &["report", "r/scores.csv", "--out", "x"])
+        .is_error_with(&["r/scores.csv", "not a bundle"]);
+
     // A run that has not ended is reported as far as it is.
     let unit = std::fs::read_dir(path.join("more/units")).unwrap().next();
     std::fs::remove_dir_all(unit.unwrap().unwrap().path()).unwrap();

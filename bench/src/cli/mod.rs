@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod analyze;
+mod bundle;
 mod cameras;
 mod completions;
 mod data_args;
@@ -53,6 +54,7 @@ enum CliCommand {
     Score(score::ScoreArgs),
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
+    Bundle(bundle::BundleArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
@@ -84,6 +86,7 @@ impl Cli {
             CliCommand::Score(args) => score::execute(&args),
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
+            CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),

@@ -26,7 +26,7 @@ Examples:
 Writes report.md, index.html (one file that opens from disk), tables as .md, .csv and .tex, plots as .svg and .png.
 Source and target pictures come from the datasets named in the run, where they are still in place.")]
 pub(super) struct ReportArgs {
-    /// Run folders
+    /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
     runs: Vec<Named>,
     /// Where to write; RUN/report for a single run
@@ -44,9 +44,9 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     let results = join(&args.runs)?;
     let out = match (&args.out, args.runs.as_slice()) {
         (Some(out), _) => out.clone(),
-        (None, [run]) => run.path.join("report"),
+        (None, [run]) if run.path.is_dir() => run.path.join("report"),
         (None, _) => {
-            let reason = "--out DIR is needed for a report on several runs";
+            let reason = "--out DIR is needed for a report on several runs or on a bundle";
             return Err(UsageError(reason.to_owned()).into());
         }
     };

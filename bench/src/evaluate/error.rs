@@ -77,6 +77,14 @@ pub enum EvaluateError {
         /// [`super::manifest::FORMAT`].
         expected: u32,
     },
+    /// A file that is taken for a bundle.
+    #[error("{}: not a bundle of scores: {reason}", path.display())]
+    Bundle {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// Folders whose results cannot stand side by side.
     #[error("{} and {} cannot be joined: {difference}", a.display(), b.display())]
     Conflict {

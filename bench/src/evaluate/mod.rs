@@ -19,9 +19,10 @@
 //!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
 //!   [`manifest`]: what its results share.
-//! * [`results`]: a folder as records and tables; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
+//! * [`results`]: a folder as records and tables; [`bundle`]: the same in one file; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
 //!   scored again.
 
+pub mod bundle;
 pub mod error;
 mod estimate;
 pub mod folder;
@@ -42,6 +43,7 @@ pub mod source_check;
 mod tests;
 pub mod unit;
 
+pub use bundle::write_bundle;
 pub use error::EvaluateError;
 pub use estimate::Estimate;
 pub use folder::RunFolder;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use super::bundle::read_bundle;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::method_identity;
@@ -125,11 +126,14 @@ fn is_done(unit: &Unit) -> bool {
 }
 
 impl Results {
-    /// Reads a folder, also one whose run has not ended.
+    /// Reads a folder, also one whose run has not ended, or a bundle.
     ///
     /// # Errors
-    /// When it is no run folder, or of another format.
+    /// When it is neither, or of another format.
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
+        if root.exists() && !root.is_dir() {
+            return read_bundle(root);
+        }
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
         Self::of(&folder, &current)

@@ -9,17 +9,19 @@ use std::time::{Duration, Instant};
 
 use image::RgbImage;
 use sharp::gaussians::Gaussians;
+use sharp::random::SplitMix64;
 use sharp::render::{CpuRenderer, LoadedScene, RenderError, Renderer};
 use sharp_metrics::{Selection, Weights};
 
-use super::record::Status;
+use super::record::{Score, Status};
 use super::*;
+use crate::io::hash::sha256_hex;
 use crate::io::observer::{Observer, Quiet};
 use crate::methods::{
     self, Approach, Closure, GaussianPrediction, Method, MethodError, MethodIdentity,
     PicturePrediction, PredictGaussians, Privilege, SourceView, TargetCamera,
 };
-use crate::pairs::OpenDataset;
+use crate::pairs::{OpenDataset, PairList};
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
@@ -643,4 +645,116 @@ fn pair_options_of_a_dataset_are_its_own() {
     // Read back by the same types.
     let text = serde_json::to_string(&manifest).unwrap();
     assert_eq!(serde_json::from_str::<Manifest>(&text).unwrap(), manifest);
+}
+
+#[test]
+fn a_bundle_is_the_results_without_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    // One pair fails, one metric is perfect, one has no number.
+    let fails = Closure::new("fails", "1", |_, target: &TargetCamera| {
+        let (width, height) = target.size();
+        match target.pair_id().ends_with("view_01") {
+            true => Err(MethodError::Model("not this one".to_owned())),
+            false => Ok(RgbImage::new(width, height).into()),
+        }
+    });
+    let mut methods = by_spec(&["target", "copy"]);
+    methods.extend(one(fails));
+    let mut request = request(methods, "psnr,ssim-all", 6);
+    request.scoring = Scoring::new(
+        &Selection::parse("psnr,ssim-all,lpips").unwrap(),
+        &Weights::none(),
+    )
+    .unwrap();
+    let finished = run_with(&path("r"), request, RunOptions::default());
+    assert!(finished.results.failures() > 0);
+
+    write_bundle(&path("r"), &path("a.zip")).unwrap();
+    write_bundle(&path("r"), &path("b.zip")).unwrap();
+    let bytes = std::fs::read(path("a.zip")).unwrap();
+    assert!(bytes == std::fs::read(path("b.zip")).unwrap());
+    let packed = Results::read(&path("a.zip")).unwrap();
+    let mut expected = finished.results.records;
+    for record in &mut expected {
+        record.extras.clear();
+    }
+    assert_eq!(packed.records, expected);
+    assert_eq!(packed.manifest, finished.results.manifest);
+    assert_eq!(packed.missing, finished.results.missing);
+
+    // Damaged anywhere, cut anywhere, or no bundle at all: an error, never other numbers.
+    for at in (0..bytes.len()).step_by(bytes.len() / 200) {
+        let mut other = bytes.clone();
+        other[at] ^= 0x10;
+        std::fs::write(path("c.zip"), other).unwrap();
+        if let Ok(read) = Results::read(&path("c.zip")) {
+            assert_eq!(read.records, expected, "byte {at}");
+        }
+        std::fs::write(path("c.zip"), &bytes[..at]).unwrap();
+        assert!(Results::read(&path("c.zip")).is_err(), "cut at {at}");
+    }
+    let error = Results::read(&path("r/scores.csv")).unwrap_err();
+    assert!(error.to_string().contains("not a bundle"), "{error}");
+}
+
+/// 3000 pairs of 7 methods under 4 metrics, every score with all its digits: what a baseline in a repository may take.
+#[test]
+fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("r");
+    let results = run(
+        &out,
+        by_spec(&["copy"]),
+        "psnr,ssim,ssim-uniform7-sample,ssim-uniform7-population",
+        1,
+    )
+    .results;
+    let list = PairList::read(&out.join("pairs.csv")).unwrap();
+    let mut random = SplitMix64::new(7);
+    let mut unit = move || random.between(0.0, 1.0);
+    let (mut pairs, mut records) = (Vec::new(), Vec::new());
+    let mut manifest = results.manifest;
+    let methods = (0..7).map(|m| {
+        let mut method = manifest.methods[0].clone();
+        method.label = format!("method-{m}");
+        method
+    });
+    manifest.methods = methods.collect();
+    for at in 0..3000 {
+        let (scene, source, target) = (format!("scene_{}", at / 8), at % 8, at % 7);
+        let mut pair = list.pairs[0].clone();
+        pair.scene.clone_from(&scene);
+        pair.pair_id = format!("S/{scene}/{source:04}__{target:04}");
+        pair.source_sha256 = sha256_hex(format!("{scene} {source}").as_bytes());
+        pair.target_sha256 = sha256_hex(format!("{scene} {target}").as_bytes());
+        pair.baseline_m = unit();
+        pair.rotation_deg = unit();
+        for method in &manifest.methods {
+            let mut record = results.records[0].clone();
+            record.pair_id.clone_from(&pair.pair_id);
+            record.scene.clone_from(&scene);
+            record.cluster.clone_from(&scene);
+            record.method.clone_from(&method.label);
+            for (key, score) in &mut record.scores {
+                let value = unit();
+                *score = Score::Value(if key == "psnr" {
+                    10.0 + 20.0 * value
+                } else {
+                    value
+                });
+            }
+            assert_eq!(record.scores.len(), 4);
+            records.push(record);
+        }
+        pairs.push(pair);
+    }
+    let results = Results {
+        manifest,
+        records,
+        missing: BTreeSet::new(),
+        pictures: Vec::new(),
+    };
+    let bytes = bundle::pack(&results, pairs).unwrap().len();
+    assert!(bytes < 1_000_000, "{bytes}");
 }

@@ -1,0 +1,56 @@
+//! `bundle RUN`: the scores of a run as one small file.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::{Outcome, output};
+use crate::evaluate::write_bundle;
+use crate::io::counts::counted;
+use crate::io::hash::file_sha256;
+
+/// Pack the scores of a run into one small file, to share or to commit as a baseline
+///
+/// Scores exactly as they are, the manifest and the evaluated pairs; no pictures, no timings. Equal results give equal
+/// bytes. `report` takes the file where it takes a run folder.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
+pub(super) struct BundleArgs {
+    /// The run folder
+    run: PathBuf,
+    /// The file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
+    let results = write_bundle(&args.run, &args.out)?;
+    let bytes = std::fs::metadata(&args.out)?.len();
+    let out = args.out.display().to_string();
+    if args.json {
+        output::json(&json!({
+            "out": out,
+            "sha256": file_sha256(&args.out)?,
+            "bytes": bytes,
+            "units": results.records.len(),
+            "missing": results.missing.len(),
+        }))?;
+    } else {
+        output::line(format!(
+            "{out}  {} in {:.1} kB",
+            counted(results.records.len(), "unit"),
+            bytes as f64 / 1000.0
+        ))?;
+    }
+    if !results.missing.is_empty() {
+        output::remark(format!(
+            "note: the run has not ended: {} are missing",
+            counted(results.missing.len(), "unit")
+        ));
+    }
+    Ok(Outcome::Done)
+}
