@@ -329,7 +329,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         manifest.pairs.sha256.clone_from(&list.sha256);
         manifest.pairs.listed = list.pairs.len();
         manifest.pairs.evaluated = plan.pairs().len();
-        write_atomic(&target.pairs_path(), list.to_csv().as_bytes())?;
+        write_atomic(&target.pairs_path(), list.bytes())?;
     }
     target.write_plan(&plan)?;
     target.write_manifest(&manifest)?;

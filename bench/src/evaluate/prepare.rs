@@ -399,7 +399,7 @@ impl Evaluation {
             });
         }
         folder.remove_tables()?;
-        write_atomic(&folder.pairs_path(), list.to_csv().as_bytes())?;
+        write_atomic(&folder.pairs_path(), list.bytes())?;
         folder.write_plan(&plan)?;
         folder.write_manifest(&manifest)?;
 

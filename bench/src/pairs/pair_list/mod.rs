@@ -2,7 +2,8 @@
 //!
 //! CSV with one header line, `\n` at line ends, rows sorted bytewise by `pair_id`, numbers in the
 //! shortest form that reads back to the same value, an empty field where a value is unknown,
-//! `selected` as `true` or `false`. The sha256 of a list is that of the file.
+//! `selected` as `true` or `false`. The sha256 of a list is that of the file, whose bytes are kept: a copy of a list that
+//! someone's editor gave a byte order mark, other line ends or another order is that very file.
 
 mod csv_form;
 mod diff;
@@ -32,18 +33,20 @@ pub struct PairList {
     /// sha256 of the file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     lines: Vec<u64>,
+    bytes: Vec<u8>,
 }
 
 impl PairList {
     /// A list of pairs that were just made, for [`Self::write`].
     pub fn new(path: impl Into<PathBuf>, mut pairs: Vec<Pair>) -> Self {
         pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
-        let sha256 = sha256_hex(to_csv(&pairs).as_bytes());
+        let bytes = to_csv(&pairs).into_bytes();
         Self {
             path: path.into(),
             lines: (2..).take(pairs.len()).collect(),
             pairs,
-            sha256,
+            sha256: sha256_hex(&bytes),
+            bytes,
         }
     }
 
@@ -82,6 +85,7 @@ impl PairList {
             pairs: Vec::new(),
             lines: Vec::new(),
             sha256: sha256_hex(bytes),
+            bytes: bytes.to_vec(),
         };
         let mut seen = BTreeSet::new();
         let mut row = csv::StringRecord::new();
@@ -130,13 +134,14 @@ impl PairList {
         Self::new("pairs.csv", joined.into_values().collect())
     }
 
-    pub fn to_csv(&self) -> String {
-        to_csv(&self.pairs)
+    /// The file as it was read or made: what [`Self::sha256`] is of.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
     }
 
     /// Writes the list to its path: whole or not at all.
     pub fn write(&self) -> Result<(), PairError> {
-        Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
+        Ok(write_atomic(&self.path, &self.bytes)?)
     }
 
     /// Finds the views of the pairs. Pairs that are not selected are resolved too.
