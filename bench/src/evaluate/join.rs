@@ -213,6 +213,11 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
             Some(before) => {
                 before.scenes = before.scenes.max(dataset.scenes);
                 before.views = before.views.max(dataset.views);
+                for group in dataset.left_out {
+                    if !before.left_out.contains(&group) {
+                        before.left_out.push(group);
+                    }
+                }
             }
         }
     }

@@ -54,7 +54,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     write_atomic(out, list.bytes())?;
     ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
     let build = &built.build;
-    let outcome = Outcome::of_problems(!built.has_selected());
+    let outcome = Outcome::of_problems(!built.has_selected()).with_scenes_of(&datasets);
     for advice in &built.advice {
         output::remark(format!("warning: {advice}"));
     }

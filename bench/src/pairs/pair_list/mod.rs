@@ -21,6 +21,7 @@ pub use self::diff::{ChangedPair, ListDiff};
 pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
 use super::PairError;
 use super::build::Pair;
+use super::dataset::OpenDataset;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::sha256_hex;
 
@@ -149,6 +150,18 @@ impl PairList {
     /// # Errors
     /// [`PairError::List`] naming the line and what is absent from the scenes.
     pub fn resolve<'a>(&'a self, scenes: &'a [Scene]) -> Result<Vec<ResolvedPair<'a>>, PairError> {
+        self.resolve_readable(scenes, &[])
+    }
+
+    /// As [`Self::resolve`], without the pairs of scenes that could not be read.
+    ///
+    /// # Errors
+    /// As [`Self::resolve`]; also for a scene that a setting of its dataset rules out.
+    pub fn resolve_readable<'a>(
+        &'a self,
+        scenes: &'a [Scene],
+        datasets: &[OpenDataset],
+    ) -> Result<Vec<ResolvedPair<'a>>, PairError> {
         let mut by_name = BTreeMap::new();
         for scene in scenes {
             let views: BTreeMap<&str, &View> =
@@ -161,9 +174,18 @@ impl PairList {
                 line,
                 reason: what,
             };
-            let (scene, views) = by_name
-                .get(&(pair.dataset.as_str(), pair.scene.as_str()))
-                .ok_or_else(|| absent(absent_scene(pair, scenes)))?;
+            let name = (pair.dataset.as_str(), pair.scene.as_str());
+            let Some((scene, views)) = by_name.get(&name) else {
+                let dataset = datasets.iter().find(|d| d.name == pair.dataset);
+                return match dataset.and_then(|d| d.leaves_out(&pair.scene)) {
+                    Some(group) if !group.by_choice => Ok(None),
+                    Some(group) => Err(absent(format!(
+                        "scene '{}' of dataset '{}' is ruled out: {}",
+                        pair.scene, pair.dataset, group.reason
+                    ))),
+                    None => Err(absent(absent_scene(pair, scenes))),
+                };
+            };
             let view = |id: &str| {
                 views.get(id).copied().ok_or_else(|| {
                     absent(format!(
@@ -172,17 +194,15 @@ impl PairList {
                     ))
                 })
             };
-            Ok(ResolvedPair {
+            Ok(Some(ResolvedPair {
                 pair,
                 scene,
                 source: view(&pair.source)?,
                 target: view(&pair.target)?,
-            })
+            }))
         };
-        self.pairs
-            .iter()
-            .zip(&self.lines)
-            .map(resolve_one)
+        let rows = self.pairs.iter().zip(&self.lines);
+        rows.filter_map(|row| resolve_one(row).transpose())
             .collect()
     }
 }
