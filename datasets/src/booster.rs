@@ -8,6 +8,7 @@
 //! Cameras come from the projection matrices of OpenCV's rectification, whose pixel centres are
 //! whole numbers, so 0.5 is added to each principal point. `baselineLR` is in millimetres.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
@@ -15,10 +16,11 @@ use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::opencv_xml::{self, FileStorage, Node};
 use crate::format::{FormatError, picture};
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::spec::SceneResults;
+use crate::scene_builder::is_picture_extension;
 use crate::stereo_pair::{self, Side};
-use crate::{DatasetError, DatasetSpec};
+use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "booster",
@@ -76,22 +78,34 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     files
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
-    let found = root.find_folders(4, &|folder| folder.join("camera_00").is_dir())?;
-    let mut scenes = Vec::new();
-    for folder in found.folders {
-        if is_wanted(&folder, spec.setting("split"), spec.setting("set")) {
-            let before = scenes.len();
-            if let Err(error) = read_scene(spec, &root, &folder, &mut scenes) {
-                scenes.truncate(before);
-                scenes.push(Err(error));
-            }
+    let search = root.find_folders(4, &|folder| {
+        let cameras = ["camera_00", "camera_01", "camera_02"];
+        let calibrations = NUMBERS.map(|n| folder.join(calibration_of(n)));
+        cameras.iter().any(|camera| folder.join(camera).is_dir())
+            || calibrations.iter().any(|file| file.is_file())
+    })?;
+    let mut found = FoundScenes::default();
+    for folder in &search.folders {
+        let (split, set) = (spec.setting("split"), spec.setting("set"));
+        if !is_wanted(folder, split, set) {
+            let reason = format!("split={split} and set={set}");
+            found.rule_out(root.id_of(folder), reason);
+        } else if let Err(error) = read_scenes(spec, &root, folder, &mut found) {
+            found.add(root.id_of(folder), Err(error));
         }
     }
     let expected = "<split>/<set>/<Scene>/camera_00/*.png with camera_02 and calib_00-02.xml; or \
                     split= and set= rule out what is there";
-    spec.conclude(scenes, expected, &[&found.left_out])
+    spec.conclude(found, expected, search.unsearched)
+}
+
+/// Numbers that a scene's second camera may have.
+const NUMBERS: [&str; 2] = ["02", "01"];
+
+fn calibration_of(number: &str) -> String {
+    format!("calib_00-{number}.xml")
 }
 
 /// Looks at the folders above the scene, also those above the dataset's root.
@@ -112,50 +126,82 @@ fn is_wanted(folder: &Path, split: &str, set: &str) -> bool {
     split_fits && set_fits
 }
 
-fn read_scene(
+/// A scene for each picture of either camera. The error is that of a folder in which no picture can
+/// be told.
+fn read_scenes(
     spec: &DatasetSpec,
     root: &Root,
     folder: &Path,
-    scenes: &mut SceneResults,
+    found: &mut FoundScenes,
 ) -> Result<(), DatasetError> {
-    let (number, calibration) = ["02", "01"]
-        .iter()
-        .map(|n| (*n, folder.join(format!("calib_00-{n}.xml"))))
-        .find(|(_, path)| path.is_file())
+    let mut numbers = NUMBERS.into_iter();
+    let number = numbers.find(|n| folder.join(calibration_of(n)).is_file());
+    let number = number
         .ok_or_else(|| DatasetError::malformed(folder, "no calib_00-02.xml or calib_00-01.xml"))?;
-    root.check(&calibration)?;
-    let storage = files::parse_text(&calibration, opencv_xml::parse)?;
-    let rig = BoosterRig::parse(&storage).map_err(|e| DatasetError::format(&calibration, e))?;
-    let id = root.id_of(folder);
-    let cluster = id.rsplit('/').next().unwrap_or(&id);
-    let left_folder = root.resolve(folder, "camera_00")?;
-    let right_folder = root.resolve(folder, &format!("camera_{number}"))?;
-    for (name, left) in files::list(&left_folder)? {
-        let right = right_folder.join(&name);
-        let Some((stem, "png" | "jpg" | "PNG" | "JPG")) = name.rsplit_once('.') else {
-            continue;
+    let cameras = ["camera_00".to_owned(), format!("camera_{number}")];
+    let mut names = BTreeSet::new();
+    for camera in &cameras {
+        let pictures = files::list(&root.resolve(folder, camera)?)?.into_iter();
+        let is_picture = |name: &String| {
+            name.rsplit_once('.')
+                .is_some_and(|n| is_picture_extension(n.1))
         };
-        if !right.is_file() {
+        names.extend(pictures.map(|entry| entry.0).filter(is_picture));
+    }
+    if names.is_empty() {
+        return Err(DatasetError::malformed(folder, "no picture in camera_00"));
+    }
+    let mut names: Vec<String> = names.into_iter().collect();
+    names.sort_by(|a, b| natural_order::compare(a, b));
+    let (id, mut is_first) = (root.id_of(folder), true);
+    for name in names {
+        let stem = name
+            .rsplit_once('.')
+            .map_or(name.as_str(), |(stem, _)| stem);
+        let id = format!("{id}/{stem}");
+        if !is_first && spec.setting("illuminations") == "first" {
+            found.rule_out(id, "illuminations=first");
             continue;
         }
-        let sides = [
-            rig.side(root, folder, "00", left, 0)?,
-            rig.side(root, folder, number, right, 1)?,
-        ];
-        let mut notes = Vec::new();
-        if sides[0].disparity.is_none() {
-            notes.push(format!(
-                "{id}: no disp_00.npy, so the left view has no depth"
-            ));
-        }
-        let (id, cluster) = (format!("{id}/{stem}"), cluster.to_owned());
-        let scene = stereo_pair::scene(&spec.name, id, cluster, sides, &calibration, notes)?;
-        scenes.push(Ok(scene));
-        if spec.setting("illuminations") == "first" {
-            break;
-        }
+        is_first = false;
+        let pictures = [&cameras[0], &cameras[1]].map(|camera| folder.join(camera).join(&name));
+        let scene = match pictures.iter().find(|picture| !picture.is_file()) {
+            Some(missing) => Err(DatasetError::malformed(missing, "there is no such picture")),
+            None => read_scene(&spec.name, root, folder, number, id.clone(), pictures),
+        };
+        found.add(id, scene);
     }
     Ok(())
+}
+
+fn read_scene(
+    dataset: &str,
+    root: &Root,
+    folder: &Path,
+    number: &str,
+    id: String,
+    [left, right]: [PathBuf; 2],
+) -> Result<Scene, DatasetError> {
+    let calibration = root.resolve(folder, &calibration_of(number))?;
+    let storage = files::parse_text(&calibration, opencv_xml::parse)?;
+    let rig = BoosterRig::parse(&storage).map_err(|e| DatasetError::format(&calibration, e))?;
+    let sides = [
+        rig.side(root, folder, "00", left, 0)?,
+        rig.side(root, folder, number, right, 1)?,
+    ];
+    let folder_id = root.id_of(folder);
+    let mut notes = Vec::new();
+    if sides[0].disparity.is_none() {
+        notes.push(format!(
+            "{folder_id}: no disp_00.npy, so the left view has no depth"
+        ));
+    }
+    let cluster = folder_id
+        .rsplit('/')
+        .next()
+        .unwrap_or(&folder_id)
+        .to_owned();
+    stereo_pair::scene(dataset, id, cluster, sides, &calibration, notes)
 }
 
 /// The two cameras of a scene.

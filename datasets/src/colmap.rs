@@ -14,9 +14,9 @@ use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::Root;
 use crate::format::colmap;
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -78,7 +78,7 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         .into()
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
     // Asked once, before any scene: a wrong value is no scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
@@ -86,13 +86,24 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
         let mut places = MODELS.iter().map(|place| folder.join(place));
         places.find(|place| colmap::is_model(place))
     };
-    let found = root.find_folders(3, &|folder| model_of(folder).is_some())?;
-    let folders = found.folders.iter();
-    let scenes = folders
-        .filter_map(|folder| Some(read_scene(spec, &root, folder, &model_of(folder)?, units)))
-        .collect();
+    let search = root.find_folders(3, &|folder| {
+        let mut places = MODELS.iter().map(|place| folder.join(place));
+        let begun = |place: &Path| ["cameras.bin", "cameras.txt"].map(|n| place.join(n).is_file());
+        folder.join("sparse").is_dir() || places.any(|place| begun(&place).contains(&true))
+    })?;
     let expected = "images/ and sparse/0/ with cameras and images (.bin or .txt)";
-    spec.conclude(scenes, expected, &[&found.left_out])
+    let mut found = FoundScenes::default();
+    for folder in &search.folders {
+        let scene = match model_of(folder) {
+            Some(model) => read_scene(spec, &root, folder, &model, units),
+            None => {
+                let reason = format!("no whole model; expected {expected}");
+                Err(DatasetError::malformed(folder, reason))
+            }
+        };
+        found.add(root.id_of(folder), scene);
+    }
+    spec.conclude(found, expected, search.unsearched)
 }
 
 fn read_scene(
@@ -143,6 +154,12 @@ fn read_scene(
     if model.text_ignored {
         scene.notes.push(format!(
             "{}: the binary model was read, the text model beside it was not",
+            model_folder.display()
+        ));
+    }
+    if model_folder.ends_with("sparse/0") && colmap::is_model(&model_folder.with_file_name("1")) {
+        scene.notes.push(format!(
+            "{}: the first of several models was read, the pictures of the others were not",
             model_folder.display()
         ));
     }

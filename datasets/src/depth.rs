@@ -45,8 +45,8 @@ impl ViewDepth {
     pub(crate) fn load(&self, view: &FileContent) -> Result<DepthMap, DatasetError> {
         match self {
             Self::Disparity(file, geometry, unit) => {
-                let mut disparity = format::read_map(file)?;
-                check_size(file, disparity.dimensions(), view.size)?;
+                let fits = |size| check_size(file, size, view.size);
+                let mut disparity = format::read_map_if(file, &fits)?;
                 if *unit != 1.0 {
                     for d in disparity.iter_mut() {
                         *d = (f64::from(*d) * unit) as f32;
@@ -152,7 +152,10 @@ impl DepthEncoding {
     /// shape is resized to the nearest value (phones store depth at a fraction of the picture's size).
     fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self {
-            Self::Units(unit_m) => (format::read_map(file)?, unit_m),
+            Self::Units(unit_m) => {
+                let fits = |found| check_shape(file, found, size);
+                (format::read_map_if(file, &fits)?, unit_m)
+            }
             Self::RawFloats => {
                 let parse = |bytes: &[u8]| raw_floats::parse(bytes, size);
                 (files::parse(file, parse)?, 1.0)
@@ -179,21 +182,29 @@ impl DepthEncoding {
     }
 }
 
-/// A picture may be this many times as wide as its depth map.
+/// A picture may be this many times as wide as its depth map: no device stores depth smaller than
+/// that, and no small map may ask for a huge one.
 const LARGEST_FACTOR: f64 = 64.0;
+/// A depth map may be this many times as wide as its picture.
+const LARGEST_MAP: f64 = 8.0;
 
-/// Resizes a map of the picture's shape to the picture's size; refuses one of another shape.
+/// Refuses a map that is not of the picture's shape, or of quite another size.
+fn check_shape(path: &Path, found: (u32, u32), size: (u32, u32)) -> Result<(), DatasetError> {
+    let (w, h) = (f64::from(found.0), f64::from(found.1));
+    let width = f64::from(size.0);
+    // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
+    let other = w * f64::from(size.1) / width;
+    let other_size = w * LARGEST_FACTOR < width || w > LARGEST_MAP * width;
+    if other_size || (other - h).abs() > 1.0 {
+        check_size(path, found, size)?;
+    }
+    Ok(())
+}
+
+/// Resizes a map of the picture's shape to the picture's size.
 fn fit(path: &Path, map: FloatMap, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
     if map.dimensions() == size {
         return Ok(map);
-    }
-    let (w, h) = (f64::from(map.width()), f64::from(map.height()));
-    // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
-    let other = w * f64::from(size.1) / f64::from(size.0);
-    // No device stores depth smaller than that, and no small map may ask for a huge one.
-    let too_small = w * LARGEST_FACTOR < f64::from(size.0);
-    if too_small || (other - h).abs() > 1.0 {
-        check_size(path, map.dimensions(), size)?;
     }
     let side = |(width, height): (u32, u32)| (width as usize, height as usize);
     let depth = nearest(map.as_raw(), side(map.dimensions()), side(size));

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::spec::SceneResults;
 use crate::{
     DatasetError, DatasetSpec, booster, colmap, eth3d, middlebury, nerfstudio, scannetpp, stereo,
     synthetic, tanks_and_temples, wildrgbd,
@@ -64,7 +64,7 @@ pub struct DatasetEntry {
     #[serde(rename = "readings")]
     pub settings: &'static [Setting],
     #[serde(skip)]
-    pub(crate) open: fn(&DatasetSpec) -> Result<SceneResults, DatasetError>,
+    pub(crate) open: fn(&DatasetSpec) -> Result<FoundScenes, DatasetError>,
     #[serde(skip)]
     pub(crate) required_files: fn(&PhotographPath<'_>) -> Vec<RequiredFile>,
     #[serde(skip)]
@@ -86,7 +86,7 @@ impl DatasetEntry {
         paper_overlap: PaperOverlap::Dense,
         caveat: "",
         settings: &[],
-        open: |_| Ok(Vec::new()),
+        open: |_| Ok(FoundScenes::default()),
         required_files: |_| Vec::new(),
         archives: |_| Vec::new(),
     };
@@ -176,6 +176,11 @@ impl Setting {
     /// Whether the paper leaves open which value it used: none of several is known to differ.
     pub fn is_open(&self) -> bool {
         self.choices.iter().filter(|choice| !choice.proxy).count() > 1
+    }
+
+    /// Whether it is the setting of that key and may have that value.
+    pub fn allows(&self, key: &str, value: &str) -> bool {
+        self.key == key && (self.any || self.choices.iter().any(|choice| choice.value == value))
     }
 
     /// Whether a value is known to differ from what the paper did.

@@ -11,9 +11,9 @@ use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::Root;
 use crate::format::colmap;
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -80,7 +80,7 @@ fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
         .collect()
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let distorted = spec.setting("images") == "distorted";
     let (calibration, expected) = if distorted {
@@ -95,13 +95,27 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
             "<scene>/dslr_calibration_undistorted and <scene>/images/dslr_images_undistorted",
         )
     };
-    let found = root.find_folders(3, &|folder| colmap::is_model(&folder.join(calibration)))?;
-    let scenes = found
-        .folders
-        .iter()
-        .map(|folder| read_scene(spec, &root, folder, calibration, distorted))
-        .collect();
-    spec.conclude(scenes, expected, &[&found.left_out])
+    let search = root.find_folders(3, &|folder| {
+        let parts = [
+            DISTORTED,
+            UNDISTORTED,
+            DEPTH,
+            "images/dslr_images",
+            "images/dslr_images_undistorted",
+        ];
+        parts.iter().any(|part| folder.join(part).is_dir())
+    })?;
+    let mut found = FoundScenes::default();
+    for folder in &search.folders {
+        let scene = if colmap::is_model(&folder.join(calibration)) {
+            read_scene(spec, &root, folder, calibration, distorted)
+        } else {
+            let reason = format!("no whole model; expected {expected}");
+            Err(DatasetError::malformed(folder.join(calibration), reason))
+        };
+        found.add(root.id_of(folder), scene);
+    }
+    spec.conclude(found, expected, search.unsearched)
 }
 
 fn read_scene(
@@ -137,9 +151,11 @@ fn read_scene(
         let map = [maps.join(name), maps.join(format!("{name}.gz"))]
             .into_iter()
             .find(|p| p.is_file());
+        let mut cameras = model.files.clone();
         let depth = match (map, &stored) {
             (Some(map), Some(stored)) => {
                 root.check(&map)?;
+                cameras.extend(stored.files.iter().cloned());
                 // The entry of the same photograph: by file name, else as if by camera id.
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
@@ -156,7 +172,7 @@ fn read_scene(
             camera_from_world,
             mask: None,
             depth,
-            cameras: model.files.clone(),
+            cameras,
         })?;
     }
     if !distorted {

@@ -32,8 +32,9 @@ pub(crate) struct FileContent {
 
 impl ViewContent for FileContent {
     fn image(&self) -> Result<RgbImage, DatasetError> {
+        // By its header first: what is decoded is no larger than its camera.
+        check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
         let mut image = picture::read(&self.image)?;
-        check_size(&self.image, image.dimensions(), self.size)?;
         if let Some(undistortion) = &self.undistortion {
             image = undistortion.image(&image);
         }

@@ -3,7 +3,136 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Frames, scenes, folders or files that were left out, by reason.
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::{DatasetError, Scene};
+
+/// What a reader found: scenes in natural order, and those that are there and were not read.
+#[derive(Debug, Default)]
+pub struct FoundScenes {
+    pub scenes: Vec<Scene>,
+    pub left_out: Vec<LeftOutScene>,
+}
+
+/// A scene, or a folder that may hold some, which is there and was not read.
+#[derive(Debug)]
+pub struct LeftOutScene {
+    /// The id that the scene would have; that of its folder where this is all that is known.
+    pub id: String,
+    pub why: Why,
+}
+
+/// Why a scene was left out.
+#[derive(Debug)]
+pub enum Why {
+    /// It cannot be read, or something of it is missing.
+    Fault(DatasetError),
+    /// A setting rules it out: nothing is wrong with it.
+    Choice(String),
+}
+
+impl FoundScenes {
+    /// A scene, or why it cannot be read.
+    pub(crate) fn add(&mut self, id: impl Into<String>, scene: Result<Scene, DatasetError>) {
+        match scene {
+            Ok(scene) => self.scenes.push(scene),
+            Err(error) => self.left_out.push(LeftOutScene {
+                id: id.into(),
+                why: Why::Fault(error),
+            }),
+        }
+    }
+
+    /// A scene that a setting rules out.
+    pub(crate) fn rule_out(&mut self, id: impl Into<String>, reason: impl Into<String>) {
+        self.left_out.push(LeftOutScene {
+            id: id.into(),
+            why: Why::Choice(reason.into()),
+        });
+    }
+
+    /// Rules out the scenes whose ids do not belong, whatever else is wrong with them.
+    pub fn choose(&mut self, belongs: impl Fn(&str) -> bool, reason: &str) {
+        let (scenes, others) = std::mem::take(&mut self.scenes)
+            .into_iter()
+            .partition(|scene| belongs(&scene.id));
+        self.scenes = scenes;
+        for left_out in self.left_out.iter_mut().filter(|scene| !belongs(&scene.id)) {
+            left_out.why = Why::Choice(reason.to_owned());
+        }
+        let others: Vec<Scene> = others;
+        others
+            .into_iter()
+            .for_each(|scene| self.rule_out(scene.id, reason));
+    }
+
+    /// The first fault, or the scenes where there is none.
+    ///
+    /// # Errors
+    /// That fault.
+    pub fn all(self) -> Result<Vec<Scene>, DatasetError> {
+        let faults = self.left_out.into_iter();
+        match faults.map(|scene| scene.why).find(Why::is_fault) {
+            Some(Why::Fault(error)) => Err(error),
+            _ => Ok(self.scenes),
+        }
+    }
+}
+
+impl Why {
+    pub fn is_fault(&self) -> bool {
+        matches!(self, Self::Fault(_))
+    }
+}
+
+impl std::fmt::Display for Why {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Fault(error) => error.fmt(f),
+            Self::Choice(reason) => f.write_str(reason),
+        }
+    }
+}
+
+/// Scenes that were left out for one reason. Displays as a line with the first of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct LeftOutScenes {
+    /// In words; names the file that is at fault.
+    pub reason: String,
+    /// True where a setting or an option rules them out, false where they are broken or incomplete.
+    pub by_choice: bool,
+    /// Their ids, or those of folders of which no more is known.
+    pub scenes: Vec<String>,
+}
+
+impl std::fmt::Display for LeftOutScenes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let s = if self.scenes.len() == 1 { "" } else { "s" };
+        let (count, names) = (self.scenes.len(), first_few(&self.scenes));
+        write!(f, "{count} scene{s} left out ({names}): {}", self.reason)
+    }
+}
+
+/// Scenes by their reasons, in the order in which the reasons come first.
+pub fn by_reason(left_out: &[LeftOutScene]) -> Vec<LeftOutScenes> {
+    let mut groups: Vec<LeftOutScenes> = Vec::new();
+    for LeftOutScene { id, why } in left_out {
+        let (reason, by_choice) = (why.to_string(), !why.is_fault());
+        let mut same = groups.iter_mut();
+        match same.find(|group| group.reason == reason && group.by_choice == by_choice) {
+            Some(group) => group.scenes.push(id.clone()),
+            None => groups.push(LeftOutScenes {
+                reason,
+                by_choice,
+                scenes: vec![id.clone()],
+            }),
+        }
+    }
+    groups
+}
+
+/// Frames or files of a scene that were left out, by reason.
 #[derive(Debug)]
 pub(crate) struct LeftOut {
     what: &'static str,

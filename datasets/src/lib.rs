@@ -7,7 +7,7 @@
 //! # Contents
 //! * [`entry`](mod@entry): what each dataset is and what can be set, from one entry beside each reader.
 //! * [`spec`]: a dataset as asked for on a command line, and how it is opened.
-//! * [`view`]: what every reader produces.
+//! * [`view`]: what every reader produces; [`left_out`]: what it leaves out, and why.
 //! * [`processing`]: what readers do on the way from files to pixels, for the record.
 //! * [`required_files`]: the files that a photograph needs beside it.
 //! * [`check`](mod@check): what is present, what is broken, whether poses are plausible.
@@ -34,7 +34,7 @@ mod file_content;
 mod file_finder;
 pub mod files;
 pub mod format;
-mod left_out;
+pub mod left_out;
 pub mod lens;
 mod mask;
 mod middlebury;
@@ -57,5 +57,5 @@ mod wildrgbd;
 
 pub use entry::DatasetEntry;
 pub use error::DatasetError;
-pub use spec::{DatasetSpec, open};
+pub use spec::{DatasetSpec, open, open_each};
 pub use view::{DepthMap, Pairing, Scene, View, ViewContent};

@@ -22,8 +22,8 @@ impl MaskFile {
         size: (u32, u32),
         undistortion: Option<&Undistortion>,
     ) -> Result<GrayImage, DatasetError> {
+        check_size(&self.file, picture::dimensions(&self.file)?, size)?;
         let mut mask = picture::read_mask(&self.file)?;
-        check_size(&self.file, mask.dimensions(), size)?;
         if let Some(undistortion) = undistortion {
             return Ok(undistortion.mask(&mask));
         }

@@ -1,6 +1,7 @@
 //! Middlebury 2014 stereo, as the `scenes2014` archives and as MiddEval3 lay it out.
 //!
-//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`. Depth comes from `disp0.pfm`
+//! A scene is any folder with `im0.png`, `im1.png` and `calib.txt`; one that has only some of them
+//! is a broken scene. Depth comes from `disp0.pfm`
 //! (scenes2014) or `disp0GT.pfm` (MiddEval3, whose ground truth is a separate download), as
 //! `Z = baseline · f / (d + doffs)` (Middlebury's own formula).
 //!
@@ -8,15 +9,15 @@
 //! pixel were (0, 0), OpenCV's way, so 0.5 is added to each principal point. Depth depends only
 //! on the difference of the two, which this leaves alone.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::depth::StereoGeometry;
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{calib, picture};
-use crate::left_out::LeftOut;
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::spec::SceneResults;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -47,7 +48,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
             &[
-                choice("any", "every scene folder found"),
+                choice(
+                    "one",
+                    "<Scene>-perfect, or <Scene>-imperfect where that is all there is",
+                ),
+                choice("any", "every scene folder found, both of one scene too"),
                 choice("perfect", "only <Scene>-perfect"),
                 choice("imperfect", "only <Scene>-imperfect"),
             ],
@@ -87,46 +92,54 @@ fn archives(photo: &PhotographPath<'_>) -> Vec<String> {
         .collect()
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let right = spec.setting("right");
     let right_name = format!("{right}.png");
-    let other = match spec.setting("rectification") {
-        "perfect" => "-imperfect",
-        "imperfect" => "-perfect",
-        _ => "/",
-    };
-    let found = root.find_folders(4, &|folder| {
-        ["im0.png", "im1.png", "calib.txt"]
-            .iter()
-            .all(|name| folder.join(name).is_file())
+    let rectification = spec.setting("rectification");
+    let search = root.find_folders(4, &|folder| {
+        // A lone text beside the scenes' folders is none of theirs.
+        let calibrated = folder != root.path() && folder.join("calib.txt").is_file();
+        calibrated || PICTURES.iter().any(|name| folder.join(name).is_file())
     })?;
-    let mut scenes = Vec::new();
-    let mut without_right = LeftOut::of("scene");
-    for folder in &found.folders {
-        let id = root.id_of(folder);
-        let listed = spec.setting("scenes") == "found" || is_training15(&id);
-        if !listed || id.ends_with(other) {
-            continue;
-        }
-        if folder.join(&right_name).is_file() {
-            scenes.push(read_scene(&spec.name, &root, folder, id, right));
+    let ids: Vec<String> = search.folders.iter().map(|f| root.id_of(f)).collect();
+    let perfect: BTreeSet<&str> = ids
+        .iter()
+        .filter(|id| id.ends_with("-perfect"))
+        .map(|id| without_rectification(id))
+        .collect();
+    let mut found = FoundScenes::default();
+    for (folder, id) in search.folders.iter().zip(&ids) {
+        let has_both = id.ends_with("-imperfect") && perfect.contains(without_rectification(id));
+        let other = match rectification {
+            "perfect" => id.ends_with("-imperfect"),
+            "imperfect" => id.ends_with("-perfect"),
+            "one" => has_both,
+            _ => false,
+        };
+        if spec.setting("scenes") == "training15" && !is_training15(id) {
+            found.rule_out(id, "scenes=training15: not of MiddEval3's training set");
+        } else if other && rectification == "one" {
+            let reason = "rectification=one: <Scene>-perfect is there too (any takes both)";
+            found.rule_out(id, reason);
+        } else if other {
+            found.rule_out(id, format!("rectification={rectification}"));
+        } else if right != "im1" && !folder.join(&right_name).is_file() {
+            let reason = format!("there is no {right_name}, which right={right} asks for");
+            found.rule_out(id, reason);
         } else {
-            let reason = match right {
-                "im1E" => "there is no im1E.png, which right=im1E asks for",
-                _ => "there is no im1L.png, which right=im1L asks for",
-            };
-            without_right.add(reason, id);
+            found.add(id, read_scene(&spec.name, &root, folder, id.clone(), right));
         }
     }
-    let expected = if found.folders.is_empty() {
+    let expected = if found.left_out.is_empty() {
         "folders with im0.png, im1.png and calib.txt, up to four levels down"
     } else {
-        "folders that scenes=, rectification= and right= do not rule out: some have im0.png, \
-         im1.png and calib.txt, but none has all that these settings ask for"
+        "folders that scenes=, rectification= and right= do not rule out"
     };
-    spec.conclude(scenes, expected, &[&found.left_out, &without_right])
+    spec.conclude(found, expected, search.unsearched)
 }
+
+const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
 fn read_scene(
     dataset: &str,
@@ -135,6 +148,11 @@ fn read_scene(
     id: String,
     right: &str,
 ) -> Result<Scene, DatasetError> {
+    let mut names = PICTURES.into_iter().chain(["calib.txt"]);
+    if let Some(missing) = names.find(|name| !folder.join(name).is_file()) {
+        let reason = format!("there is no {missing}");
+        return Err(DatasetError::malformed(folder, reason));
+    }
     let calibration = root.resolve(folder, "calib.txt")?;
     let rig = files::parse_text(&calibration, calib::parse)?;
     let geometry = StereoGeometry {

@@ -15,10 +15,10 @@ use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::picture;
 use crate::format::transforms::{self, JsonFrame};
+use crate::left_out::FoundScenes;
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -71,7 +71,7 @@ const NAMES: [&str; 2] = ["transforms.json", "transforms_train.json"];
 /// Names of the same kind, which are only read when given as the path.
 const OTHERS: [&str; 2] = ["transforms_val.json", "transforms_test.json"];
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let (folder, only) = if spec.path.is_file() {
         let folder = spec.path.parent().filter(|p| !p.as_os_str().is_empty());
         (folder.unwrap_or(Path::new(".")), Some(spec.path.clone()))
@@ -81,26 +81,34 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     let root = Root::open(folder)?.allowing_outside(spec.setting("outside") == "allow");
     // Asked once, before any scene: a wrong value is no scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
+    let mut found = FoundScenes::default();
     if let Some(json) = only {
-        return Ok(vec![read_scene(spec, &root, &json, units)]);
+        found.add(root.name(), read_scene(spec, &root, &json, units));
+        return Ok(found);
     }
-    let found = root.find_folders(3, &|f| NAMES.iter().any(|n| f.join(n).is_file()))?;
-    let mut scenes = Vec::new();
-    for folder in &found.folders {
-        let mut there = NAMES
-            .iter()
-            .chain(&OTHERS)
-            .filter(|name| folder.join(name).is_file());
-        let Some(name) = there.next() else { continue };
-        let scene = read_scene(spec, &root, &folder.join(name), units);
-        scenes.push(scene.map(|mut scene| {
-            scene.notes.extend(choice_note(folder, name, there));
-            scene
-        }));
+    let all = || NAMES.iter().chain(&OTHERS);
+    let search = root.find_folders(3, &|folder| all().any(|n| folder.join(n).is_file()))?;
+    for folder in &search.folders {
+        let mut there = all().filter(|name| folder.join(name).is_file());
+        let scene = match there.next() {
+            Some(name) if NAMES.contains(name) => {
+                let scene = read_scene(spec, &root, &folder.join(name), units);
+                scene.map(|mut scene| {
+                    scene.notes.extend(choice_note(folder, name, there));
+                    scene
+                })
+            }
+            _ => Err(DatasetError::malformed(
+                folder,
+                "neither transforms.json nor transforms_train.json; to read the file that is there \
+                 give it itself as the path",
+            )),
+        };
+        found.add(root.id_of(folder), scene);
     }
     let expected = "transforms.json or transforms_train.json, up to three levels down; a file of \
                     another name can be given itself as the path";
-    spec.conclude(scenes, expected, &[&found.left_out])
+    spec.conclude(found, expected, search.unsearched)
 }
 
 /// Which of a folder's files was read, where there is more than the usual one.

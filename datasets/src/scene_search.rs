@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
 use crate::files::{Root, list};
-use crate::left_out::LeftOut;
+use crate::left_out::{LeftOut, LeftOutScene, Why};
 
 const LINK_OUT: &str = "a symbolic link leads out of the dataset's folder";
 const LINK_NOWHERE: &str = "a symbolic link leads nowhere";
@@ -17,7 +17,7 @@ pub(crate) struct FoundFolders {
     /// The scenes' folders, in natural order.
     pub(crate) folders: Vec<PathBuf>,
     /// Folders that could not be looked into.
-    pub(crate) left_out: LeftOut,
+    pub(crate) unsearched: Vec<LeftOutScene>,
 }
 
 impl Root {
@@ -39,7 +39,7 @@ impl Root {
             seen: BTreeSet::new(),
             found: FoundFolders {
                 folders: Vec::new(),
-                left_out: LeftOut::of("folder"),
+                unsearched: Vec::new(),
             },
         };
         search.walk(self.path(), depth)?;
@@ -91,13 +91,21 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    fn pass_over(&mut self, id: String, reason: &str) {
+        let error = DatasetError::malformed(self.root.path(), reason);
+        self.found.unsearched.push(LeftOutScene {
+            id,
+            why: Why::Fault(error),
+        });
+    }
+
     fn walk(&mut self, folder: &Path, depth: usize) -> Result<(), DatasetError> {
         let canonical = folder
             .canonicalize()
             .map_err(|e| DatasetError::io(folder, e))?;
         if !self.root.outside_allowed && !canonical.starts_with(&self.root.canonical) {
             let name = self.root.id_of(folder);
-            self.found.left_out.add(LINK_OUT, name);
+            self.pass_over(name, LINK_OUT);
             return Ok(());
         }
         if !self.seen.insert(canonical) {
@@ -115,14 +123,15 @@ impl Search<'_> {
                 Ok(found) if found.is_dir() => {
                     // An unreadable folder somewhere below must not hide the scenes beside it.
                     if let Err(error) = self.walk(&path, depth - 1) {
-                        self.found.left_out.add(UNREADABLE, error.to_string());
+                        self.found.unsearched.push(LeftOutScene {
+                            id: self.root.id_of(&path),
+                            why: Why::Fault(error),
+                        });
                     }
                 }
                 // It was listed a moment ago.
                 Err(error) if error.kind() == ErrorKind::NotFound => {
-                    self.found
-                        .left_out
-                        .add(LINK_NOWHERE, self.root.id_of(&path));
+                    self.pass_over(self.root.id_of(&path), LINK_NOWHERE);
                 }
                 _ => {}
             }
@@ -157,12 +166,14 @@ mod tests {
         let root = Root::open(&set).unwrap();
         let found = root.find_folders(9, &is_scene).unwrap();
         assert_eq!(found.folders, [set.join("a/scene")]);
-        let notes = found.left_out.notes(Path::new("set"));
+        let said = |scene: &LeftOutScene| format!("{}: {}", scene.id, scene.why);
+        let said: Vec<String> = found.unsearched.iter().map(said).collect();
+        let set_path = set.display();
         assert_eq!(
-            notes,
+            said,
             [
-                format!("set: 1 folder(s) left out, {LINK_NOWHERE}: a/c"),
-                format!("set: 1 folder(s) left out, {LINK_OUT}: b"),
+                format!("a/c: {set_path}: {LINK_NOWHERE}"),
+                format!("b: {set_path}: {LINK_OUT}"),
             ]
         );
         let mut linked = LeftOut::of("file");

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::entry::{DatasetEntry, entry};
-use crate::left_out::LeftOut;
+use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
 use crate::{DatasetError, Scene, processing, synthetic};
 
 /// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
@@ -152,29 +152,30 @@ impl DatasetSpec {
         }
     }
 
-    /// The scenes that a reader found below the folder; what it left out is noted in the first.
+    /// What a reader found below the folder, with the folders that could not be searched.
     ///
     /// # Errors
-    /// [`DatasetError::NoScene`] when there is none; `expected` is the layout that was looked for.
+    /// [`DatasetError::NoScene`] when there is no scene, not even a broken one; `expected` is the
+    /// layout that was looked for.
     pub(crate) fn conclude(
         &self,
-        mut scenes: SceneResults,
+        mut found: FoundScenes,
         expected: &'static str,
-        left_out: &[&LeftOut],
-    ) -> Result<SceneResults, DatasetError> {
-        let notes = left_out.iter().flat_map(|left| left.notes(&self.path));
-        if scenes.is_empty() {
+        unsearched: Vec<LeftOutScene>,
+    ) -> Result<FoundScenes, DatasetError> {
+        let broken = found.left_out.iter().any(|scene| scene.why.is_fault());
+        found.left_out.extend(unsearched);
+        if found.scenes.is_empty() && !broken {
+            let groups = by_reason(&found.left_out).into_iter();
+            let notes = groups.map(|group| format!("; {group}"));
             return Err(DatasetError::NoScene {
                 path: self.path.clone(),
                 format: self.entry.format,
                 expected,
-                note: notes.map(|note| format!("; {note}")).collect(),
+                note: notes.collect(),
             });
         }
-        if let Some(first) = scenes.iter_mut().flatten().next() {
-            first.notes.extend(notes);
-        }
-        Ok(scenes)
+        Ok(found)
     }
 }
 
@@ -196,28 +197,25 @@ impl fmt::Display for DatasetSpec {
     }
 }
 
-/// The scenes found, in order; one that cannot be read does not hide the others.
-pub(crate) type SceneResults = Vec<Result<Scene, DatasetError>>;
-
 /// Opens a dataset: finds its scenes and reads the cameras, but no pixels. Scenes come in natural
 /// order of their ids.
 ///
 /// # Errors
 /// Names the file or folder and what is wrong with it; the first one, if several are.
 pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
-    open_each(spec)?.into_iter().collect()
+    open_each(spec)?.all()
 }
 
-/// As [`open`], with an error in the place of each scene that cannot be read.
+/// As [`open`], with each scene that cannot be read, or that a setting rules out, beside the others.
 ///
 /// # Errors
 /// When there is no scene at all, or the dataset's own lists cannot be read.
-pub(crate) fn open_each(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
-    let mut scenes = (spec.entry.open)(spec)?;
-    for scene in scenes.iter_mut().flatten() {
+pub fn open_each(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
+    let mut found = (spec.entry.open)(spec)?;
+    for scene in &mut found.scenes {
         scene.notes.extend(processing::notes(scene));
     }
-    Ok(scenes)
+    Ok(found)
 }
 
 #[cfg(test)]

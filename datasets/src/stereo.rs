@@ -13,8 +13,8 @@ use crate::depth::StereoGeometry;
 use crate::entry::{DatasetEntry, PaperOverlap};
 use crate::files::{self, Root};
 use crate::format::{FormatError, picture};
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::spec::SceneResults;
 use crate::stereo_pair::{self, Side};
 use crate::{DatasetError, DatasetSpec, Scene};
 
@@ -40,15 +40,18 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     files
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
-    let found = root.find_folders(4, &|folder| folder.join("rig.txt").is_file())?;
-    let folders = found.folders.iter();
-    let scenes = folders
-        .map(|folder| read_scene(&spec.name, &root, folder))
-        .collect();
+    let search = root.find_folders(4, &|folder| {
+        let there = |name: &str| find(&root, folder, name, PICTURES).is_ok_and(|p| p.is_some());
+        folder.join("rig.txt").is_file() || (there("left") && there("right"))
+    })?;
+    let mut found = FoundScenes::default();
+    for folder in &search.folders {
+        found.add(root.id_of(folder), read_scene(&spec.name, &root, folder));
+    }
     let expected = "folders with left.png, right.png and rig.txt, up to four levels down";
-    spec.conclude(scenes, expected, &[&found.left_out])
+    spec.conclude(found, expected, search.unsearched)
 }
 
 fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {

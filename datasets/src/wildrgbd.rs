@@ -14,11 +14,10 @@ use crate::depth::{DepthEncoding, ViewDepth};
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
-use crate::left_out::LeftOut;
+use crate::left_out::{FoundScenes, LeftOut};
 use crate::lens::{Distortion, Lens};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -63,61 +62,55 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
 
 const LIST: &str = "nvs_list.json";
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let split = spec.setting("split");
     let by_list = matches!(split, "val-scenes" | "train-scenes");
     let categories = root.find_folders(1, &|folder| {
-        folder.join(LIST).is_file() || folder.join("scenes").is_dir()
+        folder.join(LIST).is_file()
+            || folder.join("scenes").is_dir()
+            || every_scene(&root, folder).is_ok_and(|scenes| !scenes.is_empty())
     })?;
-    let mut scenes = Vec::new();
-    let mut missing = LeftOut::of("scene");
+    let mut found = FoundScenes::default();
     for category in &categories.folders {
         let folders = if by_list {
-            listed_scenes(&root, category, split, &mut missing)
+            listed_scenes(&root, category, split)
         } else {
-            every_scene(category)
+            every_scene(&root, category)
         };
         // A list that cannot be read, or a name that leads out, must not hide the other scenes.
-        for folder in folders.unwrap_or_else(|error| vec![Err(error)]) {
+        let folders = folders.unwrap_or_else(|error| vec![(root.id_of(category), Err(error))]);
+        for (id, folder) in folders {
             let by_frame = split == "val-frames";
-            scenes.push(folder.and_then(|folder| read_scene(spec, &root, &folder, by_frame)));
+            let scene = folder.and_then(|folder| read_scene(spec, &root, &folder, by_frame));
+            found.add(id, scene);
         }
     }
     let expected = "<category>/nvs_list.json and the scenes that it names, or split=all-scenes";
-    spec.conclude(scenes, expected, &[&categories.left_out, &missing])
+    spec.conclude(found, expected, categories.unsearched)
 }
 
-/// The folders of a category's scenes, or why a name is not one.
-type Folders = Vec<Result<PathBuf, DatasetError>>;
+/// The ids and folders of a category's scenes, or why a name is not one.
+type Folders = Vec<(String, Result<PathBuf, DatasetError>)>;
 
 /// The folders of the scenes that the category's list names, in natural order.
-fn listed_scenes(
-    root: &Root,
-    category: &Path,
-    split: &str,
-    missing: &mut LeftOut,
-) -> Result<Folders, DatasetError> {
+fn listed_scenes(root: &Root, category: &Path, split: &str) -> Result<Folders, DatasetError> {
     let file = root.resolve(category, LIST)?;
     let key = split.trim_end_matches("-scenes");
     let mut names = names_in(&file, key)?;
     names.sort_by(|a, b| natural_order::compare(a, b));
-    let mut folders = Vec::new();
-    for name in names {
-        let direct = root.resolve_listed(&file, category, &name);
-        let nested = root.resolve_listed(&file, category, &format!("scenes/{name}"));
-        match direct.and_then(|direct| Ok([direct, nested?])) {
-            Err(error) => folders.push(Err(error)),
-            Ok(both) => match both.into_iter().find(|folder| folder.is_dir()) {
-                Some(folder) => folders.push(Ok(folder)),
-                None => missing.add(
-                    "the list names scenes that are not there",
-                    format!("{}/{name}", root.id_of(category)),
-                ),
-            },
-        }
-    }
-    Ok(folders)
+    let folder_of = |name: &str| -> Result<PathBuf, DatasetError> {
+        let direct = root.resolve_listed(&file, category, name)?;
+        let nested = root.resolve_listed(&file, category, &format!("scenes/{name}"))?;
+        let mut both = [direct, nested].into_iter();
+        let there = both.find(|folder| folder.is_dir());
+        there.ok_or_else(|| DatasetError::malformed(&file, "names scenes that are not there"))
+    };
+    let with_id = |name: String| match folder_of(&name) {
+        Ok(folder) => (root.id_of(&folder), Ok(folder)),
+        Err(error) => (format!("{}/{name}", root.id_of(category)), Err(error)),
+    };
+    Ok(names.into_iter().map(with_id).collect())
 }
 
 /// A list of names in a JSON object; numbers count as names.
@@ -138,7 +131,7 @@ fn names_in(file: &Path, key: &str) -> Result<Vec<String>, DatasetError> {
         .collect()
 }
 
-fn every_scene(category: &Path) -> Result<Folders, DatasetError> {
+fn every_scene(root: &Root, category: &Path) -> Result<Folders, DatasetError> {
     let folder = category.join("scenes");
     let folder = if folder.is_dir() {
         folder
@@ -148,7 +141,7 @@ fn every_scene(category: &Path) -> Result<Folders, DatasetError> {
     Ok(files::list(&folder)?
         .into_iter()
         .filter(|(name, _)| name.starts_with("scene_") || name.starts_with("scenes_"))
-        .map(|(_, path)| Ok(path))
+        .map(|(_, path)| (root.id_of(&path), Ok(path)))
         .collect())
 }
 
@@ -163,8 +156,13 @@ fn read_scene(
     let poses_file = root.resolve(folder, "cam_poses.txt")?;
     let poses = files::parse_text(&poses_file, trajectory::parse_rows)?;
     let wanted: Option<Vec<i64>> = if by_frame {
-        let frames = names_in(&root.resolve(folder, LIST)?, "val")?;
-        Some(frames.iter().filter_map(|name| number_of(name)).collect())
+        let list = root.resolve(folder, LIST)?;
+        let number = |name: &String| {
+            let reason = || format!("'val' holds '{name}', which is not a frame's number");
+            number_of(name).ok_or_else(|| DatasetError::malformed(&list, reason()))
+        };
+        let frames = names_in(&list, "val")?;
+        Some(frames.iter().map(number).collect::<Result<_, _>>()?)
     } else {
         None
     };
@@ -183,6 +181,12 @@ fn read_scene(
         Some(files[i].1.clone())
     };
     let mut scene = SceneBuilder::new(spec, root, &poses_file);
+    let all: Vec<i64> = pictures.iter().map(|picture| picture.0).collect();
+    for frame in wanted.as_ref().unwrap_or(&all) {
+        if poses.iter().all(|pose| pose.frame != *frame) {
+            scene.leave_out("the frame has no pose", &format!("{frame:05}"));
+        }
+    }
     for pose in &poses {
         if wanted.as_ref().is_some_and(|w| !w.contains(&pose.frame)) {
             continue;
@@ -210,7 +214,7 @@ fn read_scene(
         let note = "depth: no map of these frames in depth/";
         scene.notes.push(note.to_owned());
     }
-    Ok(scene.finish(root.id_of(folder)))
+    scene.finish_with_views(root.id_of(folder), "")
 }
 
 /// The number that names a frame, with or without an extension.

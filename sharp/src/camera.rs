@@ -19,6 +19,12 @@ pub enum CameraError {
         width: u32,
         height: u32,
     },
+    /// More pixels than [`Intrinsics::MAX_PIXELS`].
+    #[error(
+        "a picture of {width}x{height} is larger than any that is read or drawn (at most {} pixels)",
+        Intrinsics::MAX_PIXELS
+    )]
+    TooLarge { width: u32, height: u32 },
     /// The 3×3 part is further from a rotation than [`RigidTransform::ORTHONORMALITY_TOLERANCE`].
     #[error(
         "pose is not rigid: |R Rᵀ - I| is {deviation:.3e} and det R is {determinant:.6} \
@@ -53,10 +59,14 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// The most pixels that a camera may have, 2²⁸ (16384×16384): beyond every photograph, and few
+    /// enough that a mistyped or hostile size is an error before it takes all memory.
+    pub const MAX_PIXELS: u64 = 1 << 28;
+
     /// Checks and builds intrinsics.
     ///
     /// # Errors
-    /// [`CameraError::NotFinite`], [`CameraError::DegenerateIntrinsics`].
+    /// [`CameraError::NotFinite`], [`CameraError::DegenerateIntrinsics`], [`CameraError::TooLarge`].
     pub fn new(
         (fx, fy): (f64, f64),
         (cx, cy): (f64, f64),
@@ -72,6 +82,9 @@ impl Intrinsics {
                 width,
                 height,
             });
+        }
+        if u64::from(width) * u64::from(height) > Self::MAX_PIXELS {
+            return Err(CameraError::TooLarge { width, height });
         }
         Ok(Self {
             fx,

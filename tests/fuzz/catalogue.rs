@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
-use sharp_datasets::{DatasetSpec, open};
+use sharp_datasets::{DatasetSpec, open_each};
 
 macro_rules! files {
     ($($name:literal,)*) => {
@@ -125,7 +125,7 @@ fn read(format: &str, root: &Path) {
 
 fn read_as(spec: &str, root: &Path) {
     let spec = DatasetSpec::parse(spec).expect("a dataset");
-    for scene in open(&spec).unwrap_or_default() {
+    for scene in open_each(&spec).unwrap_or_default().scenes {
         for view in scene.views.iter().take(4) {
             for file in view.content.files() {
                 let inside = file

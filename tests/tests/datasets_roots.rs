@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use sharp_datasets::{DatasetSpec, Scene, open};
+use sharp_datasets::{DatasetSpec, Scene, open_each};
 
 /// With the settings under which other files of a layout are read.
 const FORMATS: [&str; 10] = [
@@ -61,7 +61,12 @@ fn copy(format: &str, to: &Path) {
 
 fn read(format: &str, folder: &Path) -> Result<Vec<Scene>, sharp_datasets::DatasetError> {
     let (layout, settings) = format.split_at(format.find(',').unwrap_or(format.len()));
-    open(&DatasetSpec::parse(&format!("{layout}={}{settings}", folder.display())).unwrap())
+    let spec = DatasetSpec::parse(&format!("{layout}={}{settings}", folder.display())).unwrap();
+    let found = open_each(&spec)?;
+    if found.scenes.is_empty() {
+        return found.all();
+    }
+    Ok(found.scenes)
 }
 
 /// Decodes everything; the number of views and of depth maps.

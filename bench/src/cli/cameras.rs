@@ -46,6 +46,7 @@ struct CamerasExportArgs {
 pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
     let CamerasCommand::Export(args) = &args.command;
     let datasets = args.datasets.open()?;
+    let outcome = Outcome::Done.with_scenes_of(&datasets);
     let scenes: Vec<Scene> = datasets.into_iter().flat_map(|d| d.scenes).collect();
     let exported = cameras::export(&scenes, &args.out, &Terminal::default())?;
     let (out, written, kept) = (args.out.display(), exported.written, exported.kept);
@@ -57,5 +58,5 @@ pub(super) fn execute(args: &CamerasArgs) -> anyhow::Result<Outcome> {
         let views = counted(views, "view");
         output::line(format!("{views} in {out}: {written} written, {kept} kept"))?;
     }
-    Ok(Outcome::Done)
+    Ok(outcome)
 }

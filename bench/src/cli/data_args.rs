@@ -9,6 +9,7 @@ use sharp::render::Backend;
 use sharp_metrics::{Device, MetricRegion, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
+use super::output;
 use crate::evaluate::PairOrigin;
 use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe};
 use crate::scoring::{ScaleChooser, Scoring};
@@ -114,8 +115,16 @@ pub(super) struct DatasetArgs {
 }
 
 impl DatasetArgs {
+    /// Opens them and says which scenes are left out.
     pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
-        OpenDataset::open_all(&self.datasets, self.scenes.as_deref())
+        let datasets = OpenDataset::open_all(&self.datasets, self.scenes.as_deref())?;
+        for dataset in &datasets {
+            for group in &dataset.left_out {
+                let kind = if group.by_choice { "note" } else { "warning" };
+                output::remark(format!("{kind}: {}: {group}", dataset.name));
+            }
+        }
+        Ok(datasets)
     }
 }
 

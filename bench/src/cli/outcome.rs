@@ -8,7 +8,7 @@ use sharp_metrics::weights::UnknownBackbone;
 
 use crate::evaluate::EvaluateError;
 use crate::methods::SpecError;
-use crate::pairs::PairError;
+use crate::pairs::{OpenDataset, PairError};
 
 /// Success in three shades; a command that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,6 +22,17 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// The same, unless scenes of the datasets are broken or incomplete: what was done then lacks them.
+    pub(super) fn with_scenes_of(self, datasets: &[OpenDataset]) -> Self {
+        let broken = datasets
+            .iter()
+            .any(|dataset| dataset.broken().next().is_some());
+        match self {
+            Self::Done => Self::of_problems(broken),
+            other => other,
+        }
+    }
+
     pub(super) fn of_problems(problems: bool) -> Self {
         match problems {
             true => Self::RecordedFailures,

@@ -161,6 +161,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         backend,
         rendering: args.rendering.settings(),
     };
+    let complete = Outcome::Done.with_scenes_of(&request.datasets);
     let evaluation = prepare(request, &terminal)?;
     let options = RunOptions {
         stages: args.stage,
@@ -172,7 +173,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         return estimate(&evaluation, options, args.json);
     }
     let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
-        return dry_run(&evaluation, args);
+        return dry_run(&evaluation, args).map(|_| complete);
     };
     let finished = match evaluation.run(out, options, &terminal) {
         Err(error @ EvaluateError::Device { .. }) => {
@@ -186,7 +187,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         finished.folder.root().display().to_string(),
         finished.folder.scores_path().display().to_string(),
     );
-    let outcome = outcome(counts);
+    let outcome = match outcome(counts) {
+        Outcome::Done => complete,
+        other => other,
+    };
     if args.json {
         output::json(&json!({
             "run": root,

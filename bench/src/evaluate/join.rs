@@ -213,6 +213,11 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
             Some(before) => {
                 before.scenes = before.scenes.max(dataset.scenes);
                 before.views = before.views.max(dataset.views);
+                for group in dataset.left_out {
+                    if !before.left_out.contains(&group) {
+                        before.left_out.push(group);
+                    }
+                }
             }
         }
     }
@@ -329,7 +334,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
         manifest.pairs.sha256.clone_from(&list.sha256);
         manifest.pairs.listed = list.pairs.len();
         manifest.pairs.evaluated = plan.pairs().len();
-        write_atomic(&target.pairs_path(), list.to_csv().as_bytes())?;
+        write_atomic(&target.pairs_path(), list.bytes())?;
     }
     target.write_plan(&plan)?;
     target.write_manifest(&manifest)?;

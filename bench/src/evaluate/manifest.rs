@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use sharp::color::Quantization;
+use sharp_datasets::left_out::LeftOutScenes;
 use sharp_metrics::options::Arithmetic;
 use sharp_metrics::{InstructionSet, MetricInfo};
 
@@ -133,8 +134,11 @@ pub struct DatasetRecord {
     pub views: usize,
     /// The settings in force.
     pub readings: Vec<DatasetReading>,
-    /// What the reader assumed or left out.
+    /// What the reader assumed, and the frames that it left out.
     pub notes: Vec<String>,
+    /// Scenes that are there and were not evaluated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOutScenes>,
 }
 
 /// The pairs of a folder.

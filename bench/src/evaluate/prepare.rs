@@ -160,6 +160,13 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         PairOrigin::Given(path) => {
             let list = PairList::read(&path)?;
             warn_of_other_files(&list, &scenes, observer);
+            let left = list.pairs.len() - list.resolve_readable(&scenes, &request.datasets)?.len();
+            if left > 0 {
+                let all = list.pairs.len();
+                observer.warn(&format!(
+                    "{left} of the list's {all} pairs are not evaluated: their scenes cannot be read"
+                ));
+            }
             let companion = ListCompanion::of(&list);
             let choices = companion.map(|companion| companion.choices);
             (list, ListOrigin::Given, choices.unwrap_or_default())
@@ -235,7 +242,7 @@ fn warn_of_other_files(list: &PairList, scenes: &[Scene], observer: &dyn Observe
 impl Evaluation {
     /// The selected pairs by id, up to the limit.
     pub(super) fn pairs(&self) -> Result<Vec<ResolvedPair<'_>>, EvaluateError> {
-        let mut pairs = self.list.resolve(&self.scenes)?;
+        let mut pairs = self.list.resolve_readable(&self.scenes, &self.datasets)?;
         pairs.retain(|resolved| resolved.pair.selected);
         pairs.sort_by(|a, b| a.pair.pair_id.cmp(&b.pair.pair_id));
         Ok(match self.limit {
@@ -281,6 +288,7 @@ impl Evaluation {
             views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
             readings: dataset.readings.clone(),
             notes: dataset.notes(),
+            left_out: dataset.left_out.clone(),
         };
         let methods = self.specs.iter().zip(&self.methods);
         let evaluated = self.pairs()?.len();
@@ -402,7 +410,7 @@ impl Evaluation {
             });
         }
         folder.remove_tables()?;
-        write_atomic(&folder.pairs_path(), list.to_csv().as_bytes())?;
+        write_atomic(&folder.pairs_path(), list.bytes())?;
         folder.write_plan(&plan)?;
         folder.write_manifest(&manifest)?;
 

@@ -59,6 +59,16 @@ pub fn rescore(
         .map(|unit| unit.slot.pair_id.clone())
         .collect();
     list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
+    let mut reasons = std::collections::BTreeSet::new();
+    list.pairs.retain(|pair| {
+        let dataset = datasets.iter().find(|d| d.name == pair.dataset);
+        let left_out = dataset.and_then(|dataset| dataset.leaves_out(&pair.scene));
+        reasons.extend(left_out.map(ToString::to_string));
+        left_out.is_none()
+    });
+    for reason in reasons {
+        observer.warn(&reason);
+    }
     let list = PairList::new("pairs.csv", list.pairs);
     let keys = Keys::new(&datasets, &manifest.renderer);
     folder.remove_tables()?;
@@ -104,6 +114,10 @@ pub fn rescore(
         }
     }
     observer.end();
+    // Those whose scenes are left out.
+    let unread = units.into_values().flatten().count();
+    counts.units += unread;
+    counts.failed += unread;
     if not_kept > 0 {
         counts.waiting = not_kept;
         observer.warn(&format!(
@@ -120,10 +134,10 @@ pub(super) fn open_datasets(
 ) -> Result<Vec<OpenDataset>, EvaluateError> {
     let mut datasets = Vec::new();
     for dataset in &manifest.datasets {
-        let scenes = dataset.only_scenes.as_deref();
-        datasets.extend(OpenDataset::open_all(
-            std::slice::from_ref(&dataset.spec),
-            scenes,
+        datasets.push(OpenDataset::open_recorded(
+            &dataset.spec,
+            &dataset.readings,
+            dataset.only_scenes.as_deref(),
         )?);
     }
     Ok(datasets)

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use globset::{GlobBuilder, GlobMatcher};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 use sharp_datasets::{DatasetSpec, Scene};
 
 use super::error::PairError;
@@ -27,6 +28,8 @@ pub struct OpenDataset {
     /// Pair options of this dataset alone, `key=value` by commas; empty where the common ones hold.
     pub pair_options: String,
     pub scenes: Vec<Scene>,
+    /// Scenes that are there and are not among those.
+    pub left_out: Vec<LeftOutScenes>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -39,15 +42,14 @@ pub struct DatasetReading {
 
 impl OpenDataset {
     /// Opens datasets; names must be unique, because they are columns. `scenes` is a pattern with `*` and `?` that
-    /// scene ids have to match.
+    /// scene ids have to match. A scene that cannot be read is among [`Self::left_out`].
     ///
     /// # Errors
-    /// When a dataset cannot be read, a name occurs twice, or no scene matches.
+    /// When a dataset or all of its scenes cannot be read, a name occurs twice, or no scene matches.
     pub fn open_all(specs: &[String], scenes: Option<&str>) -> Result<Vec<Self>, PairError> {
-        let matcher = scenes.map(scene_matcher).transpose()?;
         let mut open: Vec<Self> = Vec::new();
         for text in specs {
-            let dataset = Self::open(text, matcher.as_ref())?;
+            let dataset = Self::open_recorded(text, &[], scenes)?;
             if open.iter().any(|other| other.name == dataset.name) {
                 let reason = format!("the name '{}' is taken; give this one NAME:", dataset.name);
                 return Err(PairError::DatasetSpec {
@@ -63,17 +65,42 @@ impl OpenDataset {
         Ok(open)
     }
 
-    fn open(text: &str, scenes: Option<&GlobMatcher>) -> Result<Self, PairError> {
+    /// Opens a dataset as a run recorded it: by the readings that were in force then, should a default be another one
+    /// now.
+    ///
+    /// # Errors
+    /// As [`Self::open_all`]; that no scene matches is none.
+    pub fn open_recorded(
+        text: &str,
+        recorded: &[DatasetReading],
+        scenes: Option<&str>,
+    ) -> Result<Self, PairError> {
         let (plain, pair_options) = split_pair_options(text);
-        let spec = DatasetSpec::parse(&plain)?;
-        let mut found = sharp_datasets::open(&spec)?;
-        if let Some(scenes) = scenes {
-            found.retain(|scene| scenes.is_match(&scene.id));
+        let given = DatasetSpec::parse(&plain)?;
+        let mut spec = given.clone();
+        for reading in recorded.iter().filter(|r| given.setting(&r.key) != r.value) {
+            let mut settings = spec.entry.settings.iter();
+            if let Some(setting) =
+                settings.find(|setting| setting.allows(&reading.key, &reading.value))
+            {
+                spec.settings.insert(setting.key, reading.value.clone());
+            }
         }
+        let mut found = sharp_datasets::open_each(&spec)?;
+        if let Some(pattern) = scenes {
+            let glob = scene_matcher(pattern)?;
+            found.choose(|id| glob.is_match(id), &format!("--scenes {pattern}"));
+        }
+        let left_out = by_reason(&found.left_out);
+        // Where none is left and something is broken, that is why.
+        let scenes = match found.scenes.is_empty() {
+            true => found.all()?,
+            false => found.scenes,
+        };
         let readings = spec.readings().into_iter();
         Ok(Self {
             format: spec.entry.format,
-            settings: format!("{} {:?}", spec.entry.format, spec.settings),
+            settings: format!("{} {:?}", given.entry.format, given.settings),
             readings: readings
                 .map(|setting| DatasetReading {
                     key: setting.key.to_owned(),
@@ -85,8 +112,25 @@ impl OpenDataset {
             name: spec.name,
             spec: plain,
             pair_options,
-            scenes: found,
+            scenes,
+            left_out,
         })
+    }
+
+    /// The scenes that are broken or incomplete.
+    pub fn broken(&self) -> impl Iterator<Item = &LeftOutScenes> {
+        self.left_out.iter().filter(|group| !group.by_choice)
+    }
+
+    /// Why a scene was not read, by its own id or that of a folder above it; `None` where it was, or is not there.
+    pub fn leaves_out(&self, scene: &str) -> Option<&LeftOutScenes> {
+        let holds = |id: &String| {
+            let rest = scene.strip_prefix(id.as_str());
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+        };
+        let is_read = self.scenes.iter().any(|read| read.id == scene);
+        let mut groups = self.left_out.iter().filter(|_| !is_read);
+        groups.find(|group| group.scenes.iter().any(holds))
     }
 
     /// What the reader said about its scenes, for the manifest.
@@ -166,6 +210,38 @@ mod tests {
         ] {
             assert!(!matches(pattern, id), "{pattern} {id}");
         }
+    }
+
+    #[test]
+    fn a_recorded_dataset_is_read_as_it_was() {
+        let dir = tempfile::tempdir().unwrap();
+        let source = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../tests/fuzz/datasets/middlebury/A"
+        );
+        for scene in ["A-perfect", "A-imperfect"] {
+            let target = dir.path().join(scene);
+            std::fs::create_dir(&target).unwrap();
+            for file in ["im0.png", "im1.png", "calib.txt"] {
+                std::fs::copy(format!("{source}/{file}"), target.join(file)).unwrap();
+            }
+        }
+        let text = format!("M:middlebury={}", dir.path().display());
+        let recorded = |key: &str, value: &str| DatasetReading {
+            key: key.to_owned(),
+            value: value.to_owned(),
+            proxy: false,
+        };
+        let open = |readings: &[DatasetReading]| OpenDataset::open_recorded(&text, readings, None);
+        let now = open(&[]).unwrap();
+        // The default of earlier versions, a value and a key that none had.
+        let then = open(&[recorded("rectification", "any")]).unwrap();
+        let odd = open(&[recorded("rectification", "none"), recorded("left", "im1")]).unwrap();
+        let counts = [&now, &then, &odd].map(|open| (open.scenes.len(), open.left_out.len()));
+        assert_eq!(counts, [(1, 1), (2, 0), (1, 1)]);
+        // What was asked for is the same, and with it the identity of results.
+        assert_eq!(now.settings, then.settings);
+        assert_eq!(now.spec, then.spec);
     }
 
     #[test]

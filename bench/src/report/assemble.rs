@@ -52,8 +52,8 @@ pub fn tables(results: &Results) -> Result<String, ReportError> {
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
     for dataset in &manifest.datasets {
-        match OpenDataset::open_all(std::slice::from_ref(&dataset.spec), None) {
-            Ok(open) => scenes.extend(open.into_iter().flat_map(|d| d.scenes)),
+        match OpenDataset::open_recorded(&dataset.spec, &dataset.readings, None) {
+            Ok(open) => scenes.extend(open.scenes),
             Err(error) => observer.warn(&format!(
                 "no source and target pictures of '{}': {error}",
                 dataset.name
@@ -230,7 +230,9 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     for dataset in &manifest.datasets {
         let readings = dataset.readings.iter();
         let readings = readings.map(|r| format!("{}={}{}", r.key, r.value, mark(r.proxy)));
-        let all = readings.chain(dataset.notes.iter().cloned());
+        let left_out = dataset.left_out.iter().map(ToString::to_string);
+        let notes_and_scenes = dataset.notes.iter().cloned().chain(left_out);
+        let all = readings.chain(notes_and_scenes);
         notes.extend(all.map(|note| (dataset.name.clone(), note)));
     }
     if !notes.is_empty() {

@@ -14,8 +14,9 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::left_out::by_reason;
 use crate::spec::{SettingInForce, open_each};
-use crate::{DatasetError, DatasetSpec, Scene, View, processing};
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, processing};
 use consistency::Consistency;
 
 /// What was found in a dataset.
@@ -25,8 +26,10 @@ pub struct DatasetReport {
     pub readings: Vec<SettingInForce>,
     /// In the reader's order.
     pub scenes: Vec<SceneReport>,
-    /// One line for each scene that could not be read, naming the file.
+    /// Scenes that are broken or incomplete: a line for each reason, naming the file.
     pub unreadable: Vec<String>,
+    /// Scenes that settings rule out, a line for each reason; no problem.
+    pub ruled_out: Vec<String>,
     /// Number of problems in all scenes, unreadable ones included.
     pub problems: usize,
 }
@@ -62,22 +65,27 @@ pub fn check(
     views_per_scene: usize,
     done: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<DatasetReport, DatasetError> {
-    let attempts = open_each(spec)?;
-    let total = attempts.len();
-    let (mut reports, mut unreadable) = (Vec::new(), Vec::new());
-    for (i, attempt) in attempts.into_iter().enumerate() {
-        match attempt {
-            Ok(scene) => reports.push(check_scene(&scene, views_per_scene, demanded_depth(spec))),
-            Err(error) => unreadable.push(error.to_string()),
-        }
-        done(i + 1, total);
+    let found = open_each(spec)?;
+    let mut reports = Vec::new();
+    for (i, scene) in found.scenes.iter().enumerate() {
+        let mut report = check_scene(scene, views_per_scene, demanded_depth(spec));
+        report.notes.extend(without_pairs(spec, scene));
+        reports.push(report);
+        done(i + 1, found.scenes.len());
     }
+    let of_kind = |by_choice: bool| -> Vec<String> {
+        let groups = by_reason(&found.left_out).into_iter();
+        let groups = groups.filter(|group| group.by_choice == by_choice);
+        groups.map(|group| group.to_string()).collect()
+    };
+    let broken = found.left_out.iter().filter(|scene| scene.why.is_fault());
     Ok(DatasetReport {
         dataset: spec.to_string(),
         readings: spec.readings(),
-        problems: unreadable.len() + reports.iter().map(|r| r.problems.len()).sum::<usize>(),
+        problems: broken.count() + reports.iter().map(|r| r.problems.len()).sum::<usize>(),
         scenes: reports,
-        unreadable,
+        unreadable: of_kind(false),
+        ruled_out: of_kind(true),
     })
 }
 
@@ -91,6 +99,23 @@ struct Decoded {
 fn demanded_depth(spec: &DatasetSpec) -> Option<&str> {
     let source = spec.settings.get("depth").map(String::as_str);
     source.filter(|source| !matches!(*source, "auto" | "none"))
+}
+
+/// That no pair can be chosen by a scene's own depth, where it has none, and what to do.
+fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
+    let without = processing::without_depth(&scene.views) == scene.views.len();
+    let own = match spec.entry.format {
+        "colmap" => "put depth maps named as the pictures into depth/, say depth=points (sparse), ",
+        "nerfstudio" => "name depth maps by depth_file_path, ",
+        _ => "",
+    };
+    (scene.pairing == Pairing::MultiView && without).then(|| {
+        format!(
+            "no view has depth, so that no pair can be selected: {own}choose pairs by anyone's \
+             depth (--pair-options overlap=given-metric with --overlap-depth DIR), or take them \
+             without an overlap (--pair-options missing-depth=accept)"
+        )
+    })
 }
 
 fn check_scene(scene: &Scene, views_per_scene: usize, depth: Option<&str>) -> SceneReport {

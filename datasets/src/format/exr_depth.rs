@@ -7,6 +7,8 @@ use exr::prelude::{
     FlatSamples, MetaData, ReadChannels as _, ReadLayers as _, f16, read as exr_reader,
 };
 
+use sharp::camera::Intrinsics;
+
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
 
@@ -15,21 +17,7 @@ use crate::DatasetError;
 /// # Errors
 /// Not EXR, no such channel, damaged, larger than a file of its length can hold.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
-    let meta =
-        MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;
-    for header in &meta.headers {
-        let (width, height) = (header.layer_size.width(), header.layer_size.height());
-        let samples = width
-            .saturating_mul(height)
-            .saturating_mul(header.channels.list.len());
-        // The strongest of its compressions is deflate's.
-        if samples / 1032 > bytes.len() {
-            return Err(invalid!(
-                "the header promises {width}x{height} pixels, which {} bytes cannot hold",
-                bytes.len()
-            ));
-        }
-    }
+    size(bytes)?;
     let image = exr_reader()
         .no_deep_data()
         .largest_resolution_level()
@@ -63,6 +51,36 @@ pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
             .ok_or_else(|| "the depth channel is subsampled".into());
     }
     Err("no channel named Z, depth, V or Y, and more than one channel".into())
+}
+
+/// Width and height of the largest layer, from the header.
+///
+/// # Errors
+/// Not EXR, larger than a file of its length can hold, or more samples than four of a camera's
+/// largest pictures have.
+pub(super) fn size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
+    let meta =
+        MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(|e| invalid!("{e}"))?;
+    let (mut largest, mut all) = ((0, 0), 0_usize);
+    for header in &meta.headers {
+        let (width, height) = (header.layer_size.width(), header.layer_size.height());
+        let pixels = width.saturating_mul(height);
+        let samples = pixels.saturating_mul(header.channels.list.len());
+        all = all.saturating_add(samples);
+        // The strongest of its compressions is deflate's.
+        if samples / 1032 > bytes.len() || all as u64 / 4 > Intrinsics::MAX_PIXELS {
+            return Err(invalid!(
+                "the header promises {width}x{height} pixels, which {} bytes cannot hold or no map has",
+                bytes.len()
+            ));
+        }
+        if pixels > largest.0 * largest.1 {
+            largest = (width, height);
+        }
+    }
+    let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
+    let sides = side(largest.0).zip(side(largest.1));
+    sides.ok_or_else(|| "the file holds no pixel".into())
 }
 
 /// Writes a map as the channel Z of an EXR file.

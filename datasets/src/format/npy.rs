@@ -30,25 +30,29 @@ impl NpyArray {
     /// # Errors
     /// The reason, when more than two dimensions are left, or a side is zero or too large.
     pub fn into_map(self) -> Result<FloatMap, FormatError> {
-        let mut sides = self.shape.as_slice();
-        while sides.len() > 2 && sides.first() == Some(&1) {
-            sides = &sides[1..];
-        }
-        while sides.len() > 2 && sides.last() == Some(&1) {
-            sides = &sides[..sides.len() - 1];
-        }
-        let &[height, width] = sides else {
-            return Err(invalid!(
-                "the array's shape is {:?}; a map has height and width",
-                self.shape
-            ));
-        };
-        let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
-        side(width)
-            .zip(side(height))
-            .and_then(|(w, h)| FloatMap::from_vec(w, h, self.values))
-            .ok_or_else(|| invalid!("the array's shape is {:?}, without a pixel", self.shape))
+        let (width, height) = map_size(&self.shape)?;
+        FloatMap::from_vec(width, height, self.values)
+            .ok_or_else(|| invalid!("the array's shape is {:?}, too large", self.shape))
     }
+}
+
+/// Width and height of an array as a map.
+fn map_size(shape: &[usize]) -> Result<(u32, u32), FormatError> {
+    let mut sides = shape;
+    while sides.len() > 2 && sides.first() == Some(&1) {
+        sides = &sides[1..];
+    }
+    while sides.len() > 2 && sides.last() == Some(&1) {
+        sides = &sides[..sides.len() - 1];
+    }
+    let &[height, width] = sides else {
+        return Err(invalid!(
+            "the array's shape is {shape:?}; a map has height and width"
+        ));
+    };
+    let side = |n: usize| u32::try_from(n).ok().filter(|n| *n > 0);
+    let sides = side(width).zip(side(height));
+    sides.ok_or_else(|| invalid!("the array's shape is {shape:?}, without a pixel"))
 }
 
 /// Reads an array of any shape from an `.npy` file, or the one of an `.npz` (its `arr_0`, `depth` or
@@ -59,13 +63,24 @@ impl NpyArray {
 /// values than the shape promises.
 pub fn parse(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     if bytes.starts_with(b"PK") {
-        parse_archive(bytes)
+        parse_array(&unpacked(bytes, u64::MAX)?)
     } else {
         parse_array(bytes)
     }
 }
 
-fn parse_archive(bytes: &[u8]) -> Result<NpyArray, FormatError> {
+/// Width and height of an `.npz`'s map, of which no more is unpacked than the header.
+///
+/// # Errors
+/// As [`parse`] and [`NpyArray::into_map`], as far as the header shows.
+pub(super) fn archived_size(bytes: &[u8]) -> Result<(u32, u32), FormatError> {
+    const LONGEST_HEADER: u64 = 1 << 17;
+    let start = unpacked(bytes, LONGEST_HEADER)?;
+    map_size(&NpyHeader::parse(&start)?.shape)
+}
+
+/// The first `most` bytes of an archive's array; all of them are as many as the archive says.
+fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     let refused = |error: ZipError| invalid!("not a readable ZIP archive: {error}");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(refused)?;
     let names = archive.file_names().filter_map(Result::ok);
@@ -92,45 +107,70 @@ fn parse_archive(bytes: &[u8]) -> Result<NpyArray, FormatError> {
     }
     let mut array = Vec::new();
     // The checksum is compared at the end.
-    let read = member.take(size + 1).read_to_end(&mut array);
+    let read = member.take(most.min(size + 1)).read_to_end(&mut array);
     read.map_err(|error| damaged(&error))?;
-    if array.len() as u64 != size {
+    if most > size && array.len() as u64 != size {
         return Err(damaged(&format_args!("it should have {size} bytes")));
     }
-    parse_array(&array)
+    Ok(array)
+}
+
+/// What an array's header says, and what follows it.
+struct NpyHeader<'a> {
+    kind: String,
+    fortran: bool,
+    shape: Vec<usize>,
+    data: &'a [u8],
+}
+
+impl<'a> NpyHeader<'a> {
+    fn parse(bytes: &'a [u8]) -> Result<Self, FormatError> {
+        let rest = bytes
+            .strip_prefix(b"\x93NUMPY")
+            .ok_or("not a NumPy array: the first bytes are not its magic")?;
+        let short = || "the header ends early".to_owned();
+        let (length, start) = match *rest.first().ok_or_else(short)? {
+            1 => {
+                let b = rest.get(2..4).ok_or_else(short)?;
+                (usize::from(u16::from_le_bytes([b[0], b[1]])), 4)
+            }
+            2 | 3 => {
+                let b = rest.get(2..6).ok_or_else(short)?;
+                (u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize, 6)
+            }
+            other => return Err(invalid!("version {other} of NumPy's format is not known")),
+        };
+        let header = rest
+            .get(start..)
+            .and_then(|r| r.get(..length))
+            .ok_or_else(short)?;
+        let data = &rest[start + length..];
+        let header = String::from_utf8_lossy(header);
+
+        let kind = text_of(&header, "descr").ok_or("the header has no simple 'descr'")?;
+        let fortran = match value_of(&header, "fortran_order") {
+            Some(v) if v.starts_with("False") => false,
+            Some(v) if v.starts_with("True") => true,
+            _ => return Err("the header has no 'fortran_order'".into()),
+        };
+        let shape = shape_of(&header).ok_or("the header has no 'shape'")?;
+        Ok(Self {
+            kind: kind.to_owned(),
+            fortran,
+            shape,
+            data,
+        })
+    }
 }
 
 fn parse_array(bytes: &[u8]) -> Result<NpyArray, FormatError> {
-    let rest = bytes
-        .strip_prefix(b"\x93NUMPY")
-        .ok_or("not a NumPy array: the first bytes are not its magic")?;
-    let short = || "the header ends early".to_owned();
-    let (length, start) = match *rest.first().ok_or_else(short)? {
-        1 => {
-            let b = rest.get(2..4).ok_or_else(short)?;
-            (usize::from(u16::from_le_bytes([b[0], b[1]])), 4)
-        }
-        2 | 3 => {
-            let b = rest.get(2..6).ok_or_else(short)?;
-            (u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize, 6)
-        }
-        other => return Err(invalid!("version {other} of NumPy's format is not known")),
-    };
-    let header = rest
-        .get(start..)
-        .and_then(|r| r.get(..length))
-        .ok_or_else(short)?;
-    let data = &rest[start + length..];
-    let header = String::from_utf8_lossy(header);
-
-    let kind = text_of(&header, "descr").ok_or("the header has no simple 'descr'")?;
-    let fortran = match value_of(&header, "fortran_order") {
-        Some(v) if v.starts_with("False") => false,
-        Some(v) if v.starts_with("True") => true,
-        _ => return Err("the header has no 'fortran_order'".into()),
-    };
-    let shape = shape_of(&header).ok_or("the header has no 'shape'")?;
-    let element = NpyType::parse(kind)?;
+    let NpyHeader {
+        kind,
+        fortran,
+        shape,
+        data,
+    } = NpyHeader::parse(bytes)?;
+    let element = NpyType::parse(&kind)?;
     let sizes = shape.iter().chain([&element.size]);
     let needed = sizes.fold(1_u128, |n, side| n.saturating_mul(*side as u128));
     let fits = usize::try_from(needed).ok().and_then(|n| data.get(..n));

@@ -28,8 +28,8 @@ use glam::DVec2;
 use sharp::camera::RigidTransform;
 
 use crate::entry::{DatasetEntry, Setting};
+use crate::left_out::FoundScenes;
 use crate::lens::{Distortion, Lens};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use content::ProceduralContent;
 use world::World;
@@ -210,7 +210,7 @@ fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidT
     }
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let wrong = |key: &str, value: &str| spec.refused(format!("'{key}' cannot be '{value}'"));
     let number = |key: &str| {
         let text = spec.setting(key);
@@ -227,7 +227,10 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
         height,
         views: usize::try_from(number("views")?).unwrap_or(usize::MAX),
     })?;
-    Ok(vec![Ok(scene.scene(&spec.name))])
+    Ok(FoundScenes {
+        scenes: vec![scene.scene(&spec.name)],
+        left_out: Vec::new(),
+    })
 }
 
 #[cfg(test)]

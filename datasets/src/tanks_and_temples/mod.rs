@@ -5,23 +5,25 @@
 //!
 //! * `photographs`: block i of the log, from 0, belongs to the picture numbered i + 1.
 //! * `cameras`: intrinsics were never published. Give a COLMAP model (`cameras.txt` or `.bin` beside
-//!   the log or in `sparse/0`, with `images` if it has several cameras); otherwise the focal length
-//!   that the download page recommends, 0.7 of the width, is used and noted.
+//!   the log or in `sparse/0`, with `images` if it has several cameras). A share of the width is a
+//!   guess, which depth drawn through the same camera cannot disprove: it is taken only when a
+//!   setting says so.
 
 mod cameras;
 mod photographs;
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use crate::camera_size::CAMERA_SIZE;
 use crate::depth::ViewDepth;
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::trajectory;
+use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
 use cameras::SceneCameras;
 use photographs::ScenePhotographs;
@@ -38,18 +40,21 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
              cameras.txt or .bin beside the log or in sparse/0, with images.* if it has several",
     paper_column: "Tanks and Temples",
     paper_overlap: PaperOverlap::Sparse,
-    caveat: "intrinsics were never published: give a COLMAP model or accept 0.7 of the width",
+    caveat: "intrinsics were never published: give a COLMAP model, or take a guess by intrinsics=0.7w or 0.6w",
     settings: &[
         Setting::choice(
             "intrinsics",
             "where focal length and principal point come from",
             &[
-                choice("auto", "a COLMAP model if there is one, else 0.7w"),
+                choice("auto", "a COLMAP model; a scene without one is an error"),
                 choice(
                     "0.7w",
-                    "0.7 of the width: the download page's recommendation",
+                    "a guess, 0.7 of the width: the download page's recommendation",
                 ),
-                choice("0.6w", "0.6 of the width: what COLMAP itself arrives at"),
+                choice(
+                    "0.6w",
+                    "a guess, 0.6 of the width: what COLMAP itself arrives at",
+                ),
             ],
         ),
         Setting::free(
@@ -73,14 +78,15 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     let file = |end: &str| format!("{0}/{0}{end}", photo.scene);
     vec![
         RequiredFile::camera(file(LOG)),
-        RequiredFile::camera(file("_trans.txt")),
+        RequiredFile::camera(file(TRANS)),
         RequiredFile::depth(file(".ply")),
     ]
 }
 
 const LOG: &str = "_COLMAP_SfM.log";
+const TRANS: &str = "_trans.txt";
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let radius = spec.setting("splat-radius");
     let splat_radius = radius.parse().ok().filter(|r: &u32| *r <= 16);
@@ -90,27 +96,52 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
         ))
     })?;
     let cache = ScanCache::default();
-    let found = root.find_folders(3, &|folder| !logs_in(folder).is_empty())?;
-    let mut scenes = Vec::new();
-    for folder in &found.folders {
-        for log in logs_in(folder) {
+    let search = root.find_folders(3, &|folder| {
+        !scenes_in(folder).is_empty() || photographs::has_pictures(folder)
+    })?;
+    let mut found = FoundScenes::default();
+    let (only_pictures, scenes): (Vec<&PathBuf>, Vec<&PathBuf>) =
+        search.folders.iter().partition(|f| scenes_in(f).is_empty());
+    for folder in &scenes {
+        for name in &scenes_in(folder) {
             let reader = TanksReader {
                 spec,
                 root: &root,
                 folder,
-                name: log.trim_end_matches(LOG),
+                name,
             };
-            scenes.push(reader.read(splat_radius, &cache));
+            found.add(name, reader.read(splat_radius, &cache));
+        }
+    }
+    // Without a single log these are no scenes of this dataset.
+    for folder in only_pictures.into_iter().filter(|_| !scenes.is_empty()) {
+        // `images/` belongs to what is above it; `image_sets/Barn/` to the Barn with a log.
+        let folder = match folder.parent() {
+            Some(above) if folder.ends_with("images") => above,
+            _ => folder.as_path(),
+        };
+        let name = root.id_of(folder);
+        let name = name.rsplit('/').next().unwrap_or(&name);
+        let broken = found.left_out.iter().map(|scene| &scene.id);
+        let mut ids = found.scenes.iter().map(|scene| &scene.id).chain(broken);
+        if !ids.any(|id| id == name) {
+            let reason = format!("pictures, but no {name}{LOG}");
+            found.add(name, Err(DatasetError::malformed(folder, reason)));
         }
     }
     let expected = "folders with <Scene>_COLMAP_SfM.log and <Scene>_trans.txt";
-    spec.conclude(scenes, expected, &[&found.left_out])
+    spec.conclude(found, expected, search.unsearched)
 }
 
-fn logs_in(folder: &Path) -> Vec<String> {
+/// The scenes that a folder has a log or an alignment of.
+fn scenes_in(folder: &Path) -> BTreeSet<String> {
     let entries = files::list(folder).unwrap_or_default().into_iter();
-    let names = entries.map(|entry| entry.0);
-    names.filter(|name| name.ends_with(LOG)).collect()
+    entries
+        .filter_map(|(name, _)| {
+            let mut ends = [LOG, TRANS].into_iter();
+            ends.find_map(|end| name.strip_suffix(end).map(str::to_owned))
+        })
+        .collect()
 }
 
 struct TanksReader<'a> {
@@ -124,7 +155,7 @@ impl TanksReader<'_> {
     fn read(&self, splat_radius: u32, cache: &ScanCache) -> Result<Scene, DatasetError> {
         let name = self.name;
         let file = |end: &str| self.root.resolve(self.folder, &format!("{name}{end}"));
-        let (log, trans, scan) = (file(LOG)?, file("_trans.txt")?, file(".ply")?);
+        let (log, trans, scan) = (file(LOG)?, file(TRANS)?, file(".ply")?);
         let poses = files::parse_text(&log, trajectory::parse_log)?;
         let metric = files::parse_text(&trans, trajectory::parse_similarity)?;
         let photos = ScenePhotographs::find(self.root, self.folder, name, poses.blocks.len())?;
@@ -197,13 +228,23 @@ impl TanksReader<'_> {
         picture: &Path,
         notes: &mut Vec<String>,
     ) -> Result<SceneCameras, DatasetError> {
-        let choice = self.spec.setting("intrinsics");
-        if choice == "auto"
-            && let Some(cameras) = SceneCameras::of_model(self.root, self.folder)?
-        {
-            return Ok(cameras);
-        }
-        let share = if choice == "0.6w" { 0.6 } else { 0.7 };
+        let share = match self.spec.setting("intrinsics") {
+            "0.7w" => 0.7,
+            "0.6w" => 0.6,
+            _ => {
+                let model = SceneCameras::of_model(self.root, self.folder)?;
+                return model.ok_or_else(|| {
+                    let reason = format!(
+                        "no COLMAP model, and the intrinsics of {} were never published: add \
+                         cameras.txt or .bin beside the log, or say intrinsics=0.7w (the download \
+                         page's guess) or intrinsics=0.6w (nearer to what COLMAP finds) to accept \
+                         a focal length that is a share of the width",
+                        self.name
+                    );
+                    DatasetError::malformed(self.folder, reason)
+                });
+            }
+        };
         notes.push(format!(
             "{}: intrinsics were never published; the focal length is taken as {share} of the \
              width and the principal point as the middle",

@@ -228,6 +228,16 @@ impl ByBlock<'_> {
     }
 }
 
+/// Whether a folder holds pictures that are named by numbers, as an image set's are.
+pub(super) fn has_pictures(folder: &Path) -> bool {
+    let pictures = pictures_in(folder).unwrap_or_default();
+    let is_number = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        stem.bytes().all(|c| c.is_ascii_digit())
+    };
+    pictures.iter().any(is_number)
+}
+
 /// The pictures of a folder in natural order, by their extensions.
 fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let is_picture = |name: &str| {

@@ -11,6 +11,8 @@ use std::io::{BufRead, Cursor, Read, Seek};
 
 use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
 
+use crate::camera::Intrinsics;
+
 /// Why a file was not decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageFileError {
@@ -28,6 +30,12 @@ pub enum ImageFileError {
         height: u32,
         file_bytes: u64,
     },
+    /// More pixels than a camera may have.
+    #[error(
+        "the picture is {width}x{height}, larger than any that is read (at most {} pixels)",
+        Intrinsics::MAX_PIXELS
+    )]
+    TooLarge { width: u32, height: u32 },
     #[error(transparent)]
     Decoder(#[from] image::ImageError),
 }
@@ -154,6 +162,9 @@ fn check_size(
             height,
             file_bytes,
         });
+    }
+    if pixels > Intrinsics::MAX_PIXELS {
+        return Err(ImageFileError::TooLarge { width, height });
     }
     Ok(())
 }

@@ -92,6 +92,10 @@ fn what_a_file_can_hold_depends_on_its_pixels() {
         assert!(check_size(1024, 1024, least, bits).is_ok(), "{bits:?}");
         assert!(check_size(1024, 1024, least - 2, bits).is_err(), "{bits:?}");
     }
+    // Beyond every camera, whatever the file can hold.
+    assert!(check_size(1 << 14, 1 << 14, u64::MAX, None).is_ok());
+    let error = check_size(1 << 14, (1 << 14) + 1, u64::MAX, None).unwrap_err();
+    assert!(matches!(error, ImageFileError::TooLarge { .. }), "{error}");
     let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(3, 2);
     assert_eq!(bits_per_pixel(&png(deep.into())), Some(48));
     assert_eq!(bits_per_pixel(&[0xFF, 0xD8, 0xFF, 0xE0].repeat(9)), None);

@@ -170,3 +170,48 @@ fn help_lists_what_each_choice_may_be() {
         assert!(said.out.contains(part), "{}", said.out);
     }
 }
+
+/// As an editor on another system may store it.
+#[test]
+fn a_list_with_other_bytes_is_copied_as_it_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    build(dir, "p.csv", &["--pair-options", "limit=2"]).ends_with(0);
+    let bytes = format!("\u{feff}{}", read(dir.join("p.csv")).replace('\n', "\r\n"));
+    std::fs::write(dir.join("other.csv"), &bytes).unwrap();
+    let run = || {
+        let dataset = ["--dataset", SYNTHETIC, "--pairs", "other.csv", "--out", "r"];
+        let method = ["run", "--method", "copy", "--metrics", "psnr", "--json"];
+        sharp_bench(dir, &[&method[..], &dataset].concat())
+            .ends_with(0)
+            .json()
+    };
+    let hash = |name: &str| sharp_datasets::files::sha256(&dir.join(name)).unwrap();
+    let pairs = run()["manifest"]["pairs"].clone();
+    assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
+    assert_eq!(pairs["sha256"], hash("other.csv"));
+    assert_eq!(pairs["lists"][0]["sha256"], hash("other.csv"));
+    // A folder whose copy is in the list's own form, as earlier versions wrote it, is resumed.
+    std::fs::copy(dir.join("p.csv"), dir.join("r/pairs.csv")).unwrap();
+    let again = run();
+    assert_eq!(
+        (&again["reused"], &again["predicted"]),
+        (&again["units"], &serde_json::json!(0))
+    );
+    assert_eq!(again["manifest"]["pairs"], pairs);
+    assert_eq!(pairs["sha256"], hash("r/pairs.csv"));
+    // So is an export.
+    let export = [
+        "pairs",
+        "export",
+        "--pairs",
+        "other.csv",
+        "--dataset",
+        SYNTHETIC,
+        "--out",
+        "e",
+        "--json",
+    ];
+    let export = sharp_bench(dir, &export).ends_with(0).json();
+    assert_eq!(export["sha256"], hash("e/pairs.csv"));
+}

@@ -9,7 +9,8 @@ use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::SyntheticScene;
 
 use crate::multi_view::{folder, names, pinhole_keys, transforms};
-use crate::{Depth, compare, compare_cameras, read, refusal, scene, spec, write};
+use crate::small::copy;
+use crate::{Depth, compare, compare_cameras, left_out, read, refusal, scene, spec, write};
 
 fn has_note(notes: &[String], part: &str) {
     assert!(
@@ -219,13 +220,16 @@ fn scenes_behind_links_that_lead_out_are_counted_in_notes_and_errors() {
     std::os::unix::fs::symlink(outside.path(), &link).unwrap();
     let error = refusal("nerfstudio", set.path());
     assert!(error.contains("no nerfstudio scene found"), "{error}");
-    let reason = "1 folder(s) left out, a symbolic link leads out of the dataset's folder: linked";
-    assert!(error.contains(reason), "{error}");
+    let reason = "a symbolic link leads out of the dataset's folder";
+    assert!(
+        error.contains(reason) && error.contains("(linked)"),
+        "{error}"
+    );
     let inside = own(&scene, "transforms.json");
     std::fs::rename(inside.path(), set.path().join("own")).unwrap();
     let found = read("nerfstudio", set.path());
     assert_eq!(found.id, "own");
-    has_note(&found.notes, reason);
+    has_note(&left_out("nerfstudio", set.path())[0], reason);
     let both = sharp_datasets::open(&spec("nerfstudio,outside=allow", set.path())).unwrap();
     assert_eq!(both.len(), 2);
     let error = refusal("stereo", set.path());
@@ -240,19 +244,6 @@ fn two_categories() -> tempfile::TempDir {
         copy(&source, &folder.path().join(category));
     }
     folder
-}
-
-fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap() {
-        let entry = entry.unwrap();
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            std::fs::copy(entry.path(), target).unwrap();
-        }
-    }
 }
 
 #[test]
@@ -283,11 +274,14 @@ fn names_that_are_not_there_are_counted_as_scenes() {
     let folder = two_categories();
     let list = "{\"val\": [\"scenes/scene_000\", \"scenes/scene_007\"]}";
     write::text(folder.path(), "apple/nvs_list.json", list);
-    let scenes = sharp_datasets::open(&spec("wildrgbd", folder.path())).unwrap();
-    assert_eq!(scenes.len(), 2);
-    let note =
-        "1 scene(s) left out, the list names scenes that are not there: apple/scenes/scene_007";
-    has_note(&scenes[0].notes, note);
+    let found = sharp_datasets::open_each(&spec("wildrgbd", folder.path())).unwrap();
+    assert_eq!(found.scenes.len(), 2);
+    let [broken, _] = left_out("wildrgbd", folder.path());
+    has_note(&broken, "1 scene left out (apple/scenes/scene_007)");
+    has_note(&broken, "nvs_list.json: names scenes that are not there");
+    // All or nothing, for who asks for the scenes alone.
+    let error = refusal("wildrgbd", folder.path());
+    assert!(error.contains("names scenes that are not there"), "{error}");
 }
 
 #[cfg(unix)]
@@ -325,16 +319,9 @@ fn a_bad_line_of_a_split_hides_no_other_scene() {
     let report = checked("scannetpp", folder.path());
     assert_eq!(report.scenes.len(), 1);
     assert_eq!(report.scenes[0].id, "s");
-    has_note(
-        &report.scenes[0].notes,
-        "1 scene(s) left out, the split names scenes",
-    );
+    has_note(&report.unreadable, "(t): ");
     let reason = "splits/nvs_test.txt: the name '../../elsewhere/dslr' leads out";
-    assert!(
-        report.unreadable[0].contains(reason),
-        "{:?}",
-        report.unreadable
-    );
+    has_note(&report.unreadable, reason);
 }
 
 #[test]
@@ -368,7 +355,7 @@ fn a_right_picture_that_no_scene_has_is_named_with_its_setting() {
     let error = refusal("middlebury,right=im1E", folder.path());
     for part in [
         "right=",
-        "2 scene(s) left out, there is no im1E.png, which right=im1E asks for",
+        "2 scenes left out (A-perfect, B-perfect): there is no im1E.png, which right=im1E asks for",
     ] {
         assert!(error.contains(part), "{error}");
     }
@@ -377,7 +364,13 @@ fn a_right_picture_that_no_scene_has_is_named_with_its_setting() {
     let im1 = folder.path().join("A-perfect/im1.png");
     std::fs::copy(&im1, folder.path().join("A-perfect/im1E.png")).unwrap();
     let found = read("middlebury,right=im1E", folder.path());
-    has_note(&found.notes, "1 scene(s) left out, there is no im1E.png");
+    assert_eq!(found.id, "A-perfect");
+    let [broken, ruled_out] = left_out("middlebury,right=im1E", folder.path());
+    assert!(broken.is_empty(), "{broken:?}");
+    has_note(
+        &ruled_out,
+        "1 scene left out (B-perfect): there is no im1E.png",
+    );
 }
 
 #[test]

@@ -6,21 +6,30 @@
 #[cfg(test)]
 mod choices;
 #[cfg(test)]
+mod incomplete;
+#[cfg(test)]
 mod multi_view;
 #[cfg(test)]
 mod processing;
+#[cfg(test)]
+mod remedies;
+#[cfg(test)]
+mod small;
 #[cfg(test)]
 mod stereo;
 #[cfg(test)]
 mod tanks;
 #[cfg(test)]
+mod too_large;
+#[cfg(test)]
 mod write;
 
 use std::path::Path;
 
+use sharp_datasets::left_out::by_reason;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
-use sharp_datasets::{DatasetSpec, DepthMap, Scene, View, open};
+use sharp_datasets::{DatasetSpec, DepthMap, Scene, View, open, open_each};
 use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
 /// How closely depth must come back.
@@ -52,9 +61,19 @@ fn spec(spec: &str, folder: &Path) -> DatasetSpec {
 }
 
 fn read(text: &str, folder: &Path) -> Scene {
-    let mut scenes = open(&spec(text, folder)).unwrap();
+    let mut scenes = open_each(&spec(text, folder)).unwrap().scenes;
     assert_eq!(scenes.len(), 1);
     scenes.remove(0)
+}
+
+/// A line for each reason why scenes are left out: of broken ones, then of those that settings rule out.
+fn left_out(text: &str, folder: &Path) -> [Vec<String>; 2] {
+    let found = open_each(&spec(text, folder)).unwrap();
+    let groups = by_reason(&found.left_out);
+    [false, true].map(|by_choice| {
+        let of_kind = groups.iter().filter(|group| group.by_choice == by_choice);
+        of_kind.map(ToString::to_string).collect()
+    })
 }
 
 /// Why a folder cannot be read.

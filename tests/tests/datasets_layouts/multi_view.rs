@@ -11,7 +11,7 @@ use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::SyntheticScene;
 
 use crate::{
-    Depth, agreement, compare, compare_cameras, fisheye, psnr, read, scene, scores, write,
+    Depth, agreement, compare, compare_cameras, fisheye, left_out, psnr, read, scene, scores, write,
 };
 
 pub(crate) fn names(
@@ -211,7 +211,14 @@ fn wildrgbd() {
     let found = read("wildrgbd", folder.path());
     compare(&found.views, scene.views(), Depth::Millimetres);
     assert_eq!(found.views[2].id, "00006");
-    assert!(found.notes[0].contains("scene_777"), "{:?}", found.notes);
+    let list_path = folder.path().join("cup/nvs_list.json");
+    assert_eq!(
+        left_out("wildrgbd", folder.path())[0],
+        [format!(
+            "1 scene left out (cup/scenes/scene_777): {}: names scenes that are not there",
+            list_path.display()
+        )]
+    );
     compare(
         &read("wildrgbd,split=all-scenes", folder.path()).views,
         scene.views(),
@@ -362,11 +369,9 @@ fn scannetpp() {
     let found = read("scannetpp", folder.path());
     // Towards the border a fisheye's pixel spans more than one of the pinhole's.
     check_undistorted(&scene, &found.views, 0.97);
-    assert!(
-        found.notes.iter().any(|n| n.contains("not_here")),
-        "{:?}",
-        found.notes
-    );
+    let [broken, _] = left_out("scannetpp", folder.path());
+    assert_eq!(broken.len(), 1);
+    assert!(broken[0].contains("(not_here)"), "{broken:?}");
 
     // The toolbox's undistorted pictures, used as they are.
     for view in scene.views() {

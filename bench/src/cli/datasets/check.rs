@@ -54,12 +54,16 @@ fn print(report: &DatasetReport) -> anyhow::Result<()> {
     for problem in &report.unreadable {
         output::line(format!("  BROKEN {problem}"))?;
     }
+    for ruled_out in &report.ruled_out {
+        output::line(format!("  note {ruled_out}"))?;
+    }
+    let in_scenes: usize = report.scenes.iter().map(|s| s.problems.len()).sum();
     let views: usize = report.scenes.iter().map(|scene| scene.views).sum();
     output::line(format!(
         "{}, {}; {} unreadable; problems: {}",
         counted(report.scenes.len(), "scene"),
         counted(views, "view"),
-        counted(report.unreadable.len(), "scene"),
+        counted(report.problems - in_scenes, "scene"),
         report.problems
     ))
 }

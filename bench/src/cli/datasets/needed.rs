@@ -72,7 +72,7 @@ fn needed(list: &PairList, name: &str, spec: Option<DatasetSpec>) -> Needed {
     let root = spec.as_ref().map(|spec| folder_of(&spec.path));
     let scenes = spec
         .as_ref()
-        .map(|spec| sharp_datasets::open(spec).unwrap_or_default());
+        .map(|spec| sharp_datasets::open_each(spec).unwrap_or_default().scenes);
     let found = found_views(scenes.as_deref().unwrap_or_default());
     let split = spec.as_ref().map(|spec| spec.setting("split"));
     for pair in list

@@ -51,10 +51,10 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     let out = args.out.as_deref().context("--out FILE is needed")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
     let list = built.list(out);
-    write_atomic(out, list.to_csv().as_bytes())?;
+    write_atomic(out, list.bytes())?;
     ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
     let build = &built.build;
-    let outcome = Outcome::of_problems(!built.has_selected());
+    let outcome = Outcome::of_problems(!built.has_selected()).with_scenes_of(&datasets);
     for advice in &built.advice {
         output::remark(format!("warning: {advice}"));
     }

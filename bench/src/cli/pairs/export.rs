@@ -106,7 +106,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
     };
     let exported = pairs::export(&pairs, &args.out, &options, &Terminal::default())?;
     let copy = args.out.join("pairs.csv");
-    write_atomic(&copy, list.to_csv().as_bytes())?;
+    write_atomic(&copy, list.bytes())?;
     if exported.without_depth > 0 {
         output::remark(format!(
             "warning: {} without depth in the dataset; the files of each pair are listed in its pair.json",

@@ -2,7 +2,8 @@
 //!
 //! CSV with one header line, `\n` at line ends, rows sorted bytewise by `pair_id`, numbers in the
 //! shortest form that reads back to the same value, an empty field where a value is unknown,
-//! `selected` as `true` or `false`. The sha256 of a list is that of the file.
+//! `selected` as `true` or `false`. The sha256 of a list is that of the file, whose bytes are kept: a copy of a list that
+//! someone's editor gave a byte order mark, other line ends or another order is that very file.
 
 mod csv_form;
 mod diff;
@@ -20,6 +21,7 @@ pub use self::diff::{ChangedPair, ListDiff};
 pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};
 use super::PairError;
 use super::build::Pair;
+use super::dataset::OpenDataset;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::sha256_hex;
 
@@ -32,18 +34,20 @@ pub struct PairList {
     /// sha256 of the file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     lines: Vec<u64>,
+    bytes: Vec<u8>,
 }
 
 impl PairList {
     /// A list of pairs that were just made, for [`Self::write`].
     pub fn new(path: impl Into<PathBuf>, mut pairs: Vec<Pair>) -> Self {
         pairs.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
-        let sha256 = sha256_hex(to_csv(&pairs).as_bytes());
+        let bytes = to_csv(&pairs).into_bytes();
         Self {
             path: path.into(),
             lines: (2..).take(pairs.len()).collect(),
             pairs,
-            sha256,
+            sha256: sha256_hex(&bytes),
+            bytes,
         }
     }
 
@@ -82,6 +86,7 @@ impl PairList {
             pairs: Vec::new(),
             lines: Vec::new(),
             sha256: sha256_hex(bytes),
+            bytes: bytes.to_vec(),
         };
         let mut seen = BTreeSet::new();
         let mut row = csv::StringRecord::new();
@@ -130,13 +135,14 @@ impl PairList {
         Self::new("pairs.csv", joined.into_values().collect())
     }
 
-    pub fn to_csv(&self) -> String {
-        to_csv(&self.pairs)
+    /// The file as it was read or made: what [`Self::sha256`] is of.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
     }
 
     /// Writes the list to its path: whole or not at all.
     pub fn write(&self) -> Result<(), PairError> {
-        Ok(write_atomic(&self.path, self.to_csv().as_bytes())?)
+        Ok(write_atomic(&self.path, &self.bytes)?)
     }
 
     /// Finds the views of the pairs. Pairs that are not selected are resolved too.
@@ -144,6 +150,18 @@ impl PairList {
     /// # Errors
     /// [`PairError::List`] naming the line and what is absent from the scenes.
     pub fn resolve<'a>(&'a self, scenes: &'a [Scene]) -> Result<Vec<ResolvedPair<'a>>, PairError> {
+        self.resolve_readable(scenes, &[])
+    }
+
+    /// As [`Self::resolve`], without the pairs of scenes that could not be read.
+    ///
+    /// # Errors
+    /// As [`Self::resolve`]; also for a scene that a setting of its dataset rules out.
+    pub fn resolve_readable<'a>(
+        &'a self,
+        scenes: &'a [Scene],
+        datasets: &[OpenDataset],
+    ) -> Result<Vec<ResolvedPair<'a>>, PairError> {
         let mut by_name = BTreeMap::new();
         for scene in scenes {
             let views: BTreeMap<&str, &View> =
@@ -156,9 +174,18 @@ impl PairList {
                 line,
                 reason: what,
             };
-            let (scene, views) = by_name
-                .get(&(pair.dataset.as_str(), pair.scene.as_str()))
-                .ok_or_else(|| absent(absent_scene(pair, scenes)))?;
+            let name = (pair.dataset.as_str(), pair.scene.as_str());
+            let Some((scene, views)) = by_name.get(&name) else {
+                let dataset = datasets.iter().find(|d| d.name == pair.dataset);
+                return match dataset.and_then(|d| d.leaves_out(&pair.scene)) {
+                    Some(group) if !group.by_choice => Ok(None),
+                    Some(group) => Err(absent(format!(
+                        "scene '{}' of dataset '{}' is ruled out: {}",
+                        pair.scene, pair.dataset, group.reason
+                    ))),
+                    None => Err(absent(absent_scene(pair, scenes))),
+                };
+            };
             let view = |id: &str| {
                 views.get(id).copied().ok_or_else(|| {
                     absent(format!(
@@ -167,17 +194,15 @@ impl PairList {
                     ))
                 })
             };
-            Ok(ResolvedPair {
+            Ok(Some(ResolvedPair {
                 pair,
                 scene,
                 source: view(&pair.source)?,
                 target: view(&pair.target)?,
-            })
+            }))
         };
-        self.pairs
-            .iter()
-            .zip(&self.lines)
-            .map(resolve_one)
+        let rows = self.pairs.iter().zip(&self.lines);
+        rows.filter_map(|row| resolve_one(row).transpose())
             .collect()
     }
 }

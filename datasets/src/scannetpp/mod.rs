@@ -5,22 +5,23 @@
 //! `nerfstudio/transforms_undistorted.json`. Poses went through COLMAP's change of world axes on
 //! their way into the JSON; it is undone, so that the views share the world of `scans/`. Metres.
 
+mod photographs;
+
 use std::path::PathBuf;
 
 use crate::colmap::PointTracks;
-use crate::depth::{DepthEncoding, ViewDepth};
+use crate::depth::ViewDepth;
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
-use crate::format::transforms::{self, JsonFrame, Transforms, undo_colmap_axes};
+use crate::format::transforms::{JsonFrame, undo_colmap_axes};
 use crate::format::{colmap, picture};
-use crate::left_out::LeftOut;
-use crate::lens::Lens;
+use crate::left_out::FoundScenes;
 use crate::mask::MaskFile;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::spec::SceneResults;
 use crate::{DatasetError, DatasetSpec, Scene};
+use photographs::DslrPhotographs;
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "scannetpp",
@@ -120,13 +121,15 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
     } else {
         ("transforms.json", "resized_anon_masks")
     };
+    let scene = photo.up().strip_suffix("/dslr").unwrap_or(photo.up());
+    let mesh = || format!("{scene}/{MESH}");
     let mut files = vec![RequiredFile::camera(
         photo.above(&format!("nerfstudio/{json}")),
     )];
     if undistorted {
-        // Depth is rendered in the fisheye camera.
-        let fisheye = photo.above("nerfstudio/transforms.json");
-        files.push(RequiredFile::camera(fisheye));
+        // Depth is rendered in the fisheye camera; a mesh needs none.
+        let fisheye = RequiredFile::depth(photo.above("nerfstudio/transforms.json"));
+        files.push(fisheye.or(mesh()));
     }
     files.push(RequiredFile::list("splits/nvs_test.txt"));
     let stem = photo.stem;
@@ -134,12 +137,11 @@ fn required_files(photo: &PhotographPath<'_>) -> Vec<RequiredFile> {
         photo.above(&format!("{masks}/{stem}.png")),
     ));
     let rendered = RequiredFile::depth(photo.above(&format!("render_depth/{stem}.png")));
-    let scene = photo.up().strip_suffix("/dslr").unwrap_or(photo.up());
-    files.push(rendered.or(format!("{scene}/{MESH}")));
+    files.push(rendered.or(mesh()));
     files
 }
 
-fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
+fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?;
     let data = root.resolve(root.path(), "data")?;
     let data = if data.is_dir() {
@@ -149,41 +151,52 @@ fn open(spec: &DatasetSpec) -> Result<SceneResults, DatasetError> {
     };
     let split = spec.setting("split");
     let list = root.resolve(root.path(), &format!("splits/{split}.txt"))?;
+    let others = ["splits", "metadata"].map(|name| root.path().join(name));
+    let there = files::list(&data)?.into_iter();
+    let there = there.filter(|(_, path)| path.is_dir() && !others.contains(path));
+    let there: Vec<String> = there.map(|(name, _)| name).collect();
     let names: Vec<String> = if split == "all" {
-        files::list(&data)?.into_iter().map(|e| e.0).collect()
+        there.clone()
     } else {
         let text = files::read_text(&list)?;
-        text.lines()
-            .map(|l| l.trim().to_owned())
-            .filter(|l| !l.is_empty())
-            .collect()
+        let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
+        lines.map(str::to_owned).collect()
     };
     let cache = ScanCache::default();
-    let mut scenes = Vec::new();
-    let mut missing = LeftOut::of("scene");
-    for name in names {
+    let mut found = FoundScenes::default();
+    for name in &names {
         // A name that leads out must not hide the other scenes.
-        let folders = root
-            .resolve_listed(&list, &data, &format!("{name}/dslr"))
-            .and_then(|dslr| Ok((root.resolve(&data, &name)?, dslr)));
-        match folders {
-            Err(error) => scenes.push(Err(error)),
-            Ok((scene, dslr)) if dslr.is_dir() => {
-                let reader = ScanNetPpReader {
-                    spec,
-                    root: &root,
-                    scene,
-                    dslr,
-                    cache: &cache,
-                };
-                scenes.push(reader.read(&name));
+        let scene = root.resolve_listed(&list, &data, &format!("{name}/dslr"));
+        let scene = scene.and_then(|dslr| {
+            let scene = root.resolve(&data, name)?;
+            if !scene.is_dir() {
+                return Err(DatasetError::malformed(
+                    &list,
+                    "names scenes that are not there",
+                ));
             }
-            Ok(_) if split == "all" => {}
-            Ok(_) => missing.add("the split names scenes that are not there", name),
-        }
+            if !dslr.is_dir() {
+                return Err(DatasetError::malformed(
+                    &data,
+                    "there is no dslr/ in scenes",
+                ));
+            }
+            let reader = ScanNetPpReader {
+                spec,
+                root: &root,
+                scene,
+                dslr,
+                cache: &cache,
+            };
+            reader.read(name)
+        });
+        found.add(name, scene);
+    }
+    for name in there.iter().filter(|name| !names.contains(name)) {
+        found.rule_out(name, format!("split={split} does not name them"));
     }
     let expected = "splits/<split>.txt and data/<scene>/dslr of its scenes, or split=all";
-    spec.conclude(scenes, expected, &[&missing])
+    spec.conclude(found, expected, Vec::new())
 }
 
 struct ScanNetPpReader<'a> {
@@ -194,22 +207,12 @@ struct ScanNetPpReader<'a> {
     cache: &'a ScanCache,
 }
 
-/// Where a scene's photographs, their masks and their cameras are.
-struct DslrPhotographs {
-    json: PathBuf,
-    file: Transforms,
-    images: PathBuf,
-    masks: PathBuf,
-    /// The folder of pictures that the toolbox undistorted; `None` for the fisheye ones.
-    published: Option<String>,
-    /// The fisheye cameras, where the pictures are undistorted but depth is not.
-    fisheye: Option<Transforms>,
-}
-
 impl ScanNetPpReader<'_> {
     fn read(&self, name: &str) -> Result<Scene, DatasetError> {
-        let photos = self.photographs()?;
         let depth_from = self.depth_from()?;
+        let is_rendered = matches!(depth_from, DepthFrom::Rendered(_));
+        let choice = self.spec.setting("images");
+        let photos = DslrPhotographs::find(self.root, &self.dslr, choice, is_rendered)?;
         let choice = self.spec.setting("frames");
         let chosen: Vec<&JsonFrame> = [
             (choice != "test", &photos.file.frames),
@@ -245,6 +248,7 @@ impl ScanNetPpReader<'_> {
             } else {
                 None
             };
+            let mut cameras = vec![photos.json.clone()];
             let depth = match &depth_from {
                 DepthFrom::None => None,
                 DepthFrom::Mesh(scan) => Some(ViewDepth::Scan(scan.clone())),
@@ -253,7 +257,10 @@ impl ScanNetPpReader<'_> {
                     image.map(|(_, image)| tracks.depth_of(*image))
                 }
                 DepthFrom::Rendered(folder) => match scene.finder.find(folder, &png, &["png"])? {
-                    Some(map) => Some(rendered_depth(map, &photos, &id, lens)?),
+                    Some(map) => {
+                        cameras.extend(photos.fisheye.iter().map(|(json, _)| json.clone()));
+                        Some(photos.rendered_depth(map, &id, lens)?)
+                    }
                     None => None,
                 },
             };
@@ -265,7 +272,7 @@ impl ScanNetPpReader<'_> {
                 camera_from_world: undo_colmap_axes(pose).inverse(),
                 mask,
                 depth,
-                cameras: vec![photos.json.clone()],
+                cameras,
             })?;
         }
         if let Some(published) = &photos.published {
@@ -280,51 +287,11 @@ impl ScanNetPpReader<'_> {
             let note = format!("masks: none in dslr/{}", folder.display());
             scene.notes.push(note);
         }
-        Ok(scene.finish(name.to_owned()))
-    }
-
-    fn photographs(&self) -> Result<DslrPhotographs, DatasetError> {
-        let inside = |name: &str| self.root.resolve(&self.dslr, name);
-        // The toolbox's own default differs from the published folder's name.
-        let first = |names: [&str; 2]| -> Result<PathBuf, DatasetError> {
-            let [published, default] = [inside(names[0])?, inside(names[1])?];
-            Ok(if published.is_dir() {
-                published
-            } else {
-                default
-            })
+        let hint = match choice {
+            "all" => String::new(),
+            other => format!("; frames={other} are the pictures looked for"),
         };
-        let fisheye_json = inside("nerfstudio/transforms.json")?;
-        let pinhole_json = inside("nerfstudio/transforms_undistorted.json")?;
-        let undistorted = first(["resized_undistorted_images", "undistorted_images"])?;
-        let use_undistorted = match self.spec.setting("images") {
-            "fisheye" => false,
-            "undistorted" => true,
-            _ => undistorted.is_dir() && pinhole_json.is_file(),
-        };
-        if use_undistorted {
-            let fisheye = fisheye_json
-                .is_file()
-                .then(|| files::parse_text(&fisheye_json, transforms::parse));
-            let folder = undistorted.file_name().unwrap_or_default();
-            Ok(DslrPhotographs {
-                published: Some(format!("dslr/{}", folder.display())),
-                file: files::parse_text(&pinhole_json, transforms::parse)?,
-                json: pinhole_json,
-                images: undistorted,
-                masks: first(["resized_undistorted_masks", "undistorted_anon_masks"])?,
-                fisheye: fisheye.transpose()?,
-            })
-        } else {
-            Ok(DslrPhotographs {
-                file: files::parse_text(&fisheye_json, transforms::parse)?,
-                json: fisheye_json,
-                images: inside("resized_images")?,
-                masks: inside("resized_anon_masks")?,
-                published: None,
-                fisheye: None,
-            })
-        }
+        scene.finish_with_views(name.to_owned(), &hint)
     }
 
     fn depth_from(&self) -> Result<DepthFrom, DatasetError> {
@@ -350,33 +317,6 @@ impl ScanNetPpReader<'_> {
             _ => DepthFrom::None,
         })
     }
-}
-
-/// A map that the toolbox rendered in the fisheye camera.
-fn rendered_depth(
-    map: PathBuf,
-    photos: &DslrPhotographs,
-    id: &str,
-    lens: Lens,
-) -> Result<ViewDepth, DatasetError> {
-    let millimetres = DepthEncoding::Units(0.001);
-    if !lens.is_pinhole() {
-        return Ok(ViewDepth::Map(map, millimetres));
-    }
-    let lacks = |what: &str| {
-        DatasetError::malformed(&map, format!("nerfstudio/transforms.json lacks {what}"))
-    };
-    let frame = photos
-        .fisheye
-        .iter()
-        .flat_map(|f| f.frames.iter().chain(&f.test_frames))
-        .find(|f| frame_id(&f.file_path) == id)
-        .ok_or_else(|| lacks("this picture's fisheye camera"))?;
-    let size = frame.size().ok().flatten();
-    let size = size.ok_or_else(|| lacks("the pictures' size"))?;
-    let fisheye = frame.lens(size);
-    let fisheye = fisheye.map_err(|error| DatasetError::format(&map, error))?;
-    Ok(ViewDepth::MapOf(map, millimetres, fisheye))
 }
 
 enum DepthFrom {

@@ -1,0 +1,60 @@
+//! The fuzz targets' small datasets, as two scenes that are alike.
+
+use std::path::{Path, PathBuf};
+
+use crate::multi_view::folder;
+use crate::write;
+
+/// A dataset of two scenes that are alike: where the second is copied to from the first, and its id.
+pub(crate) fn twice(format: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = folder();
+    let layouts = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/datasets");
+    let (from, copied) = match format {
+        "middlebury" => ("A", "B"),
+        "booster" => ("train/balanced/A", "train/balanced/B"),
+        "scannetpp" => ("data/s", "data/t"),
+        "wildrgbd" => ("cup/scenes/scene_000", "cup/scenes/scene_001"),
+        "tanks-and-temples" => ("Barn", "Ignatius"),
+        "eth3d" => ("yard", "field"),
+        "stereo" => ("p", "q"),
+        // The layout is the scene.
+        _ => ("", "b"),
+    };
+    if from.is_empty() {
+        copy(&layouts.join(format), &folder.path().join("a"));
+        copy(&layouts.join(format), &folder.path().join("b"));
+    } else {
+        copy(&layouts.join(format), folder.path());
+        copy(&folder.path().join(from), &folder.path().join(copied));
+    }
+    let second = folder.path().join(copied);
+    match format {
+        "scannetpp" => write::text(folder.path(), "splits/nvs_test.txt", "s\nt\n"),
+        "wildrgbd" => write::text(
+            folder.path(),
+            "cup/nvs_list.json",
+            "{\"val\": [\"scenes/scene_000\", \"scenes/scene_001\"]}",
+        ),
+        "tanks-and-temples" => {
+            for end in ["_COLMAP_SfM.log", "_trans.txt", ".ply"] {
+                let named = |name: &str| second.join(format!("{name}{end}"));
+                std::fs::rename(named("Barn"), named("Ignatius")).unwrap();
+            }
+        }
+        _ => {}
+    }
+    (folder, second)
+}
+
+pub(crate) fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            std::fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
