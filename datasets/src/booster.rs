@@ -62,7 +62,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("all", "every illumination: 228 pairs of the train set"),
                 choice("first", "only the first: 38 pairs of the train set"),
             ],
-        ),
+        )
+        .left_open(),
     ],
     open,
     required_files,

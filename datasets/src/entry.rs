@@ -128,6 +128,8 @@ pub struct Setting {
     /// Whether values that are not among the choices are allowed.
     #[serde(rename = "other_values")]
     pub any: bool,
+    /// Whether the paper leaves open which of several values it used.
+    pub open: bool,
     /// The values with a meaning of their own, the default first.
     pub choices: &'static [SettingChoice],
 }
@@ -143,6 +145,7 @@ impl Setting {
             meaning,
             default: choices[0].value,
             any: false,
+            open: false,
             choices,
         }
     }
@@ -169,13 +172,14 @@ impl Setting {
             meaning,
             default,
             any: true,
+            open: false,
             choices: &[],
         }
     }
 
-    /// Whether the paper leaves open which value it used: none of several is known to differ.
-    pub fn is_open(&self) -> bool {
-        self.choices.iter().filter(|choice| !choice.proxy).count() > 1
+    /// One whose value the paper leaves open.
+    pub(crate) const fn left_open(self) -> Self {
+        Self { open: true, ..self }
     }
 
     /// Whether it is the setting of that key and may have that value.

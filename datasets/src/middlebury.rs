@@ -43,7 +43,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("found", "every scene folder found"),
                 choice("training15", "the 15 of MiddEval3's training set"),
             ],
-        ),
+        )
+        .left_open(),
         Setting::choice(
             "rectification",
             "which of the two rectifications of a scene (folders without the suffix always count)",
@@ -56,7 +57,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("perfect", "only <Scene>-perfect"),
                 choice("imperfect", "only <Scene>-imperfect"),
             ],
-        ),
+        )
+        .left_open(),
         Setting::choice(
             "right",
             "which right picture is the target",

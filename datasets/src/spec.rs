@@ -30,6 +30,8 @@ pub struct SettingInForce {
     pub value: String,
     /// True where the value is known to differ from what the paper did.
     pub proxy: bool,
+    /// True where the paper leaves it open: this is one of several values that it may have used.
+    pub open: bool,
 }
 
 impl fmt::Display for SettingInForce {
@@ -128,6 +130,7 @@ impl DatasetSpec {
                 SettingInForce {
                     key: setting.key,
                     proxy: setting.is_proxy(&value),
+                    open: setting.open,
                     value,
                 }
             })

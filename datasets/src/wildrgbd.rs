@@ -45,7 +45,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             proxy("train-scenes", "all frames of the scenes in 'train'"),
             proxy("all-scenes", "every scene folder, without a list"),
         ],
-    )],
+    )
+    .left_open()],
     open,
     required_files,
     archives: |photo| vec![format!("category {}", photo.top())],

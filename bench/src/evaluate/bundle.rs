@@ -140,7 +140,7 @@ pub(super) fn pack(results: &Results, pairs: Vec<Pair>) -> std::io::Result<Vec<u
     for (name, bytes) in [
         ("bundle.json", serde_json::to_vec(&head)?),
         ("manifest.json", serde_json::to_vec(manifest)?),
-        ("pairs.csv", list.to_csv().into_bytes()),
+        ("pairs.csv", list.bytes().to_vec()),
         ("units.jsonl", units.into_bytes()),
         ("missing.json", serde_json::to_vec(missing)?),
         ("scores.bin", scores),

@@ -38,6 +38,9 @@ pub struct DatasetReading {
     pub value: String,
     /// True where the value is known to differ from what the paper did.
     pub proxy: bool,
+    /// True where the paper leaves open which of several values it used.
+    #[serde(default)]
+    pub open: bool,
 }
 
 impl OpenDataset {
@@ -106,6 +109,7 @@ impl OpenDataset {
                     key: setting.key.to_owned(),
                     value: setting.value,
                     proxy: setting.proxy,
+                    open: setting.open,
                 })
                 .collect(),
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
@@ -231,6 +235,7 @@ mod tests {
             key: key.to_owned(),
             value: value.to_owned(),
             proxy: false,
+            open: false,
         };
         let open = |readings: &[DatasetReading]| OpenDataset::open_recorded(&text, readings, None);
         let now = open(&[]).unwrap();

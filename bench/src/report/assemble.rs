@@ -229,7 +229,14 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     let mut notes = Vec::new();
     for dataset in &manifest.datasets {
         let readings = dataset.readings.iter();
-        let readings = readings.map(|r| format!("{}={}{}", r.key, r.value, mark(r.proxy)));
+        let readings = readings.map(|r| {
+            let open = if r.open && !r.proxy {
+                " (open in the paper)"
+            } else {
+                ""
+            };
+            format!("{}={}{}{open}", r.key, r.value, mark(r.proxy))
+        });
         let left_out = dataset.left_out.iter().map(ToString::to_string);
         let notes_and_scenes = dataset.notes.iter().cloned().chain(left_out);
         let all = readings.chain(notes_and_scenes);

@@ -54,7 +54,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 proxy("nvs_test_small", "twelve scenes of nvs_test"),
                 choice("all", "every scene that is there: with frames=test a third"),
             ],
-        ),
+        ).left_open(),
         Setting::choice(
             "frames",
             "which pictures of a scene",
@@ -63,7 +63,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("test", "'test_frames'"),
                 choice("all", "both"),
             ],
-        ),
+        ).left_open(),
         Setting::choice(
             "images",
             "which photographs",
@@ -75,7 +75,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                     "as taken, undistorted by us to the toolbox's camera",
                 ),
             ],
-        ),
+        ).left_open(),
         Setting::choice(
             "depth",
             "where depth comes from",
@@ -89,7 +89,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 choice("points", "COLMAP's points that each picture sees: sparse"),
                 choice("none", "nowhere"),
             ],
-        ),
+        ).left_open(),
         Setting::choice(
             "bad",
             "pictures whose pose ScanNet++ calls bad",
@@ -105,7 +105,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
                 ),
                 choice("ignore", "as stored"),
             ],
-        ),
+        ).left_open(),
     ],
     open,
     required_files,

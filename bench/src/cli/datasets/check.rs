@@ -38,13 +38,13 @@ pub(super) fn execute(specs: &[String], views: usize, json: bool) -> anyhow::Res
 fn print(report: &DatasetReport) -> anyhow::Result<()> {
     output::line(&report.dataset)?;
     for reading in &report.readings {
-        let proxy = if reading.proxy {
-            " (proxy: differs from the paper)"
-        } else {
-            ""
+        let standing = match (reading.proxy, reading.open) {
+            (true, _) => " (proxy: differs from the paper)",
+            (false, true) => " (open in the paper)",
+            (false, false) => "",
         };
         output::line(format!(
-            "  reading {}={}{proxy}",
+            "  reading {}={}{standing}",
             reading.key, reading.value
         ))?;
     }

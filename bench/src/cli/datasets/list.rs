@@ -18,7 +18,7 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
                 setting.key, setting.default, setting.meaning
             ))?;
             for choice in setting.choices {
-                let standing = match (choice.proxy, setting.is_open()) {
+                let standing = match (choice.proxy, setting.open) {
                     (true, _) => " (proxy)",
                     (false, true) => " (open)",
                     (false, false) => "",
