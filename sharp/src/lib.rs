@@ -10,6 +10,7 @@
 //! # Contents
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
+//! * [`files`]: files that someone names, read so that reading ends.
 //! * `image_file` (feature `image-file`): the one decoder of photographs.
 //! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
@@ -23,6 +24,7 @@
 pub mod camera;
 pub mod color;
 pub mod composer;
+pub mod files;
 pub mod gaussians;
 #[cfg(feature = "image-file")]
 pub mod image_file;

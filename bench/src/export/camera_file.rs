@@ -42,7 +42,7 @@ pub enum NoCamera {
 impl CameraFile {
     /// Reads and checks a camera.
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
-        let text = std::fs::read_to_string(path).map_err(NoCamera::from);
+        let text = sharp::files::read_text(path).map_err(NoCamera::from);
         let camera = text.and_then(|text| Self::parse(&text));
         camera.map_err(|reason| CameraFileError {
             path: path.to_owned(),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
 use image::{ImageDecoder, ImageReader, Rgb, Rgb32FImage, RgbImage};
 use sharp::color::{Quantization, quantize, srgb_from_linear};
+use sharp::image_file::MAX_PIXELS;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
 use sharp_datasets::files;
@@ -28,9 +29,6 @@ pub enum ReadError {
 
 /// What a picture's name may end in, lower case.
 pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "exr", "npy", "safetensors"];
-
-/// Beyond this a header is taken for a mistake: 2^28 pixels, eleven times a 6048×4032 photograph.
-const MAX_PIXELS: u64 = 1 << 28;
 
 /// No lossless compression of pictures shrinks them by more than this.
 const MAX_COMPRESSION: u64 = 1 << 11;

@@ -93,7 +93,7 @@ impl Imported {
 
     fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {
         let path = self.sidecar_path(pair_id);
-        let bytes = std::fs::read(&path).map_err(|error| MethodError::file(&path, error))?;
+        let bytes = sharp::files::read(&path).map_err(|error| MethodError::file(&path, error))?;
         let sidecar = serde_json::from_slice(&bytes);
         let Sidecar { crop } = sidecar.map_err(|error| MethodError::file(&path, error))?;
         let [x, y, width, height] = crop;

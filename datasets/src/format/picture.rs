@@ -7,7 +7,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use image::{GrayImage, RgbImage};
-use sharp::image_file;
+use sharp::image_file::{self, ImageFileError, MAX_PIXELS};
 
 use crate::{DatasetError, files};
 
@@ -27,11 +27,18 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     files::parse(path, |bytes| Ok(image_file::decode(bytes)?.into_luma8()))
 }
 
-/// Width and height of a photograph, from its header.
+/// Width and height of a photograph, from its header. What [`read`] would refuse as too large is refused here too: it
+/// becomes the size of a camera.
 ///
 /// # Errors
 /// As [`read`], as far as the header shows.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), DatasetError> {
     let file = BufReader::new(files::open(path)?);
-    image_file::dimensions(file).map_err(|error| DatasetError::format(path, error))
+    let size = image_file::dimensions(file).and_then(|(width, height)| {
+        match u64::from(width) * u64::from(height) > MAX_PIXELS {
+            true => Err(ImageFileError::TooLarge { width, height }),
+            false => Ok((width, height)),
+        }
+    });
+    size.map_err(|error| DatasetError::format(path, error))
 }

@@ -28,9 +28,14 @@ pub enum ImageFileError {
         height: u32,
         file_bytes: u64,
     },
+    #[error("the picture is {width}x{height}, more than {MAX_PIXELS} pixels")]
+    TooLarge { width: u32, height: u32 },
     #[error(transparent)]
     Decoder(#[from] image::ImageError),
 }
+
+/// Beyond this a header is taken for a mistake or a bomb: 2^28 pixels, eleven times a 6048×4032 photograph.
+pub const MAX_PIXELS: u64 = 1 << 28;
 
 impl From<std::io::Error> for ImageFileError {
     fn from(error: std::io::Error) -> Self {
@@ -44,26 +49,33 @@ impl From<std::io::Error> for ImageFileError {
 /// # Errors
 /// [`ImageFileError`].
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, ImageFileError> {
+    decode_up_to(u64::MAX, bytes)
+}
+
+fn decode_up_to(pixels: u64, bytes: &[u8]) -> Result<DynamicImage, ImageFileError> {
     let format = format_of(bytes)?;
     match format {
         ImageFormat::Jpeg => jpeg_markers::check_complete(bytes),
         _ => png_chunks::check_complete(bytes),
     }
     .map_err(ImageFileError::Damaged)?;
-    dimensions(Cursor::new(bytes))?;
+    let (width, height) = dimensions(Cursor::new(bytes))?;
+    if u64::from(width) * u64::from(height) > pixels {
+        return Err(ImageFileError::TooLarge { width, height });
+    }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     // The size was checked against the file's, which is tighter than any fixed limit.
     reader.no_limits();
     Ok(reader.decode()?)
 }
 
-/// As [`decode`], to 8-bit RGB: grey is replicated, alpha dropped (not composited), 16 bits become
+/// As [`decode`], to 8-bit RGB, of at most [`MAX_PIXELS`]: grey is replicated, alpha dropped (not composited), 16 bits become
 /// 8 by v / 257, rounded.
 ///
 /// # Errors
 /// [`ImageFileError`].
 pub fn decode_rgb8(bytes: &[u8]) -> Result<RgbImage, ImageFileError> {
-    Ok(decode(bytes)?.into_rgb8())
+    Ok(decode_up_to(MAX_PIXELS, bytes)?.into_rgb8())
 }
 
 /// Width and height from a file's header, which is all that is read of it.

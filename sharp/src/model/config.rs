@@ -135,7 +135,7 @@ impl ModelConfig {
             None => (file_and_name, None),
         };
         let path = Path::new(file);
-        let text = std::fs::read_to_string(path).map_err(|e| ModelError::file(path, e))?;
+        let text = crate::files::read_text(path).map_err(|e| ModelError::file(path, e))?;
         let config = Self::parse(&text, name).map_err(|reason| ModelError::file(path, reason))?;
         config.validate()?;
         Ok(config)

@@ -20,7 +20,7 @@ use crate::gaussians::Gaussians;
 /// # Errors
 /// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says.
 pub fn load(path: &Path, color_space: Option<ColorSpace>) -> Result<GaussianScene, PlyError> {
-    std::fs::read(path)
+    crate::files::read(path)
         .map_err(PlyReason::from)
         .and_then(|bytes| from_bytes(&bytes, color_space))
         .map_err(|reason| PlyError::new(path, reason))
