@@ -11,6 +11,8 @@ mod excluded_pixels;
 #[cfg(test)]
 mod foreign_methods;
 #[cfg(test)]
+mod hostile_folders;
+#[cfg(test)]
 mod metric_devices;
 #[cfg(test)]
 mod metrics_command;
