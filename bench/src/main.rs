@@ -1,16 +1,22 @@
 //! `sharp-bench`, the command line of the harness.
 
+use std::borrow::Cow;
 use std::process::ExitCode;
 
 use clap::Parser;
 use sharp_bench::cli::{Cli, is_usage};
+use sharp_bench::io::text::{shortened, visible, visible_line};
 
 fn main() -> ExitCode {
     quieten_mesa();
-    match Cli::parse().execute() {
+    match parse().execute() {
         Ok(outcome) => outcome.into(),
         Err(error) => {
-            let line = format!("error: {}\n", one_line(&error));
+            let text = one_line(&error);
+            let line = format!(
+                "error: {}\n",
+                visible_line(&shortened(&text, LONGEST_ERROR))
+            );
             // Nothing is left to do when standard error itself is gone.
             let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
             match is_usage(&error) {
@@ -19,6 +25,24 @@ fn main() -> ExitCode {
             }
         }
     }
+}
+
+/// Characters of an error that are printed: a file that is one line would come back whole.
+const LONGEST_ERROR: usize = 4000;
+
+/// The command line. Its errors quote it, and are shown with nothing that a terminal obeys.
+fn parse() -> Cli {
+    Cli::try_parse().unwrap_or_else(|error| {
+        let text = error.render().to_string();
+        match visible(&text) {
+            Cow::Borrowed(_) => error.exit(),
+            Cow::Owned(harmless) => {
+                // As above.
+                let _ = std::io::Write::write_all(&mut std::io::stderr(), harmless.as_bytes());
+                std::process::exit(error.exit_code())
+            }
+        }
+    })
 }
 
 /// Without a session, Mesa's device-select layer complains on standard error that it cannot ask the desktop which GPU

@@ -6,7 +6,6 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use sha2::{Digest, Sha256};
-use sharp::regular_file;
 
 use crate::format::FormatError;
 use crate::{DatasetError, natural_order};
@@ -221,7 +220,7 @@ pub fn parse_text<T>(
 /// # Errors
 /// As [`read`].
 pub fn open(path: &Path) -> Result<File, DatasetError> {
-    regular_file::open(path).map_err(|e| DatasetError::io(path, e))
+    sharp::files::open_regular(path).map_err(|e| DatasetError::io(path, e))
 }
 
 /// sha256 of a file's bytes, 64 lower-case hexadecimal digits.

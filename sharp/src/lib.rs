@@ -10,6 +10,7 @@
 //! # Contents
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
+//! * [`files`]: files that someone names, read so that reading ends.
 //! * `image_file` (feature `image-file`): the one decoder of photographs.
 //! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
@@ -18,12 +19,12 @@
 //! * [`unprojection`]: from normalised to metric space, as the release does it.
 //! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.
 //! * [`random`]: the generator behind every seeded choice.
-//! * [`regular_file`]: reading files that people name.
 //! * [`render`]: Gaussians to pictures (feature `render`).
 
 pub mod camera;
 pub mod color;
 pub mod composer;
+pub mod files;
 pub mod gaussians;
 #[cfg(feature = "image-file")]
 pub mod image_file;
@@ -32,7 +33,6 @@ pub mod initializer;
 pub mod model;
 pub mod ply;
 pub mod random;
-pub mod regular_file;
 #[cfg(feature = "render")]
 pub mod render;
 pub mod resize;

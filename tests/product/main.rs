@@ -11,6 +11,8 @@ mod excluded_pixels;
 #[cfg(test)]
 mod foreign_methods;
 #[cfg(test)]
+mod hostile_folders;
+#[cfg(test)]
 mod incomplete_datasets;
 #[cfg(test)]
 mod metric_devices;

@@ -1,6 +1,7 @@
 //! What tests of several crates share.
 
 pub mod hostile_checkpoints;
+pub mod mutants;
 mod shared_data;
 pub mod unreliable_server;
 

@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use parsers::{DATASET_FILES, PARSERS, Parser};
+use sharp_tests::mutants::{Random, mutate};
 
 /// Mutants of each parser when no time is given.
 const MUTANTS: usize = 20_000;
@@ -72,7 +73,7 @@ fn attack(parser: &Parser) -> Result<(), Failed> {
         .and_then(|s| s.parse().ok())
         .map(Duration::from_secs);
     let begin = Instant::now();
-    let mut random = Random(0x5EED);
+    let mut random = Random::new(0x5EED);
     for i in 0_usize.. {
         let over = match limit {
             Some(limit) => begin.elapsed() >= limit,
@@ -141,107 +142,4 @@ fn seeds(parser: &Parser) -> Vec<(PathBuf, Vec<u8>)> {
         seeds.extend(datasets.map(|((name, bytes), i)| (name.into(), [&[i], *bytes].concat())));
     }
     seeds
-}
-
-/// A few random changes, mostly near the beginning, where headers are.
-fn mutate(seed: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
-    const NUMBERS: [&[u8]; 8] = [
-        b"0",
-        b"-1",
-        b"1e308",
-        b"nan",
-        b"4294967295",
-        b"18446744073709551615",
-        b".",
-        b"[",
-    ];
-    let mut bytes = seed.to_vec();
-    for _ in 0..=random.below(6) {
-        let span = if random.below(3) == 0 {
-            bytes.len()
-        } else {
-            bytes.len().min(160)
-        };
-        let at = random.below(span.max(1)).min(bytes.len());
-        match random.below(9) {
-            0 if !bytes.is_empty() => bytes.truncate(at),
-            1 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
-            2 if at < bytes.len() => bytes[at] = [0, 1, 0x7F, 0x80, 0xFF][random.below(5)],
-            3 => {
-                let end = (at + random.below(16)).min(bytes.len());
-                bytes.drain(at..end);
-            }
-            4 => {
-                let number = NUMBERS[random.below(NUMBERS.len())];
-                bytes.splice(at..at, number.iter().copied());
-            }
-            5 => {
-                let end = (at + random.below(24)).min(bytes.len());
-                let copied = bytes[at..end].to_vec();
-                bytes.splice(at..at, copied);
-            }
-            6 => {
-                for (i, b) in u64::MAX
-                    .to_le_bytes()
-                    .iter()
-                    .take(1 + random.below(8))
-                    .enumerate()
-                {
-                    if let Some(byte) = bytes.get_mut(at + i) {
-                        *byte = *b;
-                    }
-                }
-            }
-            7 if !other.is_empty() => {
-                let from = random.below(other.len());
-                let end = (from + random.below(64)).min(other.len());
-                bytes.splice(at..at, other[from..end].iter().copied());
-            }
-            _ if at < bytes.len() => bytes[at] = random.below(256) as u8,
-            _ => bytes.push(random.below(256) as u8),
-        }
-    }
-    if random.below(4) > 0 {
-        mend_checksums(&mut bytes);
-    }
-    bytes
-}
-
-/// Makes the checksums of a PNG's chunks right again, so that mutants get past them.
-fn mend_checksums(bytes: &mut [u8]) {
-    if !bytes.starts_with(b"\x89PNG\r\n\x1a\n") {
-        return;
-    }
-    let mut at = 8;
-    while let Some(length) = bytes.get(at..at + 4) {
-        let length = u32::from_be_bytes([length[0], length[1], length[2], length[3]]) as usize;
-        let end = at + 8 + length;
-        let Some(checked) = bytes.get(at + 4..end) else {
-            return;
-        };
-        let crc = !checked.iter().fold(u32::MAX, |mut crc, byte| {
-            crc ^= u32::from(*byte);
-            for _ in 0..8 {
-                crc = (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
-            }
-            crc
-        });
-        let Some(stored) = bytes.get_mut(end..end + 4) else {
-            return;
-        };
-        stored.copy_from_slice(&crc.to_be_bytes());
-        at = end + 4;
-    }
-}
-
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) % n as u64) as usize
-    }
 }

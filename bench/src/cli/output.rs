@@ -9,10 +9,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::io::observer::Observer;
+use crate::io::text::{visible, visible_line};
 
-/// Writes a line. That the reader went away (`| head`) is not an error.
+/// Writes a line, with nothing in it that a terminal obeys. That the reader went away (`| head`) is not an error.
 pub(super) fn line(text: impl AsRef<str>) -> anyhow::Result<()> {
-    match writeln!(io::stdout().lock(), "{}", text.as_ref()) {
+    match writeln!(io::stdout().lock(), "{}", visible(text.as_ref())) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         other => Ok(other?),
     }
@@ -26,7 +27,7 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
 /// Writes a line to standard error.
 pub(super) fn remark(text: impl AsRef<str>) {
     // Nothing is left to do when standard error itself is gone.
-    let _ = writeln!(io::stderr().lock(), "{}", text.as_ref());
+    let _ = writeln!(io::stderr().lock(), "{}", visible(text.as_ref()));
 }
 
 /// Set by `--quiet`.
@@ -152,9 +153,10 @@ impl Terminal {
 
 impl Observer for Terminal {
     fn warn(&self, text: &str) {
+        let line = format!("warning: {}", visible_line(text));
         self.with_phase(|phase| match phase {
-            Some(phase) => phase.bar.suspend(|| remark(format!("warning: {text}"))),
-            None => remark(format!("warning: {text}")),
+            Some(phase) => phase.bar.suspend(|| remark(line)),
+            None => remark(line),
         });
     }
 
@@ -168,7 +170,7 @@ impl Observer for Terminal {
         self.in_phase(|phase| {
             phase.bar.set_position(done as u64);
             if !current.is_empty() {
-                phase.bar.set_message(current.to_owned());
+                phase.bar.set_message(visible_line(current).into_owned());
             }
         });
     }

@@ -66,12 +66,24 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         ReportOptions::default(),
     )?;
     if args.json {
-        let files: Vec<String> = files.all.iter().map(|f| f.display().to_string()).collect();
-        output::json(&json!({ "out": out.display().to_string(), "files": files }))?;
+        let names = |paths: &[PathBuf]| -> Vec<String> {
+            paths.iter().map(|f| f.display().to_string()).collect()
+        };
+        output::json(&json!({
+            "out": out.display().to_string(),
+            "files": names(&files.all),
+            "not_scored": names(&files.not_scored),
+        }))?;
     } else {
         output::line(format!("report  {}", files.html.display()))?;
     }
-    Ok(Outcome::Done)
+    for path in &files.not_scored {
+        output::remark(format!(
+            "warning: {}: not the picture that was scored, so it is not shown; `run` with the same options makes it anew",
+            path.display()
+        ));
+    }
+    Ok(Outcome::of_problems(!files.not_scored.is_empty()))
 }
 
 /// Prints the tables of results.

@@ -10,7 +10,6 @@ use std::io::{Cursor, Read, Write};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sharp::regular_file;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
@@ -183,7 +182,7 @@ pub(super) fn read_bundle(path: &Path) -> Result<Results, EvaluateError> {
         path: path.to_owned(),
         reason,
     };
-    let bytes = regular_file::read(path).map_err(FileError::new(path, "read"))?;
+    let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
     let mut members = ZipArchive::new(Cursor::new(bytes.as_slice()))
         .map_err(|error| unreadable(error.to_string()))?;
     let mut member = |name: &str| -> Result<Vec<u8>, EvaluateError> {

@@ -11,6 +11,7 @@
 //! RUN/scores.csv                            a table of the units
 //! RUN/timings.csv                           seconds, beside the scores
 //! RUN/.lock                                 held while a process writes here
+//! RUN/.scratch-…                            what lives as long as that process
 //! RUN/logs/METHOD.log                       standard error of a program that predicts
 //! ```
 
@@ -20,11 +21,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use sharp::files::read;
 
 use super::error::EvaluateError;
 use super::manifest::{FORMAT, Manifest};
 use super::unit::{Slot, Unit};
-use crate::io::atomic_files::{FileError, write_json};
+use crate::io::atomic_files::{FileError, remove_leftovers, write_json};
 use crate::io::hash::file_sha256;
 use crate::pairs::pair_id::path_of;
 
@@ -86,8 +88,9 @@ impl RunPlan {
 }
 
 impl RunFolder {
-    /// Opens a run folder for writing, creating it where there is none. A folder that is neither empty nor a run is
-    /// refused, so that a mistyped path never mixes results into other files.
+    /// Opens a run folder for writing, creating it where there is none, and removes what a killed process left half
+    /// written. A folder that is neither empty nor a run is refused, so that a mistyped path never mixes results into
+    /// other files.
     ///
     /// # Errors
     /// Names the folder and why it cannot be used.
@@ -106,9 +109,16 @@ impl RunFolder {
                 source: std::io::Error::other("it holds other files and no manifest.json"),
             });
         }
+        let (lock, is_ours_alone) = lock(root)?;
+        if is_ours_alone {
+            remove_leftovers(
+                root,
+                &["units", "predictions", "gaussians", "common-region"],
+            );
+        }
         Ok(Self {
             root: root.to_owned(),
-            _lock: Some(Arc::new(lock(root)?)),
+            _lock: Some(Arc::new(lock)),
         })
     }
 
@@ -189,7 +199,7 @@ impl RunFolder {
             format: u32,
         }
         let path = self.root.join("manifest.json");
-        let bytes = match fs::read(&path) {
+        let bytes = match read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(FileError::new(&path, "read")(error).into()),
@@ -220,7 +230,7 @@ impl RunFolder {
     /// Names the file and what is wrong with it.
     pub fn plan(&self) -> Result<RunPlan, FileError> {
         let path = self.root.join("plan.json");
-        match fs::read(&path) {
+        match read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes)
                 .map_err(|error| FileError::new(&path, "parse")(error.into())),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(RunPlan::default()),
@@ -252,7 +262,7 @@ impl RunFolder {
     /// When a file exists but the system cannot read it.
     pub fn load(&self, slot: &Slot) -> Result<Option<Unit>, FileError> {
         let path = self.unit_path(slot);
-        let bytes = match fs::read(&path) {
+        let bytes = match read(&path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(FileError::new(&path, "read")(error)),
@@ -282,8 +292,9 @@ impl RunFolder {
                 if path.extension().is_none_or(|extension| extension != "json") {
                     continue;
                 }
-                let bytes = fs::read(&path).map_err(FileError::new(&path, "read"))?;
-                match parse_unit(&bytes) {
+                let bytes = read(&path).map_err(FileError::new(&path, "read"))?;
+                let stem = path.file_stem().unwrap_or_default();
+                match parse_unit(&bytes).filter(|unit| stem == unit.slot.file_stem().as_str()) {
                     Some(unit) => units.push(unit),
                     None => damaged.push(path),
                 }
@@ -331,7 +342,7 @@ impl RunFolder {
 
 fn parse_unit(bytes: &[u8]) -> Option<Unit> {
     let unit: Unit = serde_json::from_slice(bytes).ok()?;
-    (unit.format == FORMAT && unit.is_whole()).then_some(unit)
+    (unit.format == FORMAT && unit.is_whole() && unit.is_consistent()).then_some(unit)
 }
 
 /// The entries of a folder in order; none where there is no folder.
@@ -355,8 +366,8 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
     Ok(paths)
 }
 
-/// Takes the folder for this process. Where the file system has no locks, nothing is taken.
-fn lock(root: &Path) -> Result<File, FileError> {
+/// Takes the folder for this process, and whether it did: not where the file system has no locks.
+fn lock(root: &Path) -> Result<(File, bool), FileError> {
     let path = root.join(".lock");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
@@ -370,7 +381,7 @@ fn lock(root: &Path) -> Result<File, FileError> {
             let reason = std::io::Error::other("another process is writing this run");
             Err(FileError::new(root, "use as run folder")(reason))
         }
-        _ => Ok(file),
+        taken => Ok((file, taken.is_ok())),
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use tempfile::TempDir;
 
 use super::prediction_file::{read_prediction, write_prediction};
-use crate::io::atomic_files::FileError;
+use crate::io::atomic_files::{FileError, scratch_folder};
 use crate::methods::{GaussianPrediction, MethodError};
 
 /// Predictions by their key: in memory within a limit, beyond it on disk until the run is done.
@@ -100,11 +100,7 @@ impl GaussianStore {
                 continue;
             }
             if self.spill.is_none() {
-                let folder = tempfile::Builder::new()
-                    .prefix(".spill-")
-                    .tempdir_in(&self.spill_in)
-                    .map_err(FileError::new(&self.spill_in, "write into"))?;
-                self.spill = Some((folder, BTreeSet::new()));
+                self.spill = Some((scratch_folder(&self.spill_in)?, BTreeSet::new()));
             }
             if let Some((folder, keys)) = &mut self.spill {
                 write_prediction(&file(folder.path(), &key), &prediction)?;

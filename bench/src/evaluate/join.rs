@@ -283,7 +283,7 @@ fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
 pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, EvaluateError> {
     let out = match (folders, out) {
         ([folder], None) => {
-            RunFolder::open(folder)?;
+            Results::read(folder)?;
             return write_tables(&RunFolder::create(folder)?);
         }
         (_, Some(out)) => out,

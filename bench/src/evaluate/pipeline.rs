@@ -16,13 +16,14 @@ use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
-use super::score::{PairTruth, Unscored, crop, empty_record, missing, one_line, score_pair};
+use super::score::{PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::source_check::{check_source, doubt};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::observer::Observer;
 use crate::io::pictures::{read_rgb8, to_rgb8};
 use crate::io::rendering_files::{write_exr, write_png};
+use crate::io::text::reason_line;
 use crate::methods::{
     Approach, Method, MethodError, PicturePrediction, Privilege, SourceView, TargetCamera,
 };
@@ -161,7 +162,7 @@ pub(super) fn run(
     observer: &dyn Observer,
 ) -> Result<UnitCounts, EvaluateError> {
     for method in job.methods {
-        method.begin(&folder.logs_path());
+        method.begin(&folder.logs_path(), folder.root());
     }
     // A channel without room: who predicts waits until who scores is ready for it.
     let (sender, pairs) = sync_channel(0);
@@ -395,7 +396,7 @@ impl<'a> PairWork<'_, 'a> {
             Err(Failure::Run(error)) => Err(error),
             Err(Failure::Pair(reason)) => {
                 unit.record.status = Status::Failed {
-                    reason: one_line(&reason),
+                    reason: reason_line(&reason),
                 };
                 let unit = self.folder.save(unit)?;
                 Ok(Prepared::Done(Box::new(unit), Reuse::New))

@@ -21,7 +21,8 @@ use super::score::missing;
 use crate::io::atomic_files::write_atomic;
 use crate::io::fingerprints;
 use crate::io::observer::Observer;
-use crate::methods::Method;
+use crate::methods::spec::check_label;
+use crate::methods::{Method, SpecError};
 use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
@@ -141,8 +142,13 @@ pub struct Finished {
 pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, EvaluateError> {
     let mut labels = BTreeSet::new();
     for (_, method) in &request.methods {
-        if !labels.insert(method.label()) {
-            return Err(EvaluateError::RepeatedLabel(method.label().to_owned()));
+        let label = method.label();
+        if let Err(reason) = check_label(label) {
+            let spec = label.to_owned();
+            return Err(SpecError::Refused { spec, reason }.into());
+        }
+        if !labels.insert(label) {
+            return Err(EvaluateError::RepeatedLabel(label.to_owned()));
         }
     }
     let scenes = scenes_of(&request.datasets);

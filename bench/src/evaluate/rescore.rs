@@ -34,7 +34,7 @@ pub fn rescore(
     observer: &dyn Observer,
 ) -> Result<(UnitCounts, Results), EvaluateError> {
     // Reading first: a mistyped path is not created.
-    RunFolder::open(root)?;
+    Results::read(root)?;
     let folder = RunFolder::create(root)?;
     let current = Current::read(&folder)?;
     let mut manifest = current.manifest;

@@ -1,7 +1,7 @@
 //! The results of a folder: a pure function of its units, its manifest and its pair list.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::bundle::read_bundle;
 use super::error::EvaluateError;
@@ -11,6 +11,8 @@ use super::manifest::Manifest;
 use super::record::{Record, Score, Status, finite_or_text};
 use super::unit::Unit;
 use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::hash::file_sha256;
+use crate::io::text::csv_cell;
 use crate::pairs::{Pair, PairList};
 
 /// What a run folder holds.
@@ -33,6 +35,17 @@ pub struct PictureFolder {
     pub folder: RunFolder,
     /// The method's label in the folder, by its label in the results.
     pub labels: BTreeMap<String, String>,
+    /// sha256 of each kept file, by pair id and the method's label in the folder.
+    pub sha256: BTreeMap<(String, String), String>,
+}
+
+/// A kept picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeptPicture {
+    /// The file.
+    pub path: PathBuf,
+    /// Whether its bytes are still those that were scored.
+    pub is_scored: bool,
 }
 
 /// Units with the manifest that says which of them count.
@@ -92,6 +105,51 @@ impl Current {
         })
     }
 
+    /// Refuses a pair list or a plan that has lost rows since the manifest was written, and a list whose pairs are
+    /// elsewhere than their units say.
+    fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
+        let planned = folder.plan()?;
+        let (planned, said) = (planned.pairs(), &self.manifest.pairs);
+        let pairs: BTreeMap<&str, &Pair> =
+            list.pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
+        let moved = self.units.iter().find(|unit| {
+            let pair = pairs.get(unit.slot.pair_id.as_str());
+            pair.is_some_and(|pair| {
+                let (record, bits) = (&unit.record, |v: Option<f64>| v.map(f64::to_bits));
+                record.baseline_m.to_bits() != pair.baseline_m.to_bits()
+                    || record.rotation_deg.to_bits() != pair.rotation_deg.to_bits()
+                    || bits(record.median_depth_m) != bits(pair.median_depth_m)
+                    || bits(record.overlap) != bits(pair.overlap)
+            })
+        });
+        let what = if list.pairs.len() < said.listed {
+            format!(
+                "pairs.csv has {} of the {} pairs",
+                list.pairs.len(),
+                said.listed
+            )
+        } else if planned.len() < said.evaluated {
+            format!(
+                "plan.json has {} of the {} pairs",
+                planned.len(),
+                said.evaluated
+            )
+        } else if let Some(pair) = planned.iter().find(|id| !pairs.contains_key(**id)) {
+            format!("pairs.csv lacks pair '{pair}' of those")
+        } else if let Some(unit) = moved.filter(|_| list.sha256 != said.sha256) {
+            let pair = &unit.slot.pair_id;
+            format!("pairs.csv says otherwise where pair '{pair}' is than the results")
+        } else {
+            return Ok(());
+        };
+        Err(EvaluateError::NotKept {
+            folder: folder.root().to_owned(),
+            reason: format!(
+                "{what} that manifest.json says were evaluated: it was changed; `run` with the same options writes it anew"
+            ),
+        })
+    }
+
     /// The records of the units, with what the pair list says of their pairs.
     pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
         let metrics = self.manifest.metric_identities();
@@ -129,13 +187,14 @@ impl Results {
     /// Reads a folder, also one whose run has not ended, or a bundle.
     ///
     /// # Errors
-    /// When it is neither, or of another format.
+    /// When it is neither, of another format, or its pair list or plan has lost pairs.
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         if root.exists() && !root.is_dir() {
             return read_bundle(root);
         }
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;
+        current.check_list(&folder, &PairList::read(&folder.pairs_path())?)?;
         Self::of(&folder, &current)
     }
 
@@ -143,11 +202,19 @@ impl Results {
         let list = PairList::read(&folder.pairs_path())?;
         let labels = current.manifest.methods.iter();
         let labels = labels.map(|method| (method.label.clone(), method.label.clone()));
+        let kept = current.units.iter().filter_map(|unit| {
+            let sha256 = unit.picture.as_ref()?.file_sha256.clone()?;
+            Some((
+                (unit.slot.pair_id.clone(), unit.slot.method.clone()),
+                sha256,
+            ))
+        });
         Ok(Self {
             records: current.records(&list.pairs),
             missing: current.missing.clone(),
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
+                sha256: kept.collect(),
                 folder: units_folder(folder, &current.manifest).unlocked(),
             }],
             manifest: current.manifest.clone(),
@@ -160,16 +227,22 @@ impl Results {
         failed.count()
     }
 
-    /// The kept picture of a record.
-    pub fn picture_path(&self, record: &Record) -> Option<std::path::PathBuf> {
-        let paths = self.pictures.iter().filter_map(|pictures| {
+    /// The kept picture of a record: of those in several folders, one that was scored.
+    pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
+        let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
-            let path = pictures
-                .folder
-                .prediction_path(label, &record.pair_id, "png");
-            path.is_file().then_some(path)
+            let unit = (record.pair_id.clone(), label.clone());
+            // Ids are only looked up: what no unit speaks of is no picture of ours, wherever it leads.
+            let sha256 = pictures.sha256.get(&unit)?;
+            let path = pictures.folder.prediction_path(label, &unit.0, "png");
+            path.is_file().then(|| KeptPicture {
+                is_scored: file_sha256(&path).is_ok_and(|found| found == *sha256),
+                path,
+            })
         });
-        paths.into_iter().next()
+        let kept: Vec<KeptPicture> = kept.collect();
+        let scored = kept.iter().find(|picture| picture.is_scored);
+        scored.or(kept.first()).cloned()
     }
 }
 
@@ -240,13 +313,14 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
             Status::Ok => ("ok", ""),
             Status::Failed { reason } => ("failed", reason.as_str()),
         };
+        let text = |text: &str| csv_cell(text).into_owned();
         let mut row = vec![
-            record.pair_id.clone(),
-            record.dataset.clone(),
-            record.scene.clone(),
-            record.source.clone(),
-            record.target.clone(),
-            record.method.clone(),
+            text(&record.pair_id),
+            text(&record.dataset),
+            text(&record.scene),
+            text(&record.source),
+            text(&record.target),
+            text(&record.method),
             number(record.baseline_m),
             number(record.rotation_deg),
             optional(record.median_depth_m),
@@ -264,7 +338,7 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
                 .iter()
                 .map(|name| optional(reported.get(name).copied())),
         );
-        row.push(reason.to_owned());
+        row.push(text(reason));
         out.write_record(&row)?;
     }
     out.into_inner().map_err(|error| error.into_error().into())
@@ -276,8 +350,8 @@ fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv
     out.write_record(["pair_id", "method", "predict_secs", "score_secs"])?;
     for unit in units {
         let row = [
-            &unit.slot.pair_id,
-            &unit.slot.method,
+            &*csv_cell(&unit.slot.pair_id),
+            &*csv_cell(&unit.slot.method),
             &format!("{:.3}", unit.timing.predict_secs),
             &format!("{:.3}", unit.timing.score_secs),
         ];

@@ -12,6 +12,7 @@ use super::folder::RunFolder;
 use super::keys::Keys;
 use super::record::{Crop, Record, Score, Status};
 use super::unit::{StoredScore, Unit};
+use crate::io::text::reason_line;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::scoring::frustum_mask::{FrustumMaskOptions, frustum_mask};
@@ -149,7 +150,7 @@ pub(super) fn score_pair(
                 }
                 Err(reason) => {
                     unit.record.status = Status::Failed {
-                        reason: one_line(&reason),
+                        reason: reason_line(&reason),
                     };
                 }
             }
@@ -220,9 +221,4 @@ pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
         share: region.share_of(target),
         region,
     })
-}
-
-/// Reasons become table cells and CSV fields.
-pub(super) fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

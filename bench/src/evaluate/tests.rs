@@ -347,7 +347,11 @@ fn folders_join_unless_they_contradict_each_other() {
     let merged = merge(&[path("a"), path("b")], Some(&path("m"))).unwrap();
     assert_eq!(merged.records, whole.results.records);
     assert_eq!(scores(&path("m")), scores(&path("whole")));
-    assert!(merged.picture_path(&merged.records[0]).is_some());
+    assert!(
+        merged
+            .kept_picture(&merged.records[0])
+            .is_some_and(|kept| kept.is_scored)
+    );
 
     let asked = Arc::new(AtomicUsize::new(0));
     for (name, level) in [("v1", 10), ("v2", 20)] {
@@ -375,7 +379,7 @@ fn folders_join_unless_they_contradict_each_other() {
         apart
             .records
             .iter()
-            .all(|r| apart.picture_path(r).is_some())
+            .all(|r| apart.kept_picture(r).is_some_and(|kept| kept.is_scored))
     );
 }
 
@@ -388,8 +392,8 @@ fn a_changed_identity_replaces_its_label_and_nothing_is_lost() {
         let finished = run(&out, one(grey("grey", level, &asked)), "psnr", 1);
         assert_eq!(finished.counts.reused, reused, "{level}");
         assert_eq!(finished.results.records.len(), 1);
-        let path = finished.results.picture_path(&finished.results.records[0]);
-        let kept = image::open(path.unwrap()).unwrap().into_rgb8();
+        let kept = finished.results.kept_picture(&finished.results.records[0]);
+        let kept = image::open(kept.unwrap().path).unwrap().into_rgb8();
         assert_eq!(kept.get_pixel(0, 0).0, [level; 3]);
     }
     // Without pictures, going back finds the earlier result.

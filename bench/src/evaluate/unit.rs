@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::record::{Record, Score, Status};
 use crate::io::hash::{StableHasher, sha256_hex};
+use crate::io::text::reason_line;
+use crate::methods::spec::check_label;
+use crate::pairs::pair_id::PairName;
 
 /// What a unit's file holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -104,6 +107,24 @@ impl Unit {
         self.checksum == self.computed_checksum()
     }
 
+    /// True if the record is the slot's, and the slot's names cannot lead out of the folder.
+    pub(super) fn is_consistent(&self) -> bool {
+        let Record {
+            pair_id,
+            dataset,
+            scene,
+            source,
+            target,
+            method,
+            ..
+        } = &self.record;
+        PairName::decode(pair_id).is_ok_and(|name| {
+            [&name.dataset, &name.scene, &name.source, &name.target]
+                == [dataset, scene, source, target]
+        }) && (pair_id, method) == (&self.slot.pair_id, &self.slot.method)
+            && check_label(method).is_ok()
+    }
+
     /// A unit with a picture as it is before it is scored: what failed was the scoring, which is tried again. `None`
     /// where there is no picture.
     pub(super) fn scorable(mut self) -> Option<Self> {
@@ -128,10 +149,15 @@ impl Unit {
             let stored = self.scores.get(key)?;
             (stored.metric_identity == *identity).then(|| (key.clone(), stored.score.clone()))
         });
-        Record {
+        let mut record = Record {
             scores: scores.collect(),
             ..self.record.clone()
+        };
+        // Earlier versions kept any length.
+        if let Status::Failed { reason } = &mut record.status {
+            *reason = reason_line(reason);
         }
+        record
     }
 }
 

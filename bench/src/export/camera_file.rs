@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat4};
 use serde::{Deserialize, Serialize};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
-use sharp::regular_file;
 
 use crate::io::atomic_files::{FileError, write_atomic};
 
@@ -43,7 +42,7 @@ pub enum NoCamera {
 impl CameraFile {
     /// Reads and checks a camera.
     pub fn read(path: &Path) -> Result<(Intrinsics, DAffine3), CameraFileError> {
-        let text = regular_file::read_to_string(path).map_err(NoCamera::from);
+        let text = sharp::files::read_text(path).map_err(NoCamera::from);
         let camera = text.and_then(|text| Self::parse(&text));
         camera.map_err(|reason| CameraFileError {
             path: path.to_owned(),

@@ -4,6 +4,14 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use tempfile::TempDir;
+
+/// How names of files in the making begin.
+const PARTIAL: &str = ".partial-";
+
+/// How names of folders begin that live no longer than a process.
+const SCRATCH: &str = ".scratch-";
+
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot {action}: {source}", path.display())]
 pub struct FileError {
@@ -56,7 +64,7 @@ impl PartialFile {
             let folder = folder_of(path);
             fs::create_dir_all(folder)?;
             let mut builder = tempfile::Builder::new();
-            builder.prefix(".partial-");
+            builder.prefix(PARTIAL);
             // Temporary files are private by default; results are for everyone whom the umask admits.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -110,11 +118,37 @@ pub fn check_writable(folder: &Path) -> Result<(), FileError> {
     let check = || -> io::Result<()> {
         fs::create_dir_all(folder)?;
         tempfile::Builder::new()
-            .prefix(".partial-")
+            .prefix(PARTIAL)
             .tempfile_in(folder)?;
         Ok(())
     };
     check().map_err(FileError::new(folder, "write into"))
+}
+
+/// A folder that is removed when it is dropped, or by [`remove_leftovers`] where a kill came first. Its path is absolute.
+pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
+    let made = tempfile::Builder::new().prefix(SCRATCH).tempdir_in(within);
+    made.map_err(FileError::new(within, "write into"))
+}
+
+/// Removes what killed processes left in a folder where no other process writes, and in the folders `below` it with
+/// everything beneath. What cannot be removed stays: it harms nobody.
+pub fn remove_leftovers(folder: &Path, below: &[&str]) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        let name = name.to_string_lossy();
+        // A link is not followed.
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let _ = match is_folder {
+            false if name.starts_with(PARTIAL) => fs::remove_file(&path),
+            true if name.starts_with(SCRATCH) => fs::remove_dir_all(&path),
+            true if below.is_empty() || below.contains(&&*name) => {
+                remove_leftovers(&path, &[]);
+                Ok(())
+            }
+            _ => Ok(()),
+        };
+    }
 }
 
 /// Makes a rename survive a power cut, where folders can be synced.
@@ -152,5 +186,21 @@ mod tests {
         check_writable(&new).unwrap();
         assert_eq!(fs::read_dir(&new).unwrap().count(), 0);
         assert!(check_writable(&path.join("below a file")).is_err());
+    }
+
+    #[test]
+    fn leftovers_go_and_nothing_else() {
+        let dir = tempfile::tempdir().unwrap();
+        let scratch = scratch_folder(dir.path()).unwrap().keep();
+        write_atomic(&scratch.join("source.png"), b"x").unwrap();
+        let partial = [".partial-a", "ours/deep/.partial-b"].map(|name| dir.path().join(name));
+        let others = [".partial.txt", "ours/x.json", "theirs/.partial-c"];
+        let others = others.map(|name| dir.path().join(name));
+        for path in partial.iter().chain(&others) {
+            write_atomic(path, b"x").unwrap();
+        }
+        remove_leftovers(dir.path(), &["ours"]);
+        assert!(!scratch.exists() && !partial.iter().any(|path| path.exists()));
+        assert!(others.iter().all(|path| path.exists()));
     }
 }

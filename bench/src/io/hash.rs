@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
 
 use sha2::{Digest, Sha256};
-use sharp::regular_file;
+use sharp::files::open_regular;
 use sharp_datasets::files;
 
 use super::atomic_files::FileError;
@@ -14,7 +14,7 @@ pub use sharp_checkpoint::hash::{hex, sha256_hex};
 
 /// sha256 of a regular file's content, read in pieces.
 pub fn file_sha256(path: &Path) -> Result<String, FileError> {
-    let hash = regular_file::open(path).and_then(files::sha256_of_reader);
+    let hash = open_regular(path).and_then(files::sha256_of_reader);
     hash.map_err(FileError::new(path, "read"))
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
 use image::{ImageDecoder, ImageReader, Rgb, Rgb32FImage, RgbImage};
+use sharp::camera::Intrinsics;
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
@@ -28,9 +29,6 @@ pub enum ReadError {
 
 /// What a picture's name may end in, lower case.
 pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "exr", "npy", "safetensors"];
-
-/// Beyond this a header is taken for a mistake: 2^28 pixels, eleven times a 6048×4032 photograph.
-const MAX_PIXELS: u64 = 1 << 28;
 
 /// No lossless compression of pictures shrinks them by more than this.
 const MAX_COMPRESSION: u64 = 1 << 11;
@@ -135,7 +133,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     for header in &meta.headers {
         let size = header.layer_size;
         let pixels = size.width() as u64 * size.height() as u64;
-        if pixels > MAX_PIXELS || pixels > bytes.saturating_mul(MAX_COMPRESSION) {
+        if pixels > Intrinsics::MAX_PIXELS || pixels > bytes.saturating_mul(MAX_COMPRESSION) {
             return Err(malformed(
                 path,
                 format!(

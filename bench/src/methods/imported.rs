@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use sharp::regular_file;
 
 use super::crop_and_resize::{CropRule, FitRules};
 use super::method::{
@@ -93,7 +92,7 @@ impl Imported {
 
     fn sidecar(&self, pair_id: &str) -> Result<Region, MethodError> {
         let path = self.sidecar_path(pair_id);
-        let bytes = regular_file::read(&path).map_err(|error| MethodError::file(&path, error))?;
+        let bytes = sharp::files::read(&path).map_err(|error| MethodError::file(&path, error))?;
         let sidecar = serde_json::from_slice(&bytes);
         let Sidecar { crop } = sidecar.map_err(|error| MethodError::file(&path, error))?;
         let [x, y, width, height] = crop;

@@ -282,8 +282,9 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Told once, before the first prediction of a run, the folder for logs; it need not exist.
-    fn begin(&self, _logs: &Path) {}
+    /// Told once, before the first prediction of a run: the folder for logs, which need not exist, and the one for
+    /// [`scratch_folder`](crate::io::atomic_files::scratch_folder)s.
+    fn begin(&self, _logs: &Path, _scratch_in: &Path) {}
 
     fn approach(&self) -> Approach<'_>;
 }

@@ -109,8 +109,8 @@ impl FromStr for MethodSpec {
     }
 }
 
-/// Labels become file names and table rows.
-fn check_label(label: &str) -> Result<(), String> {
+/// Labels become file names and table rows. The error is the bare reason.
+pub fn check_label(label: &str) -> Result<(), String> {
     if label.is_empty() {
         return Err("the label is empty".into());
     }

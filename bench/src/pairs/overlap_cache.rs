@@ -6,7 +6,6 @@
 //! them all; it grows with the views that were asked about.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -220,7 +219,7 @@ impl OverlapCache {
 }
 
 fn read(path: &Path, key: &str, views: usize) -> Result<Option<SceneOverlaps>, String> {
-    let bytes = match fs::read(path) {
+    let bytes = match sharp::files::read(path) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(error.to_string()),

@@ -78,7 +78,7 @@ impl ListCompanion {
 
     /// The companion of exactly this list; a list may well have none.
     pub fn of(list: &PairList) -> Option<Self> {
-        let bytes = std::fs::read(Self::path(&list.path)).ok()?;
+        let bytes = sharp::files::read(&Self::path(&list.path)).ok()?;
         let companion: Self = serde_json::from_slice(&bytes).ok()?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
     }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use image::{GrayImage, RgbImage};
 use sharp_datasets::{Scene, View};
@@ -14,16 +15,19 @@ use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report}
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
 use crate::evaluate::record::Record;
+use crate::evaluate::results::KeptPicture;
 use crate::evaluate::source_check::doubt;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::pictures::read_rgb8;
+use crate::io::view_hashes::lock;
 use crate::methods::{KINDS, Privilege};
 use crate::pairs::options::paper::PROXY;
 use crate::pairs::{OpenDataset, PairProvenance};
 
-/// Writes the report of some results. `scenes` give the source and target pictures.
+/// Writes the report of some results. `scenes` give the source and target pictures. A kept picture that is not the one
+/// that was scored is not shown, and [named](ReportFiles::not_scored).
 ///
 /// # Errors
 /// When a file cannot be written or the results contradict each other.
@@ -34,10 +38,18 @@ pub fn report(
     published: PublishedNumbers,
     options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
-    let pictures = RunPictures { results, scenes };
+    let pictures = RunPictures {
+        results,
+        scenes,
+        not_scored: Mutex::default(),
+    };
     let mut input = input(results, &pictures, published);
     input.options = options;
-    write_report(&input, out)
+    let mut files = write_report(&input, out)?;
+    let not_scored = pictures.not_scored.into_inner();
+    let not_scored = not_scored.unwrap_or_else(PoisonError::into_inner);
+    files.not_scored = not_scored.into_iter().collect();
+    Ok(files)
 }
 
 /// The tables of some results, for a terminal.
@@ -326,9 +338,20 @@ fn mark(proxy: bool) -> String {
 struct RunPictures<'a> {
     results: &'a Results,
     scenes: &'a [Scene],
+    not_scored: Mutex<BTreeSet<PathBuf>>,
 }
 
 impl RunPictures<'_> {
+    fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
+        let kept = self.results.kept_picture(record);
+        let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
+        if is_scored {
+            return Ok(path);
+        }
+        lock(&self.not_scored).insert(path);
+        Err(MissingPicture::NotScored)
+    }
+
     fn picture(&self, record: &Record, id: &str) -> Result<RgbImage, MissingPicture> {
         let image = self.view(record, id)?.content.image();
         image.map_err(|error| MissingPicture::Unusable(error.to_string()))
@@ -357,12 +380,12 @@ impl ReportPictures for RunPictures<'_> {
     }
 
     fn kept(&self, record: &Record) -> Option<PathBuf> {
-        self.results.picture_path(record)
+        self.kept_file(record).ok()
     }
 
     /// A cropped prediction where it belongs in its target, black around it: for the eye only.
     fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        let picture = read_rgb8(&self.kept(record).ok_or(MissingPicture::NotKept)?)
+        let picture = read_rgb8(&self.kept_file(record)?)
             .map_err(|error| MissingPicture::Unusable(error.to_string()))?;
         let (Some(crop), Ok(target)) = (record.crop, self.view(record, &record.target)) else {
             return Ok(picture);

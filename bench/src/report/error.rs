@@ -39,6 +39,9 @@ pub enum MissingPicture {
     NoDataset,
     #[error("the prediction was not kept")]
     NotKept,
+    /// A file that was exchanged since: the scores beside it are not its own.
+    #[error("the kept picture is not the one that was scored")]
+    NotScored,
     /// A picture that cannot be read or encoded.
     #[error("{0}")]
     Unusable(String),

@@ -1,11 +1,13 @@
 //! All of a report into a folder.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use askama::Template as _;
 
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::counts::counted;
+use crate::io::text::visible;
 
 use super::board::Board;
 use super::error::ReportError;
@@ -28,19 +30,31 @@ pub struct ReportFiles {
     pub markdown: PathBuf,
     /// Every file, sorted.
     pub all: Vec<PathBuf>,
+    /// Kept pictures that are not shown because they are not those that were scored, sorted.
+    pub not_scored: Vec<PathBuf>,
 }
 
 /// The names of a report's files, so that the next one can take away what it no longer has.
 const LIST: &str = "files.txt";
 
+const PAGE: &str = "index.html";
+const MARKDOWN: &str = "report.md";
+
+/// What stands in every page of ours, of any version.
+const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
+
+/// Folders that a report makes in its own.
+const FOLDERS: [&str; 2] = ["tables", "plots"];
+
 /// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}` and `plots/*.{svg,png}`, and their names in `files.txt`.
 /// Each file appears whole or not at all; files of an earlier report that this one does not have are removed, others
-/// in the folder are left alone.
+/// in its folder are left alone. A folder that is neither empty nor a report is refused.
 ///
 /// # Errors
-/// When records contradict each other, a name is given twice, or a file cannot be written.
+/// When the folder holds other things, records contradict each other, a name is given twice, or a file cannot be written.
 pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
     check(input)?;
+    check_folder(out)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
     let (metrics, mut ours) = score_tables(input, &board);
     ours.extend(build::of_extras(&board, &input.extras));
@@ -92,8 +106,17 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         gallery: &gallery,
     };
     let text = markdown::report(&page, &plots);
-    files.push(("report.md".into(), text.into_bytes()));
-    files.push(("index.html".into(), page.render()?.into_bytes()));
+    files.push((MARKDOWN.into(), text.into_bytes()));
+    files.push((PAGE.into(), page.render()?.into_bytes()));
+    for (name, bytes) in &mut files {
+        // What a reader's program would obey never stands in our own text.
+        if !name.ends_with(".png")
+            && let Ok(text) = str::from_utf8(bytes)
+            && let Cow::Owned(harmless) = visible(text)
+        {
+            *bytes = harmless.into_bytes();
+        }
+    }
 
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let list = out.join(LIST);
@@ -112,9 +135,10 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     }
     all.sort();
     Ok(ReportFiles {
-        html: out.join("index.html"),
-        markdown: out.join("report.md"),
+        html: out.join(PAGE),
+        markdown: out.join(MARKDOWN),
         all,
+        not_scored: Vec::new(),
     })
 }
 
@@ -142,14 +166,59 @@ fn score_tables(input: &ReportInput<'_>, board: &Board<'_>) -> (Vec<Column>, Vec
     (metrics, tables)
 }
 
+/// Refuses a folder that is neither empty nor a report, whose page bears our mark or, where it was not yet written, whose
+/// list names it; and one whose own folders are links, which lead elsewhere. Names with a dot are nobody's.
+fn check_folder(out: &Path) -> Result<(), FileError> {
+    let refused = |path: &Path, reason: &str| {
+        let reason = format!("{reason}; choose another folder with --out");
+        Err(FileError::new(path, "write a report into")(
+            std::io::Error::other(reason),
+        ))
+    };
+    if let Some(link) = FOLDERS
+        .map(|name| out.join(name))
+        .iter()
+        .find(|path| path.is_symlink())
+    {
+        return refused(link, "it is a link to another place");
+    }
+    let entries = match std::fs::read_dir(out) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(FileError::new(out, "write a report into")(error)),
+    };
+    let names = entries.flatten().map(|entry| entry.file_name());
+    let mut foreign = names.filter(|name| !name.to_string_lossy().starts_with('.'));
+    let Some(first) = foreign.next() else {
+        return Ok(());
+    };
+    let is_ours = match std::fs::read(out.join(PAGE)) {
+        Ok(page) => String::from_utf8_lossy(&page).contains(MARK),
+        Err(_) => {
+            let list = std::fs::read_to_string(out.join(LIST)).unwrap_or_default();
+            [PAGE, MARKDOWN]
+                .iter()
+                .all(|name| list.lines().any(|line| line == *name))
+        }
+    };
+    match is_ours {
+        true => Ok(()),
+        false => refused(
+            out,
+            &format!("it holds {} and is no report of ours", first.display()),
+        ),
+    }
+}
+
 /// The names in the list of an earlier report; only such as a report can have written.
 fn listed_earlier(list: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(list).unwrap_or_default();
     let ours = |name: &&str| {
         !name.contains("..")
-            && ["tables/", "plots/"]
-                .iter()
-                .any(|folder| name.strip_prefix(folder).is_some_and(|n| !n.contains('/')))
+            && FOLDERS.iter().any(|folder| {
+                let inside = name.strip_prefix(folder).and_then(|n| n.strip_prefix('/'));
+                inside.is_some_and(|n| !n.contains('/'))
+            })
     };
     text.lines().filter(ours).map(str::to_owned).collect()
 }

@@ -48,20 +48,34 @@ impl fmt::Display for Incomplete {
             self.surplus.len(),
             self.misshaped.len()
         )?;
-        for Expected { name, shape } in &self.missing {
-            write!(f, "\n  missing   {name} {shape:?}")?;
-        }
-        for name in &self.surplus {
-            write!(f, "\n  surplus   {name}")?;
-        }
-        for m in &self.misshaped {
-            write!(
-                f,
-                "\n  shape     {} {:?}, expected {:?}",
-                m.name, m.found, m.expected
-            )?;
-        }
-        Ok(())
+        let missing = self.missing.iter();
+        list(
+            f,
+            "missing",
+            missing.map(|e| format!("{} {:?}", e.name, e.shape)),
+        )?;
+        list(f, "surplus", self.surplus.iter().cloned())?;
+        let misshaped = self.misshaped.iter();
+        let misshaped =
+            misshaped.map(|m| format!("{} {:?}, expected {:?}", m.name, m.found, m.expected));
+        list(f, "another shape", misshaped)
+    }
+}
+
+/// The first few of some tensors, so that another network's checkpoint gives a line and not a thousand.
+fn list(
+    f: &mut fmt::Formatter<'_>,
+    what: &str,
+    tensors: impl ExactSizeIterator<Item = String>,
+) -> fmt::Result {
+    const SHOWN: usize = 3;
+    let more = tensors.len().saturating_sub(SHOWN);
+    for tensor in tensors.take(SHOWN) {
+        write!(f, "; {what}: {tensor}")?;
+    }
+    match more {
+        0 => Ok(()),
+        more => write!(f, "; {what}: {more} more"),
     }
 }
 

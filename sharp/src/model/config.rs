@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::ModelError;
 use crate::initializer::Grid;
-use crate::regular_file;
 
 /// Depth layers and layers of Gaussians.
 pub const LAYERS: usize = 2;
@@ -136,7 +135,7 @@ impl ModelConfig {
             None => (file_and_name, None),
         };
         let path = Path::new(file);
-        let text = regular_file::read_to_string(path).map_err(|e| ModelError::file(path, e))?;
+        let text = crate::files::read_text(path).map_err(|e| ModelError::file(path, e))?;
         let config = Self::parse(&text, name).map_err(|reason| ModelError::file(path, reason))?;
         config.validate()?;
         Ok(config)

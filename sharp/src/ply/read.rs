@@ -8,7 +8,6 @@ use super::{ColorSpace, GaussianScene, PlyError, PlyReason, SH_CONSTANT, VERTEX}
 use crate::camera::Intrinsics;
 use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
-use crate::regular_file;
 
 /// Reads a scene from `path`.
 ///
@@ -21,7 +20,7 @@ use crate::regular_file;
 /// # Errors
 /// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says.
 pub fn load(path: &Path, color_space: Option<ColorSpace>) -> Result<GaussianScene, PlyError> {
-    regular_file::read(path)
+    crate::files::read(path)
         .map_err(PlyReason::from)
         .and_then(|bytes| from_bytes(&bytes, color_space))
         .map_err(|reason| PlyError::new(path, reason))

@@ -10,6 +10,7 @@ use crate::evaluate::results::number;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
 use crate::io::fingerprints::DECODERS;
+use crate::io::text::csv_cell;
 use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
 
 /// All pairs and what they were scored with.
@@ -230,7 +231,10 @@ impl ScoredPairs<'_> {
             let mut row: Vec<String> = files
                 .into_iter()
                 .take(2 + usize::from(masked))
-                .map(|file| file.map_or_else(String::new, |f| f.display().to_string()))
+                .map(|file| {
+                    let path = file.map(|file| file.display().to_string());
+                    csv_cell(&path.unwrap_or_default()).into_owned()
+                })
                 .collect();
             if self.resize.is_some() {
                 let size = pair.resized_from.map(|(w, h)| format!("{w}x{h}"));

@@ -1,18 +1,20 @@
 //! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
 //!
 //! * `protocol`: what is said.
-//! * `process`: the process: lines with a deadline, its standard error in a log, its end.
+//! * `process`: the process: lines with a deadline, its end; `log`: what it writes to standard error, within bounds.
 
+mod log;
 mod process;
 mod protocol;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use sharp_datasets::format::npy;
 use tempfile::TempDir;
 
+use self::log::Log;
 use self::process::{Process, Trouble};
 use self::protocol::{Answer, PairRequest, SourceFiles};
 use super::crop_and_resize::FitRules;
@@ -21,6 +23,7 @@ use super::method::{
     SourceView, TargetCamera,
 };
 use super::spec::{MethodSpec, SpecError};
+use crate::io::atomic_files::scratch_folder;
 use crate::io::fingerprints;
 use crate::io::hash::{FileStamp, StableHasher, sha256_hex};
 use crate::io::rendering_files::write_png;
@@ -42,7 +45,8 @@ pub struct Command {
     timeout: Duration,
     fit: FitRules,
     privilege: Privilege,
-    log: OnceLock<PathBuf>,
+    /// Where the log goes and scratch folders are made, once a run has begun.
+    places: OnceLock<(PathBuf, PathBuf)>,
     state: Mutex<State>,
 }
 
@@ -50,6 +54,7 @@ pub struct Command {
 #[derive(Debug, Default)]
 struct State {
     process: Option<Process>,
+    log: Option<Arc<Mutex<Log>>>,
     scratch: Option<TempDir>,
     /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
     source: Option<(String, Vec<Option<FileStamp>>)>,
@@ -99,7 +104,7 @@ impl Command {
             timeout,
             fit,
             privilege: spec.privilege(Privilege::SourceDepth)?,
-            log: OnceLock::new(),
+            places: OnceLock::new(),
             state: Mutex::default(),
         })
     }
@@ -109,6 +114,17 @@ impl Command {
             run: self.run.clone(),
             reason: reason.into(),
         }
+    }
+
+    /// The log, opened when it is first needed; `None` outside of a run.
+    fn log(&self, state: &mut State) -> Result<Option<Arc<Mutex<Log>>>, MethodError> {
+        if state.log.is_none()
+            && let Some((path, _)) = self.places.get()
+        {
+            let log = Log::open(path).map_err(|error| MethodError::file(path, error))?;
+            state.log = Some(Arc::new(Mutex::new(log)));
+        }
+        Ok(state.log.clone())
     }
 
     /// The program's answer for a pair whose prediction is to be written to `write_to`.
@@ -130,7 +146,7 @@ impl Command {
             let (mut process, fresh) = match state.process.take() {
                 Some(process) => (process, false),
                 None => {
-                    let log = self.log.get().map(PathBuf::as_path);
+                    let log = self.log(state)?;
                     let process = Process::start(&self.run, log);
                     (process.map_err(|reason| self.failure(reason))?, true)
                 }
@@ -175,14 +191,17 @@ impl Command {
 }
 
 impl State {
-    /// The source in the scratch folder.
-    fn source_files(&mut self, source: &SourceView) -> Result<SourceFiles, MethodError> {
+    /// The source in a scratch folder.
+    fn source_files(
+        &mut self,
+        source: &SourceView,
+        scratch_in: &Path,
+    ) -> Result<SourceFiles, MethodError> {
         if self.scratch.is_none() {
-            let made = tempfile::Builder::new().prefix("sharp-bench-").tempdir();
-            let failed = |error| MethodError::file(&std::env::temp_dir(), error);
-            self.scratch = Some(made.map_err(failed)?);
+            let made = scratch_folder(scratch_in);
+            self.scratch = Some(made.map_err(|error| MethodError::file(scratch_in, error))?);
         }
-        let folder = self.scratch.as_ref().map_or(Path::new("."), TempDir::path);
+        let folder = self.scratch.as_ref().map_or(scratch_in, TempDir::path);
         let files = SourceFiles {
             picture: folder.join("source.png"),
             depth: source.depth().map(|_| folder.join("source_depth.npy")),
@@ -238,9 +257,10 @@ impl Method for Command {
         Ok(files.filter(|path| path.is_file()).collect())
     }
 
-    fn begin(&self, logs: &Path) {
+    fn begin(&self, logs: &Path, scratch_in: &Path) {
         // A second run of the same instance continues the first one's log.
-        let _ = self.log.set(logs.join(format!("{}.log", self.label)));
+        let log = logs.join(format!("{}.log", self.label));
+        let _ = self.places.set((log, scratch_in.to_owned()));
     }
 
     fn privilege(&self) -> Privilege {
@@ -265,7 +285,9 @@ impl PredictPicture for Command {
             let reason = "the source view has no depth, which depth=privileged needs";
             return Err(self.failure(reason));
         }
-        let files = state.source_files(source)?;
+        let elsewhere = std::env::temp_dir();
+        let scratch_in = self.places.get().map_or(&elsewhere, |(_, folder)| folder);
+        let files = state.source_files(source, scratch_in)?;
         let write_to = files.picture.with_file_name("prediction.png");
         // What an earlier pair left must not pass for this one's.
         if let Err(error) = std::fs::remove_file(&write_to)

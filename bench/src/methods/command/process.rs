@@ -3,19 +3,21 @@
 //! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
 //! deadlines for lines and what happens when we are killed, which is what most of this file is about.
 
-use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
-use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use super::log::Log;
 use super::protocol::{VERSION, excerpt, no_answer};
 
 /// Bytes; a longer line is not an answer.
 const LONGEST_LINE: u64 = 1 << 20;
+
+/// Lines that are read ahead of being asked for: a program that writes more than it is asked has to wait.
+const LINES_AHEAD: usize = 2;
 
 /// How long a program may take to end after its input has ended.
 const GRACE: Duration = Duration::from_secs(5);
@@ -76,11 +78,9 @@ impl Ended {
 
 impl Process {
     /// Starts a command line by the shell, its standard error appended to a log. Errors are the bare reason.
-    pub(super) fn start(run: &str, log: Option<&Path>) -> Result<Self, String> {
-        let log = log
-            .map(|path| open_log(path, run).map_err(|e| format!("{}: {e}", path.display())))
-            .transpose()?;
-        let (say, heard) = channel();
+    pub(super) fn start(run: &str, log: Option<Arc<Mutex<Log>>>) -> Result<Self, String> {
+        write_to(log.as_deref(), format!("== started: {run}\n").as_bytes());
+        let (say, heard) = sync_channel(LINES_AHEAD);
         let mut child = shell(run)
             .spawn()
             .map_err(|error| format!("cannot start a shell: {error}"))?;
@@ -98,7 +98,7 @@ impl Process {
         let last_words = Arc::new(Mutex::new(String::new()));
         let stderr = child.stderr.take().map(|stderr| {
             let last_words = Arc::clone(&last_words);
-            thread::spawn(move || copy_stderr(stderr, log, &last_words))
+            thread::spawn(move || copy_stderr(stderr, log.as_deref(), &last_words))
         });
         Ok(Self {
             stdin: child.stdin.take(),
@@ -252,7 +252,7 @@ fn kill_group(child: &mut Child) {
 }
 
 /// Passes lines on until the output ends or nobody listens.
-fn listen(stdout: ChildStdout, say: &Sender<Heard>) {
+fn listen(stdout: ChildStdout, say: &SyncSender<Heard>) {
     let mut stdout = BufReader::new(stdout);
     loop {
         let mut line = Vec::new();
@@ -273,33 +273,30 @@ fn listen(stdout: ChildStdout, say: &Sender<Heard>) {
     }
 }
 
-fn open_log(path: &Path, run: &str) -> io::Result<File> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder)?;
+/// A full disk must not stop the program.
+fn write_to(log: Option<&Mutex<Log>>, bytes: &[u8]) {
+    if let Some(log) = log {
+        let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
+        let _ = log.write(bytes);
     }
-    let mut log = OpenOptions::new().create(true).append(true).open(path)?;
-    writeln!(log, "== started: {run}")?;
-    Ok(log)
 }
 
-fn copy_stderr(stderr: impl Read, mut log: Option<File>, last_words: &Mutex<String>) {
-    let mut stderr = BufReader::new(stderr);
-    let mut line = Vec::new();
+fn copy_stderr(mut stderr: impl Read, log: Option<&Mutex<Log>>, last_words: &Mutex<String>) {
+    const RECENT: usize = 4096;
+    let mut buffer = vec![0; 1 << 16];
+    let mut recent = Vec::new();
     loop {
-        line.clear();
-        // A line without an end is passed on in pieces.
-        match (&mut stderr).take(1 << 16).read_until(b'\n', &mut line) {
+        let read = match stderr.read(&mut buffer) {
             Err(_) | Ok(0) => return,
-            Ok(_) => {}
-        }
-        if let Some(log) = &mut log {
-            // A full disk must not stop the program.
-            let _ = log.write_all(&line);
-        }
-        let text = String::from_utf8_lossy(&line);
-        let text = text.trim();
-        if !text.is_empty() {
-            text.clone_into(&mut last_words.lock().unwrap_or_else(PoisonError::into_inner));
+            Ok(read) => &buffer[..read],
+        };
+        write_to(log, read);
+        recent.extend_from_slice(&read[read.len().saturating_sub(RECENT)..]);
+        recent.drain(..recent.len().saturating_sub(RECENT));
+        let text = String::from_utf8_lossy(&recent);
+        let mut lines = text.lines().rev().map(str::trim);
+        if let Some(line) = lines.find(|line| !line.is_empty()) {
+            line.clone_into(&mut last_words.lock().unwrap_or_else(PoisonError::into_inner));
         }
     }
 }
@@ -362,14 +359,15 @@ mod tests {
     #[test]
     fn standard_error_goes_into_the_log() {
         let dir = tempfile::tempdir().unwrap();
-        let log = dir.path().join("logs/mine.log");
+        let path = dir.path().join("logs/mine.log");
+        let log = Arc::new(Mutex::new(Log::open(&path).unwrap()));
         for word in ["one", "two"] {
             let run = format!("echo {word} >&2; cat");
-            let mut process = Process::start(&run, Some(&log)).unwrap();
+            let mut process = Process::start(&run, Some(Arc::clone(&log))).unwrap();
             assert_eq!(process.ask("x\n", SOON), Ok("x".to_owned()));
             process.stop();
         }
-        let text = fs::read_to_string(&log).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 4, "{text}");
         assert_eq!((lines[1], lines[3]), ("one", "two"));

@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use crate::io::text::{csv_cell, csv_text};
 use crate::pairs::build::Pair;
 use crate::pairs::pair_id::PairName;
 
@@ -46,15 +47,16 @@ pub(super) fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
     fn or_empty<T: ToString>(value: Option<T>) -> String {
         value.map(|v| v.to_string()).unwrap_or_default()
     }
+    let text = |text: &str| csv_cell(text).into_owned();
     [
-        pair.pair_id.clone(),
-        pair.dataset.clone(),
-        pair.scene.clone(),
+        text(&pair.pair_id),
+        text(&pair.dataset),
+        text(&pair.scene),
         or_empty(pair.set),
-        pair.source.clone(),
-        pair.target.clone(),
-        pair.source_file.clone(),
-        pair.target_file.clone(),
+        text(&pair.source),
+        text(&pair.target),
+        text(&pair.source_file),
+        text(&pair.target_file),
         pair.source_sha256.clone(),
         pair.target_sha256.clone(),
         pair.baseline_m.to_string(),
@@ -68,7 +70,7 @@ pub(super) fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
 
 pub(super) fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
     let field = |i: usize| row.get(i).unwrap_or_default();
-    let text = |i: usize| field(i).to_owned();
+    let text = |i: usize| csv_text(field(i)).to_owned();
     let number = |i: usize| -> Result<f64, String> {
         let value = field(i).parse::<f64>().ok();
         value

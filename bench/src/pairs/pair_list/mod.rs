@@ -10,7 +10,6 @@ mod diff;
 mod verify;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use sharp_datasets::{Scene, View};
@@ -57,7 +56,7 @@ impl PairList {
     /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong: a
     /// missing column, an unreadable number, an id that disagrees with its row, a pair given twice.
     pub fn read(path: &Path) -> Result<Self, PairError> {
-        let bytes = fs::read(path).map_err(FileError::new(path, "read"))?;
+        let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         Self::parse(path, &bytes)
     }
 

@@ -2,6 +2,7 @@
 
 use super::{Table, letter};
 use crate::evaluate::results::number;
+use crate::io::text::csv_cell;
 
 /// Columns of [`csv()`].
 pub const COLUMNS: [&str; 13] = [
@@ -35,8 +36,8 @@ pub fn csv(table: &Table) -> String {
             let texts = notes.filter_map(|note| table.notes.get(*note));
             let texts: Vec<&str> = texts.map(String::as_str).collect();
             let _ = writer.write_record([
-                row.label.clone(),
-                group.name.clone(),
+                csv_cell(&row.label).into_owned(),
+                csv_cell(&group.name).into_owned(),
                 column.key.clone(),
                 cell.value.map(number).unwrap_or_default(),
                 cell.std.map(number).unwrap_or_default(),
@@ -47,7 +48,7 @@ pub fn csv(table: &Table) -> String {
                 count(cell.rank.map(usize::from)),
                 column.decimals.to_string(),
                 letters.join(" "),
-                texts.join(" "),
+                csv_cell(&texts.join(" ")).into_owned(),
             ]);
         }
     }

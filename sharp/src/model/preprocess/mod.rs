@@ -21,7 +21,6 @@ use image::DynamicImage;
 use super::ModelError;
 use super::predictor::{Planes, planes_of};
 use crate::image_file;
-use crate::regular_file;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotoOptions {
@@ -95,7 +94,7 @@ pub fn focal_px_from_35mm(focal_mm: f64, width: usize, height: usize) -> f64 {
 /// [`ModelError::Photograph`] when it cannot be decoded whole; [`ModelError::File`] when it cannot
 /// be read, is below 2×2 or above the limit of pixels, or has a focal length that is not positive.
 pub fn load_photo(path: &Path, options: &PhotoOptions) -> Result<Photo, ModelError> {
-    let bytes = regular_file::read(path).map_err(|e| ModelError::file(path, e))?;
+    let bytes = crate::files::read(path).map_err(|e| ModelError::file(path, e))?;
     photo_from_bytes(path, &bytes, options)
 }
 

@@ -1,0 +1,124 @@
+//! Text from outside, made harmless where people and their programs read it.
+
+use std::borrow::Cow;
+
+/// What a terminal or a page obeys instead of showing it: control characters, and the marks that turn the direction of
+/// what follows.
+fn is_obeyed(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Text of several lines with what would be obeyed as `\uXXXX`, but for line ends and tabs. Within a string of JSON that
+/// is the same string.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    escaped(text, |c| is_obeyed(c) && c != '\n' && c != '\t')
+}
+
+/// The same for one line: line ends and tabs too.
+pub fn visible_line(text: &str) -> Cow<'_, str> {
+    escaped(text, is_obeyed)
+}
+
+fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(&is_escaped) {
+        return text.into();
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        match is_escaped(c) {
+            true => out += &format!("\\u{:04x}", u32::from(c)),
+            false => out.push(c),
+        }
+    }
+    out.into()
+}
+
+/// The longest reason of a failure that is kept, characters.
+const LONGEST_REASON: usize = 1000;
+
+/// A reason as one line of bounded length, for table cells and CSV fields.
+pub fn reason_line(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    shortened(&line, LONGEST_REASON).into_owned()
+}
+
+/// Both ends of a text of more characters than `longest`, with how many are missing between them.
+pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
+    let length = text.chars().count();
+    if length <= longest {
+        return text.into();
+    }
+    let (first, last) = (longest * 2 / 3, longest / 3);
+    let head: String = text.chars().take(first).collect();
+    let tail: String = text.chars().skip(length - last).collect();
+    format!(
+        "{head} [… {} characters left out …] {tail}",
+        length - first - last
+    )
+    .into()
+}
+
+/// True for what spreadsheets take for a formula, behind any number of `'`.
+fn is_formula(text: &str) -> bool {
+    let start = text.trim_start_matches('\'');
+    start.starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠'])
+}
+
+/// A cell of a CSV file for a text that is not ours: one that a spreadsheet would compute gets a `'` in front, which
+/// [`csv_text`] takes away. Numbers do not go through here.
+pub fn csv_cell(text: &str) -> Cow<'_, str> {
+    match is_formula(text) {
+        true => format!("'{text}").into(),
+        false => text.into(),
+    }
+}
+
+/// The text of a cell by [`csv_cell`], or of one by another program.
+pub fn csv_text(cell: &str) -> &str {
+    match cell.strip_prefix('\'') {
+        Some(text) if is_formula(text) => text,
+        _ => cell,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_left_to_obey() {
+        assert_eq!(visible("plain, 森\n\tx"), "plain, 森\n\tx");
+        assert_eq!(visible_line("a\n\u{1b}[2J"), "a\\u000a\\u001b[2J");
+        let hostile = "\u{1b}]0;x\u{7}\u{9b}31m\u{202e}gpj\u{2066}\u{200f}\u{7f}\r";
+        let shown = visible(hostile);
+        assert!(!shown.contains(is_obeyed), "{shown}");
+        let json = serde_json::to_string(hostile).unwrap();
+        let read: String = serde_json::from_str(&visible(&json)).unwrap();
+        assert_eq!(read, hostile);
+    }
+
+    #[test]
+    fn reasons_keep_both_ends() {
+        assert_eq!(reason_line(" a\n b "), "a b");
+        let long = format!("first {} last", "é".repeat(1 << 20));
+        let kept = reason_line(&long);
+        assert!(kept.starts_with("first é") && kept.ends_with("é last"));
+        assert!(kept.chars().count() < LONGEST_REASON + 50);
+        assert!(kept.contains(&format!("{} characters left out", (1 << 20) + 11 - 999)));
+    }
+
+    #[test]
+    fn formulas_become_text_and_come_back() {
+        for text in ["=cmd|' /C calc'!A0", "-3.5+1", "'=x", "''@x", "\t=1"] {
+            assert_eq!(csv_cell(text), format!("'{text}"));
+            assert_eq!(csv_text(&csv_cell(text)), text);
+        }
+        for text in ["plain", "a=b", "'quoted'", ""] {
+            assert_eq!(csv_cell(text), text);
+            assert_eq!(csv_text(text), text);
+        }
+        // As another program writes it.
+        assert_eq!(csv_text("=x"), "=x");
+    }
+}

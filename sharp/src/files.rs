@@ -1,0 +1,59 @@
+//! Files that someone names: whatever they are, reading them ends.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::Path;
+
+/// Reads a file whole. A pipe is read until its writer ends; a device, which may never end, is refused.
+///
+/// # Errors
+/// The system's; one that says what else it is than a file.
+pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let kind = fs::metadata(path)?.file_type();
+    #[cfg(unix)]
+    let is_pipe = std::os::unix::fs::FileTypeExt::is_fifo(&kind);
+    #[cfg(not(unix))]
+    let is_pipe = false;
+    match kind.is_file() || kind.is_dir() || is_pipe {
+        true => fs::read(path),
+        false => Err(io::Error::other("a device, not a file")),
+    }
+}
+
+/// As [`read`], as text.
+///
+/// # Errors
+/// As [`read`], and for bytes that are not UTF-8.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    String::from_utf8(read(path)?)
+        .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+}
+
+/// Opens a regular file, and nothing else: neither a pipe nor a device.
+///
+/// # Errors
+/// The system's; one that says that it is no regular file.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    // Asked before opening: opening a pipe waits for its writer.
+    match fs::metadata(path)?.is_file() {
+        true => File::open(path),
+        false => Err(io::Error::other("not a regular file")),
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_never_ends_is_refused() {
+        let zero = Path::new("/dev/zero");
+        assert!(read(zero).unwrap_err().to_string().contains("device"));
+        assert!(read_text(zero).is_err() && open_regular(zero).is_err());
+        assert!(open_regular(Path::new("/")).is_err());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "text").unwrap();
+        assert_eq!(read_text(file.path()).unwrap(), "text");
+        assert!(open_regular(file.path()).is_ok());
+    }
+}
