@@ -1,0 +1,232 @@
+//! Programs of others that misbehave.
+
+use super::case::{Case, Verdict};
+use super::oracle::{Known, judge_run, rows, same};
+
+/// What a program does for a pair, and whether it still hands back the source.
+const DEEDS: [(&str, &str, bool); 28] = [
+    ("is silent", "sleep 1000", false),
+    (
+        "is silent and ignores signals",
+        "trap '' TERM INT HUP; sleep 1000",
+        false,
+    ),
+    ("crashes", "exit 3", false),
+    ("is killed", "kill -s KILL $$", false),
+    ("ends well without an answer", "exit 0", false),
+    ("answers what is no JSON", "echo hello", false),
+    (
+        "answers bytes that are no text",
+        "printf '\\377\\376\\n'",
+        false,
+    ),
+    (
+        "answers for another pair",
+        "echo '{\"pair_id\":\"S/x/a__b\"}'",
+        false,
+    ),
+    ("answers before there is a picture", "answer", false),
+    (
+        "answers twice",
+        "cp \"$source\" \"$to\"; answer; answer",
+        true,
+    ),
+    (
+        "answers a line without end",
+        "head -c 3000000 /dev/zero | tr '\\0' x; echo",
+        false,
+    ),
+    (
+        "answers deep nesting",
+        "head -c 200000 /dev/zero | tr '\\0' '['; echo",
+        false,
+    ),
+    (
+        "answers a long error",
+        "printf '{\"pair_id\":\"%s\",\"error\":\"' \"$id\"; head -c 900000 /dev/zero | tr '\\0' e; echo '\"}'",
+        false,
+    ),
+    (
+        "answers an error that turns text",
+        "printf '{\"pair_id\":\"%s\",\"error\":\"\\\\u001b[31m\\\\u202e=1+1\"}\\n' \"$id\"",
+        false,
+    ),
+    (
+        "answers an extra that is no number",
+        "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":NaN}}\"",
+        false,
+    ),
+    (
+        "answers an extra beyond f64",
+        "cp \"$source\" \"$to\"; echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"extras\\\":{\\\"a\\\":1e999}}\"",
+        false,
+    ),
+    (
+        "names /dev/zero as its picture",
+        "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/dev/zero\\\"}\"",
+        false,
+    ),
+    (
+        "names a folder as its picture",
+        "echo \"{\\\"pair_id\\\":\\\"$id\\\",\\\"picture\\\":\\\"/\\\"}\"",
+        false,
+    ),
+    (
+        "hands back half a picture",
+        "head -c 900 \"$source\" > \"$to\"; answer",
+        false,
+    ),
+    (
+        "hands back another size",
+        "cp small.png \"$to\"; answer",
+        false,
+    ),
+    (
+        "hands back a page of HTML",
+        "echo '<html></html>' > \"$to\"; answer",
+        false,
+    ),
+    (
+        "floods standard error",
+        "head -c 30000000 /dev/zero | tr '\\0' '\\n' >&2; cp \"$source\" \"$to\"; answer",
+        true,
+    ),
+    (
+        "floods standard error without line ends",
+        "head -c 30000000 /dev/zero >&2; cp \"$source\" \"$to\"; answer",
+        true,
+    ),
+    (
+        "floods standard output",
+        "cp \"$source\" \"$to\"; answer; yes",
+        true,
+    ),
+    (
+        "overwrites its source",
+        "cp \"$source\" \"$to\"; cp small.png \"$source\"; answer",
+        true,
+    ),
+    (
+        "removes its source's folder",
+        "cp \"$source\" \"$to\"; answer; rm -rf \"$(dirname \"$source\")\"",
+        true,
+    ),
+    (
+        "leaves a process behind",
+        "cp \"$source\" \"$to\"; sleep 1000 & answer",
+        true,
+    ),
+    (
+        "closes its outputs and lives on",
+        "exec >&- 2>&-; sleep 1000",
+        false,
+    ),
+];
+
+const HEAD: &str = r#"
+echo $$ >> pids
+answer() { echo "{\"pair_id\":\"$id\"}"; }
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed "s/.*\"$1\":\"\([^\"]*\)\",\"$2\".*/\1/"; }
+  id=$(field pair_id source_picture); source=$(field source_picture write_to); to=$(field write_to pair)
+  n=$(($(cat count 2>/dev/null || echo 0) + 1)); echo $n > count
+"#;
+
+pub(crate) fn programs(case: &mut Case) -> Result<Verdict, String> {
+    let (what, deed, hands_back) = *case.random.pick(&DEEDS);
+    // From the first pair on, or after one that went well.
+    let from = 1 + case.random.below(2);
+    let script = format!(
+        "{HEAD}  if [ $n -lt {from} ]; then cp \"$source\" \"$to\"; answer; continue; fi\n  {deed}\ndone\n"
+    );
+    case.write("p.sh", script);
+    case.write("small.png", "");
+    image::RgbImage::new(5, 5)
+        .save(case.path("small.png"))
+        .unwrap();
+    case.note(format!("from pair {from} on the program {what}"), "p.sh");
+    case.may_name("/dev/zero");
+    case.may_name("/: ");
+    let said = case.run(&[
+        "run",
+        "--dataset",
+        "S:synthetic=size=32x24,views=4",
+        "--metrics",
+        "psnr",
+        "--no-cache",
+        "--limit",
+        "3",
+        "--method",
+        "command:label=mine,run='sh p.sh',timeout=1",
+        "--method",
+        "copy",
+        "--out",
+        "r",
+    ])?;
+    let found = rows(&case.path("r/scores.csv"))?;
+    let copies: Vec<_> = found.iter().filter(|row| row["method"] == "copy").collect();
+    let verdict = judge_run(case, &said, "r", &|row| {
+        let copy = copies
+            .iter()
+            .find(|copy| copy["pair_id"] == row["pair_id"])
+            .unwrap();
+        match (hands_back || row["method"] == "copy", copy["psnr"].parse()) {
+            (_, Ok(psnr)) => Known::Number(psnr),
+            _ => Known::Impossible("the copy failed"),
+        }
+    })?;
+    let mine = || found.iter().filter(|row| row["method"] == "mine");
+    if hands_back && mine().all(|row| row["status"] != "ok") {
+        return Err("no pair went well".to_owned());
+    }
+    // One that misbehaved cannot have a score, unless it handed back what it was given.
+    if !hands_back
+        && mine().any(|row| row["status"] == "ok" && !same(&row["psnr"], copy_of(&found, row)))
+    {
+        return Err("a score of what was never handed back".to_owned());
+    }
+    let log = case
+        .path("r/logs/mine.log")
+        .metadata()
+        .map_or(0, |log| log.len());
+    if log > 10 << 20 {
+        return Err(format!("a log of {log} bytes"));
+    }
+    if std::fs::read_dir(case.path("r")).unwrap().any(|entry| {
+        let name = entry.unwrap().file_name();
+        name.to_string_lossy().starts_with(".scratch")
+    }) {
+        return Err("a scratch folder is left".to_owned());
+    }
+    // What was started ends with the run.
+    for pid in case.read("pids").lines() {
+        let alive = || {
+            let status = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+            let state = status
+                .rsplit(") ")
+                .next()
+                .and_then(|rest| rest.chars().next());
+            status.contains("(sh)") && !matches!(state, Some('Z') | None)
+        };
+        let begin = std::time::Instant::now();
+        while alive() {
+            if begin.elapsed().as_secs() > 5 {
+                return Err(format!("process {pid} outlived the run"));
+            }
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+    }
+    let failed = mine().any(|row| row["status"] != "ok");
+    Ok(if failed { Verdict::Error } else { verdict })
+}
+
+fn copy_of(
+    rows: &[std::collections::BTreeMap<String, String>],
+    row: &std::collections::BTreeMap<String, String>,
+) -> f64 {
+    let copy = rows
+        .iter()
+        .find(|copy| copy["method"] == "copy" && copy["pair_id"] == row["pair_id"]);
+    copy.and_then(|copy| copy["psnr"].parse().ok())
+        .unwrap_or(f64::NAN)
+}
