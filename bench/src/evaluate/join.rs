@@ -1,12 +1,12 @@
 //! Several folders as one: equal units once, disjoint ones side by side, conflicting ones refused with the difference.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::EvaluateError;
 use super::folder::{RunFolder, RunPlan};
-use super::manifest::Manifest;
+use super::manifest::{Manifest, RendererRecord};
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
@@ -157,11 +157,17 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
             &b.metric_networks.device.to_string(),
         )?;
     }
-    let rules: BTreeSet<&String> = a.scoring.keys().chain(b.scoring.keys()).collect();
-    for rule in rules {
-        let text = |manifest: &Manifest| manifest.scoring.get(rule).cloned().unwrap_or_default();
-        differs(rule, &text(&a), &text(&b))?;
+    // A version that did not state a rule yet had the same one.
+    for (rule, text) in b.scoring {
+        let before = a.scoring.entry(rule.clone()).or_insert(text.clone());
+        differs(&rule, before, &text)?;
     }
+    let settings = |renderer: &RendererRecord| RendererRecord {
+        backend: "any".to_owned(),
+        ..renderer.clone()
+    };
+    let (before, now) = (settings(&a.renderer), settings(&b.renderer));
+    differs("the renderer", &before.to_string(), &now.to_string())?;
     if a.common_region || b.common_region {
         let reason = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
         return Err(reason.to_owned());

@@ -329,12 +329,17 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
         .collect()
 }
 
-/// What decides how predictions become scored pictures, in words.
-pub(super) fn scoring_conventions() -> BTreeMap<String, String> {
+/// What decides how predictions become scored pictures, in words; `renderings` is how those become 8 bit.
+pub(super) fn scoring_conventions(renderings: Quantization) -> BTreeMap<String, String> {
     [
         (
             "prediction",
-            "sRGB, 8 bit, rounded to nearest; renderings of Gaussians as the renderer's entry says",
+            match renderings {
+                Quantization::Round => "sRGB, 8 bit, rounded to nearest",
+                Quantization::Truncate => {
+                    "sRGB, 8 bit, rounded to nearest; renderings of Gaussians truncated"
+                }
+            },
         ),
         (
             "target",

@@ -306,7 +306,7 @@ impl Evaluation {
             renderer: RendererRecord::of(&self.renderer),
             kernels: self.scoring.scorer.options().simd.instruction_set(),
             metric_networks: self.scoring.scorer.options().arithmetic(),
-            scoring: scoring_conventions(),
+            scoring: scoring_conventions(self.renderer.settings().quantization),
             common_region: self.common_region,
             datasets: self.datasets.iter().map(dataset).collect(),
             pairs: PairsRecord {
