@@ -182,10 +182,9 @@ const REGULAR: &str = "\
 ";
 
 const IRREGULAR: &str = "
-Student's t takes the means of scenes to be normal, and where sizes are unequal, to have one spread. False alarms come out
-otherwise where they have not: *uneven* scenes, every second of which varies three times as much as the others, and *skewed* ones, a shifted
-exponential, most of which change a little and a few much. A t from few skewed scenes is too bold, and no test of seven
-numbers can know.
+Student's t takes scenes to be normal and to vary alike. Where they do not, false alarms come out otherwise: *uneven* scenes,
+every second of which varies three times as much as the others, and *skewed* ones, a shifted exponential, most of which
+change a little and a few much. A t from few skewed scenes is too bold, and no test of seven numbers can know.
 
 | design | false alarms | coverage | power |
 |---|---:|---:|---:|
@@ -241,14 +240,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 mod tests {
     use super::*;
 
-    /// What a true rate of 5 % is seen at or below in 97.5 of 100 times that it is counted in 1000 simulations.
+    /// What a true rate of 5 % is seen at or below in 97.5 of 100 times that it is counted in 1000 simulations; twice as
+    /// many here, so that no rounding of another machine's decides.
     const MOST_ALARMS: f64 = 0.064;
 
     #[test]
     fn false_alarms_and_coverage_keep_their_bounds() {
         // The four kinds: many and few scenes in all, very few, and unequal ones.
         for design in &regular()[..6] {
-            let (alarms, coverage) = (design.false_alarms(1000), design.coverage(1000));
+            let (alarms, coverage) = (design.false_alarms(2000), design.coverage(2000));
             let name = &design.name;
             assert!(alarms <= MOST_ALARMS, "{name}: {alarms} false alarms");
             assert!(

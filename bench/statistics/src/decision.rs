@@ -28,20 +28,13 @@ pub enum Verdict {
     Inconclusive,
 }
 
-/// Which way a score improves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Direction {
-    Higher,
-    Lower,
-}
-
 /// What is claimed of a mean difference. Significance is asked of the corrected p; a difference can be significant and yet
 /// be smaller than `practical`, the magnitude up to which it matters to nobody.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,
     all_equal: bool,
-    direction: Direction,
+    higher_is_better: bool,
     practical: f64,
 ) -> Verdict {
     let Some(inference) = inference.filter(|_| !all_equal) else {
@@ -52,7 +45,7 @@ pub fn verdict(
         };
     };
     if p_corrected.is_some_and(|p| p < ALPHA) {
-        return if (inference.mean > 0.0) == (direction == Direction::Higher) {
+        return if (inference.mean > 0.0) == higher_is_better {
             Verdict::Better
         } else {
             Verdict::Worse
@@ -99,23 +92,19 @@ mod tests {
 
     #[test]
     fn verdicts() {
-        use Direction::{Higher, Lower};
         let differences = [0.9, 1.0, 1.1, 1.0].into_iter().enumerate();
         let sample = Clusters::new(differences.map(|(scene, d)| (scene, [20.0, 20.0 + d])));
         let found = infer(&[&sample], Resampling::default()).expect("four scenes");
-        let judge = |p, direction, practical| verdict(Some(&found), p, false, direction, practical);
-        assert_eq!(judge(Some(0.049), Higher, 0.0), Verdict::Better);
-        assert_eq!(judge(Some(0.049), Lower, 0.0), Verdict::Worse);
+        let judge = |p, higher, practical| verdict(Some(&found), p, false, higher, practical);
+        assert_eq!(judge(Some(0.049), true, 0.0), Verdict::Better);
+        assert_eq!(judge(Some(0.049), false, 0.0), Verdict::Worse);
         // Significant, however small in practice.
-        assert_eq!(judge(Some(0.049), Lower, 2.0), Verdict::Worse);
-        assert_eq!(judge(Some(0.05), Lower, 0.0), Verdict::Inconclusive);
-        assert_eq!(judge(Some(0.05), Lower, 1.0), Verdict::Inconclusive);
-        assert_eq!(judge(Some(0.05), Lower, 1.5), Verdict::None);
-        assert_eq!(judge(None, Higher, 0.0), Verdict::Inconclusive);
-        assert_eq!(
-            verdict(None, None, false, Higher, 9.0),
-            Verdict::Inconclusive
-        );
-        assert_eq!(verdict(None, None, true, Higher, 0.0), Verdict::None);
+        assert_eq!(judge(Some(0.049), false, 2.0), Verdict::Worse);
+        assert_eq!(judge(Some(0.05), false, 0.0), Verdict::Inconclusive);
+        assert_eq!(judge(Some(0.05), false, 1.0), Verdict::Inconclusive);
+        assert_eq!(judge(Some(0.05), false, 1.5), Verdict::None);
+        assert_eq!(judge(None, true, 0.0), Verdict::Inconclusive);
+        assert_eq!(verdict(None, None, false, true, 9.0), Verdict::Inconclusive);
+        assert_eq!(verdict(None, None, true, true, 0.0), Verdict::None);
     }
 }

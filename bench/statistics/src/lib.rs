@@ -65,7 +65,7 @@ mod sign_flip;
 
 pub use bootstrap::Bootstrap;
 pub use clusters::Clusters;
-pub use decision::{Direction, Verdict, holm, verdict};
+pub use decision::{Verdict, holm, verdict};
 pub use inference::{
     ALPHA, Inference, MANY_CLUSTERS, Method, NoInference, POWER, Resampling, infer,
 };

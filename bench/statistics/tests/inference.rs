@@ -181,13 +181,7 @@ fn all_equal() {
         );
         assert!(found.detectable().is_nan());
         let corrected = holm(&[Some(found.p)])[0];
-        let word = verdict(
-            Some(&found),
-            corrected,
-            true,
-            sharp_statistics::Direction::Higher,
-            0.0,
-        );
+        let word = verdict(Some(&found), corrected, true, true, 0.0);
         assert_eq!(word, Verdict::None);
     }
     let sample = Clusters::new([(0, [25.0, 25.0])]);
