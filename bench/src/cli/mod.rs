@@ -2,6 +2,7 @@
 
 mod analyze;
 mod cameras;
+mod compare;
 mod completions;
 mod data_args;
 mod datasets;
@@ -52,6 +53,7 @@ enum CliCommand {
     Score(score::ScoreArgs),
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
+    Compare(compare::CompareArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
@@ -83,6 +85,7 @@ impl Cli {
             CliCommand::Score(args) => score::execute(&args),
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
+            CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),
