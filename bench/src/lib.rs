@@ -8,6 +8,7 @@
 //! * [`scoring`]: predictions against the truth.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`evaluate`]: the core: prepare, run, read results.
+//! * [`compare`]: two runs, pair by pair, and whether chance could have made the difference.
 //! * [`report`]: tables, plots and a browsable page from results.
 //! * [`export`]: what foreign methods are given, as files.
 //! * [`pictures`]: two pictures or two folders, compared.
@@ -16,6 +17,7 @@
 
 pub mod analyze;
 pub mod cli;
+pub mod compare;
 pub mod evaluate;
 pub mod export;
 pub mod io;

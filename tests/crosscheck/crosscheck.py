@@ -1,4 +1,4 @@
-"""Our numbers against those of public libraries, on pictures, cameras and networks made from a seed.
+"""Our numbers against those of public libraries, on pictures, cameras, networks and scores made from a seed.
 
 Writes picture pairs, lets our programs and the reference libraries measure the same files, prints the
 largest deviation of each quantity, and exits with 1 if one exceeds its tolerance or was not compared.
@@ -13,12 +13,15 @@ from pathlib import Path
 import cv2
 import kornia
 import numpy as np
+import scipy
 import skimage
+import statsmodels
 import torch
 from kornia.color import linear_rgb_to_rgb, rgb_to_linear_rgb
 from kornia.geometry.camera import project_points, unproject_points
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+import inference
 import learned
 import lenses
 import resizers
@@ -264,12 +267,15 @@ def main():
                            help="the example crosscheck_quantities of the package sharp-tests")
     arguments.add_argument("--resize", required=True, type=Path, help="its example crosscheck_resize")
     arguments.add_argument("--lenses", required=True, type=Path, help="its example crosscheck_lenses")
+    arguments.add_argument("--statistics", required=True, type=Path,
+                           help="the example crosscheck_statistics of the package sharp-statistics")
     arguments.add_argument("--work", required=True, type=Path, help="folder for the pictures")
     arguments.add_argument("--seed", type=int, default=0)
     given = arguments.parse_args()
 
     print(f"numpy {np.__version__}, scikit-image {skimage.__version__}, OpenCV {cv2.__version__}, "
-          f"kornia {kornia.__version__}, torch {torch.__version__}; seed {given.seed}")
+          f"kornia {kornia.__version__}, torch {torch.__version__}, scipy {scipy.__version__}, "
+          f"statsmodels {statsmodels.__version__}; seed {given.seed}")
     rng = np.random.default_rng(given.seed)
     comparison = Comparison()
     compare_pictures(comparison, given.binary, rng, given.work)
@@ -277,9 +283,10 @@ def main():
     resizers.compare(comparison, given.resize, rng, given.work / "resize", picture)
     lenses.compare(comparison, given.lenses, rng, given.work / "lenses")
     learned.compare(comparison, run_json, given.binary, rng, given.work / "learned", picture)
+    inference.compare(comparison, run_json, given.statistics, rng)
     expected = {key for key, *_ in PICTURE_METRICS + BYTE_METRICS} | {
         "linear_from_srgb", "srgb_from_linear", "projected, px", "unprojected, m"}
-    expected |= resizers.EXPECTED | lenses.EXPECTED | learned.EXPECTED
+    expected |= resizers.EXPECTED | lenses.EXPECTED | learned.EXPECTED | inference.EXPECTED
     if not comparison.report(expected):
         sys.exit(1)
 

@@ -3,6 +3,8 @@
 #[cfg(test)]
 mod analyze_command;
 #[cfg(test)]
+mod compare_command;
+#[cfg(test)]
 mod datasets_command;
 #[cfg(test)]
 mod demo_command;

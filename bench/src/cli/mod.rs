@@ -3,6 +3,7 @@
 mod analyze;
 mod bundle;
 mod cameras;
+mod compare;
 mod completions;
 mod data_args;
 mod datasets;
@@ -55,6 +56,7 @@ enum CliCommand {
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
     Bundle(bundle::BundleArgs),
+    Compare(compare::CompareArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
@@ -87,6 +89,7 @@ impl Cli {
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
+            CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),

@@ -42,14 +42,27 @@ impl std::str::FromStr for Named {
     }
 }
 
-/// Reads folders as one set of results.
+/// Reads folders or bundles as one set of results.
 ///
 /// # Errors
-/// When a folder cannot be read, or two of them contradict each other.
+/// When one cannot be read, or two of them contradict each other.
 pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
+    let read: Result<Vec<_>, EvaluateError> = folders
+        .iter()
+        .map(|folder| Ok((folder.clone(), Results::read(&folder.path)?)))
+        .collect();
+    join_results(read?)
+}
+
+/// As [`join`], of results that were read already.
+///
+/// # Errors
+/// When two of them contradict each other.
+pub fn join_results(
+    read: impl IntoIterator<Item = (Named, Results)>,
+) -> Result<Results, EvaluateError> {
     let mut joined: Option<(PathBuf, Results)> = None;
-    for folder in folders {
-        let mut results = Results::read(&folder.path)?;
+    for (folder, mut results) in read {
         if let Some(name) = &folder.name {
             rename(&mut results, name);
         }
@@ -78,13 +91,18 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     }
 }
 
+/// The label of a method of a run with a name: before it, or instead where the run has one method.
+pub(crate) fn label_under(name: &str, label: &str, methods: usize) -> String {
+    match methods {
+        1 => name.to_owned(),
+        _ => format!("{name}/{label}"),
+    }
+}
+
 /// Puts a name before each method, or instead of the label where there is one method.
 fn rename(results: &mut Results, name: &str) {
-    let alone = results.manifest.methods.len() == 1;
-    let renamed = |label: &str| match alone {
-        true => name.to_owned(),
-        false => format!("{name}/{label}"),
-    };
+    let methods = results.manifest.methods.len();
+    let renamed = |label: &str| label_under(name, label, methods);
     for record in &mut results.records {
         record.method = renamed(&record.method);
     }

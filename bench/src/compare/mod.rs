@@ -1,0 +1,337 @@
+//! Two runs, or two methods of one, pair by pair: what changed, and whether chance could have done it.
+
+mod rows;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use sharp_metrics::identity::MetricRegion;
+use sharp_metrics::{Family, MetricKey};
+use sharp_statistics::{NoInference, Resampling, Verdict};
+
+use crate::evaluate::join::{join_results, label_under};
+use crate::evaluate::manifest::{Manifest, RendererRecord};
+use crate::evaluate::record::Record;
+use crate::evaluate::{EvaluateError, Named, Results};
+use crate::io::counts::counted;
+use rows::Sides;
+
+/// The dataset of rows over all of them: the unweighted mean of their means.
+pub const ALL: &str = "all";
+
+/// Why two sides cannot be compared.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareError {
+    /// A run cannot be read, or it was scored otherwise than the other.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// One of them was made otherwise than the other.
+    #[error("{} and {} cannot be compared: {difference}", a.display(), b.display())]
+    Unlike {
+        /// One run.
+        a: PathBuf,
+        /// The other.
+        b: PathBuf,
+        /// The first difference.
+        difference: String,
+    },
+    /// It is not said which methods stand against each other.
+    #[error("{0}")]
+    Methods(String),
+}
+
+/// How much of a change matters to nobody, by family of metrics, in the metric's unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Practical(BTreeMap<Family, f64>);
+
+impl Default for Practical {
+    fn default() -> Self {
+        let each = [
+            (Family::Psnr, 0.05),
+            (Family::Ssim, 0.001),
+            (Family::Lpips, 0.001),
+            (Family::Dists, 0.001),
+        ];
+        Self(each.into_iter().collect())
+    }
+}
+
+impl Practical {
+    /// Another value for a family.
+    pub fn set(&mut self, family: Family, value: f64) {
+        self.0.insert(family, value);
+    }
+
+    fn of(&self, key: MetricKey) -> f64 {
+        self.0.get(&key.family()).copied().unwrap_or_default()
+    }
+}
+
+/// One metric of two methods on one dataset. Differences are B − A; what is not finite, or not known, is null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Its name, or [`ALL`].
+    pub dataset: String,
+    /// Key without the region.
+    pub metric: String,
+    pub region: MetricRegion,
+    /// Label in run A.
+    pub method_a: String,
+    /// Label in run B.
+    pub method_b: String,
+    /// Pairs with a score on both sides.
+    pub n_pairs: usize,
+    /// Their physical scenes.
+    pub n_scenes: usize,
+    /// Pairs with an infinite score on either side.
+    pub n_infinite: usize,
+    pub mean_a: f64,
+    pub mean_b: f64,
+    pub difference: f64,
+    /// 95 % confidence.
+    pub ci_low: Option<f64>,
+    pub ci_high: Option<f64>,
+    pub p: Option<f64>,
+    /// Holm's correction over the datasets of a metric, [`ALL`] among them.
+    pub p_holm: Option<f64>,
+    /// The smallest difference that is found with 80 % power at the 5 % level.
+    pub mde: Option<f64>,
+    /// Of B against A.
+    #[serde(serialize_with = "word")]
+    pub verdict: Verdict,
+    /// Pairs that lack the score on one side or both.
+    #[serde(skip)]
+    pub left_out: usize,
+    /// p by signs alone and its floor, or why there is no inference.
+    #[serde(skip)]
+    pub basis: Result<Option<(f64, f64)>, NoInference>,
+    /// Decimals that a table shows.
+    #[serde(skip)]
+    pub decimals: usize,
+}
+
+/// A verdict as it is written.
+pub fn verdict_word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Better => "better",
+        Verdict::Worse => "worse",
+        Verdict::None => "none",
+        Verdict::Inconclusive => "inconclusive",
+    }
+}
+
+fn word<S: serde::Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(verdict_word(*verdict))
+}
+
+/// What two runs say against each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// By methods, metric, and dataset, as in the runs.
+    pub rows: Vec<Row>,
+    /// What is worth knowing and refuses nothing, one line each.
+    pub notes: Vec<String>,
+    /// What random numbers it stands on.
+    pub resampling: Resampling,
+}
+
+/// Compares run B with run A. `methods` are labels `(in A, in B)`; without any, methods of equal label stand against each
+/// other, or the only ones of both runs.
+///
+/// # Errors
+/// When a run cannot be read, or both differ in anything but the methods: metrics, scoring rules, pairs, scored parts,
+/// renderer.
+pub fn compare(
+    a: &Path,
+    b: &Path,
+    methods: &[(String, String)],
+    practical: &Practical,
+) -> Result<Comparison, CompareError> {
+    let unlike = |difference: String| CompareError::Unlike {
+        a: a.to_owned(),
+        b: b.to_owned(),
+        difference,
+    };
+    let [of_a, of_b] = [Results::read(a)?, Results::read(b)?];
+    let manifests = [of_a.manifest.clone(), of_b.manifest.clone()];
+    if let Some(difference) = renderer_difference(&manifests) {
+        return Err(unlike(difference));
+    }
+    let named = |name: &str, path: &Path| Named {
+        name: Some(name.to_owned()),
+        path: path.to_owned(),
+    };
+    // Refuses what is scored otherwise.
+    let results = join_results([(named("a", a), of_a), (named("b", b), of_b)])?;
+    let [labels_a, labels_b] = [("a", &manifests[0]), ("b", &manifests[1])].map(side_labels);
+    let chosen = chosen_methods(methods, &labels_a, &labels_b)?;
+
+    let mut notes = notes(&manifests);
+    let resampling = Resampling::default();
+    let datasets = results.manifest.datasets.iter();
+    let datasets: Vec<&str> = datasets.map(|dataset| dataset.name.as_str()).collect();
+    let mut rows = Vec::new();
+    for (method_a, method_b) in &chosen {
+        let sides = Sides {
+            a: of_method(&results, &labels_a[method_a]),
+            b: of_method(&results, &labels_b[method_b]),
+        };
+        let planned =
+            [&labels_a[method_a], &labels_b[method_b]].map(|label| planned_pairs(&results, label));
+        if let Some(difference) = pair_difference(&planned) {
+            return Err(unlike(difference));
+        }
+        if let Some(difference) = sides.region_difference() {
+            return Err(unlike(difference));
+        }
+        for metric in &results.manifest.metrics {
+            let of_metric = sides.rows(&datasets, &metric.info, practical, resampling);
+            if of_metric.is_empty() {
+                notes.push(format!("{} is in one of the runs only", metric.info.key));
+            }
+            rows.extend(of_metric.into_iter().map(|row| Row {
+                method_a: method_a.clone(),
+                method_b: method_b.clone(),
+                ..row
+            }));
+        }
+    }
+    Ok(Comparison {
+        rows,
+        notes,
+        resampling,
+    })
+}
+
+/// Backends of the CPU differ by the class of their kernels only, which moves no score that anyone sees.
+fn renderer_difference([a, b]: &[Manifest; 2]) -> Option<String> {
+    let (a, b) = (&a.renderer, &b.renderer);
+    let cpu = |renderer: &RendererRecord| renderer.backend.starts_with("cpu-");
+    let backend = |renderer: &RendererRecord| match cpu(renderer) {
+        true => "cpu".to_owned(),
+        false => renderer.backend.clone(),
+    };
+    let facts = [
+        ("the renderer", backend(a), backend(b)),
+        (
+            "the nearest depth drawn",
+            a.near.to_string(),
+            b.near.to_string(),
+        ),
+        (
+            "the farthest depth drawn",
+            a.far.to_string(),
+            b.far.to_string(),
+        ),
+        ("eps2d", a.eps2d.to_string(), b.eps2d.to_string()),
+        ("the background", a.background.clone(), b.background.clone()),
+        (
+            "the rounding to 8 bit",
+            a.quantization.clone(),
+            b.quantization.clone(),
+        ),
+    ];
+    let mut different = facts.into_iter().filter(|(_, a, b)| a != b);
+    different
+        .next()
+        .map(|(what, a, b)| format!("{what} is \"{a}\" in one and \"{b}\" in the other"))
+}
+
+fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
+    let mut notes = Vec::new();
+    if a.kernels != b.kernels {
+        let (a, b) = (a.kernels.name(), b.kernels.name());
+        notes.push(format!("the class of CPU kernels is {a} in A and {b} in B"));
+    }
+    if a.version != b.version {
+        notes.push(format!(
+            "A is by version {} and B by {}",
+            a.version, b.version
+        ));
+    } else if a.sources != b.sources {
+        notes.push("A and B were made by different sources of this program".to_owned());
+    }
+    notes
+}
+
+/// The label in the joined results by that in the run.
+fn side_labels((side, manifest): (&str, &Manifest)) -> BTreeMap<String, String> {
+    let methods = &manifest.methods;
+    let labels = methods.iter().map(|method| method.label.clone());
+    labels
+        .map(|own| (own.clone(), label_under(side, &own, methods.len())))
+        .collect()
+}
+
+fn chosen_methods(
+    asked: &[(String, String)],
+    a: &BTreeMap<String, String>,
+    b: &BTreeMap<String, String>,
+) -> Result<Vec<(String, String)>, CompareError> {
+    let known = |labels: &BTreeMap<String, String>| {
+        let labels: Vec<&str> = labels.keys().map(String::as_str).collect();
+        labels.join(", ")
+    };
+    let sides = || format!("run A has {}; run B has {}", known(a), known(b));
+    if let Some((old, new)) = asked
+        .iter()
+        .find(|(old, new)| !a.contains_key(old) || !b.contains_key(new))
+    {
+        let reason = format!("--method {old}={new}: {}", sides());
+        return Err(CompareError::Methods(reason));
+    }
+    if !asked.is_empty() {
+        return Ok(asked.to_vec());
+    }
+    let common = a.keys().filter(|label| b.contains_key(*label));
+    let mut chosen: Vec<_> = common.map(|label| (label.clone(), label.clone())).collect();
+    if let (true, Some(old), Some(new)) = (chosen.is_empty(), only(a), only(b)) {
+        chosen.push((old.clone(), new.clone()));
+    }
+    if chosen.is_empty() {
+        let reason = format!(
+            "no method is in both: {}; --method OLD=NEW pairs them",
+            sides()
+        );
+        return Err(CompareError::Methods(reason));
+    }
+    Ok(chosen)
+}
+
+fn only(labels: &BTreeMap<String, String>) -> Option<&String> {
+    labels.keys().next().filter(|_| labels.len() == 1)
+}
+
+fn of_method<'a>(results: &'a Results, label: &str) -> BTreeMap<&'a str, &'a Record> {
+    let records = results
+        .records
+        .iter()
+        .filter(|record| record.method == label);
+    records
+        .map(|record| (record.pair_id.as_str(), record))
+        .collect()
+}
+
+/// Those of the plan, whether done or not.
+fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
+    let missing = results.missing.iter().filter(|(_, method)| method == label);
+    let missing = missing.map(|(pair_id, _)| pair_id.as_str());
+    of_method(results, label)
+        .into_keys()
+        .chain(missing)
+        .collect()
+}
+
+fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
+    let (only_a, only_b) = (a.difference(b).count(), b.difference(a).count());
+    let first = a.symmetric_difference(b).next()?;
+    Some(format!(
+        "their pairs differ: {} only in A, {} only in B, the first is {first}",
+        counted(only_a, "pair"),
+        only_b
+    ))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,118 @@
+//! The rows of a metric: one a dataset, one over all.
+
+use std::collections::BTreeMap;
+
+use sharp_metrics::{Direction, MetricInfo, MetricKey};
+use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
+
+use super::{ALL, Practical, Row};
+use crate::evaluate::record::{Record, Score};
+
+/// Records of two methods by pair.
+pub(super) struct Sides<'a> {
+    pub(super) a: BTreeMap<&'a str, &'a Record>,
+    pub(super) b: BTreeMap<&'a str, &'a Record>,
+}
+
+impl<'a> Sides<'a> {
+    fn both(&self) -> impl Iterator<Item = (&'a Record, &'a Record)> {
+        let pairs = self.a.iter();
+        pairs.filter_map(|(pair_id, a)| Some((*a, *self.b.get(pair_id)?)))
+    }
+
+    pub(super) fn region_difference(&self) -> Option<String> {
+        let (a, _) = self.both().find(|(a, b)| a.crop != b.crop)?;
+        Some(format!(
+            "other parts of the target of {} are scored",
+            a.pair_id
+        ))
+    }
+
+    /// One row a dataset that has scores on both sides, and one over all where there are several.
+    pub(super) fn rows(
+        &self,
+        datasets: &[&'a str],
+        metric: &MetricInfo,
+        practical: &Practical,
+        resampling: Resampling,
+    ) -> Vec<Row> {
+        let key = metric.key.to_string();
+        let datasets = datasets.iter().filter_map(|&name| {
+            let of_dataset = |record: &&&Record| record.dataset == name;
+            let in_a = self.a.values().filter(of_dataset).count();
+            let in_b_only = self
+                .b
+                .iter()
+                .filter(|(pair_id, _)| !self.a.contains_key(*pair_id));
+            let known = in_a
+                + in_b_only
+                    .map(|(_, record)| record)
+                    .filter(of_dataset)
+                    .count();
+            let score = |record: &Record| record.scores.get(&key).and_then(Score::value);
+            let pairs = self.both().filter(|(a, _)| a.dataset == name);
+            let scored =
+                pairs.filter_map(|(a, b)| Some((a.cluster.as_str(), [score(a)?, score(b)?])));
+            let clusters = Clusters::new(scored);
+            (clusters.n_pairs() > 0).then(|| (name, known - clusters.n_pairs(), clusters))
+        });
+        let datasets: Vec<(&str, usize, Clusters)> = datasets.collect();
+        let mut groups: Vec<(&str, usize, Vec<&Clusters>)> = datasets
+            .iter()
+            .map(|(name, left_out, clusters)| (*name, *left_out, vec![clusters]))
+            .collect();
+        if datasets.len() > 1 {
+            let left_out = datasets.iter().map(|(_, left_out, _)| left_out).sum();
+            groups.push((ALL, left_out, datasets.iter().map(|(_, _, c)| c).collect()));
+        }
+        let inferences: Vec<_> = groups
+            .iter()
+            .map(|(_, _, group)| infer(group, resampling))
+            .collect();
+        let p: Vec<_> = inferences
+            .iter()
+            .map(|inference| inference.as_ref().ok().map(|found| found.p))
+            .collect();
+        let rows = groups.iter().zip(&inferences).zip(p.iter().zip(holm(&p)));
+        let rows = rows.map(|(((name, left_out, group), inference), (p, p_holm))| {
+            let mean = |of: fn(&Clusters) -> f64| {
+                group.iter().map(|c| of(c)).sum::<f64>() / group.len() as f64
+            };
+            let count = |of: fn(&Clusters) -> usize| group.iter().map(|c| of(c)).sum();
+            let found = inference.as_ref().ok();
+            let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
+            Row {
+                dataset: (*name).to_owned(),
+                metric: MetricKey::whole(metric.key.metric()).to_string(),
+                region: metric.key.region(),
+                method_a: String::new(),
+                method_b: String::new(),
+                n_pairs: count(Clusters::n_pairs),
+                n_scenes: count(Clusters::n_clusters),
+                n_infinite: count(Clusters::n_infinite),
+                mean_a: mean(Clusters::mean_a),
+                mean_b: mean(Clusters::mean_b),
+                difference: mean(Clusters::mean),
+                ci_low: finite(found.map(|found| found.interval.0)),
+                ci_high: finite(found.map(|found| found.interval.1)),
+                p: *p,
+                p_holm,
+                mde: finite(found.map(|found| found.detectable())),
+                verdict: verdict(
+                    found,
+                    p_holm,
+                    group.iter().all(|c| c.all_equal()),
+                    metric.direction == Direction::Higher,
+                    practical.of(metric.key),
+                ),
+                left_out: *left_out,
+                basis: match inference {
+                    Ok(found) => Ok(found.sign_flip.as_ref().map(|flips| (flips.p, flips.floor))),
+                    Err(reason) => Err(*reason),
+                },
+                decimals: metric.decimals,
+            }
+        });
+        rows.collect()
+    }
+}

@@ -1,0 +1,245 @@
+use std::collections::BTreeMap;
+
+use sharp_metrics::MetricInfo;
+
+use super::*;
+use crate::evaluate::record::{Crop, Score, Status};
+use crate::scoring::Region;
+
+/// Of pair `number` of a scene of a dataset, with this PSNR.
+fn record(dataset: &str, scene: usize, number: usize, psnr: Option<f64>) -> Record {
+    Record {
+        pair_id: format!("{dataset}/{scene}/{number:03}"),
+        dataset: dataset.into(),
+        scene: scene.to_string(),
+        cluster: scene.to_string(),
+        source: "s".into(),
+        target: number.to_string(),
+        method: "m".into(),
+        baseline_m: 0.1,
+        rotation_deg: 0.0,
+        median_depth_m: None,
+        overlap: None,
+        status: Status::Ok,
+        scores: psnr
+            .map(|value| ("psnr".to_owned(), Score::Value(value)))
+            .into_iter()
+            .collect(),
+        crop: None,
+        valid_share: None,
+        resized_from: None,
+        scale: None,
+        extras: BTreeMap::new(),
+    }
+}
+
+fn sides<'a>(a: &'a [Record], b: &'a [Record]) -> Sides<'a> {
+    let by_pair = |records: &'a [Record]| records.iter().map(|r| (r.pair_id.as_str(), r)).collect();
+    Sides {
+        a: by_pair(a),
+        b: by_pair(b),
+    }
+}
+
+fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<Row> {
+    let psnr = MetricInfo::new(MetricKey::PSNR, &[]);
+    sides(a, b).rows(
+        datasets,
+        &psnr,
+        &Practical::default(),
+        Resampling::default(),
+    )
+}
+
+/// Scores of `scenes` × 4 pairs, to which each scene adds what `change` says.
+fn scored(dataset: &str, scenes: usize, change: impl Fn(usize, usize) -> f64) -> Vec<Record> {
+    let pairs = (0..scenes).flat_map(|scene| (0..4).map(move |number| (scene, number)));
+    let score =
+        |scene, number| 20.0 + (scene * 7 % 5) as f64 + 0.5 * number as f64 + change(scene, number);
+    pairs
+        .map(|(scene, number)| record(dataset, scene, number, Some(score(scene, number))))
+        .collect()
+}
+
+#[test]
+fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally() {
+    let uneven = |scene: usize, number: usize| 0.01 * (scene % 3) as f64 + 0.02 * number as f64;
+    let both = |change: &dyn Fn(usize, usize) -> f64, other: &dyn Fn(usize, usize) -> f64| {
+        let mut records = scored("D", 6, change);
+        records.extend(scored("E", 12, other));
+        records
+    };
+    let nothing = |_: usize, _: usize| 0.0;
+    let noise = |scene: usize, _: usize| [0.3, -0.3][scene % 2];
+    let found = rows(
+        &both(&nothing, &nothing),
+        &both(&|scene, number| -1.0 - uneven(scene, number), &noise),
+        &["D", "E"],
+    );
+    let [d, e, all] = &found[..] else {
+        panic!("{found:?}");
+    };
+    assert_eq!(
+        (d.verdict, e.verdict),
+        (Verdict::Worse, Verdict::Inconclusive)
+    );
+    assert!((d.difference + 1.04).abs() < 1e-9, "{}", d.difference);
+    assert!((d.mean_b - d.mean_a - d.difference).abs() < 1e-9);
+    assert_eq!(
+        (d.n_pairs, d.n_scenes, e.n_pairs, all.n_pairs, all.n_scenes),
+        (24, 6, 48, 72, 18)
+    );
+    assert!((all.difference - 0.5 * (d.difference + e.difference)).abs() < 1e-12);
+    assert_eq!(all.dataset, ALL);
+    // Three rows: the smallest p counts thrice.
+    assert!((d.p_holm.unwrap() / d.p.unwrap() - 3.0).abs() < 1e-9 || all.p.unwrap() < d.p.unwrap());
+    assert!(
+        found
+            .iter()
+            .all(|row| row.p_holm >= row.p && row.mde.unwrap() > 0.0)
+    );
+    // Signs of six scenes cannot say more.
+    assert_eq!(d.basis, Ok(Some((0.03125, 0.03125))));
+    assert_eq!(all.basis, Ok(None));
+}
+
+#[test]
+fn one_scene_that_broke_is_not_significant() {
+    let before = scored("D", 7, |_, _| 0.0);
+    let after = scored("D", 7, |scene, _| if scene == 3 { -8.0 } else { 0.0 });
+    let [row] = &rows(&before, &after, &["D"])[..] else {
+        panic!("one dataset");
+    };
+    assert_eq!(row.verdict, Verdict::Inconclusive);
+    assert!(row.difference < -1.0 && row.p.unwrap() > 0.1);
+}
+
+#[test]
+fn equal_sides_show_no_difference() {
+    let records = scored("D", 1, |_, _| 0.0);
+    let [row] = &rows(&records, &records, &["D", "absent"])[..] else {
+        panic!("one dataset has pairs");
+    };
+    assert_eq!(
+        (row.verdict, row.difference, row.p),
+        (Verdict::None, 0.0, Some(1.0))
+    );
+    let tiny = scored("D", 7, |scene, _| [0.004, -0.003][scene % 2]);
+    let [row] = &rows(&scored("D", 7, |_, _| 0.0), &tiny, &["D"])[..] else {
+        panic!("one dataset");
+    };
+    // Within 0.05 dB.
+    assert_eq!(row.verdict, Verdict::None);
+}
+
+#[test]
+fn infinite_and_missing_scores_are_counted_and_never_averaged_away() {
+    let a = vec![
+        record("D", 0, 0, Some(f64::INFINITY)),
+        record("D", 1, 0, Some(20.0)),
+        record("D", 2, 0, Some(20.0)),
+        record("D", 2, 1, None),
+        record("D", 2, 2, Some(3.0)),
+    ];
+    let mut b = vec![
+        record("D", 0, 0, Some(f64::INFINITY)),
+        record("D", 1, 0, Some(21.0)),
+        record("D", 2, 0, Some(20.5)),
+        record("D", 2, 1, Some(20.5)),
+    ];
+    let [row] = &rows(&a, &b, &["D"])[..] else {
+        panic!("one dataset");
+    };
+    assert_eq!(
+        (row.n_pairs, row.n_scenes, row.n_infinite, row.left_out),
+        (3, 3, 1, 2)
+    );
+    assert_eq!((row.difference, row.mean_a), (0.5, f64::INFINITY));
+    b[1].scores
+        .insert("psnr".into(), Score::Value(f64::INFINITY));
+    let [row] = &rows(&a, &b, &["D"])[..] else {
+        panic!("one dataset");
+    };
+    assert_eq!(
+        (row.n_infinite, row.p, row.verdict),
+        (2, None, Verdict::Inconclusive)
+    );
+    assert_eq!(row.basis, Err(NoInference::NotFinite));
+    let json = serde_json::to_value(row).unwrap();
+    assert!(json["difference"].is_null() && json["p"].is_null() && json["mean_b"].is_null());
+}
+
+#[test]
+fn rows_have_the_promised_fields() {
+    let records = scored("D", 3, |_, _| 0.0);
+    let json = serde_json::to_value(&rows(&records, &records, &["D"])[0]).unwrap();
+    let fields: Vec<&str> = json
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect();
+    let promised = "dataset metric region method_a method_b n_pairs n_scenes n_infinite mean_a mean_b difference ci_low \
+                    ci_high p p_holm mde verdict";
+    assert_eq!(fields, promised.split_whitespace().collect::<Vec<_>>());
+    assert_eq!(
+        (&json["metric"], &json["region"]),
+        (&"psnr".into(), &"whole".into())
+    );
+    assert_eq!(json["verdict"], "none");
+}
+
+#[test]
+fn other_pairs_and_other_parts_of_targets_are_named() {
+    let a = scored("D", 2, |_, _| 0.0);
+    let ids = |records: &'static [Record]| records.iter().map(|r| r.pair_id.as_str()).collect();
+    let leaked: &'static [Record] = a.clone().leak();
+    let difference = pair_difference(&[ids(&leaked[1..]), ids(&leaked[..7])]).unwrap();
+    assert_eq!(
+        difference,
+        "their pairs differ: 1 pair only in A, 1 only in B, the first is D/0/000"
+    );
+    assert_eq!(pair_difference(&[ids(leaked), ids(leaked)]), None);
+    let mut cropped = a.clone();
+    assert_eq!(sides(&a, &cropped).region_difference(), None);
+    cropped[5].crop = Some(Crop {
+        region: Region {
+            x: 0,
+            y: 0,
+            width: 4,
+            height: 4,
+        },
+        share: 0.5,
+    });
+    let difference = sides(&a, &cropped).region_difference().unwrap();
+    assert!(difference.contains("D/1/001"), "{difference}");
+}
+
+#[test]
+fn methods_of_equal_label_or_the_only_ones_stand_against_each_other() {
+    let labels = |names: &[&str]| {
+        names
+            .iter()
+            .map(|n| ((*n).to_owned(), (*n).to_owned()))
+            .collect()
+    };
+    let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+    let chosen = |asked: &[(String, String)], a: &[&str], b: &[&str]| {
+        chosen_methods(asked, &labels(a), &labels(b))
+    };
+    assert_eq!(
+        chosen(&[], &["x", "y"], &["y", "z"]).unwrap(),
+        [pair("y", "y")]
+    );
+    assert_eq!(chosen(&[], &["x"], &["z"]).unwrap(), [pair("x", "z")]);
+    assert_eq!(
+        chosen(&[pair("x", "z")], &["x", "y"], &["y", "z"]).unwrap(),
+        [pair("x", "z")]
+    );
+    let said = chosen(&[], &["x"], &["y", "z"]).unwrap_err().to_string();
+    assert!(said.contains("run A has x; run B has y, z") && said.contains("--method OLD=NEW"));
+    let said = chosen(&[pair("x", "q")], &["x"], &["y"])
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains("--method x=q"), "{said}");
+}

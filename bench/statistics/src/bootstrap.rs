@@ -1,0 +1,112 @@
+//! The BCa bootstrap of a mean over clusters.
+
+use rayon::prelude::*;
+
+use crate::clusters::Clusters;
+use crate::distributions::{normal_quantile, normal_tail};
+use crate::inference::Resampling;
+use crate::numeric::root;
+
+/// Means of resampled clusters, corrected for bias and acceleration (Efron, "Better bootstrap confidence intervals", JASA
+/// 1987). Whole clusters are drawn with replacement, as many as there are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bootstrap {
+    means: Vec<f64>,
+    /// Efron's z₀: the normal quantile of the share of means below the observed one, ties counted half.
+    pub bias: f64,
+    /// Efron's a, from the means without one cluster each.
+    pub acceleration: f64,
+}
+
+impl Bootstrap {
+    /// Of at least two clusters; all finite.
+    pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
+        let clusters = sample.clusters();
+        let n = clusters.len() as u128;
+        let drawn = resampling.indices().into_par_iter().map(|k| {
+            let mut random = resampling.stream(2 * u64::from(k));
+            let (mut sum, mut pairs) = (0.0, 0.0);
+            for _ in 0..n {
+                // The high half of a product: the most that one cluster is favoured is n/2⁶⁴.
+                let index = ((u128::from(random.next_u64()) * n) >> 64) as usize;
+                sum += clusters[index].sum;
+                pairs += clusters[index].pairs;
+            }
+            sum / pairs
+        });
+        let mut means: Vec<f64> = drawn.collect();
+        means.sort_unstable_by(f64::total_cmp);
+        // Equal means of other draws differ by rounding.
+        let (observed, rounding) = (sample.mean(), sample.rounding() / sample.n_pairs() as f64);
+        let below = means.partition_point(|m| *m < observed - rounding);
+        let not_above = means.partition_point(|m| *m <= observed + rounding);
+        // At least half a mean on either side, so that the quantile is finite.
+        let twice = (below + not_above).clamp(1, 2 * means.len() - 1);
+        let share = twice as f64 / (2 * means.len()) as f64;
+        Self {
+            bias: normal_quantile(share),
+            acceleration: acceleration(sample),
+            means,
+        }
+    }
+
+    /// Of the resamples, ascending.
+    pub fn means(&self) -> &[f64] {
+        &self.means
+    }
+
+    /// Of confidence 1 − `alpha`.
+    pub fn interval(&self, alpha: f64) -> (f64, f64) {
+        let z = normal_quantile(0.5 * alpha);
+        (self.end(z), self.end(-z))
+    }
+
+    /// The smallest level at which the interval leaves zero out; 0 where no resampled mean is on the other side.
+    pub fn p(&self) -> f64 {
+        const FARTHEST: f64 = 37.0;
+        let centre = self.end(0.0);
+        if centre == 0.0 {
+            return 1.0;
+        }
+        let side = -centre.signum();
+        if self.end(side * FARTHEST) * side < 0.0 {
+            return 0.0;
+        }
+        2.0 * normal_tail(root(0.0, FARTHEST, |z| self.end(side * z)))
+    }
+
+    /// The end of an interval at the normal quantile `z`.
+    fn end(&self, z: f64) -> f64 {
+        let shifted = self.bias + z;
+        let stretch = 1.0 - self.acceleration * shifted;
+        // Beyond the pole of the correction lies all of the distribution.
+        let share = if stretch <= 0.0 {
+            if shifted > 0.0 { 1.0 } else { 0.0 }
+        } else {
+            normal_tail(-(self.bias + shifted / stretch))
+        };
+        let place = share * (self.means.len() - 1) as f64;
+        let below = place.floor() as usize;
+        let above = (below + 1).min(self.means.len() - 1);
+        let (low, high) = (self.means[below], self.means[above]);
+        low + (high - low) * (place - below as f64)
+    }
+}
+
+/// Σ l³ / (6 (Σ l²)^1.5) over what leaving out each cluster takes from the mean.
+fn acceleration(sample: &Clusters) -> f64 {
+    let all = sample.n_pairs() as f64;
+    let without = sample
+        .clusters()
+        .iter()
+        .map(|c| (sample.sum() - c.sum) / (all - c.pairs));
+    let without: Vec<f64> = without.collect();
+    let centre = without.iter().sum::<f64>() / without.len() as f64;
+    let power = |k| without.iter().map(|m| (centre - m).powi(k)).sum::<f64>();
+    let squares = power(2);
+    if squares > 0.0 {
+        power(3) / (6.0 * squares.powf(1.5))
+    } else {
+        0.0
+    }
+}

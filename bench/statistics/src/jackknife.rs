@@ -1,0 +1,192 @@
+//! The cluster jackknife: how far the mean of a dataset moves without each of its clusters.
+
+use std::f64::consts::FRAC_PI_2;
+
+use crate::clusters::{Cluster, Clusters};
+use crate::distributions::t_two_sided;
+use crate::numeric::{integrate, root};
+
+/// Variance of a dataset's mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jackknife {
+    /// The estimator CV3: (G − 1)/G Σ (mean without cluster g − mean)², for G clusters.
+    pub variance: f64,
+    /// Of the t distribution that mean / √variance is compared with. G − 1 for clusters of equal size, other numbers for
+    /// unequal ones: those with which Student's t has the critical value of the exact statistic at the 5 % level, if means
+    /// of clusters are normal. Of two assumptions on their variances the fewer degrees: one variance for all, and the
+    /// variances of clusters and of their pairs as estimated, which few clusters do badly.
+    pub degrees_of_freedom: f64,
+}
+
+impl Jackknife {
+    /// Of at least two clusters; all finite.
+    pub fn new(sample: &Clusters) -> Self {
+        let n_clusters = sample.n_clusters() as f64;
+        let all = sample.n_pairs() as f64;
+        let moves = sample.clusters().iter().zip(sample.residuals());
+        let squares: f64 = moves
+            .map(|(cluster, residual)| (residual / (all - cluster.pairs)).powi(2))
+            .sum();
+        Self {
+            variance: (n_clusters - 1.0) / n_clusters * squares,
+            degrees_of_freedom: degrees_of_freedom(sample),
+        }
+    }
+}
+
+/// The level at which Student's distribution is fitted to the exact one.
+const FITTED_AT: f64 = 0.05;
+
+/// As documented at [`Jackknife::degrees_of_freedom`].
+fn degrees_of_freedom(sample: &Clusters) -> f64 {
+    let clusters = sample.clusters();
+    let equal = clusters.len() as f64 - 1.0;
+    if clusters.iter().all(|c| c.pairs == clusters[0].pairs) {
+        return equal;
+    }
+    let fitted = |variances: &[f64]| {
+        let statistic = Statistic::new(sample, variances);
+        let excess = |log: f64| statistic.two_sided(log.exp()).ln() - FITTED_AT.ln();
+        let critical = root(-2.0, 8.0, excess).exp();
+        let excess = |log: f64| t_two_sided(critical, log.exp()).ln() - FITTED_AT.ln();
+        // A critical value below the normal's, which one large cluster among many can give, ends at the upper bound.
+        root(-2.0, MOST_DEGREES.ln(), excess).exp()
+    };
+    fitted(&vec![1.0; clusters.len()]).min(fitted(&estimated_variances(sample)))
+}
+
+/// From here on Student's distribution is the normal one.
+const MOST_DEGREES: f64 = 1e6;
+
+/// Of the clusters' means: that of clusters plus that of pairs over their number n, both estimated by the analysis of variance
+/// of unweighted means; one for all if neither shows.
+fn estimated_variances(sample: &Clusters) -> Vec<f64> {
+    let clusters = sample.clusters();
+    let n = clusters.len() as f64;
+    let sum_within = clusters
+        .iter()
+        .map(|c| (c.squares - c.sum * c.sum / c.pairs).max(0.0));
+    // Unequal sizes: some cluster has more than one pair.
+    let within = sum_within.sum::<f64>() / (sample.n_pairs() as f64 - n);
+    let means = || clusters.iter().map(|c| c.sum / c.pairs);
+    let centre = means().sum::<f64>() / n;
+    let of_means = means().map(|m| (m - centre).powi(2)).sum::<f64>() / (n - 1.0);
+    let inverse = clusters.iter().map(|c| 1.0 / c.pairs).sum::<f64>() / n;
+    let between = (of_means - within * inverse).max(0.0);
+    let largest = between + within;
+    let relative = |pairs: f64| (between + within / pairs) / largest;
+    clusters
+        .iter()
+        .map(|c| {
+            if largest > 0.0 {
+                relative(c.pairs)
+            } else {
+                1.0
+            }
+        })
+        .collect()
+}
+
+/// The exact distribution of t = mean / √CV3, for independent normal means x of clusters with weights w and variances v.
+///
+/// With residuals e = x − w·x, CV3 is Σ d e² with d = (G − 1)/G (w / (1 − w))². So |t| > c says that the quadratic form
+/// x'Cx = c² Σ d e² − (w·x)² is negative. VC, V = diag(v), has one negative eigenvalue −ν and otherwise positive ones μ. Given
+/// the rest of x, its part along the negative one's vector is a normal that has to be large enough, and Craig's integral for
+/// the tail of a normal ("A new, simple and exact result for calculating the probability of error for two-dimensional signal
+/// constellations", IEEE MILCOM 1991) averages over that rest: P = 2/π ∫ Π (1 + μ/(ν sin²φ))^−½ dφ over 0..π/2. The product
+/// is the determinant of I + VC/(ν sin²φ) but for its factor 1 − 1/sin²φ.
+struct Statistic {
+    /// w, v, d of each cluster.
+    clusters: Vec<[f64; 3]>,
+}
+
+impl Statistic {
+    fn new(sample: &Clusters, variances: &[f64]) -> Self {
+        let n = sample.n_clusters() as f64;
+        let of_cluster = |(cluster, &v): (&Cluster, &f64)| {
+            let w = cluster.pairs / sample.n_pairs() as f64;
+            [w, v, (n - 1.0) / n * (w / (1.0 - w)).powi(2)]
+        };
+        let clusters = sample.clusters().iter().zip(variances);
+        Self {
+            clusters: clusters.map(of_cluster).collect(),
+        }
+    }
+
+    /// The determinant of I + τVC: the logarithm of a positive factor, and the factor that has its sign. VC is diagonal but
+    /// for two ranks, so that the matrix determinant lemma leaves sums over clusters.
+    fn determinant(&self, tau: f64, c: f64) -> (f64, f64) {
+        let (mut log, mut w_kept, mut w2_kept, mut d_kept) = (0.0, 0.0, 0.0, 0.0);
+        for [w, v, d] in &self.clusters {
+            let scaled = tau * c * c * d;
+            let kept = 1.0 / (1.0 + scaled * v);
+            log += (scaled * v).ln_1p();
+            w_kept += w * kept;
+            w2_kept += w * w * v * kept;
+            d_kept += scaled * kept;
+        }
+        (log, w_kept * w_kept + w2_kept * (d_kept - tau))
+    }
+
+    /// P(|t| > c), to nine digits.
+    fn two_sided(&self, c: f64) -> f64 {
+        // 1/ν, the only τ > 0 where the determinant vanishes, is at least one over the variance of the mean.
+        let start = -self
+            .clusters
+            .iter()
+            .map(|[w, v, _]| w * w * v)
+            .sum::<f64>()
+            .ln();
+        let sign = |log: f64| self.determinant(log.exp(), c).1;
+        let zero = root(start - 1.0, start + 60.0, sign).exp();
+        let product = |phi: f64| {
+            // Where sin φ = 1 the determinant and its factor both vanish: their quotient is taken a little aside.
+            let s = (1.0 / phi.sin().powi(2)).max(1.0 + 1e-7);
+            let (log, rest) = self.determinant(s * zero, c);
+            (-0.5 * log).exp() / (rest / (1.0 - s)).sqrt()
+        };
+        integrate(FRAC_PI_2, product) / FRAC_PI_2
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pairs of a cluster all differ by the same, so that nothing but clusters varies.
+    fn constant(sizes: &[usize]) -> Clusters {
+        let pairs = sizes.iter().enumerate().flat_map(|(cluster, size)| {
+            let mean = [3.0, 1.0, 4.0, 1.5, 9.0][cluster % 5];
+            (0..*size).map(move |_| (cluster, [0.0, mean]))
+        });
+        Clusters::new(pairs)
+    }
+
+    #[test]
+    fn variance_by_hand() {
+        let pairs = [(0, 8.0), (1, 1.5), (1, 1.5), (2, 1.0), (2, 1.0)];
+        let sample = Clusters::new(pairs.map(|(cluster, d)| (cluster, [1.0, 1.0 + d])));
+        // The mean is 13/5, and without one cluster 5/4, 10/3, 11/3.
+        let moves = [5.0 / 4.0 - 2.6, 10.0 / 3.0 - 2.6, 11.0 / 3.0 - 2.6];
+        let expected = 2.0 / 3.0 * moves.iter().map(|m: &f64| m * m).sum::<f64>();
+        assert!((Jackknife::new(&sample).variance - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn degrees_of_freedom_of_clusters_of_any_sizes() {
+        assert_eq!(Jackknife::new(&constant(&[70; 7])).degrees_of_freedom, 6.0);
+        // From the eigenvalues of the quadratic form, by numpy and scipy.
+        let unequal: [(&[usize], f64); 3] = [
+            (&[1, 3], 1.0491559832049073),
+            (&[10, 20, 40, 80], 2.1049011497173105),
+            (
+                &[4, 8, 10, 12, 15, 18, 20, 22, 25, 30, 36, 40, 60],
+                7.499314967404127,
+            ),
+        ];
+        for (sizes, degrees) in unequal {
+            let ours = Jackknife::new(&constant(sizes)).degrees_of_freedom;
+            assert!((ours / degrees - 1.0).abs() < 1e-7, "{ours} for {degrees}");
+        }
+    }
+}
