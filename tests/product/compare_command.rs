@@ -69,6 +69,10 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
         .ends_with(0)
         .json();
     assert_eq!(within["rows"], json["rows"]);
+    // A bundle stands for its run.
+    sharp_bench(dir, &["bundle", "a", "--out", "a.zip"]).ends_with(0);
+    let bundled = compare(dir, &["a.zip", "b", "--json"]).ends_with(0).json();
+    assert_eq!(bundled["rows"], json["rows"]);
 
     // What cannot be compared.
     compare(dir, &["a", "other"]).is_error_with(&["a and other cannot be compared", "only in A"]);
