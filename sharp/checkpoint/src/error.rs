@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::pickle::MAX_LEN;
+
 /// A checkpoint that cannot be read or lacks what was asked for.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
@@ -37,6 +39,8 @@ pub enum CheckpointError {
 pub(crate) enum Fault {
     Io(std::io::Error),
     Malformed(String),
+    /// A pickle goes on beyond these many bytes, which are all that were read of it.
+    CutOff(usize),
     ForbiddenGlobal(String),
     StateDict(String),
 }
@@ -47,6 +51,10 @@ impl Fault {
         match self {
             Self::Io(source) => CheckpointError::Io { path, source },
             Self::Malformed(reason) => CheckpointError::Malformed { path, reason },
+            Self::CutOff(at) => {
+                let reason = format!("pickle: cut off at byte {at} (or above {MAX_LEN})");
+                CheckpointError::Malformed { path, reason }
+            }
             Self::ForbiddenGlobal(global) => CheckpointError::ForbiddenGlobal { path, global },
             Self::StateDict(reason) => CheckpointError::StateDict { path, reason },
         }

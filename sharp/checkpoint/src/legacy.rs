@@ -21,7 +21,18 @@ const MAX_PICKLES: usize = 64 << 20;
 
 /// Reads the table of contents.
 pub(crate) fn read(file: &(impl Bytes + ?Sized)) -> Result<NamedTensors, Fault> {
-    let start = file.start(MAX_PICKLES)?;
+    // How long the pickles are shows when they are run.
+    let mut len = 1 << 17;
+    loop {
+        match contents(file, &file.start(len)?) {
+            Err(Fault::CutOff(_)) if len < MAX_PICKLES.min(file.len()) => len *= 8,
+            read => return read,
+        }
+    }
+}
+
+/// The table of contents of a file that starts so.
+fn contents(file: &(impl Bytes + ?Sized), start: &[u8]) -> Result<NamedTensors, Fault> {
     let mut heap = Heap::default();
     let mut values = [Value::None; 5];
     let mut at = 0;

@@ -7,7 +7,7 @@ use crate::error::{Fault, malformed};
 use super::value::{Global, Heap, Value};
 
 /// The longest pickle that is run. SHARP's 1038 tensors take 0.3 MB.
-const MAX_LEN: usize = 32 << 20;
+pub(crate) const MAX_LEN: usize = 32 << 20;
 /// The most opcodes that are run; a tensor takes about 45, each allocates some tens of bytes.
 const MAX_STEPS: usize = 1 << 19;
 
@@ -223,7 +223,7 @@ impl<'a> Machine<'a, '_> {
                 self.at += taken.len();
                 Ok(taken)
             }
-            None => malformed!("pickle: cut off at byte {} (or above {MAX_LEN})", self.at),
+            None => Err(Fault::CutOff(self.at)),
         }
     }
 
@@ -238,7 +238,10 @@ impl<'a> Machine<'a, '_> {
         // Names are short; a missing line end must not make every opcode scan the whole file.
         let limit = rest.len().min(1024);
         let Some(len) = rest[..limit].iter().position(|&b| b == b'\n') else {
-            return malformed!("pickle: a global's name without an end");
+            return match limit == rest.len() {
+                true => Err(Fault::CutOff(self.at)),
+                false => malformed!("pickle: a global's name without an end"),
+            };
         };
         let text = self.take(len as u64)?;
         self.at += 1;
