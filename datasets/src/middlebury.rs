@@ -100,9 +100,9 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let right_name = format!("{right}.png");
     let rectification = spec.setting("rectification");
     let search = root.find_folders(4, &|folder| {
-        // A lone text beside the scenes' folders is none of theirs.
-        let calibrated = folder != root.path() && folder.join("calib.txt").is_file();
-        calibrated || PICTURES.iter().any(|name| folder.join(name).is_file())
+        // Lone texts and maps beside the scenes' folders are none of theirs.
+        (folder != root.path() && has_part(folder))
+            || PICTURES.iter().any(|name| folder.join(name).is_file())
     })?;
     let ids: Vec<String> = search.folders.iter().map(|f| root.id_of(f)).collect();
     let perfect: BTreeSet<&str> = ids
@@ -142,6 +142,18 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 }
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
+
+/// Whether a folder has a file of a scene, though perhaps in another format or with a name in capitals: such a scene is
+/// left out by name, not overlooked.
+fn has_part(folder: &Path) -> bool {
+    let names = files::list(folder).unwrap_or_default().into_iter();
+    names
+        .map(|(name, _)| name.to_ascii_lowercase())
+        .any(|name| {
+            let stem = name.split('.').next().unwrap_or_default();
+            name == "calib.txt" || matches!(stem, "im0" | "im1" | "disp0" | "disp0gt")
+        })
+}
 
 fn read_scene(
     dataset: &str,
@@ -247,7 +259,22 @@ fn physical_scene(id: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{is_training15, physical_scene};
+    use super::{has_part, is_training15, physical_scene};
+
+    #[test]
+    fn a_folder_with_any_part_of_a_scene_is_one() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["im0.PNG", "im1.jpg", "disp0GT.pfm", "calib.txt"] {
+            let folder = dir.path().join(name.replace('.', "_"));
+            std::fs::create_dir(&folder).unwrap();
+            assert!(!has_part(&folder));
+            std::fs::write(folder.join(name), "").unwrap();
+            assert!(has_part(&folder), "{name}");
+        }
+        // Of a scene's folder of other exposures.
+        std::fs::write(dir.path().join("im0e0.png"), "").unwrap();
+        assert!(!has_part(dir.path()));
+    }
 
     #[test]
     fn the_training_set_goes_by_names() {

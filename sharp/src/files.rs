@@ -4,19 +4,15 @@ use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
-/// Reads a file whole. A pipe is read until its writer ends; a device, which may never end, is refused.
+/// Reads a file whole. Pipes and devices, which may never end, are refused.
 ///
 /// # Errors
-/// The system's; one that says what else it is than a file.
+/// The system's; one that says that it is no regular file.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let kind = fs::metadata(path)?.file_type();
-    #[cfg(unix)]
-    let is_pipe = std::os::unix::fs::FileTypeExt::is_fifo(&kind);
-    #[cfg(not(unix))]
-    let is_pipe = false;
-    match kind.is_file() || kind.is_dir() || is_pipe {
+    match kind.is_file() || kind.is_dir() {
         true => fs::read(path),
-        false => Err(io::Error::other("a device, not a file")),
+        false => Err(io::Error::other("not a regular file")),
     }
 }
 
@@ -48,7 +44,7 @@ mod tests {
     #[test]
     fn what_never_ends_is_refused() {
         let zero = Path::new("/dev/zero");
-        assert!(read(zero).unwrap_err().to_string().contains("device"));
+        assert!(read(zero).unwrap_err().to_string().contains("regular"));
         assert!(read_text(zero).is_err() && open_regular(zero).is_err());
         assert!(open_regular(Path::new("/")).is_err());
         let file = tempfile::NamedTempFile::new().unwrap();

@@ -198,5 +198,23 @@ fn colours_that_a_file_does_not_explain_are_asked_for() {
         report.out
     );
     assert!(page.contains("Source PSNR"));
+    // What is dropped is said.
+    let mut still = crate::render_scene::gaussians();
+    still.quaternions[3] = [0.0; 4];
+    for view in 0..4 {
+        let file = dir.path().join(format!("g/S/seed0/view_{view:02}.ply"));
+        crate::render_scene::write(&file, still.clone());
+    }
+    let dropped = evaluate("").ends_with(0);
+    let words = "1 of its Gaussians have a quaternion of zero";
+    assert!(dropped.err.contains(words), "{}", dropped.err);
+    still.quaternions.fill([0.0; 4]);
+    crate::render_scene::write(&dir.path().join("moved.ply"), still);
+    let info = run(dir.path(), &["gaussians", "info", "moved.ply"]).ends_with(0);
+    assert!(
+        info.out.contains("nothing in it can be seen"),
+        "{}",
+        info.out
+    );
     evaluate(",color_space=rec709").is_error_with(&["rec709", "linear srgb"]);
 }

@@ -48,7 +48,7 @@ pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
     }
     if !results.missing.is_empty() {
         output::remark(format!(
-            "note: the run has not ended: {} are missing",
+            "note: the run has not ended; missing: {}",
             counted(results.missing.len(), "unit")
         ));
     }

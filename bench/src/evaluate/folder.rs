@@ -371,9 +371,12 @@ fn lock(root: &Path) -> Result<(File, bool), FileError> {
     let path = root.join(".lock");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
-    // A planted link would make another file, elsewhere.
+    // A planted link would make another file, elsewhere; a planted pipe would wait for a reader.
     #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NOFOLLOW);
+    std::os::unix::fs::OpenOptionsExt::custom_flags(
+        &mut options,
+        libc::O_NOFOLLOW | libc::O_NONBLOCK,
+    );
     let file = options.open(&path);
     let file = file.map_err(FileError::new(&path, "create"))?;
     match file.try_lock() {

@@ -14,7 +14,7 @@ use sharp_metrics::{Picture, psnr};
 
 use super::record::Record;
 use super::render::{placed, surface_depth};
-use crate::methods::{GaussianPrediction, GaussianSpace, Privilege};
+use crate::methods::{GaussianPrediction, GaussianSpace, Privilege, UNUSABLE};
 use crate::pairs::PosedCamera;
 use crate::pairs::depth::median_depth_m;
 use crate::rendering::SharedRenderer;
@@ -126,9 +126,18 @@ pub(super) fn check_source(
     Ok(extras)
 }
 
-/// What is odd about the Gaussians behind a record, in one sentence, with the reading that fits best.
+/// What is odd about the Gaussians behind a record, in one line, with the reading that fits best.
 pub fn doubt(record: &Record, privilege: Privilege) -> Option<String> {
     let extra = |name: &str| record.extras.get(name).copied();
+    let mut doubts = Vec::new();
+    for (name, what) in UNUSABLE {
+        if let Some(count) = extra(name) {
+            let source = &record.source;
+            doubts.push(format!(
+                "{count} of its Gaussians {what} and are not drawn ({source})"
+            ));
+        }
+    }
     let psnr = extra(SOURCE_PSNR);
     let best_of = |readings: &'static [Reading]| {
         let found = readings.iter().filter_map(|r| Some((extra(r.extra)?, r)));
@@ -151,24 +160,25 @@ pub fn doubt(record: &Record, privilege: Privilege) -> Option<String> {
             record.source
         );
         if !readings.is_empty() {
-            return Some(format!("{shown}; {}: {best:.2} dB", readings.join(" and ")));
-        }
-        if psnr < UNRELATED {
-            return Some(format!(
-                "{shown}; no other frame or colour space that was tried shows it better: the source camera's space, OpenCV \
-                 axes, metres, is needed"
+            doubts.push(format!("{shown}; {}: {best:.2} dB", readings.join(" and ")));
+        } else if psnr < UNRELATED {
+            doubts.push(format!(
+                "{shown}, and no other frame or colour space that was tried shows it better"
             ));
         }
     }
-    let ratio = extra(SOURCE_DEPTH)? / record.median_depth_m?;
-    let is_metric = (UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio);
-    (!is_metric && privilege == Privilege::None).then(|| {
-        format!(
+    let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
+    if let Some(ratio) = depths.map(|(seen, true_depth)| seen / true_depth)
+        && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
+        && privilege == Privilege::None
+    {
+        doubts.push(format!(
             "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({}): metres are needed, or \
              `depth=privileged` scales them",
             record.source
-        )
-    })
+        ));
+    }
+    (!doubts.is_empty()).then(|| doubts.join("; "))
 }
 
 #[cfg(test)]
@@ -262,6 +272,7 @@ mod tests {
             scales: vec![[30.0; 3]; round.len()],
             ..mapped(&round, millimetres)
         };
+        let in_millimetres_too = in_millimetres.clone();
         let in_normalized = Gaussians {
             scales: vec![[0.06, 0.075, 0.03]; round.len()],
             ..mapped(&round, normalized)
@@ -278,6 +289,11 @@ mod tests {
             ),
             (in_millimetres, "1000.000 times as far"),
             (recolored(&round, |_| 0.9), "no other frame"),
+            // One doubt does not hide another.
+            (
+                recolored(&in_millimetres_too, |_| 0.9),
+                "shows it better; its Gaussians lie 1000.000 times",
+            ),
         ] {
             let said = doubt_about(gaussians).unwrap_or_default();
             assert!(said.contains(words), "{words}: {said}");
@@ -293,5 +309,11 @@ mod tests {
         assert_eq!(doubt(&record, Privilege::DepthScale), None);
         record.median_depth_m = None;
         assert_eq!(doubt(&record, Privilege::None), None);
+        record.extras.insert("zero_quaternions".to_owned(), 3.0);
+        let said = doubt(&record, Privilege::None).unwrap();
+        assert!(
+            said.contains("3 of its Gaussians have a quaternion of zero"),
+            "{said}"
+        );
     }
 }

@@ -1,6 +1,5 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use sharp::ply::{ColorSpace, UnknownColorSpace};
@@ -14,12 +13,18 @@ use crate::io::gaussian_files::GaussianFile;
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
+/// The extras of a file that count what the renderer drops, and what is wrong with those.
+pub const UNUSABLE: [(&str, &str); 2] = [
+    ("not_finite", "hold values that are not finite"),
+    ("zero_quaternions", "have a quaternion of zero"),
+];
+
 /// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids).
 ///
 /// The Gaussians lie in the source's camera space, metres, OpenCV axes: what `sharp predict` and
 /// `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and intrinsics place and
 /// render them. Colours of a PLY that does not say how they are encoded need `color_space=`. Gaussians that are not finite
-/// are dropped, and counted in the extra `not_finite`.
+/// or have a quaternion of zero are dropped, counted in the extras `not_finite` and `zero_quaternions`, and warned about.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
@@ -93,15 +98,22 @@ impl PredictGaussians for GaussianFiles {
         let scene = gaussian_files::read(&path, self.color_space);
         let GaussianFile { gaussians, .. } =
             scene.map_err(|error| MethodError::Model(error.to_string()))?;
-        let not_finite = (0..gaussians.len()).filter(|&k| !gaussians.is_finite(k));
-        let not_finite = not_finite.count();
-        if not_finite == gaussians.len() {
+        let finite: Vec<usize> = (0..gaussians.len())
+            .filter(|&k| gaussians.is_finite(k))
+            .collect();
+        if finite.is_empty() {
             return Err(MethodError::file(&path, "it holds no finite Gaussian"));
         }
-        let mut extras = BTreeMap::new();
-        if not_finite > 0 {
-            extras.insert("not_finite".to_owned(), not_finite as f64);
-        }
+        let zero = finite
+            .iter()
+            .filter(|&&k| gaussians.quaternions[k] == [0.0; 4]);
+        let unusable = [gaussians.len() - finite.len(), zero.count()];
+        let names = UNUSABLE.map(|(name, _)| name.to_owned());
+        let counts = names
+            .into_iter()
+            .zip(unusable)
+            .filter(|(_, count)| *count > 0);
+        let extras = counts.map(|(name, count)| (name, count as f64)).collect();
         Ok(GaussianPrediction {
             gaussians,
             space: GaussianSpace::Camera,

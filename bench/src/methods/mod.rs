@@ -22,6 +22,7 @@ pub mod sharp;
 pub mod spec;
 pub mod trivial;
 
+pub use gaussians::UNUSABLE;
 pub use kinds::{KINDS, MethodKind, build};
 pub use method::{
     Approach, Candidate, Closure, GaussianPrediction, GaussianSpace, Method, MethodError,

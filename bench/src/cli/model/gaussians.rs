@@ -111,6 +111,8 @@ struct Info {
     /// SHARP writes two layers of equal size, one after the other.
     per_layer: Option<usize>,
     not_finite: usize,
+    /// They name no rotation.
+    zero_quaternions: usize,
     below_visibility: usize,
     /// `None` where the file does not say.
     color_space: Option<String>,
@@ -136,6 +138,7 @@ const PLAUSIBLE_DEPTH: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 fn describe(scene: &GaussianScene) -> Info {
     let Gaussians {
         means,
+        quaternions,
         scales,
         opacities,
         ..
@@ -146,6 +149,13 @@ fn describe(scene: &GaussianScene) -> Info {
     let behind = means.iter().filter(|m| m[2] <= 0.0).count() as f64 / n.max(1) as f64;
     let median = depth.as_ref().map(|depth| depth.quantiles[3]);
     let mut implausible = Vec::new();
+    let visible = (0..n).filter(|&k| {
+        let rotation = scene.gaussians.quaternions[k];
+        scene.gaussians.is_finite(k) && rotation != [0.0; 4] && opacities[k] >= 1.0 / 255.0
+    });
+    if visible.count() == 0 {
+        implausible.push("nothing in it can be seen".to_owned());
+    }
     if behind > 0.1 {
         implausible.push(format!(
             "{:.0} % lie behind the camera: OpenGL axes, or a space that is not the camera's?",
@@ -161,6 +171,7 @@ fn describe(scene: &GaussianScene) -> Info {
         gaussians: n,
         per_layer: (scene.version.is_some() && n > 0 && n.is_multiple_of(2)).then_some(n / 2),
         not_finite: (0..n).filter(|&k| !scene.gaussians.is_finite(k)).count(),
+        zero_quaternions: quaternions.iter().filter(|q| **q == [0.0; 4]).count(),
         below_visibility: opacities.iter().filter(|&&o| o < 1.0 / 255.0).count(),
         color_space: scene.color_space.map(|space| space.to_string()),
         // 3 ((d + 1)² − 1) coefficients besides the constant one.
@@ -198,6 +209,10 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
     output::line(format!(
         "not finite       {} (the renderer drops them)",
         info.not_finite
+    ))?;
+    output::line(format!(
+        "quaternion zero  {} (dropped too)",
+        info.zero_quaternions
     ))?;
     output::line(format!(
         "opacity < 1/255  {} (never visible)",
