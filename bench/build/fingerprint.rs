@@ -48,6 +48,21 @@ const PICTURES: &[&str] = &[
     "bench/src/io/pictures.rs",
     "metrics/src/resize",
 ];
+/// From Gaussians to scored pictures, and what is recorded of their source.
+const RENDERING: &[&str] = &[
+    "bench/src/evaluate/prediction_file.rs",
+    "bench/src/evaluate/render.rs",
+    "bench/src/evaluate/source_check.rs",
+    "bench/src/rendering/shared.rs",
+    "bench/src/pairs/alignment.rs",
+    "bench/src/pairs/depth/mod.rs",
+    "bench/src/pairs/valid_depth.rs",
+    "metrics/src/psnr.rs",
+    "sharp/src/render",
+    "sharp/src/camera.rs",
+    "sharp/src/color.rs",
+    "sharp/src/gaussians.rs",
+];
 /// What all metrics stand on.
 const SCORING: &[&str] = &[
     "bench/src/scoring",
@@ -124,35 +139,8 @@ pub(crate) const GROUPS: [SourceGroup; 13] = [
         &[PICTURES],
         READERS,
     ),
-    group(
-        "RENDER_CPU",
-        &[
-            "bench/src/evaluate/prediction_file.rs",
-            "bench/src/evaluate/render.rs",
-            "sharp/src/render",
-            "sharp/src/camera.rs",
-            "sharp/src/color.rs",
-            "sharp/src/gaussians.rs",
-            "bench/src/pairs/alignment.rs",
-        ],
-        &[],
-        &["glam", "rayon"],
-    ),
-    group(
-        "RENDER_WGPU",
-        &[
-            "bench/src/evaluate/prediction_file.rs",
-            "bench/src/evaluate/render.rs",
-            "sharp/src/render",
-            "sharp/src/camera.rs",
-            "sharp/src/color.rs",
-            "sharp/src/gaussians.rs",
-            "bench/src/pairs/alignment.rs",
-            "shaders",
-        ],
-        &[],
-        &["glam", "wgpu"],
-    ),
+    group("RENDER_CPU", &[], &[RENDERING], &["glam", "rayon"]),
+    group("RENDER_WGPU", &["shaders"], &[RENDERING], &["glam", "wgpu"]),
     group("PSNR", &["metrics/src/psnr.rs"], &[SCORING], &[]),
     group("SSIM", &["metrics/src/ssim"], &[SCORING], &[]),
     group(
