@@ -11,7 +11,7 @@ use sharp_statistics::NoInference;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
-use crate::compare::{CompareError, Comparison, Practical, Row, compare, verdict_word};
+use crate::compare::{CompareError, Practical, RunComparison, ScoreChange, compare, verdict_word};
 use crate::io::counts::counted;
 use crate::report::tables::shown;
 
@@ -132,9 +132,9 @@ const HEADS: [&str; 11] = [
     "B is",
 ];
 
-fn print(comparison: &Comparison) -> anyhow::Result<()> {
+fn print(comparison: &RunComparison) -> anyhow::Result<()> {
     let groups = comparison.rows.chunk_by(|one, other| {
-        let key = |row: &Row| {
+        let key = |row: &ScoreChange| {
             (
                 row.method_a.clone(),
                 row.method_b.clone(),
@@ -175,7 +175,7 @@ fn print(comparison: &Comparison) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn cells(row: &Row) -> [String; 11] {
+fn cells(row: &ScoreChange) -> [String; 11] {
     // One decimal more than single scores: means of many are compared.
     let decimals = row.decimals + 1;
     let number = |value: f64| shown(value, decimals);
@@ -205,7 +205,7 @@ fn cells(row: &Row) -> [String; 11] {
 }
 
 /// What a row of numbers does not say.
-fn remarks(row: &Row) -> Vec<String> {
+fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;
     match row.basis {

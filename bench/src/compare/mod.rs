@@ -11,7 +11,7 @@ use sharp_metrics::{Family, MetricKey};
 use sharp_statistics::{NoInference, Resampling, Verdict};
 
 use crate::evaluate::join::{join_results, label_under};
-use crate::evaluate::manifest::{Manifest, RendererRecord};
+use crate::evaluate::manifest::Manifest;
 use crate::evaluate::record::Record;
 use crate::evaluate::{EvaluateError, Named, Results};
 use crate::io::counts::counted;
@@ -70,7 +70,7 @@ impl Practical {
 
 /// One metric of two methods on one dataset. Differences are B − A; what is not finite, or not known, is null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
+pub struct ScoreChange {
     /// Its name, or [`ALL`].
     pub dataset: String,
     /// Key without the region.
@@ -127,9 +127,9 @@ fn word<S: serde::Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok,
 
 /// What two runs say against each other.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
+pub struct RunComparison {
     /// By methods, metric, and dataset, as in the runs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ScoreChange>,
     /// What is worth knowing and refuses nothing, one line each.
     pub notes: Vec<String>,
     /// What random numbers it stands on.
@@ -147,7 +147,7 @@ pub fn compare(
     b: &Path,
     methods: &[(String, String)],
     practical: &Practical,
-) -> Result<Comparison, CompareError> {
+) -> Result<RunComparison, CompareError> {
     let unlike = |difference: String| CompareError::Unlike {
         a: a.to_owned(),
         b: b.to_owned(),
@@ -155,7 +155,7 @@ pub fn compare(
     };
     let [of_a, of_b] = [Results::read(a)?, Results::read(b)?];
     let manifests = [of_a.manifest.clone(), of_b.manifest.clone()];
-    if let Some(difference) = renderer_difference(&manifests) {
+    if let Some(difference) = backend_difference(&manifests) {
         return Err(unlike(difference));
     }
     let named = |name: &str, path: &Path| Named {
@@ -190,52 +190,29 @@ pub fn compare(
             if of_metric.is_empty() {
                 notes.push(format!("{} is in one of the runs only", metric.info.key));
             }
-            rows.extend(of_metric.into_iter().map(|row| Row {
+            rows.extend(of_metric.into_iter().map(|row| ScoreChange {
                 method_a: method_a.clone(),
                 method_b: method_b.clone(),
                 ..row
             }));
         }
     }
-    Ok(Comparison {
+    Ok(RunComparison {
         rows,
         notes,
         resampling,
     })
 }
 
-/// Backends of the CPU differ by the class of their kernels only, which moves no score that anyone sees.
-fn renderer_difference([a, b]: &[Manifest; 2]) -> Option<String> {
-    let (a, b) = (&a.renderer, &b.renderer);
-    let cpu = |renderer: &RendererRecord| renderer.backend.starts_with("cpu-");
-    let backend = |renderer: &RendererRecord| match cpu(renderer) {
+/// Backends of the CPU differ by the class of their kernels only, which moves no score that anyone sees. Every other
+/// setting is compared where the results are joined.
+fn backend_difference([a, b]: &[Manifest; 2]) -> Option<String> {
+    let kind = |manifest: &Manifest| match manifest.renderer.backend.starts_with("cpu-") {
         true => "cpu".to_owned(),
-        false => renderer.backend.clone(),
+        false => manifest.renderer.backend.clone(),
     };
-    let facts = [
-        ("the renderer", backend(a), backend(b)),
-        (
-            "the nearest depth drawn",
-            a.near.to_string(),
-            b.near.to_string(),
-        ),
-        (
-            "the farthest depth drawn",
-            a.far.to_string(),
-            b.far.to_string(),
-        ),
-        ("eps2d", a.eps2d.to_string(), b.eps2d.to_string()),
-        ("the background", a.background.clone(), b.background.clone()),
-        (
-            "the rounding to 8 bit",
-            a.quantization.clone(),
-            b.quantization.clone(),
-        ),
-    ];
-    let mut different = facts.into_iter().filter(|(_, a, b)| a != b);
-    different
-        .next()
-        .map(|(what, a, b)| format!("{what} is \"{a}\" in one and \"{b}\" in the other"))
+    let (a, b) = (kind(a), kind(b));
+    (a != b).then(|| format!("the renderer is \"{a}\" in one and \"{b}\" in the other"))
 }
 
 fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {

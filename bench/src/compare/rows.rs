@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
 
-use super::{ALL, Practical, Row};
+use super::{ALL, Practical, ScoreChange};
 use crate::evaluate::record::{Record, Score};
 
 /// Records of two methods by pair.
@@ -35,7 +35,7 @@ impl<'a> Sides<'a> {
         metric: &MetricInfo,
         practical: &Practical,
         resampling: Resampling,
-    ) -> Vec<Row> {
+    ) -> Vec<ScoreChange> {
         let key = metric.key.to_string();
         let datasets = datasets.iter().filter_map(|&name| {
             let of_dataset = |record: &&&Record| record.dataset == name;
@@ -81,7 +81,7 @@ impl<'a> Sides<'a> {
             let count = |of: fn(&Clusters) -> usize| group.iter().map(|c| of(c)).sum();
             let found = inference.as_ref().ok();
             let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
-            Row {
+            ScoreChange {
                 dataset: (*name).to_owned(),
                 metric: MetricKey::whole(metric.key.metric()).to_string(),
                 region: metric.key.region(),

@@ -41,7 +41,7 @@ fn sides<'a>(a: &'a [Record], b: &'a [Record]) -> Sides<'a> {
     }
 }
 
-fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<Row> {
+fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<ScoreChange> {
     let psnr = MetricInfo::new(MetricKey::PSNR, &[]);
     sides(a, b).rows(
         datasets,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::EvaluateError;
 use super::folder::{RunFolder, RunPlan};
-use super::manifest::{Manifest, RendererRecord};
+use super::manifest::Manifest;
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
@@ -180,12 +180,9 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
         let before = a.scoring.entry(rule.clone()).or_insert(text.clone());
         differs(&rule, before, &text)?;
     }
-    let settings = |renderer: &RendererRecord| RendererRecord {
-        backend: "any".to_owned(),
-        ..renderer.clone()
-    };
-    let (before, now) = (settings(&a.renderer), settings(&b.renderer));
-    differs("the renderer", &before.to_string(), &now.to_string())?;
+    if let Some(difference) = a.renderer.setting_difference(&b.renderer) {
+        return Err(difference);
+    }
     if a.common_region || b.common_region {
         let reason = "a common region (--common-region) is that of a folder's own methods: evaluate all of them in one";
         return Err(reason.to_owned());

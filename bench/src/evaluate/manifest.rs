@@ -97,6 +97,24 @@ impl RendererRecord {
     }
 }
 
+impl RendererRecord {
+    /// The first setting besides the backend in which two renderers differ, in words.
+    pub(super) fn setting_difference(&self, other: &Self) -> Option<String> {
+        let settings = |record: &Self| {
+            [
+                ("the nearest depth drawn", record.near.to_string()),
+                ("the farthest depth drawn", record.far.to_string()),
+                ("eps2d", record.eps2d.to_string()),
+                ("the background", record.background.clone()),
+                ("the rounding to 8 bit", record.quantization.clone()),
+            ]
+        };
+        let mut pairs = settings(self).into_iter().zip(settings(other));
+        let ((what, a), (_, b)) = pairs.find(|(a, b)| a != b)?;
+        Some(format!("{what} is \"{a}\" in one and \"{b}\" in the other"))
+    }
+}
+
 impl fmt::Display for RendererRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {

@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             "interval": inference.interval,
             "p": inference.p,
             "detectable": inference.detectable(),
-            "method": format!("{:?}", inference.method),
+            "procedure": format!("{:?}", inference.procedure),
             "jackknives": jackknives.collect::<Vec<_>>(),
             "sign_flip": inference.sign_flip.map(|flips| json!({
                 "p": flips.p,

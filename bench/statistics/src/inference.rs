@@ -49,7 +49,7 @@ impl Resampling {
 
 /// What decided interval and p.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Method {
+pub enum Procedure {
     /// Student's t of the mean over the cluster jackknife's standard error.
     Jackknife,
     /// The more careful of BCa bootstrap and sign flips.
@@ -73,7 +73,7 @@ pub struct Inference {
     pub degrees_of_freedom: f64,
     pub n_pairs: usize,
     pub n_clusters: usize,
-    pub method: Method,
+    pub procedure: Procedure,
     /// What the signs alone say, which takes no normal distribution: beside the p of a dataset, with the floor below which
     /// it cannot fall. `None` for several datasets, whose own differences it would take for noise.
     pub sign_flip: Option<SignFlip>,
@@ -114,7 +114,7 @@ pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference
         mean,
         interval: (mean, mean),
         p: 1.0,
-        method: Method::SignFlips,
+        procedure: Procedure::SignFlips,
         standard_error: 0.0,
         degrees_of_freedom: f64::NAN,
         n_pairs: datasets.iter().map(|d| d.n_pairs()).sum(),
@@ -136,12 +136,12 @@ pub fn infer(datasets: &[&Clusters], resampling: Resampling) -> Result<Inference
     {
         let bootstrap = Bootstrap::new(dataset, resampling);
         let (a, b) = (bootstrap.interval(ALPHA), flips.interval(ALPHA));
-        inference.method = Method::Resampled(resampling);
+        inference.procedure = Procedure::Resampled(resampling);
         inference.interval = (a.0.min(b.0), a.1.max(b.1));
         inference.p = bootstrap.p().max(flips.p);
     } else {
         let reach = error * t_critical(ALPHA, degrees_of_freedom);
-        inference.method = Method::Jackknife;
+        inference.procedure = Procedure::Jackknife;
         inference.interval = (mean - reach, mean + reach);
         inference.p = t_two_sided(mean.abs() / error, degrees_of_freedom);
     }

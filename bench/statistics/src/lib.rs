@@ -67,7 +67,7 @@ pub use bootstrap::Bootstrap;
 pub use clusters::Clusters;
 pub use decision::{Verdict, holm, verdict};
 pub use inference::{
-    ALPHA, Inference, MANY_CLUSTERS, Method, NoInference, POWER, Resampling, infer,
+    ALPHA, Inference, MANY_CLUSTERS, NoInference, POWER, Procedure, Resampling, infer,
 };
 pub use jackknife::Jackknife;
 pub use sign_flip::SignFlip;

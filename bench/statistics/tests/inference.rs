@@ -3,7 +3,7 @@
 use rayon::ThreadPoolBuilder;
 use sharp::random::SplitMix64;
 use sharp_statistics::{
-    ALPHA, Clusters, Inference, MANY_CLUSTERS, Method, NoInference, Resampling, Verdict, holm,
+    ALPHA, Clusters, Inference, MANY_CLUSTERS, NoInference, Procedure, Resampling, Verdict, holm,
     infer, verdict,
 };
 
@@ -37,7 +37,7 @@ fn p_is_below_alpha_exactly_where_the_interval_leaves_zero_out() {
         assert_eq!(found.p < ALPHA, low > 0.0 || high < 0.0, "{found:?}");
         assert!(low <= found.mean && found.mean <= high);
         let many = sizes.len() >= MANY_CLUSTERS as usize;
-        assert_eq!(matches!(found.method, Method::Resampled(_)), many);
+        assert_eq!(matches!(found.procedure, Procedure::Resampled(_)), many);
         seen[usize::from(found.p < ALPHA)] += 1;
     }
     assert!(seen.iter().all(|count| *count > 50), "{seen:?}");
@@ -49,7 +49,10 @@ fn unequal_sizes_make_many_clusters_few() {
     sizes[0] = 400;
     let sample = Clusters::new(drawn(&sizes, 0.0, 1));
     assert!(sample.effective_clusters() < MANY_CLUSTERS);
-    assert_eq!(one(&sample).expect("many scenes").method, Method::Jackknife);
+    assert_eq!(
+        one(&sample).expect("many scenes").procedure,
+        Procedure::Jackknife
+    );
 }
 
 #[test]
@@ -114,7 +117,10 @@ fn datasets_count_equally() {
     let both = infer(&[&small, &large], Resampling::default()).expect("five scenes each");
     assert_eq!(both.mean, (small.mean() + large.mean()) / 2.0);
     assert_eq!((both.n_pairs, both.n_clusters), (260, 10));
-    assert_eq!((both.method, &both.sign_flip), (Method::Jackknife, &None));
+    assert_eq!(
+        (both.procedure, &both.sign_flip),
+        (Procedure::Jackknife, &None)
+    );
     let errors = [&small, &large].map(|d| one(d).expect("five scenes").standard_error);
     let expected = errors[0].hypot(errors[1]) / 2.0;
     assert!((both.standard_error / expected - 1.0).abs() < 1e-12);
@@ -145,7 +151,7 @@ fn threads_and_the_order_of_pairs_change_nothing() {
     };
     let other = infer(&[&sample], resampling).expect("many scenes");
     assert_ne!(found.interval, other.interval);
-    assert_eq!(other.method, Method::Resampled(resampling));
+    assert_eq!(other.procedure, Procedure::Resampled(resampling));
 }
 
 #[test]
@@ -221,7 +227,10 @@ fn clusters_that_all_move_alike_leave_the_signs() {
         }))
     };
     let many = one(&moved(7, -0.1)).expect("seven scenes");
-    assert_eq!((many.p, many.method), (2.0 / 128.0, Method::SignFlips));
+    assert_eq!(
+        (many.p, many.procedure),
+        (2.0 / 128.0, Procedure::SignFlips)
+    );
     assert!((many.mean + 0.1).abs() < 1e-12 && many.interval == (many.mean, many.mean));
     let few = one(&moved(5, -0.1)).expect("five scenes");
     assert_eq!(

@@ -12,7 +12,7 @@ const LONGEST: u64 = 4 * KEPT;
 
 /// A file that is appended to, of at most [`LONGEST`] bytes.
 #[derive(Debug)]
-pub(super) struct Log {
+pub(super) struct ProgramLog {
     file: File,
     len: u64,
     /// Left out since this was opened.
@@ -21,7 +21,7 @@ pub(super) struct Log {
     note: u64,
 }
 
-impl Log {
+impl ProgramLog {
     /// Opens a log, creating it with its folder where there is none.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         if let Some(folder) = path.parent() {
@@ -72,7 +72,7 @@ mod tests {
     fn a_flood_leaves_both_its_ends_and_how_much_was_between() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("logs/mine.log");
-        let mut log = Log::open(&path).unwrap();
+        let mut log = ProgramLog::open(&path).unwrap();
         let lines: u64 = 300_000;
         for i in 0..lines {
             log.write(format!("{i:99}\n").as_bytes()).unwrap();
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(note, format!("== at least {cut} bytes left out here =="));
 
         drop(log);
-        let mut again = Log::open(&path).unwrap();
+        let mut again = ProgramLog::open(&path).unwrap();
         for _ in 0..4 * KEPT / 6000 {
             again.write("again\n".repeat(1000).as_bytes()).unwrap();
         }

@@ -14,7 +14,7 @@ use std::time::Duration;
 use sharp_datasets::format::npy;
 use tempfile::TempDir;
 
-use self::log::Log;
+use self::log::ProgramLog;
 use self::process::{Process, Trouble};
 use self::protocol::{Answer, PairRequest, SourceFiles};
 use super::crop_and_resize::FitRules;
@@ -54,7 +54,7 @@ pub struct Command {
 #[derive(Debug, Default)]
 struct State {
     process: Option<Process>,
-    log: Option<Arc<Mutex<Log>>>,
+    log: Option<Arc<Mutex<ProgramLog>>>,
     scratch: Option<TempDir>,
     /// sha256 of the picture and depth that were written to the scratch folder, and the files as they were then.
     source: Option<(String, Vec<Option<FileStamp>>)>,
@@ -117,11 +117,11 @@ impl Command {
     }
 
     /// The log, opened when it is first needed; `None` outside of a run.
-    fn log(&self, state: &mut State) -> Result<Option<Arc<Mutex<Log>>>, MethodError> {
+    fn log(&self, state: &mut State) -> Result<Option<Arc<Mutex<ProgramLog>>>, MethodError> {
         if state.log.is_none()
             && let Some((path, _)) = self.places.get()
         {
-            let log = Log::open(path).map_err(|error| MethodError::file(path, error))?;
+            let log = ProgramLog::open(path).map_err(|error| MethodError::file(path, error))?;
             state.log = Some(Arc::new(Mutex::new(log)));
         }
         Ok(state.log.clone())

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use super::log::Log;
+use super::log::ProgramLog;
 use super::protocol::{VERSION, excerpt, no_answer};
 
 /// Bytes; a longer line is not an answer.
@@ -78,7 +78,7 @@ impl Ended {
 
 impl Process {
     /// Starts a command line by the shell, its standard error appended to a log. Errors are the bare reason.
-    pub(super) fn start(run: &str, log: Option<Arc<Mutex<Log>>>) -> Result<Self, String> {
+    pub(super) fn start(run: &str, log: Option<Arc<Mutex<ProgramLog>>>) -> Result<Self, String> {
         write_to(log.as_deref(), format!("== started: {run}\n").as_bytes());
         let (say, heard) = sync_channel(LINES_AHEAD);
         let mut child = shell(run)
@@ -274,14 +274,14 @@ fn listen(stdout: ChildStdout, say: &SyncSender<Heard>) {
 }
 
 /// A full disk must not stop the program.
-fn write_to(log: Option<&Mutex<Log>>, bytes: &[u8]) {
+fn write_to(log: Option<&Mutex<ProgramLog>>, bytes: &[u8]) {
     if let Some(log) = log {
         let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
         let _ = log.write(bytes);
     }
 }
 
-fn copy_stderr(mut stderr: impl Read, log: Option<&Mutex<Log>>, last_words: &Mutex<String>) {
+fn copy_stderr(mut stderr: impl Read, log: Option<&Mutex<ProgramLog>>, last_words: &Mutex<String>) {
     const RECENT: usize = 4096;
     let mut buffer = vec![0; 1 << 16];
     let mut recent = Vec::new();
@@ -360,7 +360,7 @@ mod tests {
     fn standard_error_goes_into_the_log() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("logs/mine.log");
-        let log = Arc::new(Mutex::new(Log::open(&path).unwrap()));
+        let log = Arc::new(Mutex::new(ProgramLog::open(&path).unwrap()));
         for word in ["one", "two"] {
             let run = format!("echo {word} >&2; cat");
             let mut process = Process::start(&run, Some(Arc::clone(&log))).unwrap();
