@@ -25,8 +25,8 @@ use crate::pairs::{Pair, PairList};
 /// Version of the layout. Older ones stay readable.
 const FORMAT: u32 = 1;
 
-/// Bytes that a member may unpack to.
-const MAX_MEMBER: u64 = 1 << 30;
+/// Bytes that a member of text may unpack to: a hundred times those of the paper's whole evaluation.
+const MAX_MEMBER: u64 = 1 << 28;
 
 /// Stands for a score that a unit does not have. No arithmetic makes this NaN.
 const ABSENT: u64 = u64::MAX;
@@ -63,8 +63,14 @@ struct UnitLine {
 /// Writes the results of a run folder into a file.
 ///
 /// # Errors
-/// When the folder cannot be read or the file not be written.
+/// When the folder cannot be read or the file not be written; also where there is a file that is no bundle.
 pub fn write_bundle(root: &Path, out: &Path) -> Result<Results, EvaluateError> {
+    if out.exists() && read_bundle(out).is_err() {
+        return Err(EvaluateError::Bundle {
+            path: out.to_owned(),
+            reason: "so it is not written over; choose another file".to_owned(),
+        });
+    }
     let results = Results::read(root)?;
     let listed = PairList::read(&RunFolder::open(root)?.pairs_path())?;
     let used: BTreeSet<&str> = results
@@ -185,35 +191,36 @@ pub(super) fn read_bundle(path: &Path) -> Result<Results, EvaluateError> {
     let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
     let mut members = ZipArchive::new(Cursor::new(bytes.as_slice()))
         .map_err(|error| unreadable(error.to_string()))?;
-    let mut member = |name: &str| -> Result<Vec<u8>, EvaluateError> {
+    let mut member = |name: &str, longest: u64| -> Result<Vec<u8>, EvaluateError> {
         let file = members.by_name(name);
         let file = file.map_err(|error| unreadable(format!("{name}: {error}")))?;
         let mut bytes = Vec::new();
-        let read = file.take(MAX_MEMBER).read_to_end(&mut bytes);
+        let read = file.take(longest).read_to_end(&mut bytes);
         read.map_err(|error| unreadable(format!("{name}: {error}")))?;
         Ok(bytes)
     };
     fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
         serde_json::from_slice(bytes).map_err(|error| error.to_string())
     }
-    let head: Head = parse(&member("bundle.json")?).map_err(unreadable)?;
+    let head: Head = parse(&member("bundle.json", MAX_MEMBER)?).map_err(unreadable)?;
     if head.format > FORMAT {
         return Err(unreadable(format!(
             "format {}; this version reads formats up to {FORMAT}",
             head.format
         )));
     }
-    let manifest: Manifest = parse(&member("manifest.json")?).map_err(unreadable)?;
-    let missing = parse(&member("missing.json")?).map_err(unreadable)?;
-    let list = PairList::parse(&path.join("pairs.csv"), &member("pairs.csv")?)?;
-    let units = member("units.jsonl")?;
+    let manifest: Manifest = parse(&member("manifest.json", MAX_MEMBER)?).map_err(unreadable)?;
+    let missing = parse(&member("missing.json", MAX_MEMBER)?).map_err(unreadable)?;
+    let list = PairList::parse(&path.join("pairs.csv"), &member("pairs.csv", MAX_MEMBER)?)?;
+    let units = member("units.jsonl", MAX_MEMBER)?;
     let lines: Vec<UnitLine> = serde_json::Deserializer::from_slice(&units)
         .into_iter()
         .collect::<Result<_, _>>()
         .map_err(|error| unreadable(format!("units.jsonl: {error}")))?;
-    let scores = member("scores.bin")?;
     let n = lines.len();
-    if scores.len() != 8 * n * manifest.metrics.len() {
+    let expected = 8 * n * manifest.metrics.len();
+    let scores = member("scores.bin", expected as u64 + 1)?;
+    if scores.len() != expected {
         return Err(unreadable(
             "scores.bin is not of its units' length".to_owned(),
         ));
