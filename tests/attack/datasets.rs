@@ -1,8 +1,10 @@
 //! Small datasets in every layout with one file spoiled.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{LazyLock, Mutex};
+
+use sharp_tests::files_below;
 
 use super::case::{Case, Verdict};
 use super::oracle::{Known, judge_run, psnr_of_files, rows};
@@ -65,7 +67,7 @@ fn put(case: &Case, format: &str) -> Vec<String> {
         .join("../tests/fuzz/datasets")
         .join(format);
     let mut names = Vec::new();
-    for path in files(&root) {
+    for path in files_below(&root) {
         let name = path.strip_prefix(&root).unwrap().display().to_string();
         if name.contains("masks") {
             continue;
@@ -82,19 +84,6 @@ fn put(case: &Case, format: &str) -> Vec<String> {
         names.push(format!("data/{name}"));
     }
     names
-}
-
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        match path.is_dir() {
-            true => found.extend(files(&path)),
-            false => found.push(path),
-        }
-    }
-    found.sort();
-    found
 }
 
 fn evaluate(case: &mut Case, format: &str) -> Result<super::case::Said, String> {

@@ -6,3 +6,22 @@ mod shared_data;
 pub mod unreliable_server;
 
 pub use shared_data::shared_data;
+
+use std::path::{Path, PathBuf};
+
+/// Every file below a folder, sorted.
+///
+/// # Panics
+/// When a folder cannot be read.
+pub fn files_below(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        match path.is_dir() {
+            true => found.extend(files_below(&path)),
+            false => found.push(path),
+        }
+    }
+    found.sort();
+    found
+}

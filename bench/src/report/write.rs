@@ -192,10 +192,10 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
     let Some(first) = foreign.next() else {
         return Ok(());
     };
-    let is_ours = match std::fs::read(out.join(PAGE)) {
+    let is_ours = match sharp::files::read(&out.join(PAGE)) {
         Ok(page) => String::from_utf8_lossy(&page).contains(MARK),
         Err(_) => {
-            let list = std::fs::read_to_string(out.join(LIST)).unwrap_or_default();
+            let list = sharp::files::read_text(&out.join(LIST)).unwrap_or_default();
             [PAGE, MARKDOWN]
                 .iter()
                 .all(|name| list.lines().any(|line| line == *name))
@@ -212,7 +212,7 @@ fn check_folder(out: &Path) -> Result<(), FileError> {
 
 /// The names in the list of an earlier report; only such as a report can have written.
 fn listed_earlier(list: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(list).unwrap_or_default();
+    let text = sharp::files::read_text(list).unwrap_or_default();
     let ours = |name: &&str| {
         !name.contains("..")
             && FOLDERS.iter().any(|folder| {
