@@ -67,7 +67,7 @@ fn put(case: &Case, format: &str) -> Vec<String> {
         .join("../tests/fuzz/datasets")
         .join(format);
     let mut names = Vec::new();
-    for path in files_below(&root) {
+    for path in files_below(&root).unwrap() {
         let name = path.strip_prefix(&root).unwrap().display().to_string();
         if name.contains("masks") {
             continue;

@@ -62,7 +62,7 @@ fn a_report_writes_into_its_own_folder_alone() {
     for (name, text) in foreign {
         assert_eq!(read(dir.join(name)), text, "{name}");
     }
-    assert_eq!(files_below(&dir.join("notes")).len(), 1);
+    assert_eq!(files_below(&dir.join("notes")).unwrap().len(), 1);
 
     // Its own: empty, begun, finished, with what someone put beside it.
     std::fs::create_dir(dir.join("own")).unwrap();
@@ -82,7 +82,7 @@ fn a_report_shows_the_pictures_that_were_scored() {
     let page = || read(dir.join("r/report/index.html"));
     sharp_bench(dir, &["report", "r"]).ends_with(0);
     let shown = page().matches("<img src=").count();
-    let kept = files_below(&dir.join("r/predictions"));
+    let kept = files_below(&dir.join("r/predictions")).unwrap();
     // Of the same size, and a picture: only its bytes tell.
     let black = image::RgbImage::new(48, 36);
     black.save(&kept[0]).unwrap();
@@ -158,7 +158,7 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
     image::RgbImage::new(48, 36)
         .save(dir.join("secret.png"))
         .unwrap();
-    let unit = files_below(&dir.join("r/units"))[0].clone();
+    let unit = files_below(&dir.join("r/units")).unwrap()[0].clone();
     let honest: Unit = serde_json::from_str(&read(&unit)).unwrap();
     let plant = |unit: &Unit, name: &str| {
         let path = dir.join("r/units/00").join(format!("{name}.json"));
@@ -243,6 +243,7 @@ fn what_a_killed_run_left_goes_at_the_next_start() {
     run(dir, &["--method", "copy"]).ends_with(0);
     assert_eq!(left(), 0);
     let half: Vec<PathBuf> = files_below(&root)
+        .unwrap()
         .into_iter()
         .filter(|path| path.display().to_string().contains(".partial-"))
         .collect();
@@ -287,7 +288,7 @@ fn a_bomb_is_refused_before_it_is_decoded() {
     let dir = finished();
     let dir = dir.path();
     let path = "r/predictions/copy/S/seed0";
-    let kept = files_below(&dir.join(path))[0].clone();
+    let kept = files_below(&dir.join(path)).unwrap()[0].clone();
     std::fs::write(dir.join("bomb.png"), bomb()).unwrap();
     let kept = kept.display().to_string();
     for files in [["bomb.png", &kept], [&kept, "bomb.png"]] {

@@ -11,17 +11,17 @@ use std::path::{Path, PathBuf};
 
 /// Every file below a folder, sorted.
 ///
-/// # Panics
+/// # Errors
 /// When a folder cannot be read.
-pub fn files_below(folder: &Path) -> Vec<PathBuf> {
+pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
         match path.is_dir() {
-            true => found.extend(files_below(&path)),
+            true => found.extend(files_below(&path)?),
             false => found.push(path),
         }
     }
     found.sort();
-    found
+    Ok(found)
 }
