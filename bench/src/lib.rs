@@ -8,8 +8,8 @@
 //! * [`scoring`]: predictions against the truth.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`evaluate`]: the core: prepare, run, read results.
-//! * [`compare`]: two runs, pair by pair, and whether chance could have made the difference.
 //! * [`report`]: tables, plots and a browsable page from results.
+//! * [`track`]: two runs compared, a gate between them, and runs over time.
 //! * [`export`]: what foreign methods are given, as files.
 //! * [`pictures`]: two pictures or two folders, compared.
 //! * [`analyze`]: the paper's explanatory experiments.
@@ -17,7 +17,6 @@
 
 pub mod analyze;
 pub mod cli;
-pub mod compare;
 pub mod evaluate;
 pub mod export;
 pub mod io;
@@ -27,3 +26,4 @@ pub mod pictures;
 pub mod rendering;
 pub mod report;
 pub mod scoring;
+pub mod track;

@@ -11,9 +11,11 @@ use sharp_statistics::NoInference;
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
-use crate::compare::{CompareError, Practical, RunComparison, ScoreChange, compare, verdict_word};
 use crate::io::counts::counted;
 use crate::report::tables::shown;
+use crate::track::compare::{
+    CompareError, Practical, RunComparison, ScoreChange, compare, verdict_word,
+};
 
 /// Compare two runs pair by pair: means, intervals, significance
 ///

@@ -1,12 +1,17 @@
-//! The rows of a metric: one a dataset, one over all.
+//! The rows of a metric: one a dataset, one over all; and what they are made of.
 
 use std::collections::BTreeMap;
 
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
 
-use super::{ALL, Practical, ScoreChange};
+use super::{ALL, PairChange, Practical, ScoreChange};
 use crate::evaluate::record::{Record, Score};
+
+/// The sample that statistics take.
+pub(super) fn clusters<'c, 'a: 'c>(changes: impl Iterator<Item = &'c PairChange<'a>>) -> Clusters {
+    Clusters::new(changes.map(|change| (change.a.cluster.as_str(), change.scores)))
+}
 
 /// Records of two methods by pair.
 pub(super) struct Sides<'a> {
@@ -28,6 +33,23 @@ impl<'a> Sides<'a> {
         ))
     }
 
+    /// The pairs with a score on both sides, by id.
+    pub(super) fn changes(&self, metric: &MetricInfo) -> Vec<PairChange<'a>> {
+        let key = metric.key.to_string();
+        let score = |record: &Record| record.scores.get(&key).and_then(Score::value);
+        let scored = self.both().filter_map(|(a, b)| {
+            let scores = [score(a)?, score(b)?];
+            let [before, after] = scores;
+            let loss = match metric.direction {
+                _ if before == after => 0.0,
+                Direction::Higher => before - after,
+                Direction::Lower => after - before,
+            };
+            Some(PairChange { a, b, scores, loss })
+        });
+        scored.collect()
+    }
+
     /// One row a dataset that has scores on both sides, and one over all where there are several.
     pub(super) fn rows(
         &self,
@@ -36,7 +58,7 @@ impl<'a> Sides<'a> {
         practical: &Practical,
         resampling: Resampling,
     ) -> Vec<ScoreChange> {
-        let key = metric.key.to_string();
+        let changes = self.changes(metric);
         let datasets = datasets.iter().filter_map(|&name| {
             let of_dataset = |record: &&&Record| record.dataset == name;
             let in_a = self.a.values().filter(of_dataset).count();
@@ -49,11 +71,8 @@ impl<'a> Sides<'a> {
                     .map(|(_, record)| record)
                     .filter(of_dataset)
                     .count();
-            let score = |record: &Record| record.scores.get(&key).and_then(Score::value);
-            let pairs = self.both().filter(|(a, _)| a.dataset == name);
-            let scored =
-                pairs.filter_map(|(a, b)| Some((a.cluster.as_str(), [score(a)?, score(b)?])));
-            let clusters = Clusters::new(scored);
+            let of_dataset = changes.iter().filter(|change| change.a.dataset == name);
+            let clusters = clusters(of_dataset);
             (clusters.n_pairs() > 0).then(|| (name, known - clusters.n_pairs(), clusters))
         });
         let datasets: Vec<(&str, usize, Clusters)> = datasets.collect();

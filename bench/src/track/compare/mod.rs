@@ -1,5 +1,6 @@
 //! Two runs, or two methods of one, pair by pair: what changed, and whether chance could have done it.
 
+pub mod breakdown;
 mod rows;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
-use sharp_metrics::{Family, MetricKey};
+use sharp_metrics::{Family, MetricInfo, MetricKey};
 use sharp_statistics::{NoInference, Resampling, Verdict};
 
 use crate::evaluate::join::{join_results, label_under};
@@ -125,15 +126,60 @@ fn word<S: serde::Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok,
     serializer.serialize_str(verdict_word(*verdict))
 }
 
+/// A method of A and the one of B that stands against it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Against {
+    /// Label in run A.
+    pub a: String,
+    /// Label in run B.
+    pub b: String,
+    /// Labels in [`RunComparison::results`].
+    pub joined: [String; 2],
+}
+
 /// What two runs say against each other.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct RunComparison {
+    pub against: Vec<Against>,
     /// By methods, metric, and dataset, as in the runs.
     pub rows: Vec<ScoreChange>,
     /// What is worth knowing and refuses nothing, one line each.
     pub notes: Vec<String>,
     /// What random numbers it stands on.
     pub resampling: Resampling,
+    /// Both runs as one.
+    pub results: Results,
+}
+
+/// A pair with a score on both sides.
+#[derive(Debug, Clone, Copy)]
+pub struct PairChange<'a> {
+    pub a: &'a Record,
+    pub b: &'a Record,
+    /// Of A and of B.
+    pub scores: [f64; 2],
+    /// By how much B is worse, in the metric's unit; below zero it is better, zero also where both are equally infinite.
+    pub loss: f64,
+}
+
+impl RunComparison {
+    /// The pairs of a metric that have a score on both sides, worst first; equal ones by id. NaN is worse than any number.
+    pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
+        let mut changes = self.sides(against).changes(metric);
+        changes.sort_by(|one, other| {
+            let by_loss = other.loss.total_cmp(&one.loss);
+            by_loss.then_with(|| one.a.pair_id.cmp(&other.a.pair_id))
+        });
+        changes
+    }
+
+    fn sides(&self, against: &Against) -> Sides<'_> {
+        let [a, b] = &against.joined;
+        Sides {
+            a: of_method(&self.results, a),
+            b: of_method(&self.results, b),
+        }
+    }
 }
 
 /// Compares run B with run A. `methods` are labels `(in A, in B)`; without any, methods of equal label stand against each
@@ -165,43 +211,53 @@ pub fn compare(
     // Refuses what is scored otherwise.
     let results = join_results([(named("a", a), of_a), (named("b", b), of_b)])?;
     let [labels_a, labels_b] = [("a", &manifests[0]), ("b", &manifests[1])].map(side_labels);
-    let chosen = chosen_methods(methods, &labels_a, &labels_b)?;
-
-    let mut notes = notes(&manifests);
-    let resampling = Resampling::default();
-    let datasets = results.manifest.datasets.iter();
-    let datasets: Vec<&str> = datasets.map(|dataset| dataset.name.as_str()).collect();
-    let mut rows = Vec::new();
-    for (method_a, method_b) in &chosen {
-        let sides = Sides {
-            a: of_method(&results, &labels_a[method_a]),
-            b: of_method(&results, &labels_b[method_b]),
-        };
-        let planned =
-            [&labels_a[method_a], &labels_b[method_b]].map(|label| planned_pairs(&results, label));
-        if let Some(difference) = pair_difference(&planned) {
-            return Err(unlike(difference));
-        }
-        if let Some(difference) = sides.region_difference() {
-            return Err(unlike(difference));
-        }
-        for metric in &results.manifest.metrics {
-            let of_metric = sides.rows(&datasets, &metric.info, practical, resampling);
-            if of_metric.is_empty() {
-                notes.push(format!("{} is in one of the runs only", metric.info.key));
-            }
-            rows.extend(of_metric.into_iter().map(|row| ScoreChange {
-                method_a: method_a.clone(),
-                method_b: method_b.clone(),
-                ..row
-            }));
-        }
+    let against = chosen_methods(methods, &labels_a, &labels_b)?;
+    let mut comparison = RunComparison {
+        against,
+        rows: Vec::new(),
+        notes: notes(&manifests),
+        resampling: Resampling::default(),
+        results,
+    };
+    for against in comparison.against.clone() {
+        let (rows, notes) = rows(&comparison, &against, practical).map_err(unlike)?;
+        comparison.rows.extend(rows);
+        comparison.notes.extend(notes);
     }
-    Ok(RunComparison {
-        rows,
-        notes,
-        resampling,
-    })
+    Ok(comparison)
+}
+
+/// Of two methods, with notes. The error is a difference that forbids it.
+fn rows(
+    comparison: &RunComparison,
+    against: &Against,
+    practical: &Practical,
+) -> Result<(Vec<ScoreChange>, Vec<String>), String> {
+    let manifest = &comparison.results.manifest;
+    let datasets = manifest.datasets.iter();
+    let datasets: Vec<&str> = datasets.map(|dataset| dataset.name.as_str()).collect();
+    let sides = comparison.sides(against);
+    let [a, b] = &against.joined;
+    let planned = [a, b].map(|label| planned_pairs(&comparison.results, label));
+    if let Some(difference) = pair_difference(&planned) {
+        return Err(difference);
+    }
+    if let Some(difference) = sides.region_difference() {
+        return Err(difference);
+    }
+    let (mut rows, mut notes) = (Vec::new(), Vec::new());
+    for metric in &manifest.metrics {
+        let of_metric = sides.rows(&datasets, &metric.info, practical, comparison.resampling);
+        if of_metric.is_empty() {
+            notes.push(format!("{} is in one of the runs only", metric.info.key));
+        }
+        rows.extend(of_metric.into_iter().map(|row| ScoreChange {
+            method_a: against.a.clone(),
+            method_b: against.b.clone(),
+            ..row
+        }));
+    }
+    Ok((rows, notes))
 }
 
 /// Backends of the CPU differ by the class of their kernels only, which moves no score that anyone sees. Every other
@@ -245,7 +301,12 @@ fn chosen_methods(
     asked: &[(String, String)],
     a: &BTreeMap<String, String>,
     b: &BTreeMap<String, String>,
-) -> Result<Vec<(String, String)>, CompareError> {
+) -> Result<Vec<Against>, CompareError> {
+    let against = |old: &str, new: &str| Against {
+        a: old.to_owned(),
+        b: new.to_owned(),
+        joined: [a[old].clone(), b[new].clone()],
+    };
     let known = |labels: &BTreeMap<String, String>| {
         let labels: Vec<&str> = labels.keys().map(String::as_str).collect();
         labels.join(", ")
@@ -259,12 +320,13 @@ fn chosen_methods(
         return Err(CompareError::Methods(reason));
     }
     if !asked.is_empty() {
-        return Ok(asked.to_vec());
+        let asked = asked.iter().map(|(old, new)| against(old, new));
+        return Ok(asked.collect());
     }
     let common = a.keys().filter(|label| b.contains_key(*label));
-    let mut chosen: Vec<_> = common.map(|label| (label.clone(), label.clone())).collect();
+    let mut chosen: Vec<_> = common.map(|label| against(label, label)).collect();
     if let (true, Some(old), Some(new)) = (chosen.is_empty(), only(a), only(b)) {
-        chosen.push((old.clone(), new.clone()));
+        chosen.push(against(old, new));
     }
     if chosen.is_empty() {
         let reason = format!(

@@ -1,0 +1,187 @@
+//! Where a change is: the pairs of each dataset by scene, and by bins of how far the camera moved.
+//!
+//! Descriptive: intervals are those of the part alone, at 95 %, and are not corrected for how many parts there are. Whether
+//! a change is significant is the business of the [rows](super::ScoreChange).
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use sharp_metrics::identity::MetricRegion;
+use sharp_metrics::{MetricInfo, MetricKey};
+use sharp_statistics::infer;
+
+use super::rows::clusters;
+use super::{Against, PairChange, RunComparison};
+use crate::evaluate::record::Record;
+use crate::report::plots::scale::Step;
+
+/// Bins of a quantity at most.
+const BINS: usize = 5;
+
+/// What pairs are told apart by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Division {
+    Scene,
+    /// Distance of the camera centres, metres.
+    BaselineM,
+    /// Angle between the cameras, degrees.
+    RotationDeg,
+    /// Share of the target that the source sees, 0..1.
+    Overlap,
+    /// Baseline over the target's median depth.
+    RelativeMotion,
+}
+
+impl Division {
+    pub const ALL: [Self; 5] = [
+        Self::Scene,
+        Self::BaselineM,
+        Self::RotationDeg,
+        Self::Overlap,
+        Self::RelativeMotion,
+    ];
+
+    /// For headings.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Scene => "scene",
+            Self::BaselineM => "baseline, m",
+            Self::RotationDeg => "rotation, degrees",
+            Self::Overlap => "overlap",
+            Self::RelativeMotion => "baseline / median depth",
+        }
+    }
+
+    /// `None` where it is not known, and for [`Self::Scene`].
+    fn value(self, record: &Record) -> Option<f64> {
+        let value = match self {
+            Self::Scene => None,
+            Self::BaselineM => Some(record.baseline_m),
+            Self::RotationDeg => Some(record.rotation_deg),
+            Self::Overlap => record.overlap,
+            Self::RelativeMotion => record.median_depth_m.map(|depth| record.baseline_m / depth),
+        };
+        value.filter(|value| value.is_finite())
+    }
+}
+
+/// Part of a dataset's pairs, with one metric of two methods. Differences are B − A; what is not finite is null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stratum {
+    pub dataset: String,
+    pub metric: String,
+    pub region: MetricRegion,
+    pub method_a: String,
+    pub method_b: String,
+    pub by: Division,
+    /// The scene, or the bin's ends, of which the lower belongs to it.
+    pub stratum: String,
+    pub n_pairs: usize,
+    /// Physical scenes.
+    pub n_scenes: usize,
+    /// Pairs of which B's score is worse.
+    pub n_worse: usize,
+    /// Pairs of which B's score is better.
+    pub n_better: usize,
+    pub mean_a: f64,
+    pub mean_b: f64,
+    pub difference: f64,
+    pub ci_low: Option<f64>,
+    pub ci_high: Option<f64>,
+}
+
+impl RunComparison {
+    /// The pairs of two methods in parts, by dataset and [`Division::ALL`]; scenes in natural order of the pairs, bins
+    /// ascending. A quantity that is the same for all pairs of a dataset divides nothing and is left out.
+    pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
+        let mut changes = self.sides(against).changes(metric);
+        changes.sort_by(|a, b| a.a.pair_id.cmp(&b.a.pair_id));
+        let datasets = self.results.manifest.datasets.iter();
+        let strata = datasets.flat_map(|dataset| {
+            let of_dataset = changes.iter().filter(|c| c.a.dataset == dataset.name);
+            let of_dataset: Vec<&PairChange<'_>> = of_dataset.collect();
+            let divisions = Division::ALL.into_iter();
+            let parts = divisions.flat_map(move |by| {
+                let parts = parts(by, &of_dataset).into_iter();
+                parts.map(move |(name, part)| (by, name, part))
+            });
+            parts.map(|(by, name, part)| self.stratum(against, metric, by, name, &part))
+        });
+        strata.collect()
+    }
+
+    fn stratum(
+        &self,
+        against: &Against,
+        metric: &MetricInfo,
+        by: Division,
+        name: String,
+        part: &[&PairChange<'_>],
+    ) -> Stratum {
+        let sample = clusters(part.iter().copied());
+        let found = infer(&[&sample], self.resampling).ok();
+        let end = |end: fn((f64, f64)) -> f64| {
+            let end = found.as_ref().map(|found| end(found.interval));
+            end.filter(|end| end.is_finite())
+        };
+        let count = |is: fn(f64) -> bool| part.iter().filter(|change| is(change.loss)).count();
+        Stratum {
+            dataset: part[0].a.dataset.clone(),
+            metric: MetricKey::whole(metric.key.metric()).to_string(),
+            region: metric.key.region(),
+            method_a: against.a.clone(),
+            method_b: against.b.clone(),
+            by,
+            stratum: name,
+            n_pairs: sample.n_pairs(),
+            n_scenes: sample.n_clusters(),
+            n_worse: count(|loss| loss > 0.0),
+            n_better: count(|loss| loss < 0.0),
+            mean_a: sample.mean_a(),
+            mean_b: sample.mean_b(),
+            difference: sample.mean(),
+            ci_low: end(|(low, _)| low),
+            ci_high: end(|(_, high)| high),
+        }
+    }
+}
+
+/// None of them empty.
+fn parts<'c, 'a>(
+    by: Division,
+    changes: &[&'c PairChange<'a>],
+) -> Vec<(String, Vec<&'c PairChange<'a>>)> {
+    if by == Division::Scene {
+        let mut scenes: Vec<(String, Vec<&PairChange<'a>>)> = Vec::new();
+        for change in changes {
+            match scenes
+                .iter_mut()
+                .find(|(scene, _)| *scene == change.a.scene)
+            {
+                Some((_, part)) => part.push(change),
+                None => scenes.push((change.a.scene.clone(), vec![change])),
+            }
+        }
+        return scenes;
+    }
+    let values: Vec<(f64, &PairChange<'a>)> = changes
+        .iter()
+        .filter_map(|change| Some((by.value(change.a)?, *change)))
+        .collect();
+    let all = || values.iter().map(|(value, _)| *value);
+    let span = all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
+    let step = Step::nice(span, BINS);
+    let mut bins: BTreeMap<i64, Vec<&PairChange<'a>>> = BTreeMap::new();
+    for (value, change) in values {
+        bins.entry(step.index(value)).or_default().push(change);
+    }
+    if bins.len() < 2 {
+        return Vec::new();
+    }
+    let named = bins.into_iter().map(|(index, part)| {
+        let (low, high) = (step.text(index), step.text(index.saturating_add(1)));
+        (format!("{low} to {high}"), part)
+    });
+    named.collect()
+}

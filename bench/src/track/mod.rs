@@ -1,0 +1,5 @@
+//! What becomes of scores from run to run.
+//!
+//! * [`compare`]: two runs pair by pair; what changed, where, and whether chance could have done it.
+
+pub mod compare;
