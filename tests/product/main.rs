@@ -13,6 +13,8 @@ mod excluded_pixels;
 #[cfg(test)]
 mod foreign_methods;
 #[cfg(test)]
+mod history_command;
+#[cfg(test)]
 mod hostile_folders;
 #[cfg(test)]
 mod incomplete_datasets;

@@ -9,6 +9,7 @@ mod data_args;
 mod datasets;
 mod demo;
 mod doctor;
+mod history;
 mod merge;
 mod metrics;
 mod model;
@@ -57,6 +58,7 @@ enum CliCommand {
     Report(report::ReportArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
+    History(history::HistoryArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
@@ -90,6 +92,7 @@ impl Cli {
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
+            CliCommand::History(args) => history::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),

@@ -122,7 +122,10 @@ pub fn verdict_word(verdict: Verdict) -> &'static str {
     }
 }
 
-fn word<S: serde::Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+pub(super) fn word<S: serde::Serializer>(
+    verdict: &Verdict,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(verdict_word(*verdict))
 }
 
@@ -194,12 +197,24 @@ pub fn compare(
     methods: &[(String, String)],
     practical: &Practical,
 ) -> Result<RunComparison, CompareError> {
+    let runs = [(a, Results::read(a)?), (b, Results::read(b)?)];
+    compare_results(runs, methods, practical)
+}
+
+/// As [`compare`], of results that were read already; paths are for errors only.
+///
+/// # Errors
+/// As [`compare`], without the first.
+pub fn compare_results(
+    [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
+    methods: &[(String, String)],
+    practical: &Practical,
+) -> Result<RunComparison, CompareError> {
     let unlike = |difference: String| CompareError::Unlike {
         a: a.to_owned(),
         b: b.to_owned(),
         difference,
     };
-    let [of_a, of_b] = [Results::read(a)?, Results::read(b)?];
     let manifests = [of_a.manifest.clone(), of_b.manifest.clone()];
     if let Some(difference) = backend_difference(&manifests) {
         return Err(unlike(difference));
