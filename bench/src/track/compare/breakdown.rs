@@ -19,7 +19,7 @@ use crate::report::plots::scale::Step;
 const BINS: usize = 5;
 
 /// What pairs are told apart by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
     Scene,

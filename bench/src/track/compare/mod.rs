@@ -2,7 +2,9 @@
 
 pub mod anatomy;
 pub mod breakdown;
+pub mod page;
 mod rows;
+pub mod tables;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -144,6 +146,9 @@ pub struct Against {
 /// What two runs say against each other.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
+    /// Run folders or bundles.
+    pub a: PathBuf,
+    pub b: PathBuf,
     pub against: Vec<Against>,
     /// By methods, metric, and dataset, as in the runs.
     pub rows: Vec<ScoreChange>,
@@ -225,10 +230,12 @@ pub fn compare(
         path: path.to_owned(),
     };
     // Refuses what is scored otherwise.
-    let results = join_results([(named("a", a), of_a), (named("b", b), of_b)])?;
-    let [labels_a, labels_b] = [("a", &manifests[0]), ("b", &manifests[1])].map(side_labels);
+    let results = join_results([(named("A", a), of_a), (named("B", b), of_b)])?;
+    let [labels_a, labels_b] = [("A", &manifests[0]), ("B", &manifests[1])].map(side_labels);
     let against = chosen_methods(methods, &labels_a, &labels_b)?;
     let mut comparison = RunComparison {
+        a: a.to_owned(),
+        b: b.to_owned(),
         against,
         rows: Vec::new(),
         notes: notes(&manifests),
