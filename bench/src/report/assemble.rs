@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
 use sharp_datasets::{Scene, View};
 
 use super::input::{
-    Column, FactGroup, PublishedNumbers, ReportDataset, ReportInput, ReportMethod, ReportOptions,
+    Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
+    ReportMethod, ReportOptions,
 };
 use super::pictures::{NoPictures, ReportPictures};
 use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
@@ -38,17 +39,42 @@ pub fn report(
     published: PublishedNumbers,
     options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
-    let pictures = RunPictures {
-        results,
-        scenes,
-        not_scored: Mutex::default(),
+    let pictures = RunPictures::new(results, scenes);
+    let input = ReportInput {
+        options,
+        ..input(results, &pictures, published)
     };
-    let mut input = input(results, &pictures, published);
-    input.options = options;
-    let mut files = write_report(&input, out)?;
-    let not_scored = pictures.not_scored.into_inner();
-    let not_scored = not_scored.unwrap_or_else(PoisonError::into_inner);
-    files.not_scored = not_scored.into_iter().collect();
+    written(&input, &pictures, out)
+}
+
+/// Writes the report of two runs against each other, joined.
+///
+/// # Errors
+/// As [`report`].
+pub fn comparison(
+    results: &Results,
+    scenes: &[Scene],
+    out: &Path,
+    comparison: ReportComparison,
+    options: ReportOptions,
+) -> Result<ReportFiles, ReportError> {
+    let pictures = RunPictures::new(results, scenes);
+    let input = ReportInput {
+        title: "Two runs compared".to_owned(),
+        comparison: Some(comparison),
+        options,
+        ..input(results, &pictures, PublishedNumbers::Never)
+    };
+    written(&input, &pictures, out)
+}
+
+fn written(
+    input: &ReportInput<'_>,
+    pictures: &RunPictures<'_>,
+    out: &Path,
+) -> Result<ReportFiles, ReportError> {
+    let mut files = write_report(input, out)?;
+    files.not_scored = lock(&pictures.not_scored).iter().cloned().collect();
     Ok(files)
 }
 
@@ -124,6 +150,7 @@ fn input<'a>(
             .collect(),
         facts: facts(manifest),
         published,
+        comparison: None,
         pictures,
         options: ReportOptions::default(),
     }
@@ -335,14 +362,22 @@ fn mark(proxy: bool) -> String {
 }
 
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.
-struct RunPictures<'a> {
+pub(crate) struct RunPictures<'a> {
     results: &'a Results,
     scenes: &'a [Scene],
     not_scored: Mutex<BTreeSet<PathBuf>>,
 }
 
-impl RunPictures<'_> {
-    fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
+impl<'a> RunPictures<'a> {
+    pub(crate) fn new(results: &'a Results, scenes: &'a [Scene]) -> Self {
+        Self {
+            results,
+            scenes,
+            not_scored: Mutex::default(),
+        }
+    }
+
+    pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         let kept = self.results.kept_picture(record);
         let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
         if is_scored {
@@ -357,7 +392,7 @@ impl RunPictures<'_> {
         image.map_err(|error| MissingPicture::Unusable(error.to_string()))
     }
 
-    fn view(&self, record: &Record, id: &str) -> Result<&View, MissingPicture> {
+    pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
         let mut scenes = self.scenes.iter();
         let scene = scenes.find(|s| s.dataset == record.dataset && s.id == record.scene);
         let view = scene.and_then(|scene| scene.views.iter().find(|view| view.id == id));

@@ -1,14 +1,17 @@
 //! Two runs, or two methods of one, pair by pair: what changed, and whether chance could have done it.
 
+pub mod anatomy;
 pub mod breakdown;
+pub mod page;
 mod rows;
+pub mod tables;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
-use sharp_metrics::{Family, MetricInfo, MetricKey};
+use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 use sharp_statistics::{NoInference, Resampling, Verdict};
 
 use crate::evaluate::join::{join_results, label_under};
@@ -40,6 +43,9 @@ pub enum CompareError {
     /// It is not said which methods stand against each other.
     #[error("{0}")]
     Methods(String),
+    /// Other weights than those of the runs.
+    #[error("no error anatomy: {0}; hand in those of the runs with --weights")]
+    Anatomy(String),
 }
 
 /// How much of a change matters to nobody, by family of metrics, in the metric's unit.
@@ -143,6 +149,9 @@ pub struct Against {
 /// What two runs say against each other.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
+    /// Run folders or bundles.
+    pub a: PathBuf,
+    pub b: PathBuf,
     pub against: Vec<Against>,
     /// By methods, metric, and dataset, as in the runs.
     pub rows: Vec<ScoreChange>,
@@ -163,6 +172,18 @@ pub struct PairChange<'a> {
     pub scores: [f64; 2],
     /// By how much B is worse, in the metric's unit; below zero it is better, zero also where both are equally infinite.
     pub loss: f64,
+}
+
+impl<'a> PairChange<'a> {
+    fn new(metric: &MetricInfo, a: &'a Record, b: &'a Record, scores: [f64; 2]) -> Self {
+        let [before, after] = scores;
+        let loss = match metric.direction {
+            _ if before == after => 0.0,
+            Direction::Higher => before - after,
+            Direction::Lower => after - before,
+        };
+        Self { a, b, scores, loss }
+    }
 }
 
 impl RunComparison {
@@ -224,10 +245,12 @@ pub fn compare_results(
         path: path.to_owned(),
     };
     // Refuses what is scored otherwise.
-    let results = join_results([(named("a", a), of_a), (named("b", b), of_b)])?;
-    let [labels_a, labels_b] = [("a", &manifests[0]), ("b", &manifests[1])].map(side_labels);
+    let results = join_results([(named("A", a), of_a), (named("B", b), of_b)])?;
+    let [labels_a, labels_b] = [("A", &manifests[0]), ("B", &manifests[1])].map(side_labels);
     let against = chosen_methods(methods, &labels_a, &labels_b)?;
     let mut comparison = RunComparison {
+        a: a.to_owned(),
+        b: b.to_owned(),
         against,
         rows: Vec::new(),
         notes: notes(&manifests),
