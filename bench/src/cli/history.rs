@@ -10,8 +10,7 @@ use super::{Outcome, output};
 use crate::evaluate::Occasion;
 use crate::io::atomic_files::write_atomic;
 use crate::io::text::visible_line;
-use crate::track::history::text::HEADS;
-use crate::track::history::{self, History, HistoryError};
+use crate::track::history::{self, HistoryError};
 
 /// Runs over time: means with intervals, and which run changed them
 ///
@@ -140,7 +139,10 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
         }
     }
     if files.is_empty() && !args.json {
-        print(&history)?;
+        output::line(history.entries_grid().text())?;
+        for grid in history.series_grids() {
+            output::line(grid.text())?;
+        }
     }
     Ok(outcome(&history.damaged))
 }
@@ -159,33 +161,4 @@ fn outcome(damaged: &[String]) -> Outcome {
         output::remark(format!("warning: damaged entry: {}", visible_line(reason)));
     }
     Outcome::of_problems(!damaged.is_empty())
-}
-
-fn print(history: &History) -> anyhow::Result<()> {
-    let mut lines = vec![["entry", "label", "commit", "date"].map(str::to_owned)];
-    lines.extend(history.entries.iter().map(|(number, occasion)| {
-        [
-            number.to_string(),
-            occasion.label.clone(),
-            occasion.commit.clone().unwrap_or_else(|| "-".to_owned()),
-            occasion.date.clone(),
-        ]
-    }));
-    output::line("entries")?;
-    output::grid(&lines, &[1, 2, 3])?;
-    for series in &history.series {
-        output::line(format!("\n{}", series.title()))?;
-        let mut lines = vec![HEADS.map(str::to_owned)];
-        lines.extend(series.points.iter().map(|point| {
-            let occasion = history.occasion(point.entry);
-            series.cells(point, occasion.map_or("", |occasion| &occasion.label))
-        }));
-        output::grid(&lines, &[1, 7, 8])?;
-        for point in &series.points {
-            for event in series.events(point) {
-                output::line(format!("  entry {}: {event}", point.entry))?;
-            }
-        }
-    }
-    Ok(())
 }

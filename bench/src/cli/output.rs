@@ -19,22 +19,6 @@ pub(super) fn line(text: impl AsRef<str>) -> anyhow::Result<()> {
     }
 }
 
-/// Writes lines of cells in columns, those of `left` aligned to the left, indented. Width counts characters.
-pub(super) fn grid<const N: usize>(lines: &[[String; N]], left: &[usize]) -> anyhow::Result<()> {
-    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
-    let widths: Vec<usize> = (0..N).filter_map(width).collect();
-    for cells in lines {
-        let cells = cells.iter().zip(&widths).enumerate();
-        let cells = cells.map(|(column, (cell, width))| match left.contains(&column) {
-            true => format!("{cell:<width$}"),
-            false => format!("{cell:>width$}"),
-        });
-        let cells: Vec<String> = cells.collect();
-        line(format!("  {}", cells.join("  ").trim_end()))?;
-    }
-    Ok(())
-}
-
 /// Writes a value as indented JSON.
 pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)

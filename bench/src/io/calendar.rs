@@ -37,7 +37,7 @@ pub(crate) fn is_date(text: &str) -> bool {
     }
     let numbers = text.split(['-', 'T', ':']);
     let numbers: Vec<u32> = numbers.filter_map(|digits| digits.parse().ok()).collect();
-    let leap = |year: u32| year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let leap = |y: u32| y.is_multiple_of(4) && (!y.is_multiple_of(100) || y.is_multiple_of(400));
     let days = |year: u32, month: u32| match month {
         1 | 3 | 5 | 7 | 8 | 10 | 12 => 31,
         4 | 6 | 9 | 11 => 30,

@@ -153,11 +153,11 @@ fn title(metric: &str, of: MetricRegion, [a, b]: [&str; 2]) -> String {
     format!("{metric}{}: {a} (A), {b} (B)", region(of))
 }
 
-fn count(n: usize) -> GridCell {
+pub(in crate::track) fn count(n: usize) -> GridCell {
     GridCell::number(n.to_string(), n as f64)
 }
 
-fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> GridCell {
+pub(in crate::track) fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> GridCell {
     // Numbers to sort by, last.
     value.map_or_else(
         || GridCell::number("-", f64::NAN),
@@ -165,7 +165,7 @@ fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> GridCell {
     )
 }
 
-fn interval(low: Option<f64>, high: Option<f64>, decimals: usize) -> GridCell {
+pub(in crate::track) fn interval(low: Option<f64>, high: Option<f64>, decimals: usize) -> GridCell {
     let end = |end: Option<f64>| end.map_or_else(|| "-".to_owned(), |end| shown(end, decimals));
     match (low, high) {
         (None, None) => GridCell::number("-", f64::NAN),

@@ -48,12 +48,12 @@ pub enum HistoryError {
 }
 
 /// One run of a history.
-#[derive(Debug, Clone)]
-pub struct Entry {
+#[derive(Debug)]
+struct Entry {
     /// From 1, in the order of adding.
-    pub number: u32,
-    pub occasion: Occasion,
-    pub(crate) bundle: Bundle,
+    number: u32,
+    occasion: Occasion,
+    bundle: Bundle,
 }
 
 /// What became of a run that was to be added.

@@ -2,7 +2,6 @@
 
 use askama::Template;
 
-use super::text::HEADS;
 use super::{History, Point, Series};
 use crate::evaluate::Occasion;
 use crate::io::text::visible;
@@ -35,16 +34,13 @@ struct Page<'a> {
     /// Points that are remarkable for something, with their series.
     events: &'a [(&'a Series, &'a Point)],
     changes: usize,
+    /// Whether plots have several panels.
+    wide: bool,
 }
 
 impl Page<'_> {
     fn plot(&self, figure: &Figure) -> String {
         themed(&figure.svg)
-    }
-
-    fn label(&self, entry: &u32) -> &str {
-        let occasion = self.history.occasion(*entry);
-        occasion.map_or("", |occasion| &occasion.label)
     }
 
     fn commit<'o>(&self, occasion: &'o Occasion) -> &'o str {
@@ -76,6 +72,10 @@ pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
         figures: &figures?,
         events: &events,
         changes: changes.count(),
+        wide: history
+            .series
+            .windows(2)
+            .any(|s| s[0].dataset != s[1].dataset),
     };
     Ok(visible(&page.render()?).into_owned())
 }

@@ -180,8 +180,11 @@ impl Folder {
     }
 }
 
+/// Which rule marked an entry, against which other.
+type Marked = (Verdict, Rule, u32);
+
 /// Of the entries of the only series: which one each continues, and what change it is.
-fn course(history: &History) -> Vec<(Option<u32>, Option<(Verdict, Rule, u32)>)> {
+fn course(history: &History) -> Vec<(Option<u32>, Option<Marked>)> {
     let [series] = &history.series[..] else {
         panic!("{} series", history.series.len());
     };

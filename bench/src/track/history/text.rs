@@ -1,14 +1,60 @@
 //! The series of a history in words, for terminal and page.
 
+use crate::report::tables::grid::{Grid, GridCell};
 use crate::report::tables::shown;
+use crate::track::compare::tables::{count, interval, optional};
 use crate::track::compare::verdict_word;
 
-use super::{Point, Rule, Series};
+use super::{History, Point, Rule, Series};
 
-/// Columns of [`Series::cells`].
-pub const HEADS: [&str; 9] = [
+const HEADS: [&str; 9] = [
     "entry", "label", "mean", "95 %", "pairs", "scenes", "failed", "weights", "change",
 ];
+
+impl History {
+    /// What is said of each entry.
+    pub fn entries_grid(&self) -> Grid {
+        let rows = self.entries.iter().map(|(number, occasion)| {
+            let commit = occasion.commit.as_deref().unwrap_or("-");
+            let words = [occasion.label.as_str(), commit, occasion.date.as_str()];
+            let words = words.map(GridCell::words);
+            [count(*number as usize)].into_iter().chain(words).collect()
+        });
+        Grid {
+            title: "entries".to_owned(),
+            heads: ["entry", "label", "commit", "date"]
+                .map(str::to_owned)
+                .to_vec(),
+            rows: rows.collect(),
+            remarks: Vec::new(),
+        }
+    }
+
+    /// One table a series.
+    pub fn series_grids(&self) -> Vec<Grid> {
+        let grid = |series: &Series| {
+            let points = series.points.iter();
+            let remarks = points.clone().flat_map(|point| {
+                let events = series.events(point).into_iter();
+                events.map(|event| format!("entry {}: {event}", point.entry))
+            });
+            Grid {
+                title: series.title(),
+                heads: HEADS.map(str::to_owned).to_vec(),
+                rows: points
+                    .map(|point| series.cells(point, self.label(point.entry)))
+                    .collect(),
+                remarks: remarks.collect(),
+            }
+        };
+        self.series.iter().map(grid).collect()
+    }
+
+    /// Empty for a number that no entry has.
+    pub fn label(&self, entry: u32) -> &str {
+        self.occasion(entry).map_or("", |occasion| &occasion.label)
+    }
+}
 
 impl Rule {
     pub fn word(self) -> &'static str {
@@ -25,13 +71,7 @@ impl Series {
         format!("{}, {}: {}", self.metric.key, self.dataset, self.method)
     }
 
-    /// A point as a line of a table under [`HEADS`]; `label` is that of its entry.
-    pub fn cells(&self, point: &Point, label: &str) -> [String; 9] {
-        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| self.number(v));
-        let interval = match (point.ci_low, point.ci_high) {
-            (None, None) => "-".to_owned(),
-            (low, high) => format!("{} .. {}", number(low), number(high)),
-        };
+    fn cells(&self, point: &Point, label: &str) -> Vec<GridCell> {
         let pairs = match point.n_planned {
             planned if planned == point.n_pairs => planned.to_string(),
             planned => format!("{} of {planned}", point.n_pairs),
@@ -51,16 +91,16 @@ impl Series {
             "" => "-",
             weights => weights,
         };
-        [
-            point.entry.to_string(),
-            label.to_owned(),
-            number(point.mean),
-            interval,
-            pairs,
-            point.n_scenes.to_string(),
-            point.n_failed.to_string(),
-            weights.to_owned(),
-            change,
+        vec![
+            count(point.entry as usize),
+            GridCell::words(label),
+            optional(point.mean, |mean| shown(mean, self.decimals())),
+            interval(point.ci_low, point.ci_high, self.decimals()),
+            GridCell::number(pairs, point.n_pairs as f64),
+            count(point.n_scenes),
+            count(point.n_failed),
+            GridCell::words(weights),
+            GridCell::words(change),
         ]
     }
 
@@ -77,7 +117,7 @@ impl Series {
             events.push(format!("other weights or options than in entry {entry}"));
         }
         if let Some(mark) = &point.change {
-            let size = self.number(mark.difference.abs());
+            let size = shown(mark.difference.abs(), self.decimals());
             let unit = match self.metric.unit.as_str() {
                 "" => String::new(),
                 unit => format!(" {unit}"),
@@ -98,8 +138,8 @@ impl Series {
         events
     }
 
-    /// One decimal more than single scores: means of many are compared.
-    fn number(&self, value: f64) -> String {
-        shown(value, self.metric.decimals + 1)
+    /// One more than single scores have: means of many are compared.
+    fn decimals(&self) -> usize {
+        self.metric.decimals + 1
     }
 }

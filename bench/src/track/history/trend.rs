@@ -41,8 +41,6 @@ pub struct Series {
     pub metric: Column,
     /// Of the entries that have it, ascending.
     pub points: Vec<Point>,
-    /// Entries that can be compared with each other, in the order of their first ones.
-    parts: Vec<Part>,
 }
 
 /// A series at one entry. What is not finite, or not known, is null.
@@ -101,8 +99,16 @@ pub enum Rule {
     Drift,
 }
 
+/// A series that entries are added to.
+#[derive(Debug)]
+struct Growing {
+    series: Series,
+    /// In the order of their first entries.
+    parts: Vec<Part>,
+}
+
 /// Entries of a series that can be compared with each other.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 struct Part {
     last: Arc<Entry>,
     /// The last change point, or the first entry.
@@ -111,7 +117,7 @@ struct Part {
 
 /// All series, as entries come. Of earlier entries only those are kept that a later one may be compared with.
 #[derive(Debug, Default)]
-pub(super) struct Trend(Vec<Series>);
+pub(super) struct Trend(Vec<Growing>);
 
 impl Trend {
     /// Adds the next entry.
@@ -129,15 +135,17 @@ impl Trend {
     pub(super) fn into_series(self) -> Vec<Series> {
         let place = |name: fn(&Series) -> &str| {
             let mut places = BTreeMap::new();
-            for series in &self.0 {
+            for growing in &self.0 {
                 let next = places.len();
-                places.entry(name(series).to_owned()).or_insert(next);
+                places
+                    .entry(name(&growing.series).to_owned())
+                    .or_insert(next);
             }
             places
         };
         let metrics = place(|series| &series.metric.key);
         let (datasets, methods) = (place(|s| &s.dataset), place(|s| &s.method));
-        let mut series = self.0;
+        let mut series: Vec<Series> = self.0.into_iter().map(|growing| growing.series).collect();
         series.sort_by_key(|s| {
             (
                 metrics[&s.metric.key],
@@ -177,13 +185,13 @@ impl Trend {
                 let Some(point) = points.get_mut(&at) else {
                     continue;
                 };
-                if let Some(reason) = found.broken.get(&self.0[at].dataset) {
+                if let Some(reason) = found.broken.get(&self.0[at].series.dataset) {
                     let broken = format!("not comparable with entry {number} (A): {reason}");
                     point.broken.get_or_insert(broken);
                     continue;
                 }
                 point.follows = Some(number);
-                point.change = found.mark(&self.0[at].dataset, Rule::Step, number);
+                point.change = found.mark(&self.0[at].series.dataset, Rule::Step, number);
                 open.remove(&at);
                 continued.insert(at, part);
             }
@@ -194,11 +202,11 @@ impl Trend {
                 last: Arc::clone(entry),
                 reference: Arc::clone(entry),
             };
-            let series = &mut self.0[at];
+            let Growing { series, parts } = &mut self.0[at];
             match continued.get(&at) {
-                Some(&before) if point.change.is_none() => series.parts[before].last = part.last,
-                Some(&before) => series.parts[before] = part,
-                None if point.n_pairs > 0 => series.parts.push(part),
+                Some(&before) if point.change.is_none() => parts[before].last = part.last,
+                Some(&before) => parts[before] = part,
+                None if point.n_pairs > 0 => parts.push(part),
                 None => {}
             }
             series.points.push(point);
@@ -226,7 +234,7 @@ impl Trend {
             let found = scope.compare(&reference, entry, &self.names(&group));
             for at in group {
                 if let Some(point) = points.get_mut(&at) {
-                    point.change = found.mark(&self.0[at].dataset, Rule::Drift, number);
+                    point.change = found.mark(&self.0[at].series.dataset, Rule::Drift, number);
                 }
             }
         }
@@ -234,21 +242,26 @@ impl Trend {
 
     fn names<'a>(&self, series: impl IntoIterator<Item = &'a usize>) -> Vec<&str> {
         let series = series.into_iter();
-        series.map(|at| self.0[*at].dataset.as_str()).collect()
+        series
+            .map(|at| self.0[*at].series.dataset.as_str())
+            .collect()
     }
 
     /// The position of a point's series, which begins with it if there is none.
     fn series_of(&mut self, point: &Point, metric: &MetricRecord) -> usize {
-        let known = self.0.iter().position(|series| {
+        let known = self.0.iter().position(|Growing { series, .. }| {
             (&series.method, &series.dataset, &series.metric.key)
                 == (&point.method, &point.dataset, &point.metric)
         });
         known.unwrap_or_else(|| {
-            self.0.push(Series {
+            let series = Series {
                 method: point.method.clone(),
                 dataset: point.dataset.clone(),
                 metric: Column::from(&metric.info),
                 points: Vec::new(),
+            };
+            self.0.push(Growing {
+                series,
                 parts: Vec::new(),
             });
             self.0.len() - 1
