@@ -42,6 +42,12 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
         (&said["entry"], &said["is_new"]),
         (&1.into(), &false.into())
     );
+    // An entry is that bundle and what was said of it.
+    sharp_bench(dir, &["bundle", "h/0001.zip", "--out", "plain.zip"]).ends_with(0);
+    let bytes = |name: &str| std::fs::read(dir.join(name)).unwrap();
+    assert!(bytes("plain.zip") == bytes("base.zip"));
+    sharp_bench(dir, &["bundle", "base", "--out", "h/0001.zip"])
+        .is_error_with(&["h/0001.zip", "not written over"]);
     // Other results under the same name.
     let said = add("worse", &["--label", "base", "--commit", "abc1", "--json"])
         .ends_with(0)

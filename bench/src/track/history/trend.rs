@@ -11,8 +11,8 @@
 //! * [`Rule::Drift`]: where that finds nothing, against the last change point of its part, or where the part begins, so that a
 //!   change too slow for any one step is found once it has added up.
 //!
-//! No correction is made over entries, metrics and methods: of scores that differ by chance alone, one test in twenty finds a
-//! change. Scores that are the same to the last bit are never a change.
+//! No correction is made over entries, metrics and methods: of scores that differ by chance alone, either rule marks one in
+//! twenty. Scores that are the same to the last bit are never a change.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
