@@ -226,8 +226,8 @@ impl RunComparison {
     fn mapped_metrics(&self, notes: &mut Vec<String>) -> Vec<MetricInfo> {
         let metrics = self.results.manifest.metrics.iter().map(|m| &m.info);
         let (mapped, others): (Vec<_>, Vec<_>) = metrics
-            .cloned()
             .filter(|metric| metric.key.region() == MetricRegion::Whole)
+            .cloned()
             .partition(|metric| metric.key.family() != Family::Dists);
         for metric in others {
             notes.push(format!(

@@ -134,7 +134,7 @@ pub(super) fn most_changed<'c, 'a>(
 ) -> impl Iterator<Item = &'c PairChange<'a>> {
     let lost = changes
         .iter()
-        .filter(|change| !(change.loss <= 0.0))
+        .filter(|change| change.loss > 0.0 || change.loss.is_nan())
         .count();
     let won = changes.iter().filter(|change| change.loss < 0.0).count();
     let lost = &changes[..lost.min(count)];

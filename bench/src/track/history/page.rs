@@ -19,8 +19,8 @@ use sharp_statistics::Verdict;
 
 /// Font size of the labels below the axis, CSS pixels.
 const LABEL_SIZE: f64 = 11.5;
-/// Labels narrower than this say nothing.
-const LABEL_ROOM: f64 = 36.0;
+/// So many entries have room for their labels below the axis.
+const LABELLED: f64 = 9.0;
 /// Between the points of two methods at one entry, CSS pixels.
 const APART: f64 = 7.0;
 
@@ -145,7 +145,12 @@ fn horizontal(history: &History) -> PlotAxis {
         number(history.entries.first()),
         number(history.entries.last()),
     );
-    let mut axis = PlotAxis::over("", first - 0.5, last + 0.5, 12);
+    // Labels take the place of the axis's own.
+    let label = match last - first < LABELLED {
+        true => "",
+        false => "entry",
+    };
+    let mut axis = PlotAxis::over(label, first - 0.5, last + 0.5, 12);
     if axis.step.at(1) < 1.0 {
         axis.step = Step::nice(1.0, 1);
     }
@@ -171,7 +176,7 @@ fn vertical(series: &[Series]) -> PlotAxis {
 /// The entries' labels below their numbers, where there is room for them.
 fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
     let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
-    if room < LABEL_ROOM {
+    if area.x.high - area.x.low > LABELLED {
         return;
     }
     let lettering = Lettering {
