@@ -156,7 +156,7 @@ impl RunComparison {
 }
 
 /// None of them empty.
-fn parts<'c, 'a>(
+pub(super) fn parts<'c, 'a>(
     by: Division,
     changes: &[&'c PairChange<'a>],
 ) -> Vec<(String, Vec<&'c PairChange<'a>>)> {

@@ -110,9 +110,13 @@ pub struct ScoreChange {
     /// Pairs that lack the score on one side or both.
     #[serde(skip)]
     pub left_out: usize,
-    /// p by signs alone and its floor, or why there is no inference.
+    /// By the signs of the scenes' differences alone, of one dataset: exact for up to 14 scenes.
+    pub p_sign_flip: Option<f64>,
+    /// What that cannot fall below with so many scenes.
+    pub p_sign_flip_floor: Option<f64>,
+    /// Why there is no interval and no p.
     #[serde(skip)]
-    pub basis: Result<Option<(f64, f64)>, NoInference>,
+    pub no_inference: Option<NoInference>,
     /// Decimals that a table shows.
     #[serde(skip)]
     pub decimals: usize,
@@ -190,10 +194,7 @@ impl RunComparison {
     /// The pairs of a metric that have a score on both sides, worst first; equal ones by id. NaN is worse than any number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
-        changes.sort_by(|one, other| {
-            let by_loss = other.loss.total_cmp(&one.loss);
-            by_loss.then_with(|| one.a.pair_id.cmp(&other.a.pair_id))
-        });
+        order_by_loss(&mut changes);
         changes
     }
 
@@ -204,6 +205,18 @@ impl RunComparison {
             b: of_method(&self.results, b),
         }
     }
+}
+
+/// Worst first; a score that is no number is a loss beyond any, whatever the sign of its NaN.
+fn order_by_loss(changes: &mut [PairChange<'_>]) {
+    let rank = |change: &PairChange<'_>| match change.loss.is_nan() {
+        true => f64::NAN.abs(),
+        false => change.loss,
+    };
+    changes.sort_by(|one, other| {
+        let by_loss = rank(other).total_cmp(&rank(one));
+        by_loss.then_with(|| one.a.pair_id.cmp(&other.a.pair_id))
+    });
 }
 
 /// Compares run B with run A. `methods` are labels `(in A, in B)`; without any, methods of equal label stand against each

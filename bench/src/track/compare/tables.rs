@@ -228,16 +228,18 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;
-    match row.basis {
-        Ok(Some((p, floor))) if row.n_scenes > 1 => remarks.push(format!(
+    if let (Some(p), Some(floor), 2..) = (row.p_sign_flip, row.p_sign_flip_floor, row.n_scenes) {
+        remarks.push(format!(
             "{dataset}: by the signs of {} scenes alone p = {p:.4}, at least {floor:.4} with so many",
             row.n_scenes
-        )),
-        Ok(_) => {}
-        Err(NoInference::OneCluster) => remarks.push(format!(
+        ));
+    }
+    match row.no_inference {
+        None => {}
+        Some(NoInference::OneCluster) => remarks.push(format!(
             "{dataset}: no interval and no p, because one scene does not show how scenes vary"
         )),
-        Err(reason) => remarks.push(format!("{dataset}: no interval and no p, because {reason}")),
+        Some(reason) => remarks.push(format!("{dataset}: no interval and no p, because {reason}")),
     }
     if row.left_out > 0 {
         let pairs = counted(row.left_out, "pair");
