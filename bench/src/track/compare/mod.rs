@@ -231,8 +231,12 @@ pub fn compare(
     methods: &[(String, String)],
     practical: &Practical,
 ) -> Result<RunComparison, CompareError> {
-    let runs = [(a, Results::read(a)?), (b, Results::read(b)?)];
-    compare_results(runs, methods, practical)
+    let of_a = Results::read(a)?;
+    let of_b = match a == b {
+        true => of_a.clone(),
+        false => Results::read(b)?,
+    };
+    compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
 /// As [`compare`], of results that were read already; paths are for errors only.
