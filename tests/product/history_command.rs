@@ -103,7 +103,7 @@ fn a_history_holds_each_run_once_and_says_what_changed() {
 
     let table = read(dir.join("t.csv"));
     assert_eq!(table.lines().count(), 5, "{table}");
-    let columns = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/evaluate.md"));
+    let columns = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/compare.md"));
     for column in table.lines().next().unwrap().split(',') {
         assert!(
             columns.contains(&format!("`{column}`")),
