@@ -48,7 +48,7 @@ pub(super) struct CompareArgs {
 }
 
 #[derive(Debug, Clone)]
-struct Against(String, String);
+pub(super) struct Against(pub(super) String, pub(super) String);
 
 impl FromStr for Against {
     type Err = String;
@@ -154,25 +154,31 @@ fn print(comparison: &RunComparison) -> anyhow::Result<()> {
         };
         let (metric, old, new) = (&first.metric, &first.method_a, &first.method_b);
         output::line(format!("{metric}{region}: {old} (A), {new} (B)"))?;
-        let mut grid = vec![HEADS.map(str::to_owned)];
-        grid.extend(rows.iter().map(cells));
-        let width = |column: usize| grid.iter().map(|line| line[column].chars().count()).max();
-        let widths: Vec<usize> = (0..HEADS.len()).filter_map(width).collect();
-        for line in &grid {
-            let cells = line.iter().zip(&widths).enumerate();
-            let cells = cells.map(|(column, (cell, width))| match column {
-                0 | 10 => format!("{cell:<width$}"),
-                _ => format!("{cell:>width$}"),
-            });
-            output::line(format!(
-                "  {}",
-                cells.collect::<Vec<_>>().join("  ").trim_end()
-            ))?;
-        }
+        let mut lines = vec![HEADS.map(str::to_owned)];
+        lines.extend(rows.iter().map(cells));
+        grid(&lines, &[0, 10])?;
         for remark in rows.iter().flat_map(remarks) {
             output::line(format!("  {remark}"))?;
         }
         output::line("")?;
+    }
+    Ok(())
+}
+
+/// Lines of cells under each other, those of some columns to the left and the others to the right.
+pub(super) fn grid<const N: usize>(lines: &[[String; N]], left: &[usize]) -> anyhow::Result<()> {
+    let length = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
+    let widths: Vec<usize> = (0..N).filter_map(length).collect();
+    for line in lines {
+        let cells = line.iter().zip(&widths).enumerate();
+        let cells = cells.map(|(column, (cell, width))| match left.contains(&column) {
+            true => format!("{cell:<width$}"),
+            false => format!("{cell:>width$}"),
+        });
+        output::line(format!(
+            "  {}",
+            cells.collect::<Vec<_>>().join("  ").trim_end()
+        ))?;
     }
     Ok(())
 }

@@ -149,6 +149,8 @@ pub struct RunComparison {
     pub resampling: Resampling,
     /// Both runs as one.
     pub results: Results,
+    /// Of A and of B.
+    pub manifests: [Manifest; 2],
 }
 
 /// A pair with a score on both sides.
@@ -194,12 +196,21 @@ pub fn compare(
     methods: &[(String, String)],
     practical: &Practical,
 ) -> Result<RunComparison, CompareError> {
+    let sides = [(a, Results::read(a)?), (b, Results::read(b)?)];
+    compare_results(sides, methods, practical)
+}
+
+/// As [`compare`], of results that were read already.
+pub(super) fn compare_results(
+    [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
+    methods: &[(String, String)],
+    practical: &Practical,
+) -> Result<RunComparison, CompareError> {
     let unlike = |difference: String| CompareError::Unlike {
         a: a.to_owned(),
         b: b.to_owned(),
         difference,
     };
-    let [of_a, of_b] = [Results::read(a)?, Results::read(b)?];
     let manifests = [of_a.manifest.clone(), of_b.manifest.clone()];
     if let Some(difference) = backend_difference(&manifests) {
         return Err(unlike(difference));
@@ -218,6 +229,7 @@ pub fn compare(
         notes: notes(&manifests),
         resampling: Resampling::default(),
         results,
+        manifests,
     };
     for against in comparison.against.clone() {
         let (rows, notes) = rows(&comparison, &against, practical).map_err(unlike)?;
