@@ -38,11 +38,7 @@ pub fn report(
     published: PublishedNumbers,
     options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
-    let pictures = RunPictures {
-        results,
-        scenes,
-        not_scored: Mutex::default(),
-    };
+    let pictures = RunPictures::new(results, scenes);
     let mut input = input(results, &pictures, published);
     input.options = options;
     let mut files = write_report(&input, out)?;
@@ -335,14 +331,22 @@ fn mark(proxy: bool) -> String {
 }
 
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.
-struct RunPictures<'a> {
+pub(crate) struct RunPictures<'a> {
     results: &'a Results,
     scenes: &'a [Scene],
     not_scored: Mutex<BTreeSet<PathBuf>>,
 }
 
-impl RunPictures<'_> {
-    fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
+impl<'a> RunPictures<'a> {
+    pub(crate) fn new(results: &'a Results, scenes: &'a [Scene]) -> Self {
+        Self {
+            results,
+            scenes,
+            not_scored: Mutex::default(),
+        }
+    }
+
+    pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         let kept = self.results.kept_picture(record);
         let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
         if is_scored {
@@ -357,7 +361,7 @@ impl RunPictures<'_> {
         image.map_err(|error| MissingPicture::Unusable(error.to_string()))
     }
 
-    fn view(&self, record: &Record, id: &str) -> Result<&View, MissingPicture> {
+    pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
         let mut scenes = self.scenes.iter();
         let scene = scenes.find(|s| s.dataset == record.dataset && s.id == record.scene);
         let view = scene.and_then(|scene| scene.views.iter().find(|view| view.id == id));

@@ -1,8 +1,10 @@
 //! What predictions of a target are scored against.
 
+use std::borrow::Cow;
+
 use image::{GrayImage, Rgb, Rgb32FImage, RgbImage};
 use sharp_metrics::identity::Family;
-use sharp_metrics::{Mask, Picture, Scorer, Scores};
+use sharp_metrics::{Maps, Mask, Picture, Scorer, Scores};
 
 use super::Region;
 
@@ -84,43 +86,77 @@ impl GroundTruth {
         pictures: &[&Picture],
         frustum: Option<&Mask>,
     ) -> Vec<Result<Scores, String>> {
+        let shown = match self.shown(region) {
+            Ok(shown) => shown,
+            Err(reason) => return vec![Err(reason); pictures.len()],
+        };
+        let frustum = frustum.and_then(|mask| region.crop_mask(mask));
+        let pictures: Vec<Cow<'_, Picture>> = pictures.iter().map(|p| shown.seen(p)).collect();
+        let pictures: Vec<&Picture> = pictures.iter().map(AsRef::as_ref).collect();
+        let results = scored(scorer, &shown.truth, &pictures, frustum.as_deref());
+        let share = shown.excluding.as_ref().and_then(|(valid, _)| share(valid));
+        let over_valid = |scores| match share {
+            None => scores,
+            Some(share) => over_valid(scores, share),
+        };
+        let results = results.into_iter();
+        results.map(|result| result.map(over_valid)).collect()
+    }
+
+    /// The maps of SSIM and LPIPS of a picture of a region or of the whole target, by the same rules.
+    pub(crate) fn maps(
+        &self,
+        scorer: &Scorer,
+        picture: &Picture,
+        region: Option<Region>,
+    ) -> Result<Maps, String> {
+        let shown = self.shown(region.unwrap_or(Region::whole(self.dimensions())))?;
+        let examined = scorer.examine(&shown.seen(picture), &shown.truth, None, true);
+        Ok(examined.map_err(|error| error.to_string())?.maps)
+    }
+
+    /// A part of the truth, ready to be compared with.
+    fn shown(&self, region: Region) -> Result<Shown<'_>, String> {
         let size = self.dimensions();
         if !region.fits(size) {
-            let reason = format!(
+            return Err(format!(
                 "the crop {region} is not inside the target, {}x{}",
                 size.0, size.1
-            );
-            return vec![Err(reason); pictures.len()];
+            ));
         }
-        let whole = Picture::Rgb8(self.image.clone());
-        let truth = region.crop(&whole);
-        let frustum = frustum.and_then(|mask| region.crop_mask(mask));
+        let truth = region.crop(&Picture::Rgb8(self.image.clone())).into_owned();
         let valid = self.valid.as_ref().and_then(|mask| region.crop_mask(mask));
-        let excluding = valid
-            .as_deref()
-            .filter(|mask| mask.values().contains(&false));
-        let Some(valid) = excluding else {
-            return scored(scorer, &truth, pictures, frustum.as_deref());
+        let Some(valid) = valid.filter(|mask| mask.values().contains(&false)) else {
+            return Ok(Shown {
+                truth,
+                excluding: None,
+            });
         };
-        let Some(colour) = mean_colour(&truth, valid) else {
-            let reason = "the dataset's mask leaves no pixel to score";
-            return vec![Err(reason.to_owned()); pictures.len()];
-        };
-        let fill = |picture: &Picture| filled(picture, valid, colour);
-        // A picture of another size stays as it is; the scorer says so, with both sizes.
-        let pictures: Vec<Picture> = pictures
-            .iter()
-            .map(|picture| match picture.dimensions() == truth.dimensions() {
-                true => fill(picture),
-                false => (*picture).clone(),
-            })
-            .collect();
-        let pictures: Vec<&Picture> = pictures.iter().collect();
-        let share = share(valid).unwrap_or(1.0);
-        scored(scorer, &fill(&truth), &pictures, frustum.as_deref())
-            .into_iter()
-            .map(|scores| scores.map(|scores| over_valid(scores, share)))
-            .collect()
+        let colour = mean_colour(&truth, &valid)
+            .ok_or_else(|| "the dataset's mask leaves no pixel to score".to_owned())?;
+        Ok(Shown {
+            truth: filled(&truth, &valid, colour),
+            excluding: Some((valid, colour)),
+        })
+    }
+}
+
+/// What of the truth is compared with a picture.
+struct Shown<'a> {
+    truth: Picture,
+    /// The pixels that count, and the colour that both pictures take in all others.
+    excluding: Option<(Cow<'a, Mask>, [f32; 3])>,
+}
+
+impl Shown<'_> {
+    /// A picture as it is compared. One of another size stays as it is; the scorer says so, with both sizes.
+    fn seen<'p>(&self, picture: &'p Picture) -> Cow<'p, Picture> {
+        match &self.excluding {
+            Some((valid, colour)) if picture.dimensions() == self.truth.dimensions() => {
+                Cow::Owned(filled(picture, valid, *colour))
+            }
+            _ => Cow::Borrowed(picture),
+        }
     }
 }
 

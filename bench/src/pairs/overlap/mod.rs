@@ -194,10 +194,10 @@ fn count_valid(view: &PosedDepth, step: usize) -> u64 {
 }
 
 /// The map from pixel and depth of one view to homogeneous pixels `(u z, v z, z)` of another.
-struct Projection(DAffine3);
+pub(crate) struct Projection(DAffine3);
 
 impl Projection {
-    fn new(view: &PosedDepth, other: &PosedDepth) -> Self {
+    pub(crate) fn new(view: &PosedDepth, other: &PosedDepth) -> Self {
         let other_from_view = other
             .camera_from_world()
             .after(&view.camera_from_world().inverse());
@@ -208,7 +208,7 @@ impl Projection {
         ))
     }
 
-    fn apply(&self, x: usize, y: usize, depth: f64) -> DVec3 {
+    pub(crate) fn apply(&self, x: usize, y: usize, depth: f64) -> DVec3 {
         let centre = DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
         self.0.transform_point3(centre * depth)
     }

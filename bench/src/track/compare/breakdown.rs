@@ -31,10 +31,13 @@ pub enum Division {
     Overlap,
     /// Baseline over the target's median depth.
     RelativeMotion,
+    /// [Classes](super::anatomy::PixelClass) of the target's pixels: part of each pair, not of the pairs.
+    Pixels,
 }
 
 impl Division {
-    pub const ALL: [Self; 5] = [
+    /// Those of pairs.
+    pub const OF_PAIRS: [Self; 5] = [
         Self::Scene,
         Self::BaselineM,
         Self::RotationDeg,
@@ -50,13 +53,14 @@ impl Division {
             Self::RotationDeg => "rotation, degrees",
             Self::Overlap => "overlap",
             Self::RelativeMotion => "baseline / median depth",
+            Self::Pixels => "pixels of the target",
         }
     }
 
-    /// `None` where it is not known, and for [`Self::Scene`].
+    /// `None` where it is not known, or no number.
     fn value(self, record: &Record) -> Option<f64> {
         let value = match self {
-            Self::Scene => None,
+            Self::Scene | Self::Pixels => None,
             Self::BaselineM => Some(record.baseline_m),
             Self::RotationDeg => Some(record.rotation_deg),
             Self::Overlap => record.overlap,
@@ -66,7 +70,8 @@ impl Division {
     }
 }
 
-/// Part of a dataset's pairs, with one metric of two methods. Differences are B − A; what is not finite is null.
+/// Part of a dataset's pairs or of their pixels, with one metric of two methods. Differences are B − A; what is not finite is
+/// null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stratum {
     pub dataset: String,
@@ -75,8 +80,10 @@ pub struct Stratum {
     pub method_a: String,
     pub method_b: String,
     pub by: Division,
-    /// The scene, or the bin's ends, of which the lower belongs to it.
+    /// The scene; the bin's ends, of which the lower belongs to it; the class of pixels.
     pub stratum: String,
+    /// Of the class among a pair's scored pixels, 0..1, mean over all pairs, also over those that have none.
+    pub pixel_share: Option<f64>,
     pub n_pairs: usize,
     /// Physical scenes.
     pub n_scenes: usize,
@@ -92,7 +99,7 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods in parts, by dataset and [`Division::ALL`]; scenes in natural order of the pairs, bins
+    /// The pairs of two methods in parts, by dataset and [`Division::OF_PAIRS`]; scenes in natural order of the pairs, bins
     /// ascending. A quantity that is the same for all pairs of a dataset divides nothing and is left out.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
@@ -101,7 +108,7 @@ impl RunComparison {
         let strata = datasets.flat_map(|dataset| {
             let of_dataset = changes.iter().filter(|c| c.a.dataset == dataset.name);
             let of_dataset: Vec<&PairChange<'_>> = of_dataset.collect();
-            let divisions = Division::ALL.into_iter();
+            let divisions = Division::OF_PAIRS.into_iter();
             let parts = divisions.flat_map(move |by| {
                 let parts = parts(by, &of_dataset).into_iter();
                 parts.map(move |(name, part)| (by, name, part))
@@ -111,7 +118,7 @@ impl RunComparison {
         strata.collect()
     }
 
-    fn stratum(
+    pub(super) fn stratum(
         &self,
         against: &Against,
         metric: &MetricInfo,
@@ -134,6 +141,7 @@ impl RunComparison {
             method_b: against.b.clone(),
             by,
             stratum: name,
+            pixel_share: None,
             n_pairs: sample.n_pairs(),
             n_scenes: sample.n_clusters(),
             n_worse: count(|loss| loss > 0.0),

@@ -1,5 +1,6 @@
 //! Two runs, or two methods of one, pair by pair: what changed, and whether chance could have done it.
 
+pub mod anatomy;
 pub mod breakdown;
 mod rows;
 
@@ -8,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
-use sharp_metrics::{Family, MetricInfo, MetricKey};
+use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
 use sharp_statistics::{NoInference, Resampling, Verdict};
 
 use crate::evaluate::join::{join_results, label_under};
@@ -40,6 +41,9 @@ pub enum CompareError {
     /// It is not said which methods stand against each other.
     #[error("{0}")]
     Methods(String),
+    /// Other weights than those of the runs.
+    #[error("no error anatomy: {0}; hand in those of the runs with --weights")]
+    Anatomy(String),
 }
 
 /// How much of a change matters to nobody, by family of metrics, in the metric's unit.
@@ -162,6 +166,18 @@ pub struct PairChange<'a> {
     pub scores: [f64; 2],
     /// By how much B is worse, in the metric's unit; below zero it is better, zero also where both are equally infinite.
     pub loss: f64,
+}
+
+impl<'a> PairChange<'a> {
+    fn new(metric: &MetricInfo, a: &'a Record, b: &'a Record, scores: [f64; 2]) -> Self {
+        let [before, after] = scores;
+        let loss = match metric.direction {
+            _ if before == after => 0.0,
+            Direction::Higher => before - after,
+            Direction::Lower => after - before,
+        };
+        Self { a, b, scores, loss }
+    }
 }
 
 impl RunComparison {

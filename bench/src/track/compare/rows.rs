@@ -20,7 +20,7 @@ pub(super) struct Sides<'a> {
 }
 
 impl<'a> Sides<'a> {
-    fn both(&self) -> impl Iterator<Item = (&'a Record, &'a Record)> {
+    pub(super) fn both(&self) -> impl Iterator<Item = (&'a Record, &'a Record)> {
         let pairs = self.a.iter();
         pairs.filter_map(|(pair_id, a)| Some((*a, *self.b.get(pair_id)?)))
     }
@@ -37,16 +37,9 @@ impl<'a> Sides<'a> {
     pub(super) fn changes(&self, metric: &MetricInfo) -> Vec<PairChange<'a>> {
         let key = metric.key.to_string();
         let score = |record: &Record| record.scores.get(&key).and_then(Score::value);
-        let scored = self.both().filter_map(|(a, b)| {
-            let scores = [score(a)?, score(b)?];
-            let [before, after] = scores;
-            let loss = match metric.direction {
-                _ if before == after => 0.0,
-                Direction::Higher => before - after,
-                Direction::Lower => after - before,
-            };
-            Some(PairChange { a, b, scores, loss })
-        });
+        let scored = self
+            .both()
+            .filter_map(|(a, b)| Some(PairChange::new(metric, a, b, [score(a)?, score(b)?])));
         scored.collect()
     }
 
