@@ -1,6 +1,5 @@
 //! `gate --baseline A --candidate B`: whether B may take the place of A, for continuous integration.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -28,6 +27,7 @@ Limits:
   lpips > +0.005             on each dataset, and over all
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
+  |lpips| > 0.005            for the better, too
   seconds_per_pair > +10 %   of A, on the same class of device; also peak_memory
 
 Examples:
@@ -87,7 +87,7 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         config = GateConfig::parse(&text).map_err(usage)?;
     }
     config.fail_if.extend(args.fail_if.iter().cloned());
-    let power: BTreeMap<_, _> = args.require_power.iter().map(|p| (p.0, p.1)).collect();
+    let power = args.require_power.iter().map(|Power(name, d)| (*name, *d));
     config.require_power.extend(power);
     let methods: Vec<_> = args
         .methods

@@ -4,6 +4,7 @@
 //! lpips > +0.005              on each dataset and over all: fires when B − A is above it, and significant
 //! psnr < -0.1 on eth3d        on one dataset; `on all` is the mean of the datasets
 //! psnr < -1 per scene         on the mean of each scene, significant or not
+//! |lpips| > 0.005             for the better, too
 //! seconds_per_pair > +10 %    of A, where both ran on one class of device; also peak_memory
 //! ```
 
@@ -30,23 +31,13 @@ impl GateConfig {
     /// # Errors
     /// What is wrong, in one line, with its place in the file.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let config: Self = toml::from_str(text).map_err(|error| {
+        toml::from_str(text).map_err(|error| {
             let line = error
                 .span()
-                .map(|at| text[..at.start].lines().count().max(1));
-            let line = line.map_or_else(String::new, |line| format!("line {line}: "));
-            line + &error.message().replace('\n', ", ")
-        })?;
-        match config.require_power.iter().find(|(_, d)| !is_size(**d)) {
-            Some((name, d)) => Err(format!("require_power: {name} = {d}: above 0 is needed")),
-            None => Ok(config),
-        }
+                .map_or(1, |at| 1 + text[..at.start].matches('\n').count());
+            format!("line {line}: {}", error.message().replace('\n', ", "))
+        })
     }
-}
-
-/// A number that a difference is measured by.
-pub(super) fn is_size(value: f64) -> bool {
-    value.is_finite() && value > 0.0
 }
 
 /// A metric as a limit names it.
@@ -153,8 +144,10 @@ impl Cost {
 pub enum Limit {
     Score {
         metric: MetricName,
-        /// Of B − A in the metric's unit: negative where higher values are better.
+        /// 0 or more, in the metric's unit.
         bound: f64,
+        /// Whether B may not be better by more, either.
+        either_way: bool,
         scope: Scope,
     },
     /// Of B over A, percent.
@@ -193,23 +186,28 @@ impl FromStr for Limit {
                 false => Err(wrong("the share is 0 % or more")),
             };
         }
-        let metric: MetricName = name.parse().map_err(|reason: String| match Cost::ALL {
-            [seconds, memory] => format!(
-                "'{text}': {reason}; costs: {} {}",
-                seconds.name(),
-                memory.name()
-            ),
+        let inner = name.strip_prefix('|').and_then(|n| n.strip_suffix('|'));
+        let (name, either_way) = (inner.unwrap_or(name), inner.is_some());
+        let metric: MetricName = name.parse().map_err(|reason: String| {
+            let costs = Cost::ALL.map(Cost::name).join(" ");
+            format!("'{text}': {reason}; costs: {costs}")
         })?;
         let bound = number(value)?;
-        let is_fitting = match metric.direction() {
-            Direction::Higher => !is_above && bound <= 0.0,
-            Direction::Lower => is_above && bound >= 0.0,
+        let (is_fitting, form) = match (either_way, metric.direction()) {
+            (true, _) => (
+                is_above && bound >= 0.0,
+                format!("a limit on either direction reads '|{name}| > VALUE'"),
+            ),
+            (false, Direction::Higher) => (
+                !is_above && bound <= 0.0,
+                format!("higher is better, so it reads '{name} < -VALUE'"),
+            ),
+            (false, Direction::Lower) => (
+                is_above && bound >= 0.0,
+                format!("lower is better, so it reads '{name} > +VALUE'"),
+            ),
         };
         if !is_fitting {
-            let form = match metric.direction() {
-                Direction::Higher => format!("higher is better, so it reads '{name} < -VALUE'"),
-                Direction::Lower => format!("lower is better, so it reads '{name} > +VALUE'"),
-            };
             return Err(wrong(&form));
         }
         let scope = match (dataset, per_scene) {
@@ -219,7 +217,8 @@ impl FromStr for Limit {
         };
         Ok(Self::Score {
             metric,
-            bound,
+            bound: bound.abs(),
+            either_way,
             scope,
         })
     }
@@ -239,13 +238,14 @@ impl fmt::Display for Limit {
             Self::Score {
                 metric,
                 bound,
+                either_way,
                 scope,
             } => {
-                let sign = match metric.direction() {
-                    Direction::Higher => "< -",
-                    Direction::Lower => "> +",
-                };
-                write!(f, "{metric} {sign}{}", bound.abs())?;
+                match (either_way, metric.direction()) {
+                    (true, _) => write!(f, "|{metric}| > {bound}")?,
+                    (false, Direction::Higher) => write!(f, "{metric} < -{bound}")?,
+                    (false, Direction::Lower) => write!(f, "{metric} > +{bound}")?,
+                }
                 match scope {
                     Scope::Everywhere => Ok(()),
                     Scope::On(name) => write!(f, " on {name}"),

@@ -1,16 +1,15 @@
 //! Limits against a comparison.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
-use sharp_statistics::ALPHA;
+use sharp_statistics::{ALPHA, NoInference};
 
-use super::config::{Cost, Limit, MetricName, Scope};
-use super::{Check, GateConfig, GateError, State, WorsePair};
+use super::config::{Limit, MetricName, Scope};
+use super::{Check, GateConfig, GateError, GateReport, State, WorsePair};
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::results::timings;
-use crate::evaluate::unit::Timing;
 use crate::io::counts::counted;
 use crate::track::compare::breakdown::Division;
 use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
@@ -18,15 +17,78 @@ use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
 /// Pairs that got worse, as many as are shown.
 const WORST: usize = 3;
 
+pub(super) fn judge(
+    comparison: &RunComparison,
+    config: &GateConfig,
+    [a, b]: [&Path; 2],
+) -> Result<GateReport, GateError> {
+    let mut judge = Judge::new(comparison, config)?;
+    judge.scores();
+    if config
+        .fail_if
+        .iter()
+        .any(|l| matches!(l, Limit::Cost { .. }))
+    {
+        for against in &comparison.against {
+            let sides = [timings(a, &against.a)?, timings(b, &against.b)?];
+            judge.costs_of(against, &sides);
+        }
+    }
+    let (worst_of, worst) = judge.worst_pairs();
+    let graver = judge.checks.iter().map(|check| check.state).max();
+    Ok(GateReport {
+        a: a.to_owned(),
+        b: b.to_owned(),
+        state: graver
+            .filter(|state| *state >= State::Inconclusive)
+            .unwrap_or(State::Passed),
+        checks: judge.checks,
+        worst_of,
+        worst,
+        notes: comparison.notes.clone(),
+    })
+}
+
 pub(super) struct Judge<'a> {
-    comparison: &'a RunComparison,
-    config: &'a GateConfig,
+    pub(super) comparison: &'a RunComparison,
+    pub(super) config: &'a GateConfig,
     /// Those that both runs have.
     metrics: Vec<&'a MetricInfo>,
     datasets: Vec<&'a str>,
     pub(super) checks: Vec<Check>,
     /// Of each check on a metric.
-    subjects: Vec<Option<(&'a Against, &'a MetricInfo)>>,
+    pub(super) subjects: Vec<Option<Subject<'a>>>,
+}
+
+/// What a limit on a metric is about.
+#[derive(Clone, Copy)]
+pub(super) struct Subject<'a> {
+    limit: &'a Limit,
+    against: &'a Against,
+    info: &'a MetricInfo,
+    bound: f64,
+    either_way: bool,
+}
+
+impl Subject<'_> {
+    /// By how much a difference is for the worse.
+    fn loss(&self, difference: f64) -> f64 {
+        match self.info.direction {
+            _ if self.either_way => difference.abs(),
+            Direction::Higher => -difference,
+            Direction::Lower => difference,
+        }
+    }
+
+    /// True also for what is no number.
+    fn is_beyond(&self, difference: f64) -> bool {
+        difference.is_nan() || self.loss(difference) > self.bound
+    }
+
+    fn blank(&self, dataset: &str) -> Check {
+        let key = self.info.key.to_string();
+        blank(self.limit.to_string(), &key, self.against, dataset)
+    }
 }
 
 impl<'a> Judge<'a> {
@@ -72,7 +134,12 @@ impl<'a> Judge<'a> {
                 ));
             }
         }
-        for name in self.config.require_power.keys() {
+        for (name, required) in &self.config.require_power {
+            if !(required.is_finite() && *required > 0.0) {
+                return Err(format!(
+                    "power is required of {name} at {required}: a number above 0 is needed"
+                ));
+            }
             let is_tested = |limit: &Limit| match limit {
                 Limit::Score { metric, scope, .. } => {
                     !matches!(scope, Scope::PerScene(_))
@@ -104,22 +171,26 @@ impl<'a> Judge<'a> {
             let Limit::Score {
                 metric,
                 bound,
+                either_way,
                 scope,
             } = limit
             else {
                 continue;
             };
-            let named: Vec<&MetricInfo> = self.named(*metric).collect();
             for against in &comparison.against {
-                for info in &named {
-                    let checks = match scope {
-                        Scope::PerScene(dataset) => {
-                            self.scenes(limit, *bound, against, info, dataset.as_deref())
-                        }
-                        _ => self.rows(limit, *bound, against, info, scope.dataset()),
+                for info in self.named(*metric).collect::<Vec<_>>() {
+                    let subject = Subject {
+                        limit,
+                        against,
+                        info,
+                        bound: *bound,
+                        either_way: *either_way,
                     };
-                    self.subjects
-                        .extend(checks.iter().map(|_| Some((against, *info))));
+                    let checks = match scope {
+                        Scope::PerScene(_) => self.scenes(subject, scope.dataset()),
+                        _ => self.rows(subject, scope.dataset()),
+                    };
+                    self.subjects.extend(checks.iter().map(|_| Some(subject)));
                     self.checks.extend(checks);
                 }
             }
@@ -162,7 +233,7 @@ impl<'a> Judge<'a> {
                 },
                 a: Some(scored as f64),
                 b: Some((scored - lost.len()) as f64),
-                difference: Some(-(lost.len() as f64)),
+                difference: Some(0.0 - lost.len() as f64),
                 reason: lost.first().map_or_else(String::new, |first| {
                     let pairs = counted(lost.len(), "pair");
                     format!("{pairs} without a score that A has, the first is {first}")
@@ -178,14 +249,8 @@ impl<'a> Judge<'a> {
     }
 
     /// A limit on means of datasets.
-    fn rows(
-        &self,
-        limit: &Limit,
-        bound: f64,
-        against: &Against,
-        info: &MetricInfo,
-        dataset: Option<&str>,
-    ) -> Vec<Check> {
+    fn rows(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
+        let Subject { against, info, .. } = subject;
         let is_one = self.datasets.len() == 1;
         let places = self.datasets.iter().copied();
         let places = places.chain((!is_one).then_some(ALL));
@@ -198,13 +263,28 @@ impl<'a> Judge<'a> {
             (&row.method_a, &row.method_b) == (&against.a, &against.b)
                 && (&row.metric, row.region) == (&metric, info.region)
         };
-        let checks = places.map(|place| {
-            let check = blank(limit.to_string(), &info.key.to_string(), against, place);
+        let checks = places.filter_map(|place| {
+            let check = subject.blank(place);
             let mut rows = self.comparison.rows.iter().filter(of_metric);
             let Some(row) = rows.find(|row| row.dataset == place) else {
-                return unscored(check);
+                // Methods of a run need not share all datasets.
+                let is_asked =
+                    dataset.is_some() || self.has_scores(&against.joined[0], info, place);
+                return is_asked.then(|| unscored(check));
             };
-            let check = Check {
+            let (state, reason) = match subject.is_beyond(row.difference) {
+                false => (State::Passed, String::new()),
+                true if !row.difference.is_finite() => (State::Fired, not_finite(row.difference)),
+                true if row.p_holm.is_some_and(|p| p < ALPHA) => (State::Fired, String::new()),
+                true => (State::NotSignificant, why_not_significant(row)),
+            };
+            let (state, reason) = match self.lacks_power(info, row) {
+                Some(reason) if state != State::Fired => (State::Inconclusive, reason),
+                _ => (state, reason),
+            };
+            Some(Check {
+                state,
+                reason,
                 a: Some(row.mean_a),
                 b: Some(row.mean_b),
                 difference: Some(row.difference),
@@ -214,27 +294,21 @@ impl<'a> Judge<'a> {
                 mde: row.mde,
                 decimals: info.decimals + 1,
                 ..check
-            };
-            let (state, reason) = match is_beyond(info, bound, row.difference) {
-                false => (State::Passed, String::new()),
-                true if !row.difference.is_finite() => (State::Fired, not_finite(row.difference)),
-                true if row.p_holm.is_some_and(|p| p < ALPHA) => (State::Fired, String::new()),
-                true => (State::NotSignificant, why_not_significant(row)),
-            };
-            match self.lacks_power(info, row) {
-                Some(reason) if state != State::Fired => Check {
-                    state: State::Inconclusive,
-                    reason,
-                    ..check
-                },
-                _ => Check {
-                    state,
-                    reason,
-                    ..check
-                },
-            }
+            })
         });
-        checks.collect()
+        let checks: Vec<Check> = checks.collect();
+        match checks.is_empty() {
+            true => vec![unscored(subject.blank(ALL))],
+            false => checks,
+        }
+    }
+
+    fn has_scores(&self, label: &str, info: &MetricInfo, dataset: &str) -> bool {
+        let key = info.key.to_string();
+        let mut records = self.comparison.results.records.iter();
+        records.any(|record| {
+            record.method == label && record.dataset == dataset && number(record, &key).is_some()
+        })
     }
 
     /// Why a row cannot find what `require_power` says. Equal sides have no spread to judge by, and nothing to find.
@@ -262,22 +336,16 @@ impl<'a> Judge<'a> {
     }
 
     /// A limit on each scene: those beyond it, or the one that comes closest.
-    fn scenes(
-        &self,
-        limit: &Limit,
-        bound: f64,
-        against: &Against,
-        info: &MetricInfo,
-        dataset: Option<&str>,
-    ) -> Vec<Check> {
+    fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
+        let Subject { against, info, .. } = subject;
         let place = dataset.unwrap_or(ALL);
-        let blank = blank(limit.to_string(), &info.key.to_string(), against, place);
+        let blank = subject.blank(place);
         let strata = self.comparison.breakdown(against, info).into_iter();
         let scenes = strata.filter(|part| part.by == Division::Scene);
         let scenes = scenes.filter(|part| place == ALL || part.dataset == place);
         let mut checks: Vec<Check> = scenes
             .map(|scene| {
-                let fires = is_beyond(info, bound, scene.difference);
+                let fires = subject.is_beyond(scene.difference);
                 Check {
                     state: if fires { State::Fired } else { State::Passed },
                     dataset: scene.dataset,
@@ -297,10 +365,7 @@ impl<'a> Judge<'a> {
         if checks.is_empty() {
             return vec![unscored(blank)];
         }
-        let loss = |check: &Check| match info.direction {
-            Direction::Higher => -check.difference.unwrap_or_default(),
-            Direction::Lower => check.difference.unwrap_or_default(),
-        };
+        let loss = |check: &Check| subject.loss(check.difference.unwrap_or_default());
         checks.sort_by(|one, other| loss(other).total_cmp(&loss(one)));
         let fired = checks.iter().filter(|c| c.state == State::Fired).count();
         let scenes = counted(checks.len(), "scene");
@@ -311,110 +376,24 @@ impl<'a> Judge<'a> {
         checks
     }
 
-    /// Each limit on what predictions cost.
-    pub(super) fn costs(&mut self, [a, b]: [&Path; 2]) -> Result<(), GateError> {
-        let limits = self.config.fail_if.iter().filter_map(|limit| match limit {
-            Limit::Cost { cost, percent } => Some((limit, *cost, *percent)),
-            Limit::Score { .. } => None,
-        });
-        let limits: Vec<_> = limits.collect();
-        if limits.is_empty() {
-            return Ok(());
-        }
-        for against in &self.comparison.against {
-            let sides = [timings(a, &against.a)?, timings(b, &against.b)?];
-            let device = self.device_difference(against, &sides);
-            for &(limit, cost, percent) in &limits {
-                let check = blank(limit.to_string(), cost.name(), against, ALL);
-                let check = match (&device, costs(cost, &sides)) {
-                    (Some(difference), _) => Check {
-                        state: State::NotCompared,
-                        reason: difference.clone(),
-                        ..check
-                    },
-                    (None, Some([before, now])) if before > 0.0 => {
-                        let more = 100.0 * (now / before - 1.0);
-                        Check {
-                            state: match more > percent {
-                                true => State::Fired,
-                                false => State::Passed,
-                            },
-                            a: Some(before),
-                            b: Some(now),
-                            difference: Some(more),
-                            decimals: 3,
-                            ..check
-                        }
-                    }
-                    (None, _) => Check {
-                        state: State::NotCompared,
-                        reason: "it was not measured, or is too small to be".to_owned(),
-                        ..check
-                    },
-                };
-                self.subjects.push(None);
-                self.checks.push(check);
-            }
-        }
-        Ok(())
-    }
-
-    /// The first thing in which the devices that predicted differ, or why that is not known.
-    fn device_difference(
-        &self,
-        against: &Against,
-        sides: &[BTreeMap<String, Timing>; 2],
-    ) -> Option<String> {
-        let mut machines = Vec::new();
-        for (side, timings) in ["A", "B"].into_iter().zip(sides) {
-            let known = timings.values().map(|timing| timing.machine.as_deref());
-            let known: BTreeSet<Option<&str>> = known.collect();
-            let mut known = known.into_iter();
-            match (known.next(), known.next()) {
-                (Some(Some(machine)), None) => machines.push(machine.to_owned()),
-                (None, _) => return Some(format!("{side} holds no times; bundles never do")),
-                (Some(None), _) => {
-                    return Some(format!("{side} does not say which processor predicted"));
-                }
-                (Some(Some(one)), Some(other)) => {
-                    let other = other.unwrap_or_default();
-                    return Some(format!("{side} was predicted by {one}, and by {other}"));
-                }
-            }
-        }
-        let facts = |at: usize, label: &str| {
-            let manifest = &self.comparison.manifests[at];
-            let mut methods = manifest.methods.iter();
-            let method = methods.find(|method| method.label == label);
-            let device = method.and_then(|method| method.identity.settings.get("device"));
-            [
-                ("processor", machines[at].clone()),
-                ("class of CPU kernels", manifest.kernels.name().to_owned()),
-                ("renderer", manifest.renderer.backend.clone()),
-                ("network's device", device.cloned().unwrap_or_default()),
-            ]
-        };
-        let mut facts = facts(0, &against.a).into_iter().zip(facts(1, &against.b));
-        let ((what, a), (_, b)) = facts.find(|(a, b)| a != b)?;
-        Some(format!("the {what} is {a} in A and {b} in B"))
-    }
-
     /// The pairs that lost most, of the first check on a metric that fired, or of the first on one.
     pub(super) fn worst_pairs(&self) -> (Option<usize>, Vec<WorsePair>) {
         let mut on_metrics = (0..self.checks.len()).filter(|&at| self.subjects[at].is_some());
         let fired = |at: &usize| self.checks[*at].state == State::Fired;
         let at = on_metrics.clone().find(fired).or_else(|| on_metrics.next());
-        let Some((at, (against, info))) = at.and_then(|at| Some((at, self.subjects[at]?))) else {
+        let Some((at, subject)) = at.and_then(|at| Some((at, self.subjects[at]?))) else {
             return (None, Vec::new());
         };
         let check = &self.checks[at];
-        let changes = self.comparison.changes(against, info).into_iter();
-        let changes = changes.filter(|change| {
+        let size = |loss: f64| if subject.either_way { loss.abs() } else { loss };
+        let mut changes = self.comparison.changes(subject.against, subject.info);
+        changes.retain(|change| {
             (check.dataset == ALL || check.dataset == change.a.dataset)
                 && check.scene.as_ref().is_none_or(|s| *s == change.a.scene)
-                && (change.loss > 0.0 || change.loss.is_nan())
+                && (size(change.loss) > 0.0 || change.loss.is_nan())
         });
-        let worst = changes.take(WORST).map(|change| WorsePair {
+        changes.sort_by(|one, other| size(other.loss).total_cmp(&size(one.loss)));
+        let worst = changes.into_iter().take(WORST).map(|change| WorsePair {
             pair_id: change.a.pair_id.clone(),
             a: change.scores[0],
             b: change.scores[1],
@@ -424,7 +403,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-fn blank(limit: String, quantity: &str, against: &Against, dataset: &str) -> Check {
+pub(super) fn blank(limit: String, quantity: &str, against: &Against, dataset: &str) -> Check {
     Check {
         state: State::Passed,
         limit,
@@ -453,15 +432,6 @@ fn unscored(check: Check) -> Check {
     }
 }
 
-/// True also for what is no number.
-fn is_beyond(info: &MetricInfo, bound: f64, difference: f64) -> bool {
-    difference.is_nan()
-        || match info.direction {
-            Direction::Higher => difference < bound,
-            Direction::Lower => difference > bound,
-        }
-}
-
 fn not_finite(difference: f64) -> String {
     match difference.is_nan() {
         true => "scores are NaN, or infinite differences cancel: the mean is no number".to_owned(),
@@ -471,6 +441,9 @@ fn not_finite(difference: f64) -> String {
 
 fn why_not_significant(row: &ScoreChange) -> String {
     match row.basis {
+        Err(NoInference::OneCluster) => {
+            "beyond the limit, but one scene does not show how scenes vary".to_owned()
+        }
         Err(reason) => format!("beyond the limit, but without p: {reason}"),
         Ok(_) => {
             let scenes = counted(row.n_scenes, "scene");
@@ -495,22 +468,4 @@ fn why_absent(record: Option<&Record>, key: &str) -> String {
             (_, None) => format!("no {key}"),
         },
     }
-}
-
-/// Of A and of B: seconds of a pair on the mean of those that both have, or MiB.
-fn costs(cost: Cost, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
-    let [a, b] = sides;
-    let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));
-    let each: [Vec<&Timing>; 2] = [0, 1].map(|side| both().map(|timing| timing[side]).collect());
-    let [a, b] = each.map(|timings| match cost {
-        Cost::SecondsPerPair => {
-            let total: f64 = timings.iter().map(|timing| timing.predict_secs).sum();
-            Some(total / timings.len() as f64)
-        }
-        Cost::PeakMemory => {
-            let peaks: Option<Vec<u64>> = timings.iter().map(|timing| timing.peak_bytes).collect();
-            Some(peaks?.into_iter().max()? as f64 / (1 << 20) as f64)
-        }
-    });
-    Some([a?, b?])
 }

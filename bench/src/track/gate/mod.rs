@@ -2,7 +2,7 @@
 //! an unlikely reason, when single scenes are, when pairs lost their scores, or when predictions cost more.
 //!
 //! * [`config`]: limits as people write them; [`output`]: JUnit XML and Markdown.
-//! * `judge`: what fires.
+//! * `judge`: what fires; `cost`: the same of time and memory.
 //!
 //! What cannot be judged never passes silently:
 //!
@@ -18,9 +18,11 @@
 //! | no pair with scores on both sides | inconclusive |
 
 pub mod config;
+mod cost;
 mod judge;
 pub mod output;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -28,6 +30,7 @@ use serde::Serialize;
 use super::compare::{CompareError, Practical, compare};
 use crate::evaluate::EvaluateError;
 pub use config::{GateConfig, Limit};
+use judge::judge;
 
 /// Why a gate cannot say anything.
 #[derive(Debug, thiserror::Error)]
@@ -148,7 +151,7 @@ impl GateReport {
 
     /// The command that shows more.
     pub fn compare_command(&self) -> String {
-        let methods: std::collections::BTreeSet<_> = self
+        let methods: BTreeSet<_> = self
             .checks
             .iter()
             .map(|check| (&check.method_a, &check.method_b))
@@ -185,22 +188,8 @@ pub fn gate(
         return Err(GateError::Limits(reason.to_owned()));
     }
     let comparison = compare(a, b, methods, &Practical::default())?;
-    let mut judge = judge::Judge::new(&comparison, config)?;
-    judge.scores();
-    judge.costs([a, b])?;
-    let (worst_of, worst) = judge.worst_pairs();
-    let checks = judge.checks;
-    let has = |state| checks.iter().any(|check| check.state == state);
-    let state = [State::Fired, State::Inconclusive]
-        .into_iter()
-        .find(|state| has(*state));
-    Ok(GateReport {
-        a: a.to_owned(),
-        b: b.to_owned(),
-        state: state.unwrap_or(State::Passed),
-        checks,
-        worst_of,
-        worst,
-        notes: comparison.notes,
-    })
+    judge(&comparison, config, [a, b])
 }
+
+#[cfg(test)]
+mod tests;

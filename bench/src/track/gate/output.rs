@@ -130,6 +130,7 @@ fn text(text: &str) -> String {
 /// Verdict, what was judged, the worst pairs, and how to see more.
 pub fn markdown(report: &GateReport) -> String {
     let mut out = format!("### Quality gate {}\n\n", text(&report.headline()));
+    out.push_str("A is the baseline, B what is judged.\n\n");
     out.push_str("| | limit | on | A | B | B − A | 95 % | p | |\n|:---|:---|:---|---:|---:|---:|---:|---:|:---|\n");
     let mut checks: Vec<&Check> = report.checks.iter().collect();
     checks.sort_by_key(|check| std::cmp::Reverse(check.state));
@@ -171,6 +172,6 @@ pub fn markdown(report: &GateReport) -> String {
         let _ = writeln!(out, "\nNote: {}.", text(note));
     }
     let command = report.compare_command();
-    let _ = write!(out, "\nMore of it:\n\n    {}\n", visible_line(&command));
+    let _ = write!(out, "\nTo see more:\n\n    {}\n", visible_line(&command));
     out
 }
