@@ -48,6 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         methods: Vec::new(),
         facts: Vec::new(),
         published: PublishedNumbers::Never,
+        comparison: None,
         pictures: &NoPictures,
         options: ReportOptions::default(),
     };

@@ -62,18 +62,24 @@
     if (!values.length) { return null; }
     return values.reduce(function (a, b) { return a + b; }, 0) / values.length;
   }
+  // By how much B is worse than A, where the page compares two runs.
+  function lossKey(sort) { return sort[1] && sort[1].indexOf('loss-') === 0 ? sort[1] : ''; }
   function arrange() {
     var dataset = one('#f-dataset').value, methods = shownMethods(), of = one('#f-of').value;
     var sort = one('#f-sort').value.split(':');
+    var change = one('#f-change') && one('#f-change').value;
     var visible = 0;
     pairs.forEach(function (pair) {
-      pair.hidden = dataset !== '' && pair.dataset.dataset !== dataset;
+      var lost = +pair.dataset[lossKey(sort) || 'loss-0'];
+      pair.hidden = (dataset !== '' && pair.dataset.dataset !== dataset) ||
+        (change === 'worse' && !(lost > 0)) || (change === 'better' && !(lost < 0));
       if (!pair.hidden) { visible += 1; }
       all('.method', pair).forEach(function (column) { column.hidden = methods.indexOf(column.dataset.method) < 0; });
     });
     one('#none').hidden = visible > 0;
     function key(pair) {
       if (sort[0] === 'order') { return +pair.dataset.order; }
+      if (lossKey(sort)) { return number({ dataset: { value: pair.dataset[lossKey(sort)] } }); }
       if (sort[1] === 'baseline' || sort[1] === 'overlap') {
         var text = pair.dataset[sort[1]];
         return text === undefined ? null : +text;
@@ -85,6 +91,7 @@
       .forEach(function (entry) { cards.appendChild(entry[1]); });
   }
   one('#controls').addEventListener('change', arrange);
+  if (one('#f-change')) { arrange(); }
 
   // A prediction shows the target while pointed at or focused.
   function source(pair, kind, method) {
@@ -115,6 +122,13 @@
   var now = { pair: null, method: null, view: 'prediction', split: 0.5, zoom: 1, x: 0, y: 0 };
   function clamp(value, low, high) { return Math.min(high, Math.max(low, value)); }
   function columns() { return all('.method', now.pair).filter(function (column) { return !column.hidden; }); }
+  // The columns of A and B that the current method is one of.
+  function sides() {
+    var found = all('.method[data-against]', now.pair).filter(function (column) {
+      return column.dataset.method === now.method || column.dataset.against === now.method;
+    })[0];
+    return found ? [found.dataset.against, found.dataset.method] : [];
+  }
   function picture(kind) { return kind === 'source' || kind === 'target' ? source(now.pair, kind) : source(now.pair, kind, now.method); }
   function put(element, image) {
     var small = image.dataset.own || image.src, wanted = image.dataset.full || small;
@@ -129,8 +143,9 @@
     var width = Math.min(box.width, box.height * ratio);
     return { left: (box.width - width) / 2, width: width };
   }
+  function split() { return now.view === 'compare' || now.view === 'sides'; }
   function place() {
-    var compare = now.view === 'compare', at = span(), box = stage.getBoundingClientRect();
+    var compare = split(), at = span(), box = stage.getBoundingClientRect();
     now.x = clamp(now.x, box.width * (1 - now.zoom), 0);
     now.y = clamp(now.y, box.height * (1 - now.zoom), 0);
     pan.style.transform = 'translate(' + now.x + 'px,' + now.y + 'px) scale(' + now.zoom + ')';
@@ -165,7 +180,9 @@
       return one('dt', div).textContent + ' ' + one('dd', div).textContent;
     }).join(' · ') : '';
     all('[data-view]', viewer).forEach(function (button) {
-      button.disabled = !picture(button.dataset.view === 'compare' ? 'prediction' : button.dataset.view);
+      var view = button.dataset.view;
+      button.disabled = view === 'sides' ? !sides().length : view === 'change' ? !source(now.pair, 'change', sides()[1]) :
+        !picture(view === 'compare' ? 'prediction' : view);
       button.setAttribute('aria-pressed', button.dataset.view === now.view);
     });
     var list = one('#v-methods');
@@ -178,14 +195,15 @@
       button.addEventListener('click', function () { now.method = column.dataset.method; show(); });
       list.appendChild(button);
     });
-    var compare = now.view === 'compare';
-    var kind = compare ? 'prediction' : now.view;
-    var top = picture(kind), target = picture('target');
-    var words = { source: 'Source', target: 'Target', prediction: 'Prediction · ' + label, error: 'Error · ' + label, compare: 'Target | Prediction · ' + label };
+    var kind = split() ? 'prediction' : now.view;
+    var top = picture(kind), target = picture('target'), both = sides();
+    if (now.view === 'sides') { top = source(now.pair, 'prediction', both[1]); target = source(now.pair, 'prediction', both[0]); }
+    if (now.view === 'change') { top = source(now.pair, 'change', both[1]); }
+    var words = { change: 'Change of the error in B against A', sides: 'A | B', source: 'Source', target: 'Target', prediction: 'Prediction · ' + label, error: 'Error · ' + label, compare: 'Target | Prediction · ' + label };
     one('#v-what').textContent = top ? words[now.view] : 'no picture';
     over.style.display = top ? '' : 'none';
-    if (top) { put(over, top); over.alt = words[kind]; }
-    under.style.visibility = compare ? 'visible' : 'hidden';
+    if (top) { put(over, top); over.alt = words[now.view === 'sides' ? 'sides' : kind]; }
+    under.style.visibility = split() ? 'visible' : 'hidden';
     if (target || top) { put(under, target || top); }
     history.replaceState(null, '', '#' + now.pair.id);
     place();
@@ -232,7 +250,7 @@
       now.x += event.movementX;
       now.y += event.movementY;
       place();
-    } else if (now.view === 'compare') { splitAt(event); }
+    } else if (split()) { splitAt(event); }
   });
   stage.addEventListener('wheel', function (event) { event.preventDefault(); zoom(Math.pow(1.002, -event.deltaY), event); }, { passive: false });
   stage.addEventListener('dblclick', function (event) { zoom(now.zoom > 1 ? 1 / now.zoom : 4, event); });
@@ -246,11 +264,11 @@
   });
   window.addEventListener('resize', function () { if (viewer.open) { place(); } });
   viewer.addEventListener('keydown', function (event) {
-    var views = { '1': 'source', '2': 'target', '3': 'prediction', '4': 'error', '5': 'compare' };
+    var views = { '1': 'source', '2': 'target', '3': 'prediction', '4': 'error', '5': 'compare', '6': 'change', '7': 'sides' };
     if (event.ctrlKey || event.metaKey || event.altKey) { return; }
     var zooms = { '+': 1.5, '=': 1.5, '-': 1 / 1.5, '0': 1 / now.zoom };
     var visible = all('.pair', cards).filter(function (pair) { return !pair.hidden; });
-    if (views[event.key]) { now.view = views[event.key]; }
+    if (views[event.key] && one('[data-view=' + views[event.key] + ']', viewer)) { now.view = views[event.key]; }
     else if (zooms[event.key]) { zoom(zooms[event.key]); }
     else if (event.key === ' ') { now.view = now.view === 'target' ? 'prediction' : 'target'; }
     else if (event.key === 'ArrowRight') { now.pair = step(visible, now.pair, 1); }

@@ -89,3 +89,150 @@ fn runs_are_compared_by_pair_and_unlike_ones_refused() {
     .unwrap();
     compare(dir, &["a", "b"]).is_error_with(&["eps2d is \"0\" in one and \"0.3\" in the other"]);
 }
+
+#[test]
+fn where_it_changed_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for (out, resolution, keep) in [("a", 128, "all"), ("b", 32, "all"), ("bare", 32, "none")] {
+        let method = format!("depth-splat:label=splat,resolution={resolution}");
+        let args = [
+            "run",
+            "--dataset",
+            DATASET,
+            "--limit",
+            "6",
+            "--metrics",
+            "psnr,ssim,dists",
+            "--method",
+            &method,
+            "--keep",
+            keep,
+            "--out",
+            out,
+        ];
+        sharp_bench(dir, &args).ends_with(0);
+    }
+    let said = compare(dir, &["a", "b", "--anatomy", "--out", "page", "--json"]).ends_with(0);
+    assert!(
+        said.err
+            .contains("dists compares statistics of whole pictures"),
+        "{}",
+        said.err
+    );
+    let json = said.json();
+    let strata = json["breakdown"].as_array().unwrap();
+    let of = |by: &str, metric: &str| -> Vec<&serde_json::Value> {
+        let strata = strata.iter();
+        strata
+            .filter(|s| s["by"] == by && s["metric"] == metric)
+            .collect()
+    };
+    let psnr = of("pixels", "psnr");
+    let shares: f64 = psnr
+        .iter()
+        .map(|s| s["pixel_share"].as_f64().unwrap())
+        .sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{psnr:?}");
+    let visible = &psnr[0];
+    assert_eq!(visible["stratum"], "visible in the source");
+    assert!(visible["difference"].as_f64().unwrap() < 0.0, "{visible}");
+    assert!(of("pixels", "dists").is_empty());
+    let scene = of("scene", "psnr")[0];
+    assert_eq!(
+        (&scene["n_pairs"], &scene["difference"]),
+        (&6.into(), &json["rows"][0]["difference"])
+    );
+    let by_baseline: u64 = of("baseline_m", "psnr")
+        .iter()
+        .map(|s| s["n_pairs"].as_u64().unwrap())
+        .sum();
+    assert_eq!(by_baseline, 6);
+    // Most lost first.
+    let pairs = json["pairs"].as_array().unwrap();
+    let losses: Vec<f64> = pairs
+        .iter()
+        .filter(|pair| pair["metric"] == "psnr")
+        .map(|pair| pair["loss"].as_f64().unwrap())
+        .collect();
+    assert!(
+        losses.len() == 6 && losses.is_sorted_by(|a, b| a >= b),
+        "{losses:?}"
+    );
+    // The page has both sides, the change of the error, and a link per pair.
+    let read = |name: &str| std::fs::read_to_string(dir.join("page").join(name)).unwrap();
+    let page = read("index.html");
+    for what in [
+        "data-kind=\"change\"",
+        "7 A | B",
+        "data-loss-0=",
+        "href=\"#pair=S/seed0/",
+        "id=\"comparison\"",
+    ] {
+        assert!(page.contains(what), "{what}");
+    }
+    assert!(read("report.md").contains("| S | visible in the source |"));
+    for (name, head) in [
+        ("comparison", "dataset,metric,"),
+        ("breakdown", "dataset,metric,"),
+        ("pairs", "pair_id,dataset,"),
+    ] {
+        assert!(
+            read(&format!("tables/{name}.csv")).starts_with(head),
+            "{name}"
+        );
+    }
+    assert_eq!(read("tables/pairs.csv").lines().count(), 1 + 3 * 6);
+    // Equal input, equal bytes.
+    compare(dir, &["a", "b", "--anatomy", "--out", "again"]).ends_with(0);
+    let again = |name: &str| std::fs::read(dir.join("again").join(name)).unwrap();
+    assert_eq!(again("index.html"), page.as_bytes());
+    assert_eq!(
+        again("tables/breakdown.csv"),
+        read("tables/breakdown.csv").as_bytes()
+    );
+
+    let said = compare(dir, &["a", "bare", "--anatomy"]).ends_with(0);
+    assert!(
+        said.err
+            .contains("no error anatomy of 6 pairs: the prediction was not kept"),
+        "{}",
+        said.err
+    );
+    std::fs::create_dir(dir.join("mine")).unwrap();
+    std::fs::write(dir.join("mine/index.html"), "mine").unwrap();
+    compare(dir, &["a", "b", "--out", "mine"]).is_error_with(&["is no report of ours"]);
+}
+
+/// Numbers up to what mathematical libraries differ by, everything else exactly.
+fn same_cells(found: &str, committed: &str) {
+    assert_eq!(found.lines().count(), committed.lines().count());
+    for (found, committed) in found.lines().zip(committed.lines()) {
+        for (found, committed) in found.split(',').zip(committed.split(',')) {
+            match (found.parse::<f64>(), committed.parse::<f64>()) {
+                (Ok(a), Ok(b)) => assert!((a - b).abs() <= 1e-9 * b.abs().max(1e-6), "{a} {b}"),
+                _ => assert_eq!(found, committed),
+            }
+        }
+    }
+}
+
+#[test]
+fn committed_bundles_still_say_what_was_published() {
+    let reports = Path::new(env!("CARGO_MANIFEST_DIR")).join("../reports/comparison");
+    let dir = tempfile::tempdir().unwrap();
+    let bundle = |name: &str| reports.join(name).display().to_string();
+    let (a, b) = (bundle("splat1536.zip"), bundle("splat768.zip"));
+    let args = [a.as_str(), &b, "--breakdown", "--out", "page"];
+    let said = compare(dir.path(), &args).ends_with(0);
+    assert!(
+        said.out
+            .contains("psnr: depth-splat (A), depth-splat (B) by scene"),
+        "{}",
+        said.out
+    );
+    for name in ["comparison.csv", "breakdown.csv", "pairs.csv"] {
+        let read = |path: &Path| std::fs::read_to_string(path.join(name)).unwrap();
+        same_cells(&read(&dir.path().join("page/tables")), &read(&reports));
+    }
+}

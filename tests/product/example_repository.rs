@@ -54,7 +54,7 @@ fn the_python_repository_passes_and_its_broken_model_fails() {
     assert_eq!(code, 3, "{said}");
     let comment = read(dir.join("broken/comment.md"));
     assert!(
-        comment.contains("| **fired** | psnr &lt; -0.1 | smoke, model |"),
+        comment.contains("| fired | psnr &lt; -0.1 | psnr | smoke, model |"),
         "{comment}"
     );
     assert!(read(dir.join("broken/gate.xml")).contains("<failure message="));

@@ -6,16 +6,14 @@ use std::str::FromStr;
 use clap::Args;
 use serde_json::json;
 use sharp_metrics::Family;
-use sharp_metrics::identity::MetricRegion;
-use sharp_statistics::NoInference;
 
+use super::data_args::weights;
 use super::outcome::UsageError;
+use super::output::Terminal;
 use super::{Outcome, output};
-use crate::io::counts::counted;
-use crate::report::tables::shown;
-use crate::track::compare::{
-    CompareError, Practical, RunComparison, ScoreChange, compare, verdict_word,
-};
+use crate::report::{ReportOptions, assemble};
+use crate::track::compare::breakdown::{Division, Stratum};
+use crate::track::compare::{CompareError, Practical, RunComparison, compare};
 
 /// Compare two runs pair by pair: means, intervals, significance
 ///
@@ -28,7 +26,8 @@ use crate::track::compare::{
 Examples:
   sharp-bench compare runs/v1 runs/v2
   sharp-bench compare runs/v1 runs/v2 --method sharp=sharp-new --json
-  sharp-bench compare runs/all --method depth-splat=sharp")]
+  sharp-bench compare runs/all --method depth-splat=sharp
+  sharp-bench compare runs/v1 runs/v2 --anatomy --out v1-v2")]
 pub(super) struct CompareArgs {
     /// Run folder A: what was before
     #[arg(value_name = "A")]
@@ -42,6 +41,19 @@ pub(super) struct CompareArgs {
     /// Up to where a difference matters to nobody, by metric; psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001 if not given
     #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',')]
     practical: Vec<Threshold>,
+    /// Show means by scene, baseline, rotation, overlap and relative motion too
+    #[arg(long)]
+    breakdown: bool,
+    /// Show the error by kind of pixel too: what the source shows, hides or leaves outside, and what is close to a depth
+    /// edge. Needs the kept pictures of both runs and datasets with depth
+    #[arg(long)]
+    anatomy: bool,
+    /// A backbone's weights file for --anatomy, where the runs were scored on others than those at hand: NAME=FILE
+    #[arg(long, value_name = "NAME=FILE", requires = "anatomy")]
+    weights: Vec<String>,
+    /// Write a page with the pictures of the pairs that changed most, Markdown and CSV into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -102,6 +114,23 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),
         other => other.into(),
     })?;
+    let terminal = Terminal::default();
+    let scenes = match args.anatomy || args.out.is_some() {
+        true => assemble::scenes(&comparison.results.manifest, &terminal),
+        false => Vec::new(),
+    };
+    let mut anatomies = Vec::new();
+    if args.anatomy {
+        let weights = weights(&args.weights)?;
+        for against in &comparison.against {
+            anatomies.push(comparison.anatomy(against, &scenes, &weights, &terminal)?);
+        }
+    }
+    let strata = comparison.strata(&anatomies);
+    let files = match &args.out {
+        Some(out) => Some(comparison.write(&strata, &scenes, out, ReportOptions::default())?),
+        None => None,
+    };
     if args.json {
         output::json(&json!({
             "schema": 1,
@@ -110,132 +139,41 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
             "seed": comparison.resampling.seed,
             "resamples": comparison.resampling.count,
             "rows": comparison.rows,
+            "breakdown": strata,
+            "pairs": comparison.pair_lines(Some(10)),
         }))?;
     } else {
-        print(&comparison)?;
+        print(&comparison, &strata, args)?;
+        if let Some(files) = &files {
+            output::line(format!("page  {}", files.html.display()))?;
+        }
     }
-    for note in &comparison.notes {
+    let notes = anatomies.iter().flat_map(|anatomy| &anatomy.notes);
+    for note in comparison.notes.iter().chain(notes) {
         output::remark(format!("note: {note}"));
     }
-    Ok(Outcome::Done)
+    let not_scored = files.map(|files| files.not_scored).unwrap_or_default();
+    super::report::warn_not_scored(&not_scored);
+    Ok(Outcome::of_problems(!not_scored.is_empty()))
 }
 
-const HEADS: [&str; 11] = [
-    "dataset",
-    "pairs",
-    "scenes",
-    "A",
-    "B",
-    "B - A",
-    "95 %",
-    "p",
-    "p Holm",
-    "detectable",
-    "B is",
-];
-
-fn print(comparison: &RunComparison) -> anyhow::Result<()> {
-    let groups = comparison.rows.chunk_by(|one, other| {
-        let key = |row: &ScoreChange| {
-            (
-                row.method_a.clone(),
-                row.method_b.clone(),
-                row.metric.clone(),
-                row.region,
-            )
-        };
-        key(one) == key(other)
-    });
-    for rows in groups {
-        let first = &rows[0];
-        let region = match first.region {
-            MetricRegion::Whole => "",
-            region => region.suffix(),
-        };
-        let (metric, old, new) = (&first.metric, &first.method_a, &first.method_b);
-        output::line(format!("{metric}{region}: {old} (A), {new} (B)"))?;
-        let mut lines = vec![HEADS.map(str::to_owned)];
-        lines.extend(rows.iter().map(cells));
-        grid(&lines, &[0, 10])?;
-        for remark in rows.iter().flat_map(remarks) {
-            output::line(format!("  {remark}"))?;
+fn print(comparison: &RunComparison, strata: &[Stratum], args: &CompareArgs) -> anyhow::Result<()> {
+    for grid in comparison.change_grids() {
+        output::line(grid.text())?;
+    }
+    for against in &comparison.against {
+        for metric in &comparison.results.manifest.metrics {
+            if let Some(grid) = comparison.extremes(against, &metric.info) {
+                output::line(grid.text())?;
+            }
         }
-        output::line("")?;
+    }
+    let shown = strata.iter().filter(|stratum| match stratum.by {
+        Division::Pixels => true,
+        _ => args.breakdown,
+    });
+    for grid in comparison.where_grids(&shown.cloned().collect::<Vec<_>>()) {
+        output::line(grid.text())?;
     }
     Ok(())
-}
-
-/// Lines of cells under each other, those of some columns to the left and the others to the right.
-pub(super) fn grid<const N: usize>(lines: &[[String; N]], left: &[usize]) -> anyhow::Result<()> {
-    let length = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
-    let widths: Vec<usize> = (0..N).filter_map(length).collect();
-    for line in lines {
-        let cells = line.iter().zip(&widths).enumerate();
-        let cells = cells.map(|(column, (cell, width))| match left.contains(&column) {
-            true => format!("{cell:<width$}"),
-            false => format!("{cell:>width$}"),
-        });
-        output::line(format!(
-            "  {}",
-            cells.collect::<Vec<_>>().join("  ").trim_end()
-        ))?;
-    }
-    Ok(())
-}
-
-fn cells(row: &ScoreChange) -> [String; 11] {
-    // One decimal more than single scores: means of many are compared.
-    let decimals = row.decimals + 1;
-    let number = |value: f64| shown(value, decimals);
-    let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), number);
-    let p = |value: Option<f64>| match value {
-        None => "-".to_owned(),
-        Some(p) if p < 0.0001 => "<0.0001".to_owned(),
-        Some(p) => format!("{p:.4}"),
-    };
-    let interval = match (row.ci_low, row.ci_high) {
-        (None, None) => "-".to_owned(),
-        (low, high) => format!("{} .. {}", optional(low), optional(high)),
-    };
-    [
-        row.dataset.clone(),
-        row.n_pairs.to_string(),
-        row.n_scenes.to_string(),
-        number(row.mean_a),
-        number(row.mean_b),
-        number(row.difference),
-        interval,
-        p(row.p),
-        p(row.p_holm),
-        optional(row.mde),
-        verdict_word(row.verdict).to_owned(),
-    ]
-}
-
-/// What a row of numbers does not say.
-fn remarks(row: &ScoreChange) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let dataset = &row.dataset;
-    match row.basis {
-        Ok(Some((p, floor))) if row.n_scenes > 1 => remarks.push(format!(
-            "{dataset}: by the signs of {} scenes alone p = {p:.4}, at least {floor:.4} with so many",
-            row.n_scenes
-        )),
-        Ok(_) => {}
-        Err(NoInference::OneCluster) => remarks.push(format!(
-            "{dataset}: no interval and no p, because one scene does not show how scenes vary"
-        )),
-        Err(reason) => remarks.push(format!("{dataset}: no interval and no p, because {reason}")),
-    }
-    if row.left_out > 0 {
-        let pairs = counted(row.left_out, "pair");
-        remarks.push(format!(
-            "{dataset}: {pairs} without a score on both sides left out"
-        ));
-    }
-    if row.n_infinite > 0 {
-        let pairs = counted(row.n_infinite, "pair");
-        remarks.push(format!("{dataset}: {pairs} with an infinite score"));
-    }
-    remarks
 }

@@ -79,18 +79,22 @@ impl MetricArgs {
         }
     }
 
-    /// The files given; for other networks what is at hand.
     pub(super) fn weights(&self) -> anyhow::Result<Weights> {
-        let mut weights = Weights::at_hand();
-        for spec in &self.weights {
-            let Some((name, file)) = spec.split_once('=') else {
-                let reason = "NAME=FILE is needed, as in vgg16=vgg16-397923af.pth";
-                return Err(UsageError(format!("--weights {spec}: {reason}")).into());
-            };
-            weights = weights.with_file(name.parse()?, file);
-        }
-        Ok(weights)
+        weights(&self.weights)
     }
+}
+
+/// Files given as `NAME=FILE`; for other networks what is at hand.
+pub(super) fn weights(files: &[String]) -> anyhow::Result<Weights> {
+    let mut weights = Weights::at_hand();
+    for spec in files {
+        let Some((name, file)) = spec.split_once('=') else {
+            let reason = "NAME=FILE is needed, as in vgg16=vgg16-397923af.pth";
+            return Err(UsageError(format!("--weights {spec}: {reason}")).into());
+        };
+        weights = weights.with_file(name.parse()?, file);
+    }
+    Ok(weights)
 }
 
 /// Refuses missing weights of metrics that were named explicitly.

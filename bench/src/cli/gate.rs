@@ -7,14 +7,14 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::compare::{Against, grid};
+use super::compare::Against;
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
 use crate::track::compare::CompareError;
 use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
-use crate::track::gate::{GateConfig, GateError, GateReport, Limit, State, gate};
+use crate::track::gate::{GateConfig, GateError, Limit, State, gate};
 
 /// Judge a run by a baseline, for continuous integration: exit code 3 where it is worse than limits allow
 ///
@@ -113,7 +113,12 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
             "headline": report.headline(),
             "gate": report,
         }))?,
-        false => print(&report)?,
+        false => {
+            for grid in report.grids() {
+                output::line(grid.text())?;
+            }
+            output::line(report.headline())?;
+        }
     }
     for note in &report.notes {
         output::remark(format!("note: {note}"));
@@ -123,35 +128,4 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         State::Inconclusive => Outcome::GateInconclusive,
         _ => Outcome::Done,
     })
-}
-
-fn print(report: &GateReport) -> anyhow::Result<()> {
-    let heads = ["", "limit", "on", "A", "B", "B - A", "95 %", "p Holm"];
-    let mut rows = vec![heads.map(str::to_owned)];
-    rows.extend(report.checks.iter().map(|check| {
-        let [a, b, difference, interval, p] = check.cells();
-        let state = check.state.text().to_owned();
-        let (limit, place) = (check.limit.clone(), check.place());
-        [state, limit, place, a, b, difference, interval, p]
-    }));
-    grid(&rows, &[0, 1, 2])?;
-    for check in report.checks.iter().filter(|c| !c.reason.is_empty()) {
-        let (limit, place) = (&check.limit, check.place());
-        output::line(format!("  {limit}, {place}: {}", check.reason))?;
-    }
-    if let (Some(at), false) = (report.worst_of, report.worst.is_empty()) {
-        let check = &report.checks[at];
-        output::line(format!(
-            "worst pairs, {} on {}",
-            check.quantity,
-            check.place()
-        ))?;
-        for pair in &report.worst {
-            let number = |value| crate::report::tables::shown(value, check.decimals);
-            let (a, b, loss) = (number(pair.a), number(pair.b), number(pair.loss));
-            let pair_id = &pair.pair_id;
-            output::line(format!("  {pair_id}  {a} to {b}, worse by {loss}"))?;
-        }
-    }
-    output::line(report.headline())
 }

@@ -77,13 +77,18 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         output::line(format!("report  {}", files.html.display()))?;
     }
-    for path in &files.not_scored {
+    warn_not_scored(&files.not_scored);
+    Ok(Outcome::of_problems(!files.not_scored.is_empty()))
+}
+
+/// Says which kept pictures a report leaves out.
+pub(super) fn warn_not_scored(paths: &[PathBuf]) {
+    for path in paths {
         output::remark(format!(
             "warning: {}: not the picture that was scored, so it is not shown; `run` with the same options makes it anew",
             path.display()
         ));
     }
-    Ok(Outcome::of_problems(!files.not_scored.is_empty()))
 }
 
 /// Prints the tables of results.

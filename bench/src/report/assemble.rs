@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
 use sharp_datasets::{Scene, View};
 
 use super::input::{
-    Column, FactGroup, PublishedNumbers, ReportDataset, ReportInput, ReportMethod, ReportOptions,
+    Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
+    ReportMethod, ReportOptions,
 };
 use super::pictures::{NoPictures, ReportPictures};
 use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
@@ -39,12 +40,41 @@ pub fn report(
     options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
     let pictures = RunPictures::new(results, scenes);
-    let mut input = input(results, &pictures, published);
-    input.options = options;
-    let mut files = write_report(&input, out)?;
-    let not_scored = pictures.not_scored.into_inner();
-    let not_scored = not_scored.unwrap_or_else(PoisonError::into_inner);
-    files.not_scored = not_scored.into_iter().collect();
+    let input = ReportInput {
+        options,
+        ..input(results, &pictures, published)
+    };
+    written(&input, &pictures, out)
+}
+
+/// Writes the report of two runs against each other, joined.
+///
+/// # Errors
+/// As [`report`].
+pub fn comparison(
+    results: &Results,
+    scenes: &[Scene],
+    out: &Path,
+    comparison: ReportComparison,
+    options: ReportOptions,
+) -> Result<ReportFiles, ReportError> {
+    let pictures = RunPictures::new(results, scenes);
+    let input = ReportInput {
+        title: "Two runs compared".to_owned(),
+        comparison: Some(comparison),
+        options,
+        ..input(results, &pictures, PublishedNumbers::Never)
+    };
+    written(&input, &pictures, out)
+}
+
+fn written(
+    input: &ReportInput<'_>,
+    pictures: &RunPictures<'_>,
+    out: &Path,
+) -> Result<ReportFiles, ReportError> {
+    let mut files = write_report(input, out)?;
+    files.not_scored = lock(&pictures.not_scored).iter().cloned().collect();
     Ok(files)
 }
 
@@ -120,6 +150,7 @@ fn input<'a>(
             .collect(),
         facts: facts(manifest),
         published,
+        comparison: None,
         pictures,
         options: ReportOptions::default(),
     }

@@ -86,7 +86,17 @@ pub fn picture(
     max: f32,
     side: u32,
 ) -> Result<RgbImage, MissingPicture> {
-    let mut error = absolute_error(prediction, target)?;
+    let error = absolute_error(prediction, target)?;
+    Ok(averaged(error, scored, side, |error| colour(error / max)))
+}
+
+/// Values in colour, reduced.
+fn averaged(
+    mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
+    scored: impl Fn(u32, u32) -> bool,
+    side: u32,
+    colour: impl Fn(f32) -> Rgb<u8>,
+) -> RgbImage {
     let (width, height) = error.dimensions();
     let weight = ImageBuffer::from_fn(width, height, |x, y| {
         Luma([f32::from(u8::from(scored(x, y)))])
@@ -96,14 +106,56 @@ pub fn picture(
     }
     let (error, weight) = (reduced(&error, side), reduced(&weight, side));
     let (width, height) = error.dimensions();
-    Ok(RgbImage::from_fn(width, height, |x, y| {
+    RgbImage::from_fn(width, height, |x, y| {
         let (error, weight) = (error.get_pixel(x, y).0[0], weight.get_pixel(x, y).0[0]);
         if weight < 0.5 {
             hatched(x, y)
         } else {
-            colour(error / weight / max)
+            colour(error / weight)
         }
+    })
+}
+
+/// Where a prediction's error grew against another's, vermilion, and where it shrank, blue; grey is no difference, `max` the
+/// ends of the scale. Otherwise as [`picture`].
+///
+/// # Errors
+/// When the sizes differ.
+pub fn change(
+    [before, after]: [&RgbImage; 2],
+    target: &RgbImage,
+    scored: impl Fn(u32, u32) -> bool,
+    max: f32,
+    side: u32,
+) -> Result<RgbImage, MissingPicture> {
+    let before = absolute_error(before, target)?;
+    let mut change = absolute_error(after, target)?;
+    for (change, before) in change.iter_mut().zip(before.iter()) {
+        *change -= before;
+    }
+    Ok(averaged(change, scored, side, |grown| {
+        diverging(grown / max)
     }))
+}
+
+/// Okabe and Ito's vermilion at 1 and more, their blue at −1 and less.
+fn diverging(share: f32) -> Rgb<u8> {
+    let end = if share > 0.0 {
+        [0xD5, 0x5E, 0x00]
+    } else {
+        [0x00, 0x72, 0xB2]
+    };
+    let share = share.abs().min(1.0);
+    Rgb(end.map(|end| (240.0 + (f32::from(end as u8) - 240.0) * share).round() as u8))
+}
+
+/// The scale of [`change`] as a CSS gradient, blue on the left.
+pub fn change_gradient() -> String {
+    let stops = [-1.0, 0.0, 1.0].map(|share| {
+        let Rgb([r, g, b]) = diverging(share);
+        format!("#{r:02x}{g:02x}{b:02x}")
+    });
+    format!("linear-gradient(to right,{})", stops.join(","))
 }
 
 /// Stripes in greys, which the scale does not have: pixels that no score counts.
@@ -154,6 +206,21 @@ mod tests {
             (half.get_pixel(0, 0), half.get_pixel(1, 0)),
             (&hatched(0, 0), &colour(1.0))
         );
+        // b is better than a, by all of the scale; a pixel that nothing changed is grey.
+        let target = RgbImage::from_fn(2, 1, |x, _| {
+            if x == 0 {
+                Rgb([40, 20, 0])
+            } else {
+                Rgb([25, 20, 15])
+            }
+        });
+        let grown = change([&a, &b], &target, |_, _| true, 60.0 / 765.0, 100).unwrap();
+        assert_eq!(
+            (grown.get_pixel(0, 0), grown.get_pixel(1, 0)),
+            (&Rgb([0, 0x72, 0xB2]), &Rgb([240; 3]))
+        );
+        let back = change([&b, &a], &target, |_, _| true, 60.0 / 765.0, 100).unwrap();
+        assert_eq!(back.get_pixel(0, 0), &Rgb([0xD5, 0x5E, 0]));
         let other = RgbImage::new(1, 1);
         let error = absolute_error(&a, &other).unwrap_err();
         assert!(error.to_string().contains("2 × 1"));

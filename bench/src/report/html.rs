@@ -61,6 +61,26 @@ impl Page<'_> {
         error_map::css_gradient()
     }
 
+    fn change_gradient(&self) -> String {
+        error_map::change_gradient()
+    }
+
+    /// Position of the method that a method stands against.
+    fn against(&self, method: &usize) -> Option<usize> {
+        gallery::against(self.input, self.board, *method)
+    }
+
+    /// By how much B is worse on a pair, with the metric's position.
+    fn losses(&self, facts: &Record) -> Vec<(usize, f64)> {
+        let comparison = self.input.comparison.as_ref();
+        let of_pair = comparison.and_then(|comparison| comparison.losses.get(&facts.pair_id));
+        let loss = |metric: &Column| of_pair?.get(&metric.key).copied();
+        let metrics = self.metrics.iter().enumerate();
+        metrics
+            .filter_map(|(at, metric)| Some((at, loss(metric)?)))
+            .collect()
+    }
+
     fn table(&self, table: &Table, prefix: &str, position: &usize) -> askama::Result<String> {
         html(table, &format!("{prefix}{position}"))
     }

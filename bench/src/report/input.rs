@@ -1,5 +1,7 @@
 //! What a report is made of: plain values, so that any command can fill them.
 
+use std::collections::BTreeMap;
+
 use sharp_datasets::DatasetEntry;
 use sharp_datasets::entry::ENTRIES;
 use sharp_metrics::identity::MetricRegion;
@@ -8,6 +10,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use crate::evaluate::record::Record;
 
 use super::pictures::ReportPictures;
+use super::tables::grid::Grid;
 use super::tables::shown;
 
 /// A column of a table: a metric of exactly one identity, or a quantity that methods report.
@@ -258,6 +261,23 @@ impl Default for ReportOptions {
     }
 }
 
+/// What a report says about two runs besides their numbers. Differences are those of B against A.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ReportComparison {
+    /// How to read the tables.
+    pub lead: String,
+    /// Labels `[A, B]` of the methods that stand against each other.
+    pub against: Vec<[String; 2]>,
+    /// What changed.
+    pub grids: Vec<Grid>,
+    /// Where.
+    pub details: Vec<Grid>,
+    /// By how much B is worse, by pair id and key of a column: what pairs are chosen and sorted by.
+    pub losses: BTreeMap<String, BTreeMap<String, f64>>,
+    /// Files besides, by name.
+    pub files: Vec<(String, Vec<u8>)>,
+}
+
 /// All that a report shows.
 pub struct ReportInput<'a> {
     pub title: String,
@@ -276,6 +296,8 @@ pub struct ReportInput<'a> {
     /// How the numbers came about: options, versions, pair list and its sha256.
     pub facts: Vec<FactGroup>,
     pub published: PublishedNumbers,
+    /// Where the report is on two runs against each other.
+    pub comparison: Option<ReportComparison>,
     /// For the gallery.
     pub pictures: &'a dyn ReportPictures,
     pub options: ReportOptions,

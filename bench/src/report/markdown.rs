@@ -13,6 +13,12 @@ pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
         escape(&page.input.title),
         escape(page.lead)
     );
+    if let Some(comparison) = &page.input.comparison {
+        let _ = write!(out, "{}\n\n", escape(&comparison.lead));
+        for grid in comparison.grids.iter().chain(&comparison.details) {
+            let _ = write!(out, "## {}\n\n{}\n", escape(&grid.title), grid.markdown());
+        }
+    }
     for table in page.ours {
         let _ = write!(out, "## {}\n\n{}\n", escape(&table.title), markdown(table));
     }

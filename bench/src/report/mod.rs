@@ -35,7 +35,8 @@ mod tests;
 pub use assemble::report;
 pub use error::{MissingPicture, ReportError};
 pub use input::{
-    Column, FactGroup, PublishedNumbers, ReportDataset, ReportInput, ReportMethod, ReportOptions,
+    Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
+    ReportMethod, ReportOptions,
 };
 pub use pictures::{NoPictures, ReportPictures};
 pub use write::{ReportFiles, text_tables, write_report};

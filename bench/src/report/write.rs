@@ -76,6 +76,9 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
             files.push((format!("{stem}.{extension}"), text.into_bytes()));
         }
     }
+    if let Some(comparison) = &input.comparison {
+        files.extend(comparison.files.iter().cloned());
+    }
     let figures = figures(&metrics, &board)?;
     let mut plots = Vec::new();
     for (stem, figure) in &figures {
@@ -92,7 +95,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let counts = board.counts(metrics.len());
     let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
     let lead = format!("{lead}. {}", input.summary);
-    let gallery = Gallery::new(&board, &metrics, input.pictures, &input.options);
+    let gallery = Gallery::new(&board, &metrics, input);
     let page = Page {
         input,
         out,

@@ -2,6 +2,7 @@
 //!
 //! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::board::Board).
 //! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
+//! * [`grid`]: a table of any other shape.
 //! * `footnotes`: what a reader must know about a cell or a column besides its numbers; `remarks`: the same about a
 //!   whole table.
 //!
@@ -10,6 +11,7 @@
 pub mod build;
 pub mod csv;
 mod footnotes;
+pub mod grid;
 pub mod html;
 pub mod latex;
 pub mod markdown;

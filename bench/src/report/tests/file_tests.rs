@@ -209,7 +209,11 @@ fn error_pictures_show_what_is_not_scored_as_such() {
     let records = [record("d", "p1", "all", 0.1, &[("psnr", 0.0)]), cropped];
     let board = Board::new(&records, &[], &[]).unwrap();
     let pictures = HalfMasked(PathBuf::new());
-    let gallery = Gallery::new(&board, &[], &pictures, &ReportOptions::default());
+    let masked = ReportInput {
+        pictures: &pictures,
+        ..input(&records)
+    };
+    let gallery = Gallery::new(&board, &[], &masked);
     let error = |method: usize| {
         let shown = gallery.pairs[0].methods[method].as_ref().unwrap();
         let data = shown.error.as_ref().unwrap().uri.split(',').nth(1).unwrap();

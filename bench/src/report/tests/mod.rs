@@ -77,6 +77,7 @@ fn input(records: &[Record]) -> ReportInput<'_> {
         methods: Vec::new(),
         facts: Vec::new(),
         published: PublishedNumbers::Matching,
+        comparison: None,
         pictures: &NoPictures,
         options: ReportOptions::default(),
     }

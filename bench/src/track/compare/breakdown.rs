@@ -19,7 +19,7 @@ use crate::report::plots::scale::Step;
 const BINS: usize = 5;
 
 /// What pairs are told apart by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
     Scene,
@@ -156,7 +156,7 @@ impl RunComparison {
 }
 
 /// None of them empty.
-fn parts<'c, 'a>(
+pub(super) fn parts<'c, 'a>(
     by: Division,
     changes: &[&'c PairChange<'a>],
 ) -> Vec<(String, Vec<&'c PairChange<'a>>)> {

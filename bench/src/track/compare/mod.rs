@@ -2,7 +2,9 @@
 
 pub mod anatomy;
 pub mod breakdown;
+pub mod page;
 mod rows;
+pub mod tables;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -108,9 +110,13 @@ pub struct ScoreChange {
     /// Pairs that lack the score on one side or both.
     #[serde(skip)]
     pub left_out: usize,
-    /// p by signs alone and its floor, or why there is no inference.
+    /// By the signs of the scenes' differences alone, of one dataset: exact for up to 14 scenes.
+    pub p_sign_flip: Option<f64>,
+    /// What that cannot fall below with so many scenes.
+    pub p_sign_flip_floor: Option<f64>,
+    /// Why there is no interval and no p.
     #[serde(skip)]
-    pub basis: Result<Option<(f64, f64)>, NoInference>,
+    pub no_inference: Option<NoInference>,
     /// Decimals that a table shows.
     #[serde(skip)]
     pub decimals: usize,
@@ -144,6 +150,9 @@ pub struct Against {
 /// What two runs say against each other.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
+    /// Run folders or bundles.
+    pub a: PathBuf,
+    pub b: PathBuf,
     pub against: Vec<Against>,
     /// By methods, metric, and dataset, as in the runs.
     pub rows: Vec<ScoreChange>,
@@ -184,10 +193,7 @@ impl RunComparison {
     /// The pairs of a metric that have a score on both sides, worst first; equal ones by id. NaN is worse than any number.
     pub fn changes(&self, against: &Against, metric: &MetricInfo) -> Vec<PairChange<'_>> {
         let mut changes = self.sides(against).changes(metric);
-        changes.sort_by(|one, other| {
-            let by_loss = other.loss.total_cmp(&one.loss);
-            by_loss.then_with(|| one.a.pair_id.cmp(&other.a.pair_id))
-        });
+        order_by_loss(&mut changes);
         changes
     }
 
@@ -198,6 +204,18 @@ impl RunComparison {
             b: of_method(&self.results, b),
         }
     }
+}
+
+/// Worst first; a score that is no number is a loss beyond any, whatever the sign of its NaN.
+fn order_by_loss(changes: &mut [PairChange<'_>]) {
+    let rank = |change: &PairChange<'_>| match change.loss.is_nan() {
+        true => f64::NAN.abs(),
+        false => change.loss,
+    };
+    changes.sort_by(|one, other| {
+        let by_loss = rank(other).total_cmp(&rank(one));
+        by_loss.then_with(|| one.a.pair_id.cmp(&other.a.pair_id))
+    });
 }
 
 /// Compares run B with run A. `methods` are labels `(in A, in B)`; without any, methods of equal label stand against each
@@ -236,10 +254,12 @@ pub(super) fn compare_results(
         path: path.to_owned(),
     };
     // Refuses what is scored otherwise.
-    let results = join_results([(named("a", a), of_a), (named("b", b), of_b)])?;
-    let [labels_a, labels_b] = [("a", &manifests[0]), ("b", &manifests[1])].map(side_labels);
+    let results = join_results([(named("A", a), of_a), (named("B", b), of_b)])?;
+    let [labels_a, labels_b] = [("A", &manifests[0]), ("B", &manifests[1])].map(side_labels);
     let against = chosen_methods(methods, &labels_a, &labels_b)?;
     let mut comparison = RunComparison {
+        a: a.to_owned(),
+        b: b.to_owned(),
         against,
         rows: Vec::new(),
         notes: notes(&manifests),

@@ -118,10 +118,9 @@ impl<'a> Sides<'a> {
                     practical.of(metric.key),
                 ),
                 left_out: *left_out,
-                basis: match inference {
-                    Ok(found) => Ok(found.sign_flip.as_ref().map(|flips| (flips.p, flips.floor))),
-                    Err(reason) => Err(*reason),
-                },
+                p_sign_flip: found.and_then(|found| Some(found.sign_flip.as_ref()?.p)),
+                p_sign_flip_floor: found.and_then(|found| Some(found.sign_flip.as_ref()?.floor)),
+                no_inference: inference.as_ref().err().copied(),
                 decimals: metric.decimals,
             }
         });

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 
 use sharp_metrics::MetricInfo;
 
+use super::breakdown::Division;
 use super::*;
 use crate::evaluate::record::{Crop, Score, Status};
 use crate::scoring::Region;
@@ -99,8 +100,11 @@ fn a_drop_is_worse_on_its_dataset_and_the_mean_of_datasets_counts_them_equally()
             .all(|row| row.p_holm >= row.p && row.mde.unwrap() > 0.0)
     );
     // Signs of six scenes cannot say more.
-    assert_eq!(d.basis, Ok(Some((0.03125, 0.03125))));
-    assert_eq!(all.basis, Ok(None));
+    assert_eq!(
+        (d.p_sign_flip, d.p_sign_flip_floor),
+        (Some(0.03125), Some(0.03125))
+    );
+    assert_eq!((all.p_sign_flip, all.no_inference), (None, None));
 }
 
 #[test]
@@ -164,7 +168,7 @@ fn infinite_and_missing_scores_are_counted_and_never_averaged_away() {
         (row.n_infinite, row.p, row.verdict),
         (2, None, Verdict::Inconclusive)
     );
-    assert_eq!(row.basis, Err(NoInference::NotFinite));
+    assert_eq!(row.no_inference, Some(NoInference::NotFinite));
     let json = serde_json::to_value(row).unwrap();
     assert!(json["difference"].is_null() && json["p"].is_null() && json["mean_b"].is_null());
 }
@@ -180,7 +184,7 @@ fn rows_have_the_promised_fields() {
         .map(String::as_str)
         .collect();
     let promised = "dataset metric region method_a method_b n_pairs n_scenes n_infinite mean_a mean_b difference ci_low \
-                    ci_high p p_holm mde verdict";
+                    ci_high p p_holm mde verdict p_sign_flip p_sign_flip_floor";
     assert_eq!(fields, promised.split_whitespace().collect::<Vec<_>>());
     assert_eq!(
         (&json["metric"], &json["region"]),
@@ -244,4 +248,85 @@ fn methods_of_equal_label_or_the_only_ones_stand_against_each_other() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("--method x=q"), "{said}");
+}
+
+/// Changes of a metric, made of PSNRs.
+fn changes<'a>(a: &'a [Record], b: &'a [Record]) -> Vec<PairChange<'a>> {
+    sides(a, b).changes(&MetricInfo::new(MetricKey::PSNR, &[]))
+}
+
+#[test]
+fn pairs_stand_in_the_order_of_what_they_lost() {
+    let by = [0.5, -2.0, f64::NAN, 0.0, 1.0, -0.25];
+    let a: Vec<Record> = (0..6).map(|i| record("D", i, 0, Some(20.0))).collect();
+    let b = by
+        .iter()
+        .zip(0..)
+        .map(|(by, i)| record("D", i, 0, Some(20.0 + by)));
+    let b: Vec<Record> = b.collect();
+    let mut found = changes(&a, &b);
+    order_by_loss(&mut found);
+    let ids = |changes: &mut dyn Iterator<Item = &PairChange<'_>>| -> Vec<String> {
+        changes.map(|change| change.a.scene.clone()).collect()
+    };
+    // A score that is lost comes first.
+    assert_eq!(ids(&mut found.iter()), ["2", "1", "5", "3", "0", "4"]);
+    assert_eq!(
+        ids(&mut tables::most_changed(&found, 2)),
+        ["2", "1", "0", "4"]
+    );
+    assert_eq!(
+        ids(&mut tables::most_changed(&found, 9)),
+        ["2", "1", "5", "0", "4"]
+    );
+    // Of a metric of which less is better, more is a loss.
+    let lpips = MetricInfo::new("lpips".parse().unwrap(), &[]);
+    let change = |a: f64, b: f64| PairChange::new(&lpips, &found[0].a, &found[0].b, [a, b]).loss;
+    assert_eq!((change(0.25, 0.5), change(0.5, 0.25)), (0.25, -0.25));
+    assert_eq!(change(f64::INFINITY, f64::INFINITY), 0.0);
+}
+
+#[test]
+fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
+    let mut a: Vec<Record> = (0..4).map(|i| record("D", i / 2, i, Some(20.0))).collect();
+    for (record, baseline_m) in a.iter_mut().zip([0.02, 0.1, 0.19, 0.2]) {
+        record.baseline_m = baseline_m;
+        record.overlap = Some(0.8);
+    }
+    a[0].median_depth_m = Some(0.08);
+    a[3].median_depth_m = Some(2.0);
+    let found = changes(&a, &a);
+    let found: Vec<&PairChange<'_>> = found.iter().collect();
+    let parts = |by: Division| -> Vec<(String, Vec<String>)> {
+        let parts = breakdown::parts(by, &found).into_iter();
+        parts
+            .map(|(name, part)| (name, part.iter().map(|c| c.a.target.clone()).collect()))
+            .collect()
+    };
+    let part = |name: &str, targets: &[&str]| {
+        (
+            name.to_owned(),
+            targets.iter().map(|t| (*t).to_owned()).collect::<Vec<_>>(),
+        )
+    };
+    assert_eq!(
+        parts(Division::Scene),
+        [part("0", &["0", "1"]), part("1", &["2", "3"])]
+    );
+    // The lower end belongs to its bin.
+    assert_eq!(
+        parts(Division::BaselineM),
+        [
+            part("0.00 to 0.05", &["0"]),
+            part("0.10 to 0.15", &["1"]),
+            part("0.15 to 0.20", &["2"]),
+            part("0.20 to 0.25", &["3"])
+        ]
+    );
+    // Unknown for two of four; the same for all is no division.
+    assert_eq!(
+        parts(Division::RelativeMotion),
+        [part("0.10 to 0.15", &["3"]), part("0.25 to 0.30", &["0"])]
+    );
+    assert!(parts(Division::Overlap).is_empty() && parts(Division::RotationDeg).is_empty());
 }

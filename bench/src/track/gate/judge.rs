@@ -440,12 +440,12 @@ fn not_finite(difference: f64) -> String {
 }
 
 fn why_not_significant(row: &ScoreChange) -> String {
-    match row.basis {
-        Err(NoInference::OneCluster) => {
+    match row.no_inference {
+        Some(NoInference::OneCluster) => {
             "beyond the limit, but one scene does not show how scenes vary".to_owned()
         }
-        Err(reason) => format!("beyond the limit, but without p: {reason}"),
-        Ok(_) => {
+        Some(reason) => format!("beyond the limit, but without p: {reason}"),
+        None => {
             let scenes = counted(row.n_scenes, "scene");
             format!("beyond the limit, but {scenes} leave it to chance")
         }

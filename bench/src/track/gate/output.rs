@@ -1,18 +1,20 @@
-//! What a gate says, for other programs: JUnit XML for a build server, Markdown for a comment on a pull request.
+//! What a gate says: tables for people, JUnit XML for a build server, Markdown for a comment on a pull request.
 
 use std::fmt::Write as _;
 
 use super::{Check, GateReport, State};
 use crate::io::text::visible_line;
+use crate::report::tables::grid::{Grid, GridCell};
 use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
+use crate::track::compare::tables::{interval, optional, p_text};
 
 /// Rows of a comment at most: forges cut long ones.
 const ROWS: usize = 40;
 
 impl Check {
-    /// Where it looks: `eth3d`, `eth3d/office`, and the methods where their labels differ.
-    pub fn place(&self) -> String {
+    /// Where it looks: `eth3d, sharp`, `eth3d/office, old to new`.
+    fn place(&self) -> String {
         let mut place = self.dataset.clone();
         if let Some(scene) = &self.scene {
             place += &format!("/{scene}");
@@ -23,34 +25,83 @@ impl Check {
         }
     }
 
-    /// The limit, and the metric's key where the limit has another name for it.
-    fn title(&self) -> String {
-        match self.limit.starts_with(&self.quantity) {
-            true => self.limit.clone(),
-            false => format!("{}: {}", self.limit, self.quantity),
-        }
+    /// A, B, B − A, interval and p.
+    fn numbers(&self) -> [GridCell; 5] {
+        let number = |value| optional(value, |value| shown(value, self.decimals));
+        let difference = match self.limit.ends_with('%') {
+            true => optional(self.difference, |percent| {
+                format!("{} %", shown(percent, 1))
+            }),
+            false => number(self.difference),
+        };
+        [
+            number(self.a),
+            number(self.b),
+            difference,
+            interval(self.ci_low, self.ci_high, self.decimals),
+            optional(self.p_holm, p_text),
+        ]
+    }
+}
+
+fn words(text: &str) -> GridCell {
+    GridCell::words(visible_line(text))
+}
+
+/// A row a check.
+fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> Grid {
+    let rows = checks.map(|check| {
+        let said = [
+            check.state.text(),
+            &check.limit,
+            &check.quantity,
+            &check.place(),
+        ]
+        .map(words);
+        let numbers = check.numbers().into_iter();
+        said.into_iter()
+            .chain(numbers)
+            .chain([words(&check.reason)])
+            .collect()
+    });
+    let heads = [
+        "", "limit", "of", "on", "A", "B", "B - A", "95 %", "p Holm", "",
+    ];
+    Grid {
+        title,
+        heads: heads.map(str::to_owned).into(),
+        rows: rows.collect(),
+        remarks: Vec::new(),
+    }
+}
+
+impl GateReport {
+    /// All checks, then the worst pairs if there are any.
+    pub fn grids(&self) -> Vec<Grid> {
+        let checks = grid(
+            "A is the baseline, B what is judged".to_owned(),
+            self.checks.iter(),
+        );
+        std::iter::once(checks).chain(self.worst_grid()).collect()
     }
 
-    /// A, B, B − A, the interval and p as a table shows them; `-` for what is not known.
-    pub fn cells(&self) -> [String; 5] {
-        let number = |value: Option<f64>| {
-            value.map_or_else(|| "-".to_owned(), |value| shown(value, self.decimals))
-        };
-        let is_cost = self.limit.ends_with('%');
-        let difference = match self.difference {
-            Some(percent) if is_cost => format!("{} %", shown(percent, 1)),
-            other => number(other),
-        };
-        let interval = match (self.ci_low, self.ci_high) {
-            (None, None) => "-".to_owned(),
-            (low, high) => format!("{} .. {}", number(low), number(high)),
-        };
-        let p = match self.p_holm {
-            None => "-".to_owned(),
-            Some(p) if p < 0.0001 => "<0.0001".to_owned(),
-            Some(p) => format!("{p:.4}"),
-        };
-        [number(self.a), number(self.b), difference, interval, p]
+    fn worst_grid(&self) -> Option<Grid> {
+        let check = self.checks.get(self.worst_of?)?;
+        let rows = self.worst.iter().map(|pair| {
+            let number = |value: f64| GridCell::number(shown(value, check.decimals), value);
+            vec![
+                words(&pair.pair_id),
+                number(pair.a),
+                number(pair.b),
+                number(pair.loss),
+            ]
+        });
+        (!self.worst.is_empty()).then(|| Grid {
+            title: format!("worst pairs, {} on {}", check.quantity, check.place()),
+            heads: ["pair", "A", "B", "worse by"].map(str::to_owned).into(),
+            rows: rows.collect(),
+            remarks: Vec::new(),
+        })
     }
 }
 
@@ -68,21 +119,18 @@ pub fn junit(report: &GateReport) -> String {
     );
     for check in &report.checks {
         let said = xml(&said(check));
-        let _ = write!(
-            out,
-            "  <testcase classname=\"{}\" name=\"{}\">",
-            xml(&check.place()),
-            xml(&check.title())
-        );
-        let _ = match check.state {
-            State::Fired => write!(out, "<failure message=\"{said}\"/>"),
-            State::Inconclusive => write!(out, "<error message=\"{said}\"/>"),
-            State::NotCompared => write!(out, "<skipped message=\"{said}\"/>"),
-            State::Passed | State::NotSignificant => {
-                write!(out, "<system-out>{said}</system-out>")
-            }
+        let said = match check.state {
+            State::Fired => format!("<failure message=\"{said}\"/>"),
+            State::Inconclusive => format!("<error message=\"{said}\"/>"),
+            State::NotCompared => format!("<skipped message=\"{said}\"/>"),
+            State::Passed | State::NotSignificant => format!("<system-out>{said}</system-out>"),
         };
-        out.push_str("</testcase>\n");
+        let _ = writeln!(
+            out,
+            "  <testcase classname=\"{}\" name=\"{}\">{said}</testcase>",
+            xml(&check.place()),
+            xml(&format!("{}: {}", check.limit, check.quantity))
+        );
     }
     out.push_str("</testsuite>\n");
     out
@@ -90,7 +138,7 @@ pub fn junit(report: &GateReport) -> String {
 
 /// `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
 fn said(check: &Check) -> String {
-    let [a, b, difference, interval, p] = check.cells();
+    let [a, b, difference, interval, p] = check.numbers().map(|cell| cell.text);
     let mut said = check.state.text().to_owned();
     if check.difference.is_some() {
         said += &format!(": {a} to {b}, {difference}");
@@ -122,56 +170,28 @@ fn xml(text: &str) -> String {
     out
 }
 
-/// What names, reads and mentions nobody: neither markup nor `@someone`.
-fn text(text: &str) -> String {
-    escape(&visible_line(text)).replace('@', "@&#8203;")
-}
-
-/// Verdict, what was judged, the worst pairs, and how to see more.
+/// Verdict, checks with the gravest first, the worst pairs, and how to see more.
 pub fn markdown(report: &GateReport) -> String {
-    let mut out = format!("### Quality gate {}\n\n", text(&report.headline()));
-    out.push_str("A is the baseline, B what is judged.\n\n");
-    out.push_str("| | limit | on | A | B | B − A | 95 % | p | |\n|:---|:---|:---|---:|---:|---:|---:|---:|:---|\n");
     let mut checks: Vec<&Check> = report.checks.iter().collect();
     checks.sort_by_key(|check| std::cmp::Reverse(check.state));
-    for check in checks.iter().take(ROWS) {
-        let state = match check.state {
-            State::Fired => "**fired**",
-            other => other.text(),
-        };
-        let [a, b, difference, interval, p] = check.cells();
-        let _ = writeln!(
-            out,
-            "| {state} | {} | {} | {a} | {b} | {difference} | {interval} | {} | {} |",
-            text(&check.title()).replace(": ", "<br>"),
-            text(&check.place()),
-            text(&p),
-            text(&check.reason)
-        );
+    let left_out = checks.len().saturating_sub(ROWS);
+    checks.truncate(ROWS);
+    let mut page = format!(
+        "### Quality gate {}\n\nA is the baseline, B what is judged.\n\n{}",
+        report.headline(),
+        grid(String::new(), checks.into_iter()).markdown()
+    );
+    if left_out > 0 {
+        let _ = writeln!(page, "\n{left_out} more rows are in the log.");
     }
-    if checks.len() > ROWS {
-        let _ = writeln!(out, "\n{} more rows are in the log.", checks.len() - ROWS);
-    }
-    if let Some(check) = report.worst_of.and_then(|at| report.checks.get(at)) {
-        let _ = match report.worst.as_slice() {
-            [] => writeln!(out, "\nNo pair lost {}.", text(&check.quantity)),
-            _ => writeln!(
-                out,
-                "\nWorst pairs, {} on {}:\n\n| pair | A | B | worse by |\n|:---|---:|---:|---:|",
-                text(&check.quantity),
-                text(&check.place())
-            ),
-        };
-        for pair in &report.worst {
-            let number = |value| shown(value, check.decimals);
-            let (a, b, loss) = (number(pair.a), number(pair.b), number(pair.loss));
-            let _ = writeln!(out, "| {} | {a} | {b} | {loss} |", text(&pair.pair_id));
-        }
+    if let Some(worst) = report.worst_grid() {
+        let _ = write!(page, "\n{}:\n\n{}", escape(&worst.title), worst.markdown());
     }
     for note in &report.notes {
-        let _ = writeln!(out, "\nNote: {}.", text(note));
+        let _ = writeln!(page, "\nNote: {}.", escape(&visible_line(note)));
     }
+    // A name from outside must not call anyone.
+    let page = page.replace('@', "@&#8203;");
     let command = report.compare_command();
-    let _ = write!(out, "\nTo see more:\n\n    {}\n", visible_line(&command));
-    out
+    format!("{page}\nTo see more:\n\n    {}\n", visible_line(&command))
 }

@@ -1,0 +1,206 @@
+//! A comparison as a folder: the report of both runs with what changed, where, and in which pairs.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use sharp_datasets::Scene;
+use sharp_metrics::MetricKey;
+
+use super::anatomy::Anatomy;
+use super::breakdown::Stratum;
+use super::tables::most_changed;
+use super::{Against, RunComparison};
+use crate::evaluate::record::finite_or_text;
+use crate::io::atomic_files::FileError;
+use crate::io::text::csv_cell;
+use crate::report::{ReportComparison, ReportError, ReportFiles, ReportOptions, assemble};
+
+/// A pair with a score on both sides, as it is written.
+#[derive(Debug, Clone, Serialize)]
+pub struct PairLine<'a> {
+    pub pair_id: &'a str,
+    pub dataset: &'a str,
+    pub scene: &'a str,
+    pub metric: String,
+    pub method_a: &'a str,
+    pub method_b: &'a str,
+    #[serde(with = "finite_or_text")]
+    pub a: f64,
+    #[serde(with = "finite_or_text")]
+    pub b: f64,
+    /// By how much B is worse.
+    #[serde(with = "finite_or_text")]
+    pub loss: f64,
+}
+
+impl RunComparison {
+    /// Where it changed: [`RunComparison::breakdown`] of all methods and metrics, then `anatomy`.
+    pub fn strata(&self, anatomy: &[Anatomy]) -> Vec<Stratum> {
+        let mut strata = Vec::new();
+        for against in &self.against {
+            for metric in &self.results.manifest.metrics {
+                strata.extend(self.breakdown(against, &metric.info));
+            }
+        }
+        strata.extend(anatomy.iter().flat_map(|anatomy| anatomy.strata.clone()));
+        // Tables of one metric and division stand together.
+        strata.sort_by(|one, other| {
+            let key = |s: &Stratum| (s.method_a.clone(), s.method_b.clone(), self.place(s), s.by);
+            key(one).cmp(&key(other))
+        });
+        strata
+    }
+
+    /// Position of its metric in the runs.
+    fn place(&self, stratum: &Stratum) -> Option<usize> {
+        let mut metrics = self.results.manifest.metrics.iter();
+        metrics.position(|metric| {
+            let key = metric.info.key;
+            MetricKey::whole(key.metric()).to_string() == stratum.metric
+                && key.region() == stratum.region
+        })
+    }
+
+    /// The pairs of each method and metric, those that lost most first: all, or that many from either end.
+    pub fn pair_lines(&self, of_either_end: Option<usize>) -> Vec<PairLine<'_>> {
+        let mut lines = Vec::new();
+        for against in &self.against {
+            for metric in &self.results.manifest.metrics {
+                let mut changes = self.changes(against, &metric.info);
+                if let Some(count) = of_either_end {
+                    changes = most_changed(&changes, count).copied().collect();
+                }
+                lines.extend(changes.into_iter().map(|change| PairLine {
+                    pair_id: &change.a.pair_id,
+                    dataset: &change.a.dataset,
+                    scene: &change.a.scene,
+                    metric: metric.info.key.to_string(),
+                    method_a: &against.a,
+                    method_b: &against.b,
+                    a: change.scores[0],
+                    b: change.scores[1],
+                    loss: change.loss,
+                }));
+            }
+        }
+        lines
+    }
+
+    fn lead(&self) -> String {
+        let sides = |side: &str, run: &Path, label: fn(&Against) -> &String| {
+            let labels: Vec<&str> = self.against.iter().map(|a| label(a).as_str()).collect();
+            format!("{side}: {} of {}.", labels.join(", "), run.display())
+        };
+        let (a, b) = (sides("A", &self.a, |a| &a.a), sides("B", &self.b, |a| &a.b));
+        format!("{a} {b} {HOW_TO_READ}")
+    }
+
+    /// Writes `index.html`, `report.md` and, as CSV, `tables/comparison.csv` (the rows), `tables/breakdown.csv` (the
+    /// strata) and `tables/pairs.csv`. `scenes` give the source and target pictures.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn write(
+        &self,
+        strata: &[Stratum],
+        scenes: &[Scene],
+        out: &Path,
+        options: ReportOptions,
+    ) -> Result<ReportFiles, ReportError> {
+        let metrics = || self.results.manifest.metrics.iter().map(|m| &m.info);
+        let pairs = self.pair_lines(None);
+        let mut losses: BTreeMap<String, BTreeMap<String, Vec<f64>>> = BTreeMap::new();
+        for line in &pairs {
+            let of_pair = losses.entry(line.pair_id.to_owned()).or_default();
+            of_pair
+                .entry(line.metric.clone())
+                .or_default()
+                .push(line.loss);
+        }
+        let mut details = Vec::new();
+        for against in &self.against {
+            details.extend(metrics().filter_map(|metric| self.extremes(against, metric)));
+        }
+        details.extend(self.where_grids(strata));
+        let mean = |losses: Vec<f64>| losses.iter().sum::<f64>() / losses.len() as f64;
+        let losses = losses.into_iter().map(|(pair_id, of_pair)| {
+            let of_pair = of_pair.into_iter();
+            (
+                pair_id,
+                of_pair.map(|(key, losses)| (key, mean(losses))).collect(),
+            )
+        });
+        let csv_error = |error: csv::Error| FileError::new(out, "encode")(error.into());
+        let comparison = ReportComparison {
+            lead: self.lead(),
+            against: self
+                .against
+                .iter()
+                .map(|against| against.joined.clone())
+                .collect(),
+            grids: self.change_grids(),
+            details,
+            losses: losses.collect(),
+            files: vec![
+                (
+                    "tables/comparison.csv".to_owned(),
+                    csv(&self.rows).map_err(csv_error)?,
+                ),
+                (
+                    "tables/breakdown.csv".to_owned(),
+                    csv(strata).map_err(csv_error)?,
+                ),
+                (
+                    "tables/pairs.csv".to_owned(),
+                    csv(&pairs).map_err(csv_error)?,
+                ),
+            ],
+        };
+        let mut results = self.results.clone();
+        let labels: Vec<&String> = self
+            .against
+            .iter()
+            .flat_map(|against| &against.joined)
+            .collect();
+        results
+            .records
+            .retain(|record| labels.contains(&&record.method));
+        results
+            .missing
+            .retain(|(_, method)| labels.contains(&method));
+        let methods = &mut results.manifest.methods;
+        methods.retain(|method| labels.contains(&&method.label));
+        methods.sort_by_key(|method| labels.iter().position(|label| **label == method.label));
+        assemble::comparison(&results, scenes, out, comparison, options)
+    }
+}
+
+const HOW_TO_READ: &str = "Differences are B − A over the same pairs. Scenes are the sample, not pairs. B is better or worse \
+                    where p < 0.05 after Holm's correction over the datasets of a metric; none where all that is likely is \
+                    too small to matter or both are equal; inconclusive where the runs cannot tell.";
+
+/// Text of cells is made harmless for spreadsheets.
+fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, csv::Error> {
+    let mut plain = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        plain.serialize(row)?;
+    }
+    let plain = plain.into_inner().map_err(|error| error.into_error())?;
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .from_reader(&plain[..]);
+    let mut harmless = csv::Writer::from_writer(Vec::new());
+    for record in reader.records() {
+        harmless.write_record(
+            record?
+                .iter()
+                .map(|cell| match cell.parse::<f64>() {
+                    Ok(_) => cell.into(),
+                    Err(_) => csv_cell(cell),
+                })
+                .map(|cell: std::borrow::Cow<'_, str>| cell.into_owned()),
+        )?;
+    }
+    Ok(harmless.into_inner().map_err(|error| error.into_error())?)
+}
