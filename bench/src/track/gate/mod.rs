@@ -4,18 +4,7 @@
 //! * [`config`]: limits as people write them; [`output`]: JUnit XML and Markdown.
 //! * `judge`: what fires; `cost`: the same of time and memory.
 //!
-//! What cannot be judged never passes silently:
-//!
-//! | of a limit's sample | what becomes of it |
-//! |---|---|
-//! | both sides equal | passed, however small the sample |
-//! | ties | differences of zero, which count |
-//! | one scene, one pair, or no spread between few scenes | no p: beyond the limit it is not significant; limits per scene still fire |
-//! | an infinite score that the other side does not have | the mean is infinite: fires if that is worse, passes if it is better |
-//! | NaN on both sides, or infinite differences of both signs | the mean is no number: fires |
-//! | a pair that has no score, or NaN, in B alone | counts against `missing_pairs`; the others are judged |
-//! | a pair that has no score in A | left out |
-//! | no pair with scores on both sides | inconclusive |
+//! What cannot be judged never passes silently; `bench/docs/gate.md` has the table.
 
 pub mod config;
 mod cost;
