@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::support::{Said, read, sharp_bench};
 
 /// Scenes of Middlebury's layout, 12 by 8 pixels each.
-fn middlebury(folder: &Path, scenes: &[&str]) {
+pub(crate) fn middlebury(folder: &Path, scenes: &[&str]) {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fuzz/datasets/middlebury/A");
     for scene in scenes {
         let target = folder.join("set").join(scene);

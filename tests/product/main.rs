@@ -17,6 +17,8 @@ mod foreign_methods;
 #[cfg(test)]
 mod gate_command;
 #[cfg(test)]
+mod history_command;
+#[cfg(test)]
 mod hostile_folders;
 #[cfg(test)]
 mod incomplete_datasets;

@@ -17,7 +17,7 @@ use crate::io::hash::file_sha256;
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
 pub(super) struct BundleArgs {
-    /// The run folder
+    /// The run folder, or an entry of a history
     run: PathBuf,
     /// The file to write
     #[arg(long, value_name = "FILE")]

@@ -10,6 +10,7 @@ mod datasets;
 mod demo;
 mod doctor;
 mod gate;
+mod history;
 mod merge;
 mod metrics;
 mod model;
@@ -60,6 +61,7 @@ enum CliCommand {
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
+    History(history::HistoryArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
@@ -94,6 +96,7 @@ impl Cli {
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Gate(args) => gate::execute(&args),
+            CliCommand::History(args) => history::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),

@@ -20,7 +20,7 @@ use super::record::{ChosenScale, Crop, Record, Score, Status};
 use super::results::Results;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
-use crate::pairs::{Pair, PairList};
+use crate::pairs::PairList;
 
 /// Version of the layout. Older ones stay readable.
 const FORMAT: u32 = 1;
@@ -31,11 +31,34 @@ const MAX_MEMBER: u64 = 1 << 28;
 /// Stands for a score that a unit does not have. No arithmetic makes this NaN.
 const ABSENT: u64 = u64::MAX;
 
-#[derive(Serialize, Deserialize)]
-struct Head {
+/// What a bundle says of itself, read without the rest of it.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct Head {
     format: u32,
     /// Hash of the records.
-    digest: String,
+    pub(crate) digest: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) occasion: Option<Occasion>,
+}
+
+/// What only those who ran it can say of a run: which state of their work it is of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Occasion {
+    pub label: String,
+    /// A version of their code, such as a git hash.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// `YYYY-MM-DD`, or `YYYY-MM-DDTHH:MM`.
+    pub date: String,
+}
+
+/// What a bundle holds.
+#[derive(Debug, Clone)]
+pub struct Bundle {
+    pub results: Results,
+    /// Those that were evaluated, or were to be.
+    pub pairs: PairList,
+    pub occasion: Option<Occasion>,
 }
 
 /// A unit without its scores and what the pair list says of its pair.
@@ -60,100 +83,151 @@ struct UnitLine {
     scale: Option<ChosenScale>,
 }
 
-/// Writes the results of a run folder into a file.
+/// Writes the results of a run folder, or of another bundle, into a file.
 ///
 /// # Errors
-/// When the folder cannot be read or the file not be written; also where there is a file that is no bundle.
-pub fn write_bundle(root: &Path, out: &Path) -> Result<Results, EvaluateError> {
-    if out.exists() && read_bundle(out).is_err() {
-        return Err(EvaluateError::Bundle {
-            path: out.to_owned(),
-            reason: "so it is not written over; choose another file".to_owned(),
-        });
+/// When the run cannot be read or the file not be written; also where there is a file that is no bundle, or one with an
+/// [`Occasion`], which belongs to a history.
+pub fn write_bundle(run: &Path, out: &Path) -> Result<Results, EvaluateError> {
+    let is_other = |there: Result<Bundle, _>| there.map_or(true, |there| there.occasion.is_some());
+    if out.exists() && is_other(read_file(out)) {
+        let reason =
+            "what is there is no bundle, or a history's, and not written over; choose another file";
+        return Err(FileError::new(out, "write")(std::io::Error::other(reason)).into());
     }
-    let results = Results::read(root)?;
-    let listed = PairList::read(&RunFolder::open(root)?.pairs_path())?;
-    let used: BTreeSet<&str> = results
-        .records
-        .iter()
-        .map(|record| record.pair_id.as_str())
-        .chain(results.missing.iter().map(|(pair, _)| pair.as_str()))
-        .collect();
-    let mut pairs = listed.pairs;
-    pairs.retain(|pair| used.contains(pair.pair_id.as_str()));
-    let bytes = pack(&results, pairs).map_err(FileError::new(out, "encode"))?;
+    let mut bundle = Bundle::read(run)?;
+    bundle.occasion = None;
+    let bytes = bundle.bytes().map_err(FileError::new(out, "encode"))?;
     write_atomic(out, &bytes)?;
-    Ok(results)
+    Ok(bundle.results)
 }
 
-pub(super) fn pack(results: &Results, pairs: Vec<Pair>) -> std::io::Result<Vec<u8>> {
-    let Results {
-        manifest,
-        records,
-        missing,
-        ..
-    } = results;
-    let list = PairList::new("pairs.csv", pairs);
-    let places = |names: Vec<&str>| -> BTreeMap<String, usize> {
-        let names = names.into_iter().map(str::to_owned);
-        names.zip(0..).collect()
-    };
-    let pairs = places(list.pairs.iter().map(|p| p.pair_id.as_str()).collect());
-    let methods = places(manifest.methods.iter().map(|m| m.label.as_str()).collect());
-    let unknown =
-        |what: &str| std::io::Error::other(format!("{what} is not in the folder's lists"));
-    let mut units = String::new();
-    for record in records {
-        let line = UnitLine {
-            pair: *pairs
-                .get(&record.pair_id)
-                .ok_or_else(|| unknown(&record.pair_id))?,
-            method: *methods
-                .get(&record.method)
-                .ok_or_else(|| unknown(&record.method))?,
-            cluster: record.cluster.clone(),
-            status: record.status.clone(),
-            unavailable: unavailable(record),
-            crop: record.crop,
-            valid_share: record.valid_share,
-            resized_from: record.resized_from,
-            scale: record.scale,
-        };
-        units += &serde_json::to_string(&line)?;
-        units.push('\n');
-    }
-    let mut scores = Vec::new();
-    for metric in &manifest.metrics {
-        let key = metric.info.key.to_string();
-        let column: Vec<[u8; 8]> = records
+impl Bundle {
+    /// Reads a file of [`write_bundle`], or makes one of a run folder.
+    ///
+    /// # Errors
+    /// When it is neither, or of a later version.
+    pub fn read(run: &Path) -> Result<Self, EvaluateError> {
+        if run.exists() && !run.is_dir() {
+            return read_file(run);
+        }
+        let results = Results::read(run)?;
+        let listed = PairList::read(&RunFolder::open(run)?.pairs_path())?;
+        let used: BTreeSet<&str> = results
+            .records
             .iter()
-            .map(|record| {
-                let value = record.scores.get(&key).and_then(Score::value);
-                value.map_or(ABSENT, f64::to_bits).to_be_bytes()
-            })
+            .map(|record| record.pair_id.as_str())
+            .chain(results.missing.iter().map(|(pair, _)| pair.as_str()))
             .collect();
-        scores.extend((0..8).flat_map(|byte| column.iter().map(move |value| value[byte])));
+        let mut pairs = listed.pairs;
+        pairs.retain(|pair| used.contains(pair.pair_id.as_str()));
+        Ok(Self {
+            pairs: PairList::new("pairs.csv", pairs),
+            results,
+            occasion: None,
+        })
     }
-    let head = Head {
-        format: FORMAT,
-        digest: digest(records)?,
-    };
-    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default()
-        .compression_method(CompressionMethod::Deflated)
-        .compression_level(Some(9));
-    for (name, bytes) in [
-        ("bundle.json", serde_json::to_vec(&head)?),
-        ("manifest.json", serde_json::to_vec(manifest)?),
-        ("pairs.csv", list.bytes().to_vec()),
-        ("units.jsonl", units.into_bytes()),
-        ("missing.json", serde_json::to_vec(missing)?),
-        ("scores.bin", scores),
-    ] {
-        archive.start_file(name, options)?;
-        archive.write_all(&bytes)?;
+
+    pub(crate) fn head(&self) -> serde_json::Result<Head> {
+        Ok(Head {
+            format: FORMAT,
+            digest: digest(&self.results.records)?,
+            occasion: self.occasion.clone(),
+        })
     }
-    Ok(archive.finish()?.into_inner())
+
+    /// The file.
+    ///
+    /// # Errors
+    /// When the results speak of pairs or methods that are not listed.
+    pub fn bytes(&self) -> std::io::Result<Vec<u8>> {
+        let Results {
+            manifest,
+            records,
+            missing,
+            ..
+        } = &self.results;
+        let places = |names: Vec<&str>| -> BTreeMap<String, usize> {
+            let names = names.into_iter().map(str::to_owned);
+            names.zip(0..).collect()
+        };
+        let listed = self.pairs.pairs.iter();
+        let pairs = places(listed.map(|p| p.pair_id.as_str()).collect());
+        let methods = places(manifest.methods.iter().map(|m| m.label.as_str()).collect());
+        let unknown =
+            |what: &str| std::io::Error::other(format!("{what} is not in the folder's lists"));
+        let mut units = String::new();
+        for record in records {
+            let line = UnitLine {
+                pair: *pairs
+                    .get(&record.pair_id)
+                    .ok_or_else(|| unknown(&record.pair_id))?,
+                method: *methods
+                    .get(&record.method)
+                    .ok_or_else(|| unknown(&record.method))?,
+                cluster: record.cluster.clone(),
+                status: record.status.clone(),
+                unavailable: unavailable(record),
+                crop: record.crop,
+                valid_share: record.valid_share,
+                resized_from: record.resized_from,
+                scale: record.scale,
+            };
+            units += &serde_json::to_string(&line)?;
+            units.push('\n');
+        }
+        let mut scores = Vec::new();
+        for metric in &manifest.metrics {
+            let key = metric.info.key.to_string();
+            let column: Vec<[u8; 8]> = records
+                .iter()
+                .map(|record| {
+                    let value = record.scores.get(&key).and_then(Score::value);
+                    value.map_or(ABSENT, f64::to_bits).to_be_bytes()
+                })
+                .collect();
+            scores.extend((0..8).flat_map(|byte| column.iter().map(move |value| value[byte])));
+        }
+        let head = self.head()?;
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            .compression_level(Some(9));
+        for (name, bytes) in [
+            ("bundle.json", serde_json::to_vec(&head)?),
+            ("manifest.json", serde_json::to_vec(manifest)?),
+            ("pairs.csv", self.pairs.bytes().to_vec()),
+            ("units.jsonl", units.into_bytes()),
+            ("missing.json", serde_json::to_vec(missing)?),
+            ("scores.bin", scores),
+        ] {
+            archive.start_file(name, options)?;
+            archive.write_all(&bytes)?;
+        }
+        Ok(archive.finish()?.into_inner())
+    }
+
+    /// Hash of pairs with their photographs, manifest and records: equal for two runs of the same thing, wherever its
+    /// files lay.
+    ///
+    /// # Errors
+    /// Those of the encoder, which only writes to memory here.
+    pub fn content_sha256(&self) -> serde_json::Result<String> {
+        let mut manifest = self.results.manifest.clone();
+        for dataset in &mut manifest.datasets {
+            dataset.spec.clear();
+        }
+        for method in &mut manifest.methods {
+            method.spec.clear();
+        }
+        let mut hasher = StableHasher::default();
+        hasher
+            .add("manifest", &serde_json::to_string(&manifest)?)
+            .add("pairs", &self.pairs.sha256)
+            .add("records", &digest(&self.results.records)?)
+            .add("missing", &serde_json::to_string(&self.results.missing)?);
+        Ok(hasher.finish())
+    }
 }
 
 fn unavailable(record: &Record) -> BTreeMap<String, String> {
@@ -179,47 +253,75 @@ fn digest(records: &[Record]) -> serde_json::Result<String> {
     Ok(hasher.finish())
 }
 
-/// Reads what [`write_bundle`] wrote.
-///
-/// # Errors
-/// When it is no whole bundle, or one of a later version.
-pub(super) fn read_bundle(path: &Path) -> Result<Results, EvaluateError> {
-    let unreadable = |reason: String| EvaluateError::Bundle {
-        path: path.to_owned(),
-        reason,
-    };
-    let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
-    let mut members = ZipArchive::new(Cursor::new(bytes.as_slice()))
-        .map_err(|error| unreadable(error.to_string()))?;
-    let mut member = |name: &str, longest: u64| -> Result<Vec<u8>, EvaluateError> {
-        let file = members.by_name(name);
-        let file = file.map_err(|error| unreadable(format!("{name}: {error}")))?;
+/// A file whose members are read one by one.
+struct Members<'a> {
+    path: &'a Path,
+    archive: ZipArchive<Cursor<Vec<u8>>>,
+}
+
+impl<'a> Members<'a> {
+    fn open(path: &'a Path) -> Result<Self, EvaluateError> {
+        let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
+        let archive = ZipArchive::new(Cursor::new(bytes));
+        let archive = archive.map_err(|error| unreadable(path, error.to_string()))?;
+        Ok(Self { path, archive })
+    }
+
+    fn bytes(&mut self, name: &str, longest: u64) -> Result<Vec<u8>, EvaluateError> {
+        let wrong = |reason: String| unreadable(self.path, format!("{name}: {reason}"));
+        let file = self.archive.by_name(name);
+        let file = file.map_err(|error| wrong(error.to_string()))?;
         let mut bytes = Vec::new();
         let read = file.take(longest).read_to_end(&mut bytes);
-        read.map_err(|error| unreadable(format!("{name}: {error}")))?;
+        read.map_err(|error| wrong(error.to_string()))?;
         Ok(bytes)
-    };
-    fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
-        serde_json::from_slice(bytes).map_err(|error| error.to_string())
     }
-    let head: Head = parse(&member("bundle.json", MAX_MEMBER)?).map_err(unreadable)?;
-    if head.format > FORMAT {
-        return Err(unreadable(format!(
-            "format {}; this version reads formats up to {FORMAT}",
-            head.format
-        )));
+
+    fn json<T: serde::de::DeserializeOwned>(&mut self, name: &str) -> Result<T, EvaluateError> {
+        let value = serde_json::from_slice(&self.bytes(name, MAX_MEMBER)?);
+        value.map_err(|error| unreadable(self.path, error.to_string()))
     }
-    let manifest: Manifest = parse(&member("manifest.json", MAX_MEMBER)?).map_err(unreadable)?;
-    let missing = parse(&member("missing.json", MAX_MEMBER)?).map_err(unreadable)?;
-    let list = PairList::parse(&path.join("pairs.csv"), &member("pairs.csv", MAX_MEMBER)?)?;
-    let units = member("units.jsonl", MAX_MEMBER)?;
+
+    fn head(&mut self) -> Result<Head, EvaluateError> {
+        let head: Head = self.json("bundle.json")?;
+        match head.format {
+            ..=FORMAT => Ok(head),
+            later => Err(unreadable(
+                self.path,
+                format!("format {later}; this version reads formats up to {FORMAT}"),
+            )),
+        }
+    }
+}
+
+fn unreadable(path: &Path, reason: String) -> EvaluateError {
+    EvaluateError::Bundle {
+        path: path.to_owned(),
+        reason,
+    }
+}
+
+/// The head of a file, whatever became of the rest.
+pub(crate) fn read_head(path: &Path) -> Result<Head, EvaluateError> {
+    Members::open(path)?.head()
+}
+
+fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
+    let unreadable = |reason: String| unreadable(path, reason);
+    let mut members = Members::open(path)?;
+    let head = members.head()?;
+    let manifest: Manifest = members.json("manifest.json")?;
+    let missing = members.json("missing.json")?;
+    let listed = members.bytes("pairs.csv", MAX_MEMBER)?;
+    let list = PairList::parse(&path.join("pairs.csv"), &listed)?;
+    let units = members.bytes("units.jsonl", MAX_MEMBER)?;
     let lines: Vec<UnitLine> = serde_json::Deserializer::from_slice(&units)
         .into_iter()
         .collect::<Result<_, _>>()
         .map_err(|error| unreadable(format!("units.jsonl: {error}")))?;
     let n = lines.len();
     let expected = 8 * n * manifest.metrics.len();
-    let scores = member("scores.bin", expected as u64 + 1)?;
+    let scores = members.bytes("scores.bin", expected as u64 + 1)?;
     if scores.len() != expected {
         return Err(unreadable(
             "scores.bin is not of its units' length".to_owned(),
@@ -278,10 +380,15 @@ pub(super) fn read_bundle(path: &Path) -> Result<Results, EvaluateError> {
             "damaged: its records are not those that were packed".to_owned(),
         ));
     }
-    Ok(Results {
+    let results = Results {
         manifest,
         records,
         missing,
         pictures: Vec::new(),
+    };
+    Ok(Bundle {
+        results,
+        pairs: list,
+        occasion: head.occasion,
     })
 }

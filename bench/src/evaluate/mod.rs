@@ -43,7 +43,7 @@ pub mod source_check;
 mod tests;
 pub mod unit;
 
-pub use bundle::write_bundle;
+pub use bundle::{Bundle, Occasion, write_bundle};
 pub use error::EvaluateError;
 pub use estimate::Estimate;
 pub use folder::RunFolder;

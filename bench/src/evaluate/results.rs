@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::bundle::read_bundle;
+use super::bundle::Bundle;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::method_identity;
@@ -190,7 +190,7 @@ impl Results {
     /// When it is neither, of another format, or its pair list or plan has lost pairs.
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         if root.exists() && !root.is_dir() {
-            return read_bundle(root);
+            return Ok(Bundle::read(root)?.results);
         }
         let folder = RunFolder::open(root)?;
         let current = Current::read(&folder)?;

@@ -759,6 +759,11 @@ fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
         missing: BTreeSet::new(),
         pictures: Vec::new(),
     };
-    let bytes = bundle::pack(&results, pairs).unwrap().len();
+    let bundle = Bundle {
+        results,
+        pairs: PairList::new("pairs.csv", pairs),
+        occasion: None,
+    };
+    let bytes = bundle.bytes().unwrap().len();
     assert!(bytes < 1_000_000, "{bytes}");
 }

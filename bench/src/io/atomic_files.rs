@@ -94,6 +94,21 @@ impl PartialFile {
         };
         commit().map_err(FileError::new(&path, "write"))
     }
+
+    /// As [`Self::commit`], but where the name is taken, also by another process meanwhile, that stays as it is and the
+    /// answer is false.
+    pub fn commit_new(self) -> Result<bool, FileError> {
+        let Self { path, file } = self;
+        let commit = || -> io::Result<bool> {
+            file.as_file().sync_all()?;
+            match file.persist_noclobber(&path) {
+                Ok(_) => sync_folder(folder_of(&path)).map(|()| true),
+                Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+                Err(error) => Err(error.error),
+            }
+        };
+        commit().map_err(FileError::new(&path, "write"))
+    }
 }
 
 impl Write for PartialFile {
@@ -180,6 +195,8 @@ mod tests {
         let mut dropped = PartialFile::create(&path).unwrap();
         dropped.write_all(b"thr").unwrap();
         drop(dropped);
+        let taken = PartialFile::create(&path).unwrap();
+        assert!(!taken.commit_new().unwrap());
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
         let new = dir.path().join("new/folder");

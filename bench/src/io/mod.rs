@@ -7,9 +7,11 @@
 //! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
 //! * [`movie`]: pictures in a row as GIF and MP4.
 //! * [`checkpoint`]: SHARP's official checkpoint: where it is, whether it is still the same file, how to get it.
-//! * [`machine`]: what this process runs on, and how much of its memory it has used; [`text`]: text from outside, made harmless.
+//! * [`machine`]: what this process runs on, and how much memory it has used; [`text`]: text from outside, made harmless; `calendar`: days
+//!   and minutes.
 
 pub mod atomic_files;
+pub(crate) mod calendar;
 pub mod checkpoint;
 pub(crate) mod counts;
 pub mod fingerprints;

@@ -23,9 +23,9 @@ use super::plots::canvas::{GRID, INK, MUTED, PAPER};
 use super::plots::palette::style;
 use super::tables::{Table, html::html};
 
-const STYLE: &str = include_str!("../../templates/style.css");
+pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
 const SCRIPT: &str = include_str!("../../templates/script.js");
-const VERSION: &str = env!("CARGO_PKG_VERSION");
+pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Failures listed in the page at most.
 const FAILURES: usize = 200;
 
@@ -178,7 +178,7 @@ impl Page<'_> {
 }
 
 /// The same drawing with the page's own colours for paper, ink and grid, so that it is readable in the dark.
-fn themed(svg: &str) -> String {
+pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [
         (PAPER, "var(--card)"),

@@ -4,13 +4,14 @@
 //! same. The record lies in our cache folder, wherever the checkpoint itself lies.
 
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 use sharp_metrics::weights::cache_folder;
 
 use super::release::{RELEASE_ADDRESS, RELEASE_FILE};
 use crate::io::atomic_files::{FileError, write_json};
+use crate::io::calendar::day;
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CheckpointRecord {
@@ -117,28 +118,9 @@ pub fn compare_or_record(
     }
 }
 
-/// The day of a moment, UTC, as ISO 8601 writes it.
-fn day(moment: SystemTime) -> String {
-    let since = moment.duration_since(UNIX_EPOCH).unwrap_or_default();
-    // Years from March, so that a leap day is the last one; in cycles of 400 years, of which one began on 1 March 0000,
-    // 719 468 days before the epoch.
-    let days = since.as_secs() / 86_400 + 719_468;
-    let (cycle, day) = (days / 146_097, days % 146_097);
-    let year = (day - day / 1_460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let from_march = (5 * day + 2) / 153;
-    let month = (from_march + 2) % 12 + 1;
-    let year = 400 * cycle + year + u64::from(month <= 2);
-    format!(
-        "{year}-{month:02}-{:02}",
-        day - (153 * from_march + 2) / 5 + 1
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn the_first_file_is_taken_at_its_word_and_every_later_one_compared() {
@@ -165,16 +147,5 @@ mod tests {
         std::fs::write(&file, b"{}").unwrap();
         let error = compare_or_record(&checkpoint, "aa", &file).unwrap_err();
         assert!(error.to_string().contains("not a record"), "{error}");
-    }
-
-    #[test]
-    fn days_are_those_of_the_calendar() {
-        let at = |seconds| day(UNIX_EPOCH + Duration::from_secs(seconds));
-        assert_eq!(at(0), "1970-01-01");
-        assert_eq!(at(951_782_399), "2000-02-28");
-        assert_eq!(at(951_782_400), "2000-02-29");
-        assert_eq!(at(1_735_689_599), "2024-12-31");
-        assert_eq!(at(1_735_689_600), "2025-01-01");
-        assert_eq!(at(4_107_542_400), "2100-03-01");
     }
 }

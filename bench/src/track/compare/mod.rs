@@ -132,7 +132,10 @@ pub fn verdict_word(verdict: Verdict) -> &'static str {
     }
 }
 
-fn word<S: serde::Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+pub(super) fn word<S: serde::Serializer>(
+    verdict: &Verdict,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(verdict_word(*verdict))
 }
 
@@ -230,12 +233,19 @@ pub fn compare(
     methods: &[(String, String)],
     practical: &Practical,
 ) -> Result<RunComparison, CompareError> {
-    let sides = [(a, Results::read(a)?), (b, Results::read(b)?)];
-    compare_results(sides, methods, practical)
+    let of_a = Results::read(a)?;
+    let of_b = match a == b {
+        true => of_a.clone(),
+        false => Results::read(b)?,
+    };
+    compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
-/// As [`compare`], of results that were read already.
-pub(super) fn compare_results(
+/// As [`compare`], of results that were read already; paths are for errors only.
+///
+/// # Errors
+/// As [`compare`], without the first.
+pub fn compare_results(
     [(a, of_a), (b, of_b)]: [(&Path, Results); 2],
     methods: &[(String, String)],
     practical: &Practical,

@@ -153,7 +153,7 @@ fn title(metric: &str, of: MetricRegion, [a, b]: [&str; 2]) -> String {
     format!("{metric}{}: {a} (A), {b} (B)", region(of))
 }
 
-fn count(n: usize) -> GridCell {
+pub(in crate::track) fn count(n: usize) -> GridCell {
     GridCell::number(n.to_string(), n as f64)
 }
 

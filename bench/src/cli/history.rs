@@ -1,0 +1,164 @@
+//! `history`: runs over time.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+
+use super::outcome::UsageError;
+use super::{Outcome, output};
+use crate::evaluate::Occasion;
+use crate::io::atomic_files::write_atomic;
+use crate::io::text::visible_line;
+use crate::track::history::{self, HistoryError};
+
+/// Runs over time: means with intervals, and which run changed them
+///
+/// A history is a folder with one small file a run (a bundle of its scores with label, commit and date), to keep or to
+/// commit. Entries are numbered in the order of adding and never changed. Damaged ones are named, cost the others nothing, and
+/// make the exit code 4.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench history add history runs/nightly --commit $(git rev-parse --short HEAD)
+  sharp-bench history show history
+  sharp-bench history show history --csv trend.csv --html trend.html")]
+pub(super) struct HistoryArgs {
+    #[command(subcommand)]
+    command: HistoryCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum HistoryCommand {
+    Add(AddArgs),
+    Show(ShowArgs),
+}
+
+/// Add a run as the next entry
+///
+/// The same results under the same label and commit are one entry, however often they are added. Anything else that is
+/// different, be it weights, photographs, code or a score, makes a new one.
+#[derive(Debug, Args)]
+struct AddArgs {
+    /// The history's folder; created where there is none
+    dir: PathBuf,
+    /// Run folder or bundle
+    run: PathBuf,
+    /// What tables and plots call it; the name of RUN if not given
+    #[arg(long, value_name = "TEXT")]
+    label: Option<String>,
+    /// The version of your code, such as a git hash
+    #[arg(long, value_name = "TEXT")]
+    commit: Option<String>,
+    /// YYYY-MM-DD or YYYY-MM-DDTHH:MM; now (UTC) if not given
+    #[arg(long)]
+    date: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Show how scores went, per method, dataset and metric
+///
+/// An entry is a change point where `compare` finds it better or worse than the entry before that it can be compared with
+/// (step), or than the last change point before it (drift). A series is broken where entries cannot be compared.
+#[derive(Debug, Args)]
+struct ShowArgs {
+    /// The history's folder
+    dir: PathBuf,
+    /// Write a table: one row per entry, method, dataset and metric
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Write a page with plots
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &HistoryArgs) -> anyhow::Result<Outcome> {
+    match &args.command {
+        HistoryCommand::Add(args) => add(args),
+        HistoryCommand::Show(args) => show(args),
+    }
+}
+
+fn add(args: &AddArgs) -> anyhow::Result<Outcome> {
+    let (label, commit) = (args.label.as_deref(), args.commit.as_deref());
+    let occasion = history::occasion(&args.run, label, commit, args.date.as_deref());
+    let occasion = occasion.map_err(|error| match error {
+        HistoryError::Occasion(reason) => anyhow::Error::from(UsageError(reason)),
+        other => other.into(),
+    })?;
+    let added = history::add(&args.dir, &args.run, occasion)?;
+    let path = added.path.display().to_string();
+    if args.json {
+        let mut json = entry(added.number, &added.occasion);
+        json["file"] = path.into();
+        json["is_new"] = added.is_new.into();
+        json["damaged"] = json!(added.damaged);
+        output::json(&json)?;
+    } else {
+        let label = &added.occasion.label;
+        output::line(match added.is_new {
+            true => format!("{path}  {label}"),
+            false => format!(
+                "{path}  {label}, there since {}: the same results; another --label or --commit makes another entry",
+                added.occasion.date
+            ),
+        })?;
+    }
+    Ok(outcome(&added.damaged))
+}
+
+fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
+    let history = history::read(&args.dir)?;
+    if args.json {
+        let entries = history.entries.iter();
+        let entries: Vec<Value> = entries.map(|(n, occasion)| entry(*n, occasion)).collect();
+        output::json(&json!({
+            "schema": 1,
+            "entries": entries,
+            "rows": history.points().collect::<Vec<_>>(),
+            "damaged": history.damaged,
+        }))?;
+    }
+    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+    if let Some(path) = &args.csv {
+        files.push((path, history::csv::csv(&history)));
+    }
+    if let Some(path) = &args.html {
+        let title = args.dir.display().to_string();
+        files.push((path, history::page::html(&history, &title)?.into_bytes()));
+    }
+    for (path, bytes) in &files {
+        write_atomic(path, bytes)?;
+        if !args.json {
+            output::line(path.display().to_string())?;
+        }
+    }
+    if files.is_empty() && !args.json {
+        output::line(history.entries_grid().text())?;
+        for grid in history.series_grids() {
+            output::line(grid.text())?;
+        }
+    }
+    Ok(outcome(&history.damaged))
+}
+
+fn entry(number: u32, occasion: &Occasion) -> Value {
+    let Occasion {
+        label,
+        commit,
+        date,
+    } = occasion;
+    json!({"entry": number, "label": label, "commit": commit, "date": date})
+}
+
+fn outcome(damaged: &[String]) -> Outcome {
+    for reason in damaged {
+        output::remark(format!("warning: damaged entry: {}", visible_line(reason)));
+    }
+    Outcome::of_problems(!damaged.is_empty())
+}

@@ -1,0 +1,81 @@
+//! The series of a history as a table for programs: one row an entry of a series.
+
+use crate::evaluate::Occasion;
+use crate::evaluate::results::number;
+use crate::io::text::csv_cell;
+use crate::track::compare::verdict_word;
+
+use super::{History, Point};
+
+/// Columns of [`csv()`].
+pub const COLUMNS: [&str; 23] = [
+    "entry",
+    "label",
+    "commit",
+    "date",
+    "method",
+    "dataset",
+    "metric",
+    "n_pairs",
+    "n_planned",
+    "n_failed",
+    "n_scenes",
+    "mean",
+    "ci_low",
+    "ci_high",
+    "weights",
+    "identity",
+    "follows",
+    "broken",
+    "change",
+    "rule",
+    "against",
+    "difference",
+    "p",
+];
+
+/// Comma-separated values with a header, series by series. Numbers round-trip; what is not known is empty.
+pub fn csv(history: &History) -> Vec<u8> {
+    let mut writer = ::csv::Writer::from_writer(Vec::new());
+    // Writing into memory cannot fail.
+    let _ = writer.write_record(COLUMNS);
+    for point in history.points() {
+        let _ = writer.write_record(row(history, point));
+    }
+    writer.into_inner().unwrap_or_default()
+}
+
+fn row(history: &History, point: &Point) -> [String; 23] {
+    let text = |text: &str| csv_cell(text).into_owned();
+    let optional = |value: Option<f64>| value.map(number).unwrap_or_default();
+    let entry = |number: Option<u32>| number.map(|n| n.to_string()).unwrap_or_default();
+    let occasion = history.occasion(point.entry);
+    let of_entry =
+        |of: fn(&Occasion) -> Option<&str>| text(occasion.and_then(of).unwrap_or_default());
+    let change = point.change.as_ref();
+    [
+        point.entry.to_string(),
+        of_entry(|occasion| Some(&occasion.label)),
+        of_entry(|occasion| occasion.commit.as_deref()),
+        of_entry(|occasion| Some(&occasion.date)),
+        text(&point.method),
+        text(&point.dataset),
+        point.metric.clone(),
+        point.n_pairs.to_string(),
+        point.n_planned.to_string(),
+        point.n_failed.to_string(),
+        point.n_scenes.to_string(),
+        optional(point.mean),
+        optional(point.ci_low),
+        optional(point.ci_high),
+        point.weights.clone(),
+        text(&point.identity),
+        entry(point.follows),
+        text(point.broken.as_deref().unwrap_or_default()),
+        change.map_or_else(String::new, |c| verdict_word(c.verdict).to_owned()),
+        change.map_or_else(String::new, |c| c.rule.word().to_owned()),
+        entry(change.map(|c| c.against)),
+        optional(change.map(|c| c.difference)),
+        optional(change.and_then(|c| c.p)),
+    ]
+}

@@ -1,0 +1,316 @@
+//! Runs over time.
+//!
+//! A history is a folder of entries, `0001.zip`, `0002.zip`, …: the [`Bundle`] of a run with its [`Occasion`] each. An entry
+//! is never changed: whatever is added takes the next number, and their order is that of adding. The same results of the
+//! same label and commit are one entry.
+//!
+//! * [`add`]: one more run; [`read`]: all of them, as [`Series`] of one method on one dataset under one metric.
+//! * `trend`: which entry changed what; [`csv`], [`text`], [`page`]: the series for programs, terminals and browsers.
+
+pub mod csv;
+pub mod page;
+pub mod text;
+mod trend;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+pub use trend::{Mark, Point, Rule, Series};
+
+use crate::evaluate::bundle::read_head;
+use crate::evaluate::{Bundle, EvaluateError, Occasion};
+use crate::io::atomic_files::{FileError, PartialFile};
+use crate::io::calendar::{is_date, minute};
+use crate::io::text::visible_line;
+use trend::Trend;
+
+/// Characters of a label or a commit at most.
+const LONGEST: usize = 120;
+
+/// Why a history cannot be read or added to.
+#[derive(Debug, thiserror::Error)]
+pub enum HistoryError {
+    /// The run that was to be added, or an entry.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// The system refused to read or write a file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A label, commit or date that no entry can have.
+    #[error("{0}")]
+    Occasion(String),
+    /// A folder with other files, or without any.
+    #[error("{}: {reason}", dir.display())]
+    NoHistory { dir: PathBuf, reason: String },
+}
+
+/// One run of a history.
+#[derive(Debug)]
+struct Entry {
+    /// From 1, in the order of adding.
+    number: u32,
+    occasion: Occasion,
+    bundle: Bundle,
+}
+
+/// What became of a run that was to be added.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Added {
+    /// The entry that holds it.
+    pub path: PathBuf,
+    pub number: u32,
+    pub occasion: Occasion,
+    /// False where the entry was there before.
+    pub is_new: bool,
+    /// Why entries could not be read, one line each.
+    pub damaged: Vec<String>,
+}
+
+/// A history as it is.
+#[derive(Debug, Clone)]
+pub struct History {
+    /// Ascending.
+    pub entries: Vec<(u32, Occasion)>,
+    /// By metric, dataset and method, in the order in which entries first name them.
+    pub series: Vec<Series>,
+    /// Why entries could not be read, one line each.
+    pub damaged: Vec<String>,
+}
+
+impl History {
+    /// All points, series by series.
+    pub fn points(&self) -> impl Iterator<Item = &Point> {
+        self.series.iter().flat_map(|series| &series.points)
+    }
+
+    /// What is said of an entry; `None` for a number that no entry has.
+    pub fn occasion(&self, number: u32) -> Option<&Occasion> {
+        let at = self.entries.binary_search_by_key(&number, |(n, _)| *n);
+        at.ok().map(|at| &self.entries[at].1)
+    }
+
+    /// Labels of methods, in the order in which series name them first.
+    pub fn methods(&self) -> Vec<&str> {
+        let mut methods: Vec<&str> = Vec::new();
+        for series in &self.series {
+            if !methods.contains(&series.method.as_str()) {
+                methods.push(&series.method);
+            }
+        }
+        methods
+    }
+}
+
+/// What to say of a run: the label is the name of its folder or file unless another is given, the date is now.
+///
+/// # Errors
+/// [`HistoryError::Occasion`].
+pub fn occasion(
+    run: &Path,
+    label: Option<&str>,
+    commit: Option<&str>,
+    date: Option<&str>,
+) -> Result<Occasion, HistoryError> {
+    let name = || {
+        // Of `.`, too.
+        let run = fs::canonicalize(run).unwrap_or_else(|_| run.to_owned());
+        let name = if run.is_dir() {
+            run.file_name()
+        } else {
+            run.file_stem()
+        };
+        let name = name.map(|name| name.to_string_lossy().into_owned());
+        let name: String = name.unwrap_or_default().chars().take(LONGEST).collect();
+        visible_line(&name).into_owned()
+    };
+    let occasion = Occasion {
+        label: label.map_or_else(name, str::to_owned),
+        commit: commit.map(str::to_owned),
+        date: date.map_or_else(|| minute(SystemTime::now()), str::to_owned),
+    };
+    check(&occasion).map_err(HistoryError::Occasion)?;
+    Ok(occasion)
+}
+
+fn check(occasion: &Occasion) -> Result<(), String> {
+    let texts = [("label", &occasion.label)].into_iter();
+    for (what, text) in texts.chain(occasion.commit.iter().map(|commit| ("commit", commit))) {
+        let is_plain = visible_line(text) == *text && !text.trim().is_empty();
+        if !is_plain || text.chars().count() > LONGEST {
+            let shown = visible_line(text);
+            return Err(format!(
+                "the {what} '{shown}' is not one line of 1 to {LONGEST} printable characters"
+            ));
+        }
+    }
+    match is_date(&occasion.date) {
+        true => Ok(()),
+        false => Err(format!(
+            "the date '{}' is not of the form YYYY-MM-DD or YYYY-MM-DDTHH:MM, or not in the calendar",
+            visible_line(&occasion.date)
+        )),
+    }
+}
+
+/// Adds a run folder or a bundle, creating the history where there is none. Several processes may add at once.
+///
+/// # Errors
+/// When the run cannot be read, the folder holds other files and no entry, or the entry cannot be written. An entry whose
+/// head is damaged is no error; it keeps its number.
+pub fn add(dir: &Path, run: &Path, occasion: Occasion) -> Result<Added, HistoryError> {
+    let mut bundle = Bundle::read(run)?;
+    bundle.occasion = Some(occasion.clone());
+    let encode = || FileError::new(run, "encode");
+    let bytes = bundle.bytes().map_err(encode())?;
+    let encoded = |text: serde_json::Result<String>| text.map_err(|error| encode()(error.into()));
+    let content = encoded(bundle.content_sha256())?;
+    let digest = encoded(bundle.head().map(|head| head.digest))?;
+    let is_same = |number: u32| -> Result<Option<Occasion>, EvaluateError> {
+        let head = read_head(&entry_file(dir, number)?)?;
+        let there = checked(dir, number, head.occasion)?;
+        let same = (&there.label, &there.commit) == (&occasion.label, &occasion.commit)
+            && head.digest == digest
+            && encoded(read_entry(dir, number)?.bundle.content_sha256())? == content;
+        Ok(same.then_some(there))
+    };
+    let no_history = |reason: String| HistoryError::NoHistory {
+        dir: dir.to_owned(),
+        reason,
+    };
+    let (mut seen, mut damaged) = (0, Vec::new());
+    loop {
+        let (numbers, foreign) = match names(dir) {
+            Err(error) if error.source.kind() == io::ErrorKind::NotFound => Default::default(),
+            other => other?,
+        };
+        // A mistyped path never mixes entries into other files.
+        if let (true, Some(name)) = (numbers.is_empty(), foreign) {
+            let reason =
+                format!("it holds {name} and no entry of a history; choose another folder");
+            return Err(no_history(reason));
+        }
+        for &number in numbers.iter().filter(|number| **number > seen) {
+            match is_same(number) {
+                Ok(None) => {}
+                Ok(Some(there)) => {
+                    return Ok(Added {
+                        path: entry_path(dir, number),
+                        number,
+                        occasion: there,
+                        is_new: false,
+                        damaged,
+                    });
+                }
+                Err(error) => damaged.push(error.to_string()),
+            }
+        }
+        seen = numbers.last().copied().unwrap_or(0);
+        let number = seen.checked_add(1);
+        let number = number.ok_or_else(|| no_history("its last number is taken".to_owned()))?;
+        let path = entry_path(dir, number);
+        let mut file = PartialFile::create(&path)?;
+        file.write_all(&bytes)
+            .map_err(FileError::new(&path, "write"))?;
+        // Where another process was faster, its entry may be the same run.
+        if file.commit_new()? {
+            return Ok(Added {
+                path,
+                number,
+                occasion,
+                is_new: true,
+                damaged,
+            });
+        }
+    }
+}
+
+/// Reads all entries. One that is damaged is named in [`History::damaged`] and takes nothing from the others.
+///
+/// # Errors
+/// When the folder cannot be read or holds no entry.
+pub fn read(dir: &Path) -> Result<History, HistoryError> {
+    let (numbers, _) = names(dir)?;
+    if numbers.is_empty() {
+        return Err(HistoryError::NoHistory {
+            dir: dir.to_owned(),
+            reason: "it holds no entry; `history add DIR RUN` adds one".to_owned(),
+        });
+    }
+    let (mut trend, mut entries, mut damaged) = (Trend::default(), Vec::new(), Vec::new());
+    for number in numbers {
+        match read_entry(dir, number) {
+            Ok(entry) => {
+                entries.push((number, entry.occasion.clone()));
+                trend.add(entry);
+            }
+            Err(error) => damaged.push(error.to_string()),
+        }
+    }
+    Ok(History {
+        entries,
+        series: trend.into_series(),
+        damaged,
+    })
+}
+
+fn entry_path(dir: &Path, number: u32) -> PathBuf {
+    dir.join(format!("{number:04}.zip"))
+}
+
+/// The numbers of names as [`entry_path`] makes them, whatever they are names of; and one other name, but for those with a
+/// dot, which are nobody's.
+fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
+    let entries = fs::read_dir(dir).map_err(FileError::new(dir, "read"))?;
+    let (mut numbers, mut foreign) = (BTreeSet::new(), None);
+    for entry in entries {
+        let name = entry.map_err(FileError::new(dir, "read"))?.file_name();
+        let name = name.to_string_lossy();
+        let number = name.strip_suffix(".zip").and_then(|n| n.parse().ok());
+        match number.filter(|n| entry_path(Path::new(""), *n) == Path::new(&*name)) {
+            Some(number) => {
+                numbers.insert(number);
+            }
+            None if name.starts_with('.') => {}
+            None => foreign = Some(name.into_owned()),
+        }
+    }
+    Ok((numbers, foreign))
+}
+
+/// A link is no entry: what it leads to may change.
+fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
+    let path = entry_path(dir, number);
+    let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;
+    match kind.is_file() {
+        true => Ok(path),
+        false => Err(FileError::new(&path, "read")(io::Error::other(
+            "not a regular file",
+        ))),
+    }
+}
+
+fn checked(dir: &Path, number: u32, occasion: Option<Occasion>) -> Result<Occasion, EvaluateError> {
+    let no_entry = |reason: String| EvaluateError::NotKept {
+        folder: entry_path(dir, number),
+        reason: format!("no entry of a history: {reason}"),
+    };
+    let occasion = occasion
+        .ok_or_else(|| no_entry("it has no date; `history add` writes entries".to_owned()))?;
+    check(&occasion).map_err(no_entry)?;
+    Ok(occasion)
+}
+
+fn read_entry(dir: &Path, number: u32) -> Result<Entry, EvaluateError> {
+    let bundle = Bundle::read(&entry_file(dir, number)?)?;
+    Ok(Entry {
+        number,
+        occasion: checked(dir, number, bundle.occasion.clone())?,
+        bundle,
+    })
+}
+
+#[cfg(test)]
+mod tests;

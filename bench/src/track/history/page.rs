@@ -1,0 +1,231 @@
+//! A history as one page that opens from disk, loads nothing and runs no script.
+
+use askama::Template;
+
+use super::{History, Point, Series};
+use crate::evaluate::Occasion;
+use crate::io::text::visible;
+use crate::report::ReportError;
+use crate::report::html::{STYLE, VERSION, themed};
+use crate::report::plots::Figure;
+use crate::report::plots::canvas::{Anchor, INK, Lettering, MUTED, PAPER, Surface};
+use crate::report::plots::palette::{Marker, Style, stroke, style};
+use crate::report::plots::panels::{
+    MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker,
+};
+use crate::report::plots::scale::Step;
+use crate::report::plots::text::{Weight, fitted};
+use sharp_statistics::Verdict;
+
+/// Font size of the labels below the axis, CSS pixels.
+const LABEL_SIZE: f64 = 11.5;
+/// Labels narrower than this say nothing.
+const LABEL_ROOM: f64 = 36.0;
+/// Between the points of two methods at one entry, CSS pixels.
+const APART: f64 = 7.0;
+
+#[derive(Template)]
+#[template(path = "history.html")]
+struct Page<'a> {
+    title: &'a str,
+    history: &'a History,
+    /// One a metric.
+    figures: &'a [Figure],
+    /// Points that are remarkable for something, with their series.
+    events: &'a [(&'a Series, &'a Point)],
+    changes: usize,
+    /// Whether plots have several panels.
+    wide: bool,
+}
+
+impl Page<'_> {
+    fn plot(&self, figure: &Figure) -> String {
+        themed(&figure.svg)
+    }
+
+    fn commit<'o>(&self, occasion: &'o Occasion) -> &'o str {
+        occasion.commit.as_deref().unwrap_or("-")
+    }
+}
+
+/// The page under a title.
+///
+/// # Errors
+/// When the drawing library or the template refuses.
+pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
+    let of_metric = |one: &Series, other: &Series| one.metric.key == other.metric.key;
+    let figures = history.series.chunk_by(of_metric);
+    let figures: Result<Vec<Figure>, ReportError> =
+        figures.map(|series| plot(history, series)).collect();
+    let events = history.series.iter().flat_map(|series| {
+        let points = series.points.iter();
+        points.map(move |point| (series, point))
+    });
+    let mut events: Vec<(&Series, &Point)> = events
+        .filter(|(series, point)| !series.events(point).is_empty())
+        .collect();
+    events.sort_by_key(|(_, point)| point.entry);
+    let changes = events.iter().filter(|(_, point)| point.change.is_some());
+    let page = Page {
+        title,
+        history,
+        figures: &figures?,
+        events: &events,
+        changes: changes.count(),
+        wide: history
+            .series
+            .windows(2)
+            .any(|s| s[0].dataset != s[1].dataset),
+    };
+    Ok(visible(&page.render()?).into_owned())
+}
+
+/// The series of one metric, a panel a dataset.
+fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
+    let methods = history.methods();
+    let style_of = |series: &Series| {
+        let at = methods.iter().position(|method| *method == series.method);
+        style(at.unwrap_or(0))
+    };
+    let metric = &series[0].metric;
+    let panels = series.chunk_by(|one, other| one.dataset == other.dataset);
+    let panels = panels.map(|series| Panel {
+        frame: PanelFrame {
+            title: series[0].dataset.clone(),
+            remark: String::new(),
+            x: horizontal(history),
+            y: vertical(series),
+            infinity: points(series).any(|point| point.mean.is_some_and(f64::is_infinite)),
+        },
+        content: if points(series).any(|point| point.mean.is_some_and(|mean| !mean.is_nan())) {
+            Ok(Box::new(
+                move |surface: &mut dyn Surface, area: &PlotArea| {
+                    labels(surface, area, history);
+                    let middle = (series.len() - 1) as f64 / 2.0;
+                    for (at, series) in series.iter().enumerate() {
+                        let shift = (at as f64 - middle) * APART;
+                        draw(surface, area, series, shift, style_of(series));
+                    }
+                },
+            ))
+        } else {
+            Err("no numbers")
+        },
+    });
+    let panels: Vec<Panel<'_>> = panels.collect();
+    let mut legend: Vec<(&str, Style)> = Vec::new();
+    for series in series {
+        if !legend.iter().any(|(method, _)| *method == series.method) {
+            legend.push((&series.method, style_of(series)));
+        }
+    }
+    let caption = format!(
+        "{}: {}. Mean of each entry with its 95 % interval; lines join entries that can be compared, and a hollow point cannot be \
+         compared with any before it. Triangles are change points: filled for worse, hollow for better, pointing where the mean \
+         went.",
+        metric.label,
+        metric.direction_words()
+    );
+    figure(
+        &format!("{} over entries", metric.label),
+        &caption,
+        &legend,
+        &panels,
+    )
+}
+
+fn points(series: &[Series]) -> impl Iterator<Item = &Point> {
+    series.iter().flat_map(|series| &series.points)
+}
+
+/// From half an entry before the first one to half an entry behind the last.
+fn horizontal(history: &History) -> PlotAxis {
+    let number = |entry: Option<&(u32, Occasion)>| entry.map_or(1.0, |(n, _)| f64::from(*n));
+    let (first, last) = (
+        number(history.entries.first()),
+        number(history.entries.last()),
+    );
+    let mut axis = PlotAxis::over("", first - 0.5, last + 0.5, 12);
+    if axis.step.at(1) < 1.0 {
+        axis.step = Step::nice(1.0, 1);
+    }
+    axis
+}
+
+fn vertical(series: &[Series]) -> PlotAxis {
+    let values = points(series).flat_map(|point| [point.mean, point.ci_low, point.ci_high]);
+    let values = values.flatten().filter(|value| value.is_finite());
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    });
+    let label = series[0].metric.axis_label();
+    match low <= high {
+        true => {
+            let room = (high - low) * 0.1;
+            PlotAxis::over(&label, low - room, high + room, 6)
+        }
+        false => PlotAxis::over(&label, 0.0, 1.0, 6),
+    }
+}
+
+/// The entries' labels below their numbers, where there is room for them.
+fn labels(surface: &mut dyn Surface, area: &PlotArea, history: &History) {
+    let room = area.x.place(1.0) - area.x.place(0.0) - 6.0;
+    if room < LABEL_ROOM {
+        return;
+    }
+    let lettering = Lettering {
+        size: LABEL_SIZE,
+        weight: Weight::Regular,
+        ink: MUTED,
+        anchor: Anchor::Middle,
+        upwards: false,
+    };
+    for (number, occasion) in &history.entries {
+        let text = fitted(&occasion.label, LABEL_SIZE, Weight::Regular, room * 0.85);
+        let at = (area.x.place(f64::from(*number)), area.y.from + 33.0);
+        surface.text(&text, at, lettering);
+    }
+}
+
+fn draw(surface: &mut dyn Surface, area: &PlotArea, series: &Series, shift: f64, style: Style) {
+    let place = |point: &Point| {
+        let mean = point.mean.filter(|mean| !mean.is_nan())?;
+        let x = area.x.place(f64::from(point.entry)) + shift;
+        Some((x, area.height(mean)))
+    };
+    for point in &series.points {
+        let before = series
+            .points
+            .iter()
+            .find(|p| Some(p.entry) == point.follows);
+        if let (Some(from), Some(to)) = (before.and_then(place), place(point)) {
+            stroke(surface, &[from, to], 2.0, style);
+        }
+    }
+    for point in &series.points {
+        let Some((x, y)) = place(point) else {
+            continue;
+        };
+        if let (Some(low), Some(high)) = (point.ci_low, point.ci_high) {
+            let (low, high) = (area.y.place(low), area.y.place(high));
+            surface.line(&[(x, low), (x, high)], 1.4, style.ink);
+            for end in [low, high] {
+                surface.line(&[(x - 3.0, end), (x + 3.0, end)], 1.4, style.ink);
+            }
+        }
+        let begins_anew = point.broken.is_some() && point.follows.is_none();
+        marker(surface, (x, y), style, begins_anew);
+        if let Some(change) = &point.change {
+            let (sign, side) = match change.difference > 0.0 {
+                true => (Marker::Up, -1.0),
+                false => (Marker::Down, 1.0),
+            };
+            let at = (x, y + side * 3.2 * MARKER);
+            sign.draw(surface, at, MARKER * 1.2, INK);
+            if change.verdict == Verdict::Better {
+                sign.draw(surface, at, MARKER * 0.6, PAPER);
+            }
+        }
+    }
+}

@@ -1,0 +1,435 @@
+//! What scores do from entry to entry, and which entry changed them.
+//!
+//! # Which entries are compared
+//! An entry continues a series from the latest earlier entry that it can be [compared](crate::track::compare) with on that
+//! dataset under that metric, with the same photographs. Where that is not the entry before it, the series is broken there, and
+//! the reason is kept; an entry comparable with none begins a part of its own.
+//!
+//! # Change points
+//! Both rules are the test of `compare`, on the same pairs, at 0.05 after Holm's correction over the datasets that are compared:
+//! * [`Rule::Step`]: against the entry that it continues from;
+//! * [`Rule::Drift`]: where that finds nothing, against the last change point of its part, or where the part begins, so that a
+//!   change too slow for any one step is found once it has added up.
+//!
+//! No correction is made over entries, metrics and methods: of scores that differ by chance alone, either rule marks one in
+//! twenty. Scores that are the same to the last bit are never a change.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use serde::Serialize;
+use sharp_statistics::{Clusters, Resampling, Verdict, infer};
+
+use super::Entry;
+use crate::evaluate::manifest::{MethodRecord, MetricRecord};
+use crate::evaluate::record::Score;
+use crate::evaluate::{EvaluateError, Results};
+use crate::pairs::pair_id::PairName;
+use crate::report::Column;
+use crate::track::compare::{CompareError, Practical, ScoreChange, compare_results};
+
+/// Hexadecimal digits of a weights' sha256 that are shown.
+const WEIGHTS_DIGITS: usize = 12;
+
+/// One method on one dataset under one metric, entry by entry.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Its label.
+    pub method: String,
+    pub dataset: String,
+    pub metric: Column,
+    /// Of the entries that have it, ascending.
+    pub points: Vec<Point>,
+}
+
+/// A series at one entry. What is not finite, or not known, is null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Point {
+    pub entry: u32,
+    /// Label of the method.
+    pub method: String,
+    pub dataset: String,
+    /// Key with variant and region.
+    pub metric: String,
+    /// Pairs with a number.
+    pub n_pairs: usize,
+    /// Pairs that were to be evaluated.
+    pub n_planned: usize,
+    /// Pairs of which the prediction failed.
+    pub n_failed: usize,
+    /// Physical scenes of those with a number.
+    pub n_scenes: usize,
+    /// Over the pairs with a number; `None` without any.
+    pub mean: Option<f64>,
+    /// 95 % confidence of the mean, scenes being the sample.
+    pub ci_low: Option<f64>,
+    pub ci_high: Option<f64>,
+    /// The first digits of the sha256 of the method's weights; empty for a method without.
+    pub weights: String,
+    /// What the method's predictions depend on.
+    pub identity: String,
+    /// The entry that it continues from; `None` where a part of the series begins.
+    pub follows: Option<u32>,
+    /// Why it does not continue from the entry before it.
+    pub broken: Option<String>,
+    /// Set for a change point.
+    pub change: Option<Mark>,
+}
+
+/// What makes an entry a change point.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Mark {
+    /// Better or worse.
+    #[serde(serialize_with = "crate::track::compare::word")]
+    pub verdict: Verdict,
+    pub rule: Rule,
+    /// The entry that it differs from.
+    pub against: u32,
+    /// Mean of this entry minus that one, over pairs with a number in both.
+    pub difference: f64,
+    /// After Holm's correction.
+    pub p: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    Step,
+    Drift,
+}
+
+/// A series that entries are added to.
+#[derive(Debug)]
+struct Growing {
+    series: Series,
+    /// In the order of their first entries.
+    parts: Vec<Part>,
+}
+
+/// Entries of a series that can be compared with each other.
+#[derive(Debug)]
+struct Part {
+    last: Arc<Entry>,
+    /// The last change point, or the first entry.
+    reference: Arc<Entry>,
+}
+
+/// All series, as entries come. Of earlier entries only those are kept that a later one may be compared with.
+#[derive(Debug, Default)]
+pub(super) struct Trend(Vec<Growing>);
+
+impl Trend {
+    /// Adds the next entry.
+    pub(super) fn add(&mut self, entry: Entry) {
+        let entry = Arc::new(entry);
+        let manifest = &entry.bundle.results.manifest;
+        for method in &manifest.methods {
+            for metric in &manifest.metrics {
+                self.add_scores(&entry, method, metric);
+            }
+        }
+    }
+
+    /// By metric, dataset and method.
+    pub(super) fn into_series(self) -> Vec<Series> {
+        let place = |name: fn(&Series) -> &str| {
+            let mut places = BTreeMap::new();
+            for growing in &self.0 {
+                let next = places.len();
+                places
+                    .entry(name(&growing.series).to_owned())
+                    .or_insert(next);
+            }
+            places
+        };
+        let metrics = place(|series| &series.metric.key);
+        let (datasets, methods) = (place(|s| &s.dataset), place(|s| &s.method));
+        let mut series: Vec<Series> = self.0.into_iter().map(|growing| growing.series).collect();
+        series.sort_by_key(|s| {
+            (
+                metrics[&s.metric.key],
+                datasets[&s.dataset],
+                methods[&s.method],
+            )
+        });
+        series
+    }
+
+    /// The scores of a method under a metric, on all datasets: they are tested together.
+    fn add_scores(&mut self, entry: &Arc<Entry>, method: &MethodRecord, metric: &MetricRecord) {
+        let scope = Scope { method, metric };
+        let datasets = entry.bundle.results.manifest.datasets.iter();
+        let points = datasets.filter_map(|dataset| scope.point(entry, &dataset.name));
+        let mut points: BTreeMap<usize, Point> = points
+            .map(|point| (self.series_of(&point, metric), point))
+            .collect();
+        let mut open: BTreeSet<usize> = points.keys().copied().collect();
+        // A point without a number changes nothing and breaks nothing.
+        open.retain(|at| points[at].n_pairs > 0);
+        // The part that each point continues, by position.
+        let mut continued: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut earlier: BTreeMap<u32, Arc<Entry>> = BTreeMap::new();
+        for part in open.iter().flat_map(|at| &self.0[*at].parts) {
+            earlier.insert(part.last.number, Arc::clone(&part.last));
+        }
+        for (number, before) in earlier.into_iter().rev() {
+            let ends = |part: &Part| part.last.number == number;
+            let parts = open.iter().filter_map(|at| {
+                let part = self.0[*at].parts.iter().position(ends)?;
+                Some((*at, part))
+            });
+            let parts: BTreeMap<usize, usize> = parts.collect();
+            let found = scope.compare(&before, entry, &self.names(parts.keys()));
+            for (at, part) in parts {
+                let Some(point) = points.get_mut(&at) else {
+                    continue;
+                };
+                if let Some(reason) = found.broken.get(&self.0[at].series.dataset) {
+                    let broken = format!("not comparable with entry {number} (A): {reason}");
+                    point.broken.get_or_insert(broken);
+                    continue;
+                }
+                point.follows = Some(number);
+                point.change = found.mark(&self.0[at].series.dataset, Rule::Step, number);
+                open.remove(&at);
+                continued.insert(at, part);
+            }
+        }
+        self.find_drift(&scope, entry, &continued, &mut points);
+        for (at, point) in points {
+            let part = Part {
+                last: Arc::clone(entry),
+                reference: Arc::clone(entry),
+            };
+            let Growing { series, parts } = &mut self.0[at];
+            match continued.get(&at) {
+                Some(&before) if point.change.is_none() => parts[before].last = part.last,
+                Some(&before) => parts[before] = part,
+                None if point.n_pairs > 0 => parts.push(part),
+                None => {}
+            }
+            series.points.push(point);
+        }
+    }
+
+    /// Marks points that no step marked and that differ from the reference of their part.
+    fn find_drift(
+        &self,
+        scope: &Scope<'_>,
+        entry: &Entry,
+        continued: &BTreeMap<usize, usize>,
+        points: &mut BTreeMap<usize, Point>,
+    ) {
+        let mut references: BTreeMap<u32, (Arc<Entry>, Vec<usize>)> = BTreeMap::new();
+        for (at, part) in continued {
+            let Part { last, reference } = &self.0[*at].parts[*part];
+            if points[at].change.is_none() && reference.number != last.number {
+                let group = references.entry(reference.number);
+                let group = group.or_insert_with(|| (Arc::clone(reference), Vec::new()));
+                group.1.push(*at);
+            }
+        }
+        for (number, (reference, group)) in references {
+            let found = scope.compare(&reference, entry, &self.names(&group));
+            for at in group {
+                if let Some(point) = points.get_mut(&at) {
+                    point.change = found.mark(&self.0[at].series.dataset, Rule::Drift, number);
+                }
+            }
+        }
+    }
+
+    fn names<'a>(&self, series: impl IntoIterator<Item = &'a usize>) -> Vec<&str> {
+        let series = series.into_iter();
+        series
+            .map(|at| self.0[*at].series.dataset.as_str())
+            .collect()
+    }
+
+    /// The position of a point's series, which begins with it if there is none.
+    fn series_of(&mut self, point: &Point, metric: &MetricRecord) -> usize {
+        let known = self.0.iter().position(|Growing { series, .. }| {
+            (&series.method, &series.dataset, &series.metric.key)
+                == (&point.method, &point.dataset, &point.metric)
+        });
+        known.unwrap_or_else(|| {
+            let series = Series {
+                method: point.method.clone(),
+                dataset: point.dataset.clone(),
+                metric: Column::from(&metric.info),
+                points: Vec::new(),
+            };
+            self.0.push(Growing {
+                series,
+                parts: Vec::new(),
+            });
+            self.0.len() - 1
+        })
+    }
+}
+
+/// One method under one metric.
+struct Scope<'a> {
+    method: &'a MethodRecord,
+    metric: &'a MetricRecord,
+}
+
+/// What two entries say against each other.
+#[derive(Default)]
+struct Compared {
+    rows: Vec<ScoreChange>,
+    /// Why a dataset cannot be compared.
+    broken: BTreeMap<String, String>,
+}
+
+impl Compared {
+    fn mark(&self, dataset: &str, rule: Rule, against: u32) -> Option<Mark> {
+        let row = self.rows.iter().find(|row| row.dataset == dataset)?;
+        let changed = matches!(row.verdict, Verdict::Better | Verdict::Worse);
+        changed.then_some(Mark {
+            verdict: row.verdict,
+            rule,
+            against,
+            difference: row.difference,
+            p: row.p_holm,
+        })
+    }
+}
+
+impl Scope<'_> {
+    /// `None` for a dataset without a pair of the method.
+    fn point(&self, entry: &Entry, dataset: &str) -> Option<Point> {
+        let key = self.metric.info.key.to_string();
+        let of_dataset = self.of(&entry.bundle.results, &[dataset]);
+        let records = of_dataset.records.iter();
+        let scores = records.filter_map(|record| {
+            let value = record.scores.get(&key).and_then(Score::value)?;
+            Some((record.cluster.as_str(), [0.0, value]))
+        });
+        // The mean is its difference from zero.
+        let sample = Clusters::new(scores);
+        let interval = infer(&[&sample], Resampling::default()).map(|found| found.interval);
+        let (low, high) = interval.unwrap_or((f64::NAN, f64::NAN));
+        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+        let identity = &self.method.identity;
+        let is_sha256 =
+            |text: &&String| text.len() == 64 && text.bytes().all(|c| c.is_ascii_hexdigit());
+        let weights = identity.settings.values().filter(is_sha256);
+        let weights: Vec<&str> = weights.map(|hash| &hash[..WEIGHTS_DIGITS]).collect();
+        let point = Point {
+            entry: entry.number,
+            method: self.method.label.clone(),
+            dataset: dataset.to_owned(),
+            n_pairs: sample.n_pairs(),
+            n_planned: of_dataset.records.len() + of_dataset.missing.len(),
+            n_failed: of_dataset.failures(),
+            n_scenes: sample.n_clusters(),
+            mean: (sample.n_pairs() > 0).then(|| sample.mean()),
+            ci_low: finite(low),
+            ci_high: finite(high),
+            weights: weights.join(" "),
+            identity: identity.to_string(),
+            metric: key,
+            follows: None,
+            broken: None,
+            change: None,
+        };
+        (point.n_planned > 0).then_some(point)
+    }
+
+    /// The results of this method and metric on some datasets.
+    fn of(&self, all: &Results, datasets: &[&str]) -> Results {
+        let is_ours = |dataset: &str, method: &str| {
+            method == self.method.label && datasets.contains(&dataset)
+        };
+        let mut manifest = all.manifest.clone();
+        manifest.methods.retain(|m| m.label == self.method.label);
+        let key = self.metric.info.key;
+        manifest.metrics.retain(|metric| metric.info.key == key);
+        manifest
+            .datasets
+            .retain(|dataset| datasets.contains(&dataset.name.as_str()));
+        let records = all.records.iter();
+        let missing = all.missing.iter().filter(|(pair, method)| {
+            PairName::decode(pair).is_ok_and(|name| is_ours(&name.dataset, method))
+        });
+        Results {
+            manifest,
+            records: records
+                .filter(|record| is_ours(&record.dataset, &record.method))
+                .cloned()
+                .collect(),
+            missing: missing.cloned().collect(),
+            pictures: Vec::new(),
+        }
+    }
+
+    /// Entry `b` against `a`, on datasets that both have; one that cannot be compared costs the others nothing.
+    fn compare(&self, a: &Entry, b: &Entry, datasets: &[&str]) -> Compared {
+        let compared = |datasets: &[&str]| -> Result<Vec<ScoreChange>, String> {
+            if let Some(pair) = other_photographs(a, b, datasets) {
+                return Err(format!("the photographs of {pair} are others"));
+            }
+            let path = |entry: &Entry| PathBuf::from(format!("entry {}", entry.number));
+            let [of_a, of_b] = [a, b].map(|entry| self.of(&entry.bundle.results, datasets));
+            let runs = [(&*path(a), of_a), (&*path(b), of_b)];
+            match compare_results(runs, &[], &Practical::default()) {
+                Ok(comparison) => Ok(comparison.rows),
+                Err(
+                    CompareError::Unlike { difference, .. }
+                    | CompareError::Evaluate(EvaluateError::Conflict { difference, .. }),
+                ) => Err(difference),
+                Err(other) => Err(other.to_string()),
+            }
+        };
+        let mut found = Compared::default();
+        if datasets.is_empty() {
+            return found;
+        }
+        let reason = match compared(datasets) {
+            Ok(rows) => {
+                found.rows = rows;
+                return found;
+            }
+            Err(reason) => reason,
+        };
+        if let [dataset] = datasets {
+            found.broken.insert((*dataset).to_owned(), reason);
+            return found;
+        }
+        let mut rest = Vec::new();
+        for dataset in datasets {
+            match compared(&[dataset]) {
+                Ok(_) => rest.push(*dataset),
+                Err(reason) => {
+                    found.broken.insert((*dataset).to_owned(), reason);
+                }
+            }
+        }
+        if let Ok(rows) = compared(&rest) {
+            found.rows = rows;
+        }
+        found
+    }
+}
+
+/// The first pair of some datasets whose photographs are not those that they were.
+fn other_photographs<'a>(a: &'a Entry, b: &Entry, datasets: &[&str]) -> Option<&'a str> {
+    let (a, b) = (&a.bundle.pairs, &b.bundle.pairs);
+    if a.sha256 == b.sha256 {
+        return None;
+    }
+    let now: BTreeMap<&str, _> = b.pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
+    let differ = |one: &str, other: &str| !one.is_empty() && !other.is_empty() && one != other;
+    let mut pairs = a.pairs.iter();
+    let other = pairs.find(|pair| {
+        let now = now.get(pair.pair_id.as_str());
+        datasets.contains(&pair.dataset.as_str())
+            && now.is_some_and(|now| {
+                differ(&pair.source_sha256, &now.source_sha256)
+                    || differ(&pair.target_sha256, &now.target_sha256)
+            })
+    });
+    other.map(|pair| pair.pair_id.as_str())
+}
