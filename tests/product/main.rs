@@ -8,10 +8,14 @@ mod compare_command;
 mod datasets_command;
 #[cfg(test)]
 mod demo_command;
+#[cfg(all(test, unix))]
+mod example_repository;
 #[cfg(test)]
 mod excluded_pixels;
 #[cfg(test)]
 mod foreign_methods;
+#[cfg(test)]
+mod gate_command;
 #[cfg(test)]
 mod history_command;
 #[cfg(test)]

@@ -60,7 +60,7 @@ pub(super) struct CompareArgs {
 }
 
 #[derive(Debug, Clone)]
-struct Against(String, String);
+pub(super) struct Against(pub(super) String, pub(super) String);
 
 impl FromStr for Against {
     type Err = String;

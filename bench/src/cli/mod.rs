@@ -9,6 +9,7 @@ mod data_args;
 mod datasets;
 mod demo;
 mod doctor;
+mod gate;
 mod history;
 mod merge;
 mod metrics;
@@ -37,7 +38,8 @@ use outcome::UsageError;
     version,
     about,
     arg_required_else_help = true,
-    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 4 finished with recorded failures · \
+    after_help = "Exit codes: 0 all well · 1 could not finish · 2 usage · 3 a gate fired · \
+                  4 finished with recorded failures · 5 a gate cannot decide · \
                   75 stopped early, the same command continues\n\n\
                   Start with: sharp-bench demo"
 )]
@@ -58,6 +60,7 @@ enum CliCommand {
     Report(report::ReportArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
+    Gate(gate::GateArgs),
     History(history::HistoryArgs),
     Pairs(pairs::PairsArgs),
     Cameras(cameras::CamerasArgs),
@@ -92,6 +95,7 @@ impl Cli {
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
+            CliCommand::Gate(args) => gate::execute(&args),
             CliCommand::History(args) => history::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),

@@ -10,13 +10,17 @@ use crate::evaluate::EvaluateError;
 use crate::methods::SpecError;
 use crate::pairs::{OpenDataset, PairError};
 
-/// Success in three shades; a command that cannot finish returns an error instead.
+/// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Exit code 0.
     Done,
+    /// A gate fired: exit code 3.
+    GateFired,
     /// Finished, but something is recorded as failed or found wrong: exit code 4.
     RecordedFailures,
+    /// No limit of a gate fired, and one cannot be decided: exit code 5.
+    GateInconclusive,
     /// Stopped early; the same command continues where it stopped: exit code 75.
     Resumable,
 }
@@ -45,7 +49,9 @@ impl From<Outcome> for ExitCode {
     fn from(outcome: Outcome) -> Self {
         match outcome {
             Outcome::Done => Self::SUCCESS,
+            Outcome::GateFired => Self::from(3),
             Outcome::RecordedFailures => Self::from(4),
+            Outcome::GateInconclusive => Self::from(5),
             Outcome::Resumable => Self::from(75),
         }
     }

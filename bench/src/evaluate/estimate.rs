@@ -13,8 +13,8 @@ use super::manifest::RendererRecord;
 use super::pipeline::{RunOptions, UnitCounts, run};
 use super::prepare::Evaluation;
 use crate::io::atomic_files::FileError;
+use crate::io::machine::peak_bytes;
 use crate::io::observer::Quiet;
-use crate::io::process_memory::peak_bytes;
 use crate::pairs::pair_list::ResolvedPair;
 
 /// Sources that are measured.

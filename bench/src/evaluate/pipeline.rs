@@ -20,6 +20,7 @@ use super::score::{PairTruth, Unscored, crop, empty_record, missing, score_pair}
 use super::source_check::{check_source, doubt};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
+use crate::io::machine::{cpu_and_threads, peak_bytes};
 use crate::io::observer::Observer;
 use crate::io::pictures::{read_rgb8, to_rgb8};
 use crate::io::rendering_files::{write_exr, write_png};
@@ -389,6 +390,8 @@ impl<'a> PairWork<'_, 'a> {
             timing: Timing {
                 predict_secs: started.elapsed().as_secs_f64(),
                 score_secs: 0.0,
+                machine: cpu_and_threads(),
+                peak_bytes: peak_bytes(),
             },
         };
         match made {

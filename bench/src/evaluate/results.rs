@@ -9,7 +9,7 @@ use super::folder::RunFolder;
 use super::keys::method_identity;
 use super::manifest::Manifest;
 use super::record::{Record, Score, Status, finite_or_text};
-use super::unit::Unit;
+use super::unit::{Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
 use crate::io::text::csv_cell;
@@ -244,6 +244,19 @@ impl Results {
         let scored = kept.iter().find(|picture| picture.is_scored);
         scored.or(kept.first()).cloned()
     }
+}
+
+/// What the predictions of a method took, by pair; nothing of a bundle, which holds no times, and of failures.
+///
+/// # Errors
+/// When the folder cannot be read.
+pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, EvaluateError> {
+    if !root.is_dir() {
+        return Ok(BTreeMap::new());
+    }
+    let units = Current::read(&RunFolder::open(root)?)?.units.into_iter();
+    let units = units.filter(|unit| unit.slot.method == method && unit.record.status == Status::Ok);
+    Ok(units.map(|unit| (unit.slot.pair_id, unit.timing)).collect())
 }
 
 /// Writes `scores.csv` and `timings.csv` of a folder from its units.

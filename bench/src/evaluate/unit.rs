@@ -85,13 +85,19 @@ pub struct StoredScore {
     pub score: Score,
 }
 
-/// Seconds that a unit took.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+/// What a unit took, and where.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
     /// Wall time of prediction and rendering, while the pair before was being scored.
     pub predict_secs: f64,
     /// Its share of the wall time of the pair's metrics, while the next pair was being predicted.
     pub score_secs: f64,
+    /// Processor and threads that predicted it; `None` where the system, or the version that wrote the unit, does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<String>,
+    /// Largest resident size of the process until the prediction was there, bytes; programs that it started not counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub peak_bytes: Option<u64>,
 }
 
 impl Unit {

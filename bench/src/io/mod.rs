@@ -7,7 +7,7 @@
 //! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
 //! * [`movie`]: pictures in a row as GIF and MP4.
 //! * [`checkpoint`]: SHARP's official checkpoint: where it is, whether it is still the same file, how to get it.
-//! * [`process_memory`]: how much memory this process has used; [`text`]: text from outside, made harmless; `calendar`: days
+//! * [`machine`]: what this process runs on, and how much memory it has used; [`text`]: text from outside, made harmless; `calendar`: days
 //!   and minutes.
 
 pub mod atomic_files;
@@ -17,11 +17,11 @@ pub(crate) mod counts;
 pub mod fingerprints;
 pub mod gaussian_files;
 pub mod hash;
+pub mod machine;
 pub mod masks;
 pub mod movie;
 pub mod observer;
 pub mod pictures;
-pub mod process_memory;
 pub mod rendering_files;
 pub mod text;
 pub(crate) mod view_hashes;

@@ -46,6 +46,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("seed", "places and colours the objects", "0"),
         Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
         Setting::free("views", "number of cameras, at least 2", "24"),
+        Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
     ],
     open,
     ..DatasetEntry::OWN
@@ -210,6 +211,8 @@ fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidT
     }
 }
 
+const MAX_SCENES: u64 = 1000;
+
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let wrong = |key: &str, value: &str| spec.refused(format!("'{key}' cannot be '{value}'"));
     let number = |key: &str| {
@@ -221,14 +224,22 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
         .ok_or_else(|| wrong("size", size))?;
-    let scene = SyntheticScene::new(SyntheticOptions {
-        seed: number("seed")?,
-        width,
-        height,
-        views: usize::try_from(number("views")?).unwrap_or(usize::MAX),
-    })?;
+    let (seed, scenes) = (number("seed")?, number("scenes")?);
+    let last = seed.checked_add(scenes);
+    let last = last.filter(|_| (1..=MAX_SCENES).contains(&scenes));
+    let last = last.ok_or_else(|| wrong("scenes", spec.setting("scenes")))?;
+    let views = usize::try_from(number("views")?).unwrap_or(usize::MAX);
+    let scenes = (seed..last).map(|seed| {
+        let options = SyntheticOptions {
+            seed,
+            width,
+            height,
+            views,
+        };
+        Ok(SyntheticScene::new(options)?.scene(&spec.name))
+    });
     Ok(FoundScenes {
-        scenes: vec![scene.scene(&spec.name)],
+        scenes: scenes.collect::<Result<_, DatasetError>>()?,
         left_out: Vec::new(),
     })
 }
@@ -333,6 +344,19 @@ mod tests {
     }
 
     #[test]
+    fn several_scenes_are_those_of_consecutive_seeds() {
+        let ids = |text: &str| -> Vec<String> {
+            let found = crate::open(&DatasetSpec::parse(text).unwrap()).unwrap();
+            found.into_iter().map(|scene| scene.id).collect()
+        };
+        assert_eq!(
+            ids("synthetic=seed=7,scenes=2,size=8x6,views=2"),
+            ["seed7", "seed8"]
+        );
+        assert_eq!(ids("synthetic=size=8x6,views=2"), ["seed0"]);
+    }
+
+    #[test]
     fn impossible_options_are_refused() {
         for text in [
             "synthetic=size=0x240",
@@ -341,6 +365,9 @@ mod tests {
             "synthetic=views=1",
             "synthetic=views=99999999999999999999",
             "synthetic=seed=-1",
+            "synthetic=scenes=0",
+            "synthetic=scenes=1001",
+            "synthetic=seed=18446744073709551615,scenes=2",
         ] {
             let spec = DatasetSpec::parse(text).unwrap();
             assert!(crate::open(&spec).is_err(), "{text}");

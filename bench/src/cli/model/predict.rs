@@ -16,7 +16,7 @@ use sharp::unprojection::{release_intrinsics, unproject};
 use super::args::{ModelArgs, PhotoArgs, focal_text};
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::{FileError, write_atomic};
-use crate::io::process_memory::peak_bytes;
+use crate::io::machine::peak_bytes;
 use crate::io::rendering_files;
 
 /// Predict 3D Gaussians from photographs

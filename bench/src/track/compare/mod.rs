@@ -165,6 +165,8 @@ pub struct RunComparison {
     pub resampling: Resampling,
     /// Both runs as one.
     pub results: Results,
+    /// Of A and of B.
+    pub manifests: [Manifest; 2],
 }
 
 /// A pair with a score on both sides.
@@ -273,6 +275,7 @@ pub fn compare_results(
         notes: notes(&manifests),
         resampling: Resampling::default(),
         results,
+        manifests,
     };
     for against in comparison.against.clone() {
         let (rows, notes) = rows(&comparison, &against, practical).map_err(unlike)?;

@@ -157,6 +157,13 @@ pub(in crate::track) fn count(n: usize) -> GridCell {
     GridCell::number(n.to_string(), n as f64)
 }
 
+pub(in crate::track) fn p_text(p: f64) -> String {
+    match p < 0.0001 {
+        true => "<0.0001".to_owned(),
+        false => format!("{p:.4}"),
+    }
+}
+
 pub(in crate::track) fn optional(value: Option<f64>, text: impl Fn(f64) -> String) -> GridCell {
     // Numbers to sort by, last.
     value.map_or_else(
@@ -180,12 +187,7 @@ fn cells(row: &ScoreChange) -> Vec<GridCell> {
     // One decimal more than single scores: means of many are compared.
     let decimals = row.decimals + 1;
     let number = |value: f64| GridCell::number(shown(value, decimals), value);
-    let p = |value: Option<f64>| {
-        optional(value, |p| match p < 0.0001 {
-            true => "<0.0001".to_owned(),
-            false => format!("{p:.4}"),
-        })
-    };
+    let p = |value: Option<f64>| optional(value, p_text);
     vec![
         GridCell::words(&row.dataset),
         count(row.n_pairs),

@@ -1,0 +1,131 @@
+//! `gate --baseline A --candidate B`: whether B may take the place of A, for continuous integration.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use anyhow::Context;
+use clap::Args;
+use serde_json::json;
+
+use super::compare::Against;
+use super::outcome::UsageError;
+use super::{Outcome, output};
+use crate::io::atomic_files::write_atomic;
+use crate::track::compare::CompareError;
+use crate::track::gate::config::MetricName;
+use crate::track::gate::output::{junit, markdown};
+use crate::track::gate::{GateConfig, GateError, Limit, State, gate};
+
+/// Judge a run by a baseline, for continuous integration: exit code 3 where it is worse than limits allow
+///
+/// A limit on a metric fires where B is worse than A by more than it says, on a dataset or over all of them, and p after
+/// Holm's correction is below 0.05; `per scene` asks for no significance. Pairs that lost a score fire too. Exit code 5: no
+/// limit fired, but something cannot be decided.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Limits:
+  lpips > +0.005             on each dataset, and over all
+  psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
+  psnr < -1 per scene        on the mean of each scene, significant or not
+  |lpips| > 0.005            for the better, too
+  seconds_per_pair > +10 %   of A, on the same class of device; also peak_memory
+
+Examples:
+  sharp-bench gate --baseline main.zip --candidate runs/now --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'
+  sharp-bench gate --baseline main.zip --candidate runs/now --config gate.toml --junit gate.xml --markdown comment.md")]
+pub(super) struct GateArgs {
+    /// Run A, a folder or a bundle: what must not get worse
+    #[arg(long, value_name = "A")]
+    baseline: PathBuf,
+    /// Run B, a folder or a bundle: what is judged
+    #[arg(long, value_name = "B")]
+    candidate: PathBuf,
+    /// Limits as a file: fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// A limit, besides those of --config; repeatable
+    #[arg(long, value_name = "LIMIT")]
+    fail_if: Vec<Limit>,
+    /// Exit code 5 where the runs could not detect a difference of that size: psnr=0.5,lpips=0.01
+    #[arg(long, value_name = "METRIC=D", value_delimiter = ',')]
+    require_power: Vec<Power>,
+    /// A method of A against one of B; without it, those of equal label, or the only ones
+    #[arg(long = "method", value_name = "OLD=NEW")]
+    methods: Vec<Against>,
+    /// Write JUnit XML
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write a comment for a pull request
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Power(MetricName, f64);
+
+impl FromStr for Power {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, value) = text.split_once('=').ok_or("it has the form METRIC=D")?;
+        let value = value
+            .parse()
+            .ok()
+            .filter(|d: &f64| d.is_finite() && *d > 0.0);
+        Ok(Self(name.parse()?, value.ok_or("D is a number above 0")?))
+    }
+}
+
+pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
+    let mut config = GateConfig::default();
+    if let Some(path) = &args.config {
+        let text = sharp::files::read_text(path).with_context(|| path.display().to_string())?;
+        let usage = |reason| UsageError(format!("{}: {reason}", path.display()));
+        config = GateConfig::parse(&text).map_err(usage)?;
+    }
+    config.fail_if.extend(args.fail_if.iter().cloned());
+    let power = args.require_power.iter().map(|Power(name, d)| (*name, *d));
+    config.require_power.extend(power);
+    let methods: Vec<_> = args
+        .methods
+        .iter()
+        .map(|Against(old, new)| (old.clone(), new.clone()))
+        .collect();
+    let report = gate(&args.baseline, &args.candidate, &methods, &config);
+    let report = report.map_err(|error| match error {
+        GateError::Limits(reason) | GateError::Compare(CompareError::Methods(reason)) => {
+            anyhow::Error::from(UsageError(reason))
+        }
+        other => other.into(),
+    })?;
+    if let Some(path) = &args.junit {
+        write_atomic(path, junit(&report).as_bytes())?;
+    }
+    if let Some(path) = &args.markdown {
+        write_atomic(path, markdown(&report).as_bytes())?;
+    }
+    match args.json {
+        true => output::json(&json!({
+            "schema": 1,
+            "headline": report.headline(),
+            "gate": report,
+        }))?,
+        false => {
+            for grid in report.grids() {
+                output::line(grid.text())?;
+            }
+            output::line(report.headline())?;
+        }
+    }
+    for note in &report.notes {
+        output::remark(format!("note: {note}"));
+    }
+    Ok(match report.state {
+        State::Fired => Outcome::GateFired,
+        State::Inconclusive => Outcome::GateInconclusive,
+        _ => Outcome::Done,
+    })
+}

@@ -1,0 +1,27 @@
+//! The machine that this process runs on, and how much of its memory the process has used.
+
+use std::sync::OnceLock;
+
+use super::counts::counted;
+
+/// Largest resident size so far, bytes. `None` where the system does not
+/// say (it does on Linux).
+pub fn peak_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}
+
+/// What times can be compared on: the processor and how many threads work on it, `AMD EPYC 7R13, 8 threads`. `None` where
+/// the system does not say.
+pub fn cpu_and_threads() -> Option<String> {
+    static CPU: OnceLock<Option<String>> = OnceLock::new();
+    let cpu = CPU.get_or_init(|| {
+        let info = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+        let line = info.lines().find(|line| line.starts_with("model name"))?;
+        Some(line.split_once(':')?.1.trim().to_owned())
+    });
+    let threads = counted(rayon::current_num_threads(), "thread");
+    cpu.as_ref().map(|cpu| format!("{cpu}, {threads}"))
+}

@@ -1,0 +1,259 @@
+//! What a gate forbids: limits as people write them, on the command line and in `gate.toml`.
+//!
+//! ```text
+//! lpips > +0.005              on each dataset and over all: fires when B − A is above it, and significant
+//! psnr < -0.1 on eth3d        on one dataset; `on all` is the mean of the datasets
+//! psnr < -1 per scene         on the mean of each scene, significant or not
+//! |lpips| > 0.005             for the better, too
+//! seconds_per_pair > +10 %    of A, where both ran on one class of device; also peak_memory
+//! ```
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::Deserialize;
+use sharp_metrics::identity::MetricRegion;
+use sharp_metrics::{Direction, Family, MetricInfo, MetricKey};
+
+/// The contents of `gate.toml`; limits of the command line are added to them.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GateConfig {
+    pub fail_if: Vec<Limit>,
+    /// Pairs of a dataset that may lack scores that A has.
+    pub missing_pairs: usize,
+    /// By metric, the difference that the runs must be able to detect.
+    pub require_power: BTreeMap<MetricName, f64>,
+}
+
+impl GateConfig {
+    /// # Errors
+    /// What is wrong, in one line, with its place in the file.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        toml::from_str(text).map_err(|error| {
+            let line = error
+                .span()
+                .map_or(1, |at| 1 + text[..at.start].matches('\n').count());
+            format!("line {line}: {}", error.message().replace('\n', ", "))
+        })
+    }
+}
+
+/// A metric as a limit names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(try_from = "String")]
+pub enum MetricName {
+    /// `lpips`: all variants that the runs have.
+    Family(Family, MetricRegion),
+    Key(MetricKey),
+}
+
+impl MetricName {
+    pub(super) fn names(self, metric: &MetricInfo) -> bool {
+        match self {
+            Self::Family(family, region) => (family, region) == (metric.family, metric.region),
+            Self::Key(key) => key == metric.key,
+        }
+    }
+
+    fn direction(self) -> Direction {
+        let family = match self {
+            Self::Family(family, _) => family,
+            Self::Key(key) => key.family(),
+        };
+        match family {
+            Family::Psnr | Family::Ssim => Direction::Higher,
+            Family::Lpips | Family::Dists => Direction::Lower,
+        }
+    }
+}
+
+impl FromStr for MetricName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let families = Family::ALL.into_iter();
+        let mut named = families.flat_map(|f| MetricRegion::ALL.map(|region| (f, region)));
+        match named.find(|(f, region)| text == format!("{}{}", f.name(), region.suffix())) {
+            Some((family, region)) => Ok(Self::Family(family, region)),
+            None => text.parse().map(Self::Key).map_err(|e| e.to_string()),
+        }
+    }
+}
+
+impl TryFrom<String> for MetricName {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl fmt::Display for MetricName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Family(family, region) => write!(f, "{}{}", family.name(), region.suffix()),
+            Self::Key(key) => f.pad(&key.alias()),
+        }
+    }
+}
+
+/// What a limit bounds, and where.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Scope {
+    /// Each dataset, and all of them together.
+    Everywhere,
+    /// One dataset, or [`ALL`](crate::track::compare::ALL).
+    On(String),
+    /// Each scene of all datasets, or of one.
+    PerScene(Option<String>),
+}
+
+impl Scope {
+    /// The dataset that it names.
+    pub(super) fn dataset(&self) -> Option<&str> {
+        match self {
+            Self::On(name) | Self::PerScene(Some(name)) => Some(name),
+            Self::Everywhere | Self::PerScene(None) => None,
+        }
+    }
+}
+
+/// A cost of predicting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cost {
+    SecondsPerPair,
+    PeakMemory,
+}
+
+impl Cost {
+    pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::SecondsPerPair => "seconds_per_pair",
+            Self::PeakMemory => "peak_memory",
+        }
+    }
+}
+
+/// How much worse B may be than A.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum Limit {
+    Score {
+        metric: MetricName,
+        /// 0 or more, in the metric's unit.
+        bound: f64,
+        /// Whether B may not be better by more, either.
+        either_way: bool,
+        scope: Scope,
+    },
+    /// Of B over A, percent.
+    Cost { cost: Cost, percent: f64 },
+}
+
+impl FromStr for Limit {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = |reason: &str| format!("'{text}': {reason}");
+        let sign = text.find(['<', '>']);
+        let sign = sign.ok_or_else(|| wrong("a limit reads 'lpips > +0.005' or 'psnr < -0.1'"))?;
+        let (name, rest) = (text[..sign].trim(), text[sign + 1..].trim());
+        let is_above = text[sign..].starts_with('>');
+        let (rest, per_scene) = match rest.strip_suffix("per scene") {
+            Some(rest) => (rest.trim_end(), true),
+            None => (rest, false),
+        };
+        let (value, dataset) = match rest.split_once(" on ") {
+            Some((value, dataset)) => (value.trim_end(), Some(dataset.trim().to_owned())),
+            None => (rest, None),
+        };
+        let number = |text: &str| {
+            let value = text.trim_end().parse().ok().filter(|v: &f64| v.is_finite());
+            value.ok_or_else(|| wrong(&format!("'{text}' is not a number")))
+        };
+        if let Some(cost) = Cost::ALL.into_iter().find(|cost| cost.name() == name) {
+            let percent = value.strip_suffix('%').filter(|_| is_above);
+            let percent = percent
+                .filter(|_| dataset.is_none() && !per_scene)
+                .ok_or_else(|| wrong(&format!("this limit reads '{name} > +10 %'")))?;
+            let percent = number(percent)?;
+            return match percent >= 0.0 {
+                true => Ok(Self::Cost { cost, percent }),
+                false => Err(wrong("the share is 0 % or more")),
+            };
+        }
+        let inner = name.strip_prefix('|').and_then(|n| n.strip_suffix('|'));
+        let (name, either_way) = (inner.unwrap_or(name), inner.is_some());
+        let metric: MetricName = name.parse().map_err(|reason: String| {
+            let costs = Cost::ALL.map(Cost::name).join(" ");
+            format!("'{text}': {reason}; costs: {costs}")
+        })?;
+        let bound = number(value)?;
+        let (is_fitting, form) = match (either_way, metric.direction()) {
+            (true, _) => (
+                is_above && bound >= 0.0,
+                format!("a limit on either direction reads '|{name}| > VALUE'"),
+            ),
+            (false, Direction::Higher) => (
+                !is_above && bound <= 0.0,
+                format!("higher is better, so it reads '{name} < -VALUE'"),
+            ),
+            (false, Direction::Lower) => (
+                is_above && bound >= 0.0,
+                format!("lower is better, so it reads '{name} > +VALUE'"),
+            ),
+        };
+        if !is_fitting {
+            return Err(wrong(&form));
+        }
+        let scope = match (dataset, per_scene) {
+            (dataset, true) => Scope::PerScene(dataset),
+            (Some(dataset), false) => Scope::On(dataset),
+            (None, false) => Scope::Everywhere,
+        };
+        Ok(Self::Score {
+            metric,
+            bound: bound.abs(),
+            either_way,
+            scope,
+        })
+    }
+}
+
+impl TryFrom<String> for Limit {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Score {
+                metric,
+                bound,
+                either_way,
+                scope,
+            } => {
+                match (either_way, metric.direction()) {
+                    (true, _) => write!(f, "|{metric}| > {bound}")?,
+                    (false, Direction::Higher) => write!(f, "{metric} < -{bound}")?,
+                    (false, Direction::Lower) => write!(f, "{metric} > +{bound}")?,
+                }
+                match scope {
+                    Scope::Everywhere => Ok(()),
+                    Scope::On(name) => write!(f, " on {name}"),
+                    Scope::PerScene(None) => f.write_str(" per scene"),
+                    Scope::PerScene(Some(name)) => write!(f, " on {name} per scene"),
+                }
+            }
+            Self::Cost { cost, percent } => write!(f, "{} > +{percent} %", cost.name()),
+        }
+    }
+}

@@ -1,0 +1,471 @@
+//! Limits against a comparison.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use sharp_metrics::{Direction, MetricInfo, MetricKey};
+use sharp_statistics::{ALPHA, NoInference};
+
+use super::config::{Limit, MetricName, Scope};
+use super::{Check, GateConfig, GateError, GateReport, State, WorsePair};
+use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::results::timings;
+use crate::io::counts::counted;
+use crate::track::compare::breakdown::Division;
+use crate::track::compare::{ALL, Against, RunComparison, ScoreChange};
+
+/// Pairs that got worse, as many as are shown.
+const WORST: usize = 3;
+
+pub(super) fn judge(
+    comparison: &RunComparison,
+    config: &GateConfig,
+    [a, b]: [&Path; 2],
+) -> Result<GateReport, GateError> {
+    let mut judge = Judge::new(comparison, config)?;
+    judge.scores();
+    if config
+        .fail_if
+        .iter()
+        .any(|l| matches!(l, Limit::Cost { .. }))
+    {
+        for against in &comparison.against {
+            let sides = [timings(a, &against.a)?, timings(b, &against.b)?];
+            judge.costs_of(against, &sides);
+        }
+    }
+    let (worst_of, worst) = judge.worst_pairs();
+    let graver = judge.checks.iter().map(|check| check.state).max();
+    Ok(GateReport {
+        a: a.to_owned(),
+        b: b.to_owned(),
+        state: graver
+            .filter(|state| *state >= State::Inconclusive)
+            .unwrap_or(State::Passed),
+        checks: judge.checks,
+        worst_of,
+        worst,
+        notes: comparison.notes.clone(),
+    })
+}
+
+pub(super) struct Judge<'a> {
+    pub(super) comparison: &'a RunComparison,
+    pub(super) config: &'a GateConfig,
+    /// Those that both runs have.
+    metrics: Vec<&'a MetricInfo>,
+    datasets: Vec<&'a str>,
+    pub(super) checks: Vec<Check>,
+    /// Of each check on a metric.
+    pub(super) subjects: Vec<Option<Subject<'a>>>,
+}
+
+/// What a limit on a metric is about.
+#[derive(Clone, Copy)]
+pub(super) struct Subject<'a> {
+    limit: &'a Limit,
+    against: &'a Against,
+    info: &'a MetricInfo,
+    bound: f64,
+    either_way: bool,
+}
+
+impl Subject<'_> {
+    /// By how much a difference is for the worse.
+    fn loss(&self, difference: f64) -> f64 {
+        match self.info.direction {
+            _ if self.either_way => difference.abs(),
+            Direction::Higher => -difference,
+            Direction::Lower => difference,
+        }
+    }
+
+    /// True also for what is no number.
+    fn is_beyond(&self, difference: f64) -> bool {
+        difference.is_nan() || self.loss(difference) > self.bound
+    }
+
+    fn blank(&self, dataset: &str) -> Check {
+        let key = self.info.key.to_string();
+        blank(self.limit.to_string(), &key, self.against, dataset)
+    }
+}
+
+impl<'a> Judge<'a> {
+    /// # Errors
+    /// When a limit names a metric or a dataset that the runs do not have.
+    pub(super) fn new(
+        comparison: &'a RunComparison,
+        config: &'a GateConfig,
+    ) -> Result<Self, GateError> {
+        let [a, b] = &comparison.manifests;
+        let of_both = a.metrics.iter().map(|metric| &metric.info);
+        let of_both = of_both.filter(|info| b.metrics.iter().any(|m| m.info.key == info.key));
+        let datasets = comparison.results.manifest.datasets.iter();
+        let judge = Self {
+            comparison,
+            config,
+            metrics: of_both.collect(),
+            datasets: datasets.map(|dataset| dataset.name.as_str()).collect(),
+            checks: Vec::new(),
+            subjects: Vec::new(),
+        };
+        judge.check_names().map_err(GateError::Limits)?;
+        Ok(judge)
+    }
+
+    fn check_names(&self) -> Result<(), String> {
+        for limit in &self.config.fail_if {
+            let Limit::Score { metric, scope, .. } = limit else {
+                continue;
+            };
+            if self.named(*metric).next().is_none() {
+                let have: Vec<&str> = self.metrics.iter().map(|m| m.alias.as_str()).collect();
+                let have = have.join(", ");
+                return Err(format!(
+                    "'{limit}': not a metric of both runs, which have {have}"
+                ));
+            }
+            let known = |name: &str| name == ALL || self.datasets.contains(&name);
+            if scope.dataset().is_some_and(|name| !known(name)) {
+                let have = self.datasets.join(", ");
+                return Err(format!(
+                    "'{limit}': not a dataset of the runs, which have {have}, and {ALL}"
+                ));
+            }
+        }
+        for (name, required) in &self.config.require_power {
+            if !(required.is_finite() && *required > 0.0) {
+                return Err(format!(
+                    "power is required of {name} at {required}: a number above 0 is needed"
+                ));
+            }
+            let is_tested = |limit: &Limit| match limit {
+                Limit::Score { metric, scope, .. } => {
+                    !matches!(scope, Scope::PerScene(_))
+                        && self.named(*metric).any(|info| name.names(info))
+                }
+                Limit::Cost { .. } => false,
+            };
+            if !self.config.fail_if.iter().any(is_tested) {
+                return Err(format!(
+                    "power is required of {name}, on which no limit asks for significance"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn named(&self, name: MetricName) -> impl Iterator<Item = &'a MetricInfo> {
+        let metrics = self.metrics.iter().copied();
+        metrics.filter(move |info| name.names(info))
+    }
+
+    /// Coverage, then each limit on scores.
+    pub(super) fn scores(&mut self) {
+        let (comparison, config) = (self.comparison, self.config);
+        for against in &comparison.against {
+            self.coverage(against);
+        }
+        for limit in &config.fail_if {
+            let Limit::Score {
+                metric,
+                bound,
+                either_way,
+                scope,
+            } = limit
+            else {
+                continue;
+            };
+            for against in &comparison.against {
+                for info in self.named(*metric).collect::<Vec<_>>() {
+                    let subject = Subject {
+                        limit,
+                        against,
+                        info,
+                        bound: *bound,
+                        either_way: *either_way,
+                    };
+                    let checks = match scope {
+                        Scope::PerScene(_) => self.scenes(subject, scope.dataset()),
+                        _ => self.rows(subject, scope.dataset()),
+                    };
+                    self.subjects.extend(checks.iter().map(|_| Some(subject)));
+                    self.checks.extend(checks);
+                }
+            }
+        }
+    }
+
+    /// Pairs of each dataset that have a score in A and none, or NaN, in B.
+    fn coverage(&mut self, against: &'a Against) {
+        let [a, b] = against.joined.each_ref().map(|label| {
+            let records = self.comparison.results.records.iter();
+            let own = records.filter(move |record| record.method == *label);
+            own.map(|record| (record.pair_id.as_str(), record))
+                .collect::<BTreeMap<_, _>>()
+        });
+        for &dataset in &self.datasets {
+            let (mut scored, mut lost) = (0_usize, Vec::new());
+            for (pair_id, record) in &a {
+                let mut keys = self.metrics.iter().map(|info| info.key.to_string());
+                let has = |key: &String| number(record, key).is_some();
+                if record.dataset != dataset || !keys.clone().any(|key| has(&key)) {
+                    continue;
+                }
+                scored += 1;
+                let now = b.get(pair_id);
+                let without = keys
+                    .find(|key| has(key) && now.and_then(|record| number(record, key)).is_none());
+                if let Some(key) = without {
+                    lost.push(format!("{pair_id}: {}", why_absent(now.copied(), &key)));
+                }
+            }
+            if scored == 0 {
+                continue;
+            }
+            let allowed = self.config.missing_pairs;
+            self.subjects.push(None);
+            self.checks.push(Check {
+                state: match lost.len() > allowed {
+                    true => State::Fired,
+                    false => State::Passed,
+                },
+                a: Some(scored as f64),
+                b: Some((scored - lost.len()) as f64),
+                difference: Some(0.0 - lost.len() as f64),
+                reason: lost.first().map_or_else(String::new, |first| {
+                    let pairs = counted(lost.len(), "pair");
+                    format!("{pairs} without a score that A has, the first is {first}")
+                }),
+                ..blank(
+                    format!("missing_pairs > {allowed}"),
+                    "missing_pairs",
+                    against,
+                    dataset,
+                )
+            });
+        }
+    }
+
+    /// A limit on means of datasets.
+    fn rows(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
+        let Subject { against, info, .. } = subject;
+        let is_one = self.datasets.len() == 1;
+        let places = self.datasets.iter().copied();
+        let places = places.chain((!is_one).then_some(ALL));
+        let places = places.filter(|place| match dataset {
+            Some(name) => name == *place || (is_one && name == ALL),
+            None => true,
+        });
+        let metric = MetricKey::whole(info.key.metric()).to_string();
+        let of_metric = |row: &&ScoreChange| {
+            (&row.method_a, &row.method_b) == (&against.a, &against.b)
+                && (&row.metric, row.region) == (&metric, info.region)
+        };
+        let checks = places.filter_map(|place| {
+            let check = subject.blank(place);
+            let mut rows = self.comparison.rows.iter().filter(of_metric);
+            let Some(row) = rows.find(|row| row.dataset == place) else {
+                // Methods of a run need not share all datasets.
+                let is_asked =
+                    dataset.is_some() || self.has_scores(&against.joined[0], info, place);
+                return is_asked.then(|| unscored(check));
+            };
+            let (state, reason) = match subject.is_beyond(row.difference) {
+                false => (State::Passed, String::new()),
+                true if !row.difference.is_finite() => (State::Fired, not_finite(row.difference)),
+                true if row.p_holm.is_some_and(|p| p < ALPHA) => (State::Fired, String::new()),
+                true => (State::NotSignificant, why_not_significant(row)),
+            };
+            let (state, reason) = match self.lacks_power(info, row) {
+                Some(reason) if state != State::Fired => (State::Inconclusive, reason),
+                _ => (state, reason),
+            };
+            Some(Check {
+                state,
+                reason,
+                a: Some(row.mean_a),
+                b: Some(row.mean_b),
+                difference: Some(row.difference),
+                ci_low: row.ci_low,
+                ci_high: row.ci_high,
+                p_holm: row.p_holm,
+                mde: row.mde,
+                decimals: info.decimals + 1,
+                ..check
+            })
+        });
+        let checks: Vec<Check> = checks.collect();
+        match checks.is_empty() {
+            true => vec![unscored(subject.blank(ALL))],
+            false => checks,
+        }
+    }
+
+    fn has_scores(&self, label: &str, info: &MetricInfo, dataset: &str) -> bool {
+        let key = info.key.to_string();
+        let mut records = self.comparison.results.records.iter();
+        records.any(|record| {
+            record.method == label && record.dataset == dataset && number(record, &key).is_some()
+        })
+    }
+
+    /// Why a row cannot find what `require_power` says. Equal sides have no spread to judge by, and nothing to find.
+    fn lacks_power(&self, info: &MetricInfo, row: &ScoreChange) -> Option<String> {
+        let required = self.config.require_power.iter();
+        let required = required.filter(|(name, _)| name.names(info));
+        let required = required.map(|(_, d)| *d).fold(f64::INFINITY, f64::min);
+        let is_equal = row.difference == 0.0 && row.p == Some(1.0) && row.ci_low == row.ci_high;
+        if is_equal || required.is_infinite() {
+            return None;
+        }
+        let scenes = counted(row.n_scenes, "scene");
+        match row.mde {
+            Some(mde) if mde <= required => None,
+            Some(mde) => {
+                let decimals = info.decimals + 1;
+                Some(format!(
+                    "{scenes} can detect {mde:.decimals$}, not the required {required}"
+                ))
+            }
+            None => Some(format!(
+                "what {scenes} can detect is not known; {required} is required"
+            )),
+        }
+    }
+
+    /// A limit on each scene: those beyond it, or the one that comes closest.
+    fn scenes(&self, subject: Subject<'_>, dataset: Option<&str>) -> Vec<Check> {
+        let Subject { against, info, .. } = subject;
+        let place = dataset.unwrap_or(ALL);
+        let blank = subject.blank(place);
+        let strata = self.comparison.breakdown(against, info).into_iter();
+        let scenes = strata.filter(|part| part.by == Division::Scene);
+        let scenes = scenes.filter(|part| place == ALL || part.dataset == place);
+        let mut checks: Vec<Check> = scenes
+            .map(|scene| {
+                let fires = subject.is_beyond(scene.difference);
+                Check {
+                    state: if fires { State::Fired } else { State::Passed },
+                    dataset: scene.dataset,
+                    scene: Some(scene.stratum),
+                    a: Some(scene.mean_a),
+                    b: Some(scene.mean_b),
+                    difference: Some(scene.difference),
+                    reason: match scene.difference.is_finite() {
+                        true => String::new(),
+                        false => not_finite(scene.difference),
+                    },
+                    decimals: info.decimals + 1,
+                    ..blank.clone()
+                }
+            })
+            .collect();
+        if checks.is_empty() {
+            return vec![unscored(blank)];
+        }
+        let loss = |check: &Check| subject.loss(check.difference.unwrap_or_default());
+        checks.sort_by(|one, other| loss(other).total_cmp(&loss(one)));
+        let fired = checks.iter().filter(|c| c.state == State::Fired).count();
+        let scenes = counted(checks.len(), "scene");
+        checks.truncate(fired.max(1));
+        if let ([closest], 0) = (checks.as_mut_slice(), fired) {
+            closest.reason = format!("the worst of {scenes}");
+        }
+        checks
+    }
+
+    /// The pairs that lost most, of the first check on a metric that fired, or of the first on one.
+    pub(super) fn worst_pairs(&self) -> (Option<usize>, Vec<WorsePair>) {
+        let mut on_metrics = (0..self.checks.len()).filter(|&at| self.subjects[at].is_some());
+        let fired = |at: &usize| self.checks[*at].state == State::Fired;
+        let at = on_metrics.clone().find(fired).or_else(|| on_metrics.next());
+        let Some((at, subject)) = at.and_then(|at| Some((at, self.subjects[at]?))) else {
+            return (None, Vec::new());
+        };
+        let check = &self.checks[at];
+        let size = |loss: f64| if subject.either_way { loss.abs() } else { loss };
+        let mut changes = self.comparison.changes(subject.against, subject.info);
+        changes.retain(|change| {
+            (check.dataset == ALL || check.dataset == change.a.dataset)
+                && check.scene.as_ref().is_none_or(|s| *s == change.a.scene)
+                && (size(change.loss) > 0.0 || change.loss.is_nan())
+        });
+        changes.sort_by(|one, other| size(other.loss).total_cmp(&size(one.loss)));
+        let worst = changes.into_iter().take(WORST).map(|change| WorsePair {
+            pair_id: change.a.pair_id.clone(),
+            a: change.scores[0],
+            b: change.scores[1],
+            loss: change.loss,
+        });
+        (Some(at), worst.collect())
+    }
+}
+
+pub(super) fn blank(limit: String, quantity: &str, against: &Against, dataset: &str) -> Check {
+    Check {
+        state: State::Passed,
+        limit,
+        quantity: quantity.to_owned(),
+        method_a: against.a.clone(),
+        method_b: against.b.clone(),
+        dataset: dataset.to_owned(),
+        scene: None,
+        a: None,
+        b: None,
+        difference: None,
+        ci_low: None,
+        ci_high: None,
+        p_holm: None,
+        mde: None,
+        reason: String::new(),
+        decimals: 0,
+    }
+}
+
+fn unscored(check: Check) -> Check {
+    Check {
+        state: State::Inconclusive,
+        reason: "no pair has a score on both sides".to_owned(),
+        ..check
+    }
+}
+
+fn not_finite(difference: f64) -> String {
+    match difference.is_nan() {
+        true => "scores are NaN, or infinite differences cancel: the mean is no number".to_owned(),
+        false => "a score is infinite on one side only".to_owned(),
+    }
+}
+
+fn why_not_significant(row: &ScoreChange) -> String {
+    match row.no_inference {
+        Some(NoInference::OneCluster) => {
+            "beyond the limit, but one scene does not show how scenes vary".to_owned()
+        }
+        Some(reason) => format!("beyond the limit, but without p: {reason}"),
+        None => {
+            let scenes = counted(row.n_scenes, "scene");
+            format!("beyond the limit, but {scenes} leave it to chance")
+        }
+    }
+}
+
+/// A score that can be averaged.
+fn number(record: &Record, key: &str) -> Option<f64> {
+    let value = record.scores.get(key).and_then(Score::value);
+    value.filter(|value| !value.is_nan())
+}
+
+fn why_absent(record: Option<&Record>, key: &str) -> String {
+    match record {
+        None => "not evaluated".to_owned(),
+        Some(record) => match (&record.status, record.scores.get(key)) {
+            (Status::Failed { reason }, _) => reason.clone(),
+            (_, Some(Score::Unavailable { unavailable })) => format!("{key}: {unavailable}"),
+            (_, Some(Score::Value(value))) => format!("{key} is {value}"),
+            (_, None) => format!("no {key}"),
+        },
+    }
+}

@@ -1,0 +1,184 @@
+//! Whether run B may take the place of run A: limits that fire when a score is worse by more than they allow *and* chance is
+//! an unlikely reason, when single scenes are, when pairs lost their scores, or when predictions cost more.
+//!
+//! * [`config`]: limits as people write them; [`output`]: JUnit XML and Markdown.
+//! * `judge`: what fires; `cost`: the same of time and memory.
+//!
+//! What cannot be judged never passes silently; `bench/docs/gate.md` has the table.
+
+pub mod config;
+mod cost;
+mod judge;
+pub mod output;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::compare::{CompareError, Practical, compare};
+use crate::evaluate::EvaluateError;
+pub use config::{GateConfig, Limit};
+use judge::judge;
+
+/// Why a gate cannot say anything.
+#[derive(Debug, thiserror::Error)]
+pub enum GateError {
+    /// The runs cannot be compared.
+    #[error(transparent)]
+    Compare(#[from] CompareError),
+    /// What a run's predictions took cannot be read.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// It has no limits, or they name what the runs lack.
+    #[error("{0}")]
+    Limits(String),
+}
+
+/// What came of a check, and of all of them; the graver the later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    Passed,
+    /// Beyond the limit, but chance could have done it.
+    NotSignificant,
+    /// A cost, of predictions on unlike devices.
+    NotCompared,
+    /// The runs cannot tell.
+    Inconclusive,
+    Fired,
+}
+
+impl State {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Passed => "passed",
+            Self::NotSignificant => "not significant",
+            Self::NotCompared => "not compared",
+            Self::Inconclusive => "inconclusive",
+            Self::Fired => "fired",
+        }
+    }
+}
+
+/// A limit applied to one place. What is not finite, or not known, is null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Check {
+    pub state: State,
+    /// As it was written; `missing_pairs > 0` for coverage.
+    pub limit: String,
+    /// Key of a metric, or the name of a cost; `missing_pairs` for coverage.
+    pub quantity: String,
+    pub method_a: String,
+    pub method_b: String,
+    /// Its name, or `all`.
+    pub dataset: String,
+    pub scene: Option<String>,
+    pub a: Option<f64>,
+    pub b: Option<f64>,
+    /// B − A; of costs B over A, percent.
+    pub difference: Option<f64>,
+    pub ci_low: Option<f64>,
+    pub ci_high: Option<f64>,
+    pub p_holm: Option<f64>,
+    /// The smallest difference that is found with 80 % power.
+    pub mde: Option<f64>,
+    /// Why, in one line; empty where the numbers say it.
+    pub reason: String,
+    /// Decimals that a table shows.
+    #[serde(skip)]
+    pub decimals: usize,
+}
+
+/// A pair that got worse.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WorsePair {
+    pub pair_id: String,
+    pub a: f64,
+    pub b: f64,
+    /// In the metric's unit.
+    pub loss: f64,
+}
+
+/// What a gate says.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GateReport {
+    pub a: PathBuf,
+    pub b: PathBuf,
+    /// Fired if any check has; else inconclusive if any is; else passed.
+    pub state: State,
+    pub checks: Vec<Check>,
+    /// The check that [`Self::worst`] is about: the first on a metric that fired, or the first on one.
+    pub worst_of: Option<usize>,
+    /// Three pairs at most, worst first.
+    pub worst: Vec<WorsePair>,
+    /// What is worth knowing and decides nothing.
+    pub notes: Vec<String>,
+}
+
+impl GateReport {
+    /// `failed: 2 of 9 checks fired`.
+    pub fn headline(&self) -> String {
+        let count = |state| self.checks.iter().filter(|c| c.state == state).count();
+        let of = self.checks.len();
+        let mut said = match self.state {
+            State::Fired => format!("failed: {} of {of} checks fired", count(State::Fired)),
+            State::Inconclusive => format!(
+                "inconclusive: {} of {of} checks cannot be decided",
+                count(State::Inconclusive)
+            ),
+            _ => format!("passed: none of {of} checks fired"),
+        };
+        for state in [State::NotSignificant, State::NotCompared] {
+            if count(state) > 0 {
+                said += &format!(", {} {}", count(state), state.text());
+            }
+        }
+        said
+    }
+
+    /// The command that shows more.
+    pub fn compare_command(&self) -> String {
+        let methods: BTreeSet<_> = self
+            .checks
+            .iter()
+            .map(|check| (&check.method_a, &check.method_b))
+            .collect();
+        let methods: String = methods
+            .into_iter()
+            .map(|(a, b)| format!(" --method {}", shell_word(&format!("{a}={b}"))))
+            .collect();
+        let [a, b] = [&self.a, &self.b].map(|run| shell_word(&run.display().to_string()));
+        format!("sharp-bench compare {a} {b}{methods}")
+    }
+}
+
+fn shell_word(text: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-=+:@".contains(c);
+    match !text.is_empty() && text.chars().all(is_plain) {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', r"'\''")),
+    }
+}
+
+/// Judges run B by run A. `methods` as for [`compare`].
+///
+/// # Errors
+/// When the runs cannot be compared, or a limit names a metric or a dataset that they do not have.
+pub fn gate(
+    a: &Path,
+    b: &Path,
+    methods: &[(String, String)],
+    config: &GateConfig,
+) -> Result<GateReport, GateError> {
+    if config.fail_if.is_empty() {
+        let reason = "a gate needs limits: --fail-if 'psnr < -0.1', or fail_if in gate.toml";
+        return Err(GateError::Limits(reason.to_owned()));
+    }
+    let comparison = compare(a, b, methods, &Practical::default())?;
+    judge(&comparison, config, [a, b])
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,197 @@
+//! What a gate says: tables for people, JUnit XML for a build server, Markdown for a comment on a pull request.
+
+use std::fmt::Write as _;
+
+use super::{Check, GateReport, State};
+use crate::io::text::visible_line;
+use crate::report::tables::grid::{Grid, GridCell};
+use crate::report::tables::markdown::escape;
+use crate::report::tables::shown;
+use crate::track::compare::tables::{interval, optional, p_text};
+
+/// Rows of a comment at most: forges cut long ones.
+const ROWS: usize = 40;
+
+impl Check {
+    /// Where it looks: `eth3d, sharp`, `eth3d/office, old to new`.
+    fn place(&self) -> String {
+        let mut place = self.dataset.clone();
+        if let Some(scene) = &self.scene {
+            place += &format!("/{scene}");
+        }
+        match self.method_a == self.method_b {
+            true => format!("{place}, {}", self.method_b),
+            false => format!("{place}, {} to {}", self.method_a, self.method_b),
+        }
+    }
+
+    /// A, B, B − A, interval and p.
+    fn numbers(&self) -> [GridCell; 5] {
+        let number = |value| optional(value, |value| shown(value, self.decimals));
+        let difference = match self.limit.ends_with('%') {
+            true => optional(self.difference, |percent| {
+                format!("{} %", shown(percent, 1))
+            }),
+            false => number(self.difference),
+        };
+        [
+            number(self.a),
+            number(self.b),
+            difference,
+            interval(self.ci_low, self.ci_high, self.decimals),
+            optional(self.p_holm, p_text),
+        ]
+    }
+}
+
+fn words(text: &str) -> GridCell {
+    GridCell::words(visible_line(text))
+}
+
+/// A row a check.
+fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> Grid {
+    let rows = checks.map(|check| {
+        let said = [
+            check.state.text(),
+            &check.limit,
+            &check.quantity,
+            &check.place(),
+        ]
+        .map(words);
+        let numbers = check.numbers().into_iter();
+        said.into_iter()
+            .chain(numbers)
+            .chain([words(&check.reason)])
+            .collect()
+    });
+    let heads = [
+        "", "limit", "of", "on", "A", "B", "B - A", "95 %", "p Holm", "",
+    ];
+    Grid {
+        title,
+        heads: heads.map(str::to_owned).into(),
+        rows: rows.collect(),
+        remarks: Vec::new(),
+    }
+}
+
+impl GateReport {
+    /// All checks, then the worst pairs if there are any.
+    pub fn grids(&self) -> Vec<Grid> {
+        let checks = grid(
+            "A is the baseline, B what is judged".to_owned(),
+            self.checks.iter(),
+        );
+        std::iter::once(checks).chain(self.worst_grid()).collect()
+    }
+
+    fn worst_grid(&self) -> Option<Grid> {
+        let check = self.checks.get(self.worst_of?)?;
+        let rows = self.worst.iter().map(|pair| {
+            let number = |value: f64| GridCell::number(shown(value, check.decimals), value);
+            vec![
+                words(&pair.pair_id),
+                number(pair.a),
+                number(pair.b),
+                number(pair.loss),
+            ]
+        });
+        (!self.worst.is_empty()).then(|| Grid {
+            title: format!("worst pairs, {} on {}", check.quantity, check.place()),
+            heads: ["pair", "A", "B", "worse by"].map(str::to_owned).into(),
+            rows: rows.collect(),
+            remarks: Vec::new(),
+        })
+    }
+}
+
+/// A test case a check: fired is a failure, inconclusive an error, not compared skipped.
+pub fn junit(report: &GateReport) -> String {
+    let count = |state| report.checks.iter().filter(|c| c.state == state).count();
+    let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
+    let _ = writeln!(
+        out,
+        "<testsuite name=\"sharp-bench gate\" tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"{}\">",
+        report.checks.len(),
+        count(State::Fired),
+        count(State::Inconclusive),
+        count(State::NotCompared)
+    );
+    for check in &report.checks {
+        let said = xml(&said(check));
+        let said = match check.state {
+            State::Fired => format!("<failure message=\"{said}\"/>"),
+            State::Inconclusive => format!("<error message=\"{said}\"/>"),
+            State::NotCompared => format!("<skipped message=\"{said}\"/>"),
+            State::Passed | State::NotSignificant => format!("<system-out>{said}</system-out>"),
+        };
+        let _ = writeln!(
+            out,
+            "  <testcase classname=\"{}\" name=\"{}\">{said}</testcase>",
+            xml(&check.place()),
+            xml(&format!("{}: {}", check.limit, check.quantity))
+        );
+    }
+    out.push_str("</testsuite>\n");
+    out
+}
+
+/// `fired: 23.10 to 22.40, -0.70 (-0.90 .. -0.50), p 0.0010; reason`.
+fn said(check: &Check) -> String {
+    let [a, b, difference, interval, p] = check.numbers().map(|cell| cell.text);
+    let mut said = check.state.text().to_owned();
+    if check.difference.is_some() {
+        said += &format!(": {a} to {b}, {difference}");
+    }
+    if check.p_holm.is_some() {
+        said += &format!(" ({interval}), p {p}");
+    }
+    if !check.reason.is_empty() {
+        said += &format!("; {}", check.reason);
+    }
+    said
+}
+
+/// Text that XML 1.0 can hold, also between quotes.
+fn xml(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in visible_line(text).chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\u{fffe}' | '\u{ffff}' => {
+                let _ = write!(out, "\\u{:04x}", u32::from(c));
+            }
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// Verdict, checks with the gravest first, the worst pairs, and how to see more.
+pub fn markdown(report: &GateReport) -> String {
+    let mut checks: Vec<&Check> = report.checks.iter().collect();
+    checks.sort_by_key(|check| std::cmp::Reverse(check.state));
+    let left_out = checks.len().saturating_sub(ROWS);
+    checks.truncate(ROWS);
+    let mut page = format!(
+        "### Quality gate {}\n\nA is the baseline, B what is judged.\n\n{}",
+        report.headline(),
+        grid(String::new(), checks.into_iter()).markdown()
+    );
+    if left_out > 0 {
+        let _ = writeln!(page, "\n{left_out} more rows are in the log.");
+    }
+    if let Some(worst) = report.worst_grid() {
+        let _ = write!(page, "\n{}:\n\n{}", escape(&worst.title), worst.markdown());
+    }
+    for note in &report.notes {
+        let _ = writeln!(page, "\nNote: {}.", escape(&visible_line(note)));
+    }
+    // A name from outside must not call anyone.
+    let page = page.replace('@', "@&#8203;");
+    let command = report.compare_command();
+    format!("{page}\nTo see more:\n\n    {}\n", visible_line(&command))
+}
