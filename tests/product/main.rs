@@ -8,7 +8,8 @@ mod compare_command;
 mod datasets_command;
 #[cfg(test)]
 mod demo_command;
-#[cfg(all(test, unix))]
+#[cfg(test)]
+#[cfg(unix)]
 mod example_repository;
 #[cfg(test)]
 mod excluded_pixels;

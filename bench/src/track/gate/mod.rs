@@ -1,7 +1,7 @@
 //! Whether run B may take the place of run A: limits that fire when a score is worse by more than they allow *and* chance is
 //! an unlikely reason, when single scenes are, when pairs lost their scores, or when predictions cost more.
 //!
-//! * [`config`]: limits as people write them; [`output`]: JUnit XML and Markdown.
+//! * [`config`]: limits as people write them; [`output`]: tables, JUnit XML and Markdown.
 //! * `judge`: what fires; `cost`: the same of time and memory.
 //!
 //! What cannot be judged never passes silently; `bench/docs/gate.md` has the table.
