@@ -62,6 +62,11 @@ impl DatasetSpec {
             Some((name, format)) => (name, format),
             None => (head, head),
         };
+        if name.contains(char::is_control) {
+            return Err(error(
+                "a name has no line ends and no other control characters".into(),
+            ));
+        }
         let entry = entry(format)?;
         let procedural = format == synthetic::ENTRY.format;
         let no_folder = || error(format!("no folder: write {format}=FOLDER"));

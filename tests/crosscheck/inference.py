@@ -40,8 +40,9 @@ DESIGNS = [
     [[3, 9, 20], [30] * 9, [1] * 40],
     [[8] * 40],
     [list(range(1, 61))],
+    [[1, 1, 2] * 100],
 ]
-MANY = {7, 8}
+MANY = {7, 8, 9}
 
 EXPECTED = {
     "normal tail", "normal quantile", "t tail", "t quantile", "detectable shift", "power of it",

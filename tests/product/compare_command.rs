@@ -236,3 +236,88 @@ fn committed_bundles_still_say_what_was_published() {
         same_cells(&read(&dir.path().join("page/tables")), &read(&reports));
     }
 }
+
+#[test]
+fn what_was_lost_or_damaged_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let scenes =
+        |name: &str, seed: u32| format!("{name}:synthetic=size=48x36,views=6,scenes=3,seed={seed}");
+    let evaluate = |out: &str, method: &str| {
+        let (s, t) = (scenes("S", 0), scenes("T", 9));
+        let args = [
+            "run",
+            "--dataset",
+            &s,
+            "--dataset",
+            &t,
+            "--limit",
+            "12",
+            "--metrics",
+            "psnr",
+        ];
+        sharp_bench(
+            dir,
+            &[&args[..], &["--method", method, "--out", out]].concat(),
+        )
+    };
+    evaluate("a", "copy:label=m").ends_with(0);
+    let kept = dir.join("a/predictions/m");
+    std::fs::create_dir_all(dir.join("half")).unwrap();
+    std::fs::rename(kept.join("S"), dir.join("half/S")).unwrap();
+    evaluate("b", "imported:label=m,dir=half").ends_with(4);
+    let said = compare(dir, &["a", "b"]).ends_with(0).out;
+    assert!(said.contains("T: nothing to compare"), "{said}");
+    let rows = compare(dir, &["a", "b", "--json"]).ends_with(0).json();
+    let rows: Vec<_> = rows["rows"].as_array().unwrap().iter().collect();
+    let told = rows.iter().map(|row| {
+        (
+            row["dataset"].as_str().unwrap(),
+            row["verdict"].as_str().unwrap(),
+            row["difference"].is_null(),
+        )
+    });
+    let expected = [
+        ("S", "none", false),
+        ("T", "inconclusive", true),
+        ("all", "inconclusive", true),
+    ];
+    assert_eq!(told.collect::<Vec<_>>(), expected);
+
+    // A unit that is not whole any more.
+    let unit = sharp_tests::files_below(&dir.join("b/units")).unwrap()[0].clone();
+    let text = std::fs::read_to_string(&unit).unwrap();
+    std::fs::write(&unit, text.replacen("\"pair_id\"", "\"pair\"", 1)).unwrap();
+    let name = unit.file_name().unwrap().to_str().unwrap().to_owned();
+    for args in [
+        &["compare", "a", "b"][..],
+        &["report", "b"],
+        &["bundle", "b", "--out", "b.zip"],
+    ] {
+        let said = sharp_bench(dir, args).ends_with(4);
+        assert!(
+            said.err.contains(&name) && said.err.contains("damaged"),
+            "{}",
+            said.err
+        );
+    }
+
+    // Names that would be mistaken for something else.
+    let named = |name: &str| {
+        let dataset = scenes(name, 0);
+        let args = [
+            "run",
+            "--dataset",
+            &dataset,
+            "--method",
+            "copy",
+            "--metrics",
+            "psnr",
+            "--out",
+            "n",
+        ];
+        sharp_bench(dir, &args)
+    };
+    named("all").is_error_with(&["'all' is the mean over datasets"]);
+    named("new\nline").is_usage_error_with(&["no line ends"]);
+}

@@ -377,6 +377,17 @@ fn files_exit_codes_and_errors() {
         (xml, comment)
     );
 
+    // Not over anything else.
+    for option in ["--junit", "--markdown"] {
+        let said = gate(
+            dir,
+            "b",
+            "a",
+            &["--fail-if", "psnr < -0.1", option, "a/manifest.json"],
+        );
+        said.is_error_with(&["a/manifest.json", "not written over"]);
+    }
+
     gate(dir, "a", "b", &["--fail-if", "psnr < -0.1"]).ends_with(0);
     let power = ["--fail-if", "psnr < -0.1", "--require-power", "psnr=0.01"];
     let said = gate(dir, "a", "b", &power).ends_with(5);

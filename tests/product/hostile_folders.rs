@@ -150,11 +150,11 @@ fn a_list_or_plan_that_lost_pairs_is_refused_until_the_run_writes_it_anew() {
 fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
     let dir = finished();
     let dir = dir.path();
-    let report = || {
-        sharp_bench(dir, &["report", "r"]).ends_with(0);
-        read(dir.join("r/report/tables/scores.csv"))
+    let report = |code: i32| {
+        let said = sharp_bench(dir, &["report", "r"]).ends_with(code);
+        (read(dir.join("r/report/tables/scores.csv")), said.err)
     };
-    let table = report();
+    let (table, _) = report(0);
     image::RgbImage::new(48, 36)
         .save(dir.join("secret.png"))
         .unwrap();
@@ -164,8 +164,10 @@ fn a_unit_that_leads_out_of_the_folder_or_is_not_its_own_counts_for_nothing() {
         let path = dir.join("r/units/00").join(format!("{name}.json"));
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(&path, serde_json::to_string(unit).unwrap()).unwrap();
-        let shown = report();
+        // Told from others by its name, its seal or its pair, and named.
+        let (shown, said) = report(4);
         assert_eq!(shown, table, "{}", unit.slot.pair_id);
+        assert!(said.contains(name) && said.contains("damaged"), "{said}");
         std::fs::remove_file(path).unwrap();
     };
     for id in [

@@ -52,5 +52,5 @@ pub(super) fn execute(args: &BundleArgs) -> anyhow::Result<Outcome> {
             counted(results.missing.len(), "unit")
         ));
     }
-    Ok(Outcome::Done)
+    Ok(Outcome::of_problems(super::report::warn_damaged(&results)))
 }

@@ -154,7 +154,8 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     }
     let not_scored = files.map(|files| files.not_scored).unwrap_or_default();
     super::report::warn_not_scored(&not_scored);
-    Ok(Outcome::of_problems(!not_scored.is_empty()))
+    let damaged = super::report::warn_damaged(&comparison.results);
+    Ok(Outcome::of_problems(damaged || !not_scored.is_empty()))
 }
 
 fn print(comparison: &RunComparison, strata: &[Stratum], args: &CompareArgs) -> anyhow::Result<()> {

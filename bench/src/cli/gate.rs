@@ -10,7 +10,7 @@ use serde_json::json;
 use super::compare::Against;
 use super::outcome::UsageError;
 use super::{Outcome, output};
-use crate::io::atomic_files::write_atomic;
+use crate::io::atomic_files::write_over_own;
 use crate::track::compare::CompareError;
 use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
@@ -102,10 +102,14 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         other => other.into(),
     })?;
     if let Some(path) = &args.junit {
-        write_atomic(path, junit(&report).as_bytes())?;
+        write_over_own(
+            path,
+            junit(&report).as_bytes(),
+            "<testsuite name=\"sharp-bench gate\"",
+        )?;
     }
     if let Some(path) = &args.markdown {
-        write_atomic(path, markdown(&report).as_bytes())?;
+        write_over_own(path, markdown(&report).as_bytes(), "### Quality gate")?;
     }
     match args.json {
         true => output::json(&json!({

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::evaluate::Occasion;
-use crate::io::atomic_files::write_atomic;
+use crate::io::atomic_files::write_over_own;
 use crate::io::text::visible_line;
 use crate::track::history::{self, HistoryError};
 
@@ -124,16 +124,25 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
             "damaged": history.damaged,
         }))?;
     }
-    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+    let mut files: Vec<(&Path, Vec<u8>, &str)> = Vec::new();
     if let Some(path) = &args.csv {
-        files.push((path, history::csv::csv(&history)));
+        files.push((
+            path,
+            history::csv::csv(&history),
+            "entry,label,commit,date,",
+        ));
     }
     if let Some(path) = &args.html {
         let title = args.dir.display().to_string();
-        files.push((path, history::page::html(&history, &title)?.into_bytes()));
+        let page = history::page::html(&history, &title)?;
+        files.push((
+            path,
+            page.into_bytes(),
+            "<p class=\"eyebrow\">sharp-bench history</p>",
+        ));
     }
-    for (path, bytes) in &files {
-        write_atomic(path, bytes)?;
+    for (path, bytes, mark) in &files {
+        write_over_own(path, bytes, mark)?;
         if !args.json {
             output::line(path.display().to_string())?;
         }

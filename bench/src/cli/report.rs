@@ -78,7 +78,21 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         output::line(format!("report  {}", files.html.display()))?;
     }
     warn_not_scored(&files.not_scored);
-    Ok(Outcome::of_problems(!files.not_scored.is_empty()))
+    let damaged = warn_damaged(&results);
+    Ok(Outcome::of_problems(
+        damaged || !files.not_scored.is_empty(),
+    ))
+}
+
+/// Names units that are not whole any more. True if there is one: exit code 4.
+pub(super) fn warn_damaged(results: &Results) -> bool {
+    for path in &results.damaged {
+        output::remark(format!(
+            "warning: {}: damaged, so its unit counts as missing; `run` with the same options makes it anew",
+            path.display()
+        ));
+    }
+    !results.damaged.is_empty()
 }
 
 /// Says which kept pictures a report leaves out.

@@ -385,6 +385,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
         records,
         missing,
         pictures: Vec::new(),
+        damaged: Vec::new(),
     };
     Ok(Bundle {
         results,

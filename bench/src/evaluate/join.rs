@@ -153,7 +153,11 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
     }
     let mut pictures = a.pictures;
     pictures.extend(b.pictures);
+    let mut damaged = a.damaged;
+    damaged.extend(b.damaged);
+    damaged.dedup();
     Ok(Results {
+        damaged,
         manifest,
         records,
         missing,

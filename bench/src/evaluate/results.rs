@@ -26,6 +26,8 @@ pub struct Results {
     pub missing: BTreeSet<(String, String)>,
     /// Where the kept pictures are.
     pub pictures: Vec<PictureFolder>,
+    /// Files of units that are not whole any more; their units are among the missing.
+    pub damaged: Vec<PathBuf>,
 }
 
 /// A folder of kept pictures.
@@ -54,6 +56,7 @@ pub(super) struct Current {
     pub(super) manifest: Manifest,
     pub(super) units: Vec<Unit>,
     pub(super) missing: BTreeSet<(String, String)>,
+    pub(super) damaged: Vec<PathBuf>,
 }
 
 impl Current {
@@ -76,7 +79,7 @@ impl Current {
             .iter()
             .map(|d| d.identity.as_str())
             .collect();
-        let (mut units, _) = units_folder(folder, &manifest).units()?;
+        let (mut units, damaged) = units_folder(folder, &manifest).units()?;
         units.retain(|unit| {
             methods
                 .get(unit.slot.method.as_str())
@@ -100,6 +103,7 @@ impl Current {
         let missing = missing.collect();
         Ok(Self {
             missing,
+            damaged,
             units,
             manifest,
         })
@@ -212,6 +216,7 @@ impl Results {
         Ok(Self {
             records: current.records(&list.pairs),
             missing: current.missing.clone(),
+            damaged: current.damaged.clone(),
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
                 sha256: kept.collect(),

@@ -758,6 +758,7 @@ fn a_bundle_of_the_papers_size_is_below_a_megabyte() {
         records,
         missing: BTreeSet::new(),
         pictures: Vec::new(),
+        damaged: Vec::new(),
     };
     let bundle = Bundle {
         results,

@@ -41,6 +41,16 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
+/// As [`write_atomic`], but over nothing except an earlier file of the same kind, which has `mark` in it.
+pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
+    let is_own = |there: Vec<u8>| String::from_utf8_lossy(&there).contains(mark);
+    if path.exists() && !sharp::files::read(path).is_ok_and(is_own) {
+        let reason = "what is there is something else, and not written over; choose another file";
+        return Err(FileError::new(path, "write")(io::Error::other(reason)));
+    }
+    write_atomic(path, bytes)
+}
+
 /// Writes a value as indented JSON with a final line end, in one step.
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), FileError> {
     let mut bytes = serde_json::to_vec_pretty(value)

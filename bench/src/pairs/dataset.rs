@@ -10,6 +10,9 @@ use sharp_datasets::{DatasetSpec, Scene};
 
 use super::error::PairError;
 
+/// The name of what several datasets say together, which no dataset can have.
+pub const ALL_DATASETS: &str = "all";
+
 /// Starts a key of a dataset that is a pair option, so that it cannot collide with a reading.
 const PAIR_OPTION: &str = "pairs.";
 
@@ -53,8 +56,14 @@ impl OpenDataset {
         let mut open: Vec<Self> = Vec::new();
         for text in specs {
             let dataset = Self::open_recorded(text, &[], scenes)?;
-            if open.iter().any(|other| other.name == dataset.name) {
-                let reason = format!("the name '{}' is taken; give this one NAME:", dataset.name);
+            let is_taken = open.iter().any(|other| other.name == dataset.name);
+            if is_taken || dataset.name == ALL_DATASETS {
+                let reason = match is_taken {
+                    true => format!("the name '{}' is taken; give this one NAME:", dataset.name),
+                    false => format!(
+                        "'{ALL_DATASETS}' is the mean over datasets; give this one another NAME:"
+                    ),
+                };
                 return Err(PairError::DatasetSpec {
                     spec: text.clone(),
                     reason,

@@ -46,9 +46,12 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
     }
     let fitted = |variances: &[f64]| {
         let statistic = Statistic::new(sample, variances);
-        let excess = |log: f64| statistic.two_sided(log.exp()).ln() - FITTED_AT.ln();
+        // Far out the tail of many clusters is smaller than any number.
+        let tail = |log: f64| statistic.two_sided(log.exp()).max(f64::MIN_POSITIVE);
+        let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
         let critical = root(-2.0, 8.0, excess).exp();
-        let excess = |log: f64| t_two_sided(critical, log.exp()).ln() - FITTED_AT.ln();
+        let tail = |log: f64| t_two_sided(critical, log.exp()).max(f64::MIN_POSITIVE);
+        let excess = |log: f64| tail(log).ln() - FITTED_AT.ln();
         // A critical value below the normal's, which one large cluster among many can give, ends at the upper bound.
         root(-2.0, MOST_DEGREES.ln(), excess).exp()
     };
@@ -187,6 +190,22 @@ mod tests {
         for (sizes, degrees) in unequal {
             let ours = Jackknife::new(&constant(sizes)).degrees_of_freedom;
             assert!((ours / degrees - 1.0).abs() < 1e-7, "{ours} for {degrees}");
+        }
+    }
+
+    #[test]
+    fn many_clusters_of_unequal_sizes_have_many_degrees_of_freedom() {
+        // Two clusters in three of one pair, the others of two: as many as say as much, (Σn)² / Σn², less one, is near.
+        for clusters in [139, 200, 1000, 5000] {
+            let sizes: Vec<usize> = (0..clusters).map(|k| 1 + usize::from(k % 3 == 0)).collect();
+            let sample = constant(&sizes);
+            let (ours, near) = (
+                Jackknife::new(&sample).degrees_of_freedom,
+                sample.effective_clusters() - 1.0,
+            );
+            assert!((0.5..2.0).contains(&(ours / near)), "{ours} for {near}");
+            let found = crate::infer(&[&sample], crate::Resampling::default()).unwrap();
+            assert!(found.detectable() > 0.0 && found.p < 0.05, "{found:?}");
         }
     }
 }

@@ -19,10 +19,11 @@ use crate::evaluate::manifest::Manifest;
 use crate::evaluate::record::Record;
 use crate::evaluate::{EvaluateError, Named, Results};
 use crate::io::counts::counted;
+use crate::pairs::pair_id::PairName;
 use rows::Sides;
 
 /// The dataset of rows over all of them: the unweighted mean of their means.
-pub const ALL: &str = "all";
+pub use crate::pairs::dataset::ALL_DATASETS as ALL;
 
 /// Why two sides cannot be compared.
 #[derive(Debug, thiserror::Error)]
@@ -107,9 +108,12 @@ pub struct ScoreChange {
     /// Of B against A.
     #[serde(serialize_with = "word")]
     pub verdict: Verdict,
-    /// Pairs that lack the score on one side or both.
+    /// Planned pairs that lack the score on one side or both.
     #[serde(skip)]
     pub left_out: usize,
+    /// By how many physical scenes are fewer than the dataset's own: several of those show one.
+    #[serde(skip)]
+    pub merged_scenes: usize,
     /// By the signs of the scenes' differences alone, of one dataset: exact for up to 14 scenes.
     pub p_sign_flip: Option<f64>,
     /// What that cannot fall below with so many scenes.
@@ -264,7 +268,11 @@ pub fn compare_results(
         path: path.to_owned(),
     };
     // Refuses what is scored otherwise.
-    let results = join_results([(named("A", a), of_a), (named("B", b), of_b)])?;
+    let joined = join_results([(named("A", a), of_a), (named("B", b), of_b)]);
+    let results = joined.map_err(|error| match error {
+        EvaluateError::Conflict { difference, .. } => unlike(difference),
+        other => other.into(),
+    })?;
     let [labels_a, labels_b] = [("A", &manifests[0]), ("B", &manifests[1])].map(side_labels);
     let against = chosen_methods(methods, &labels_a, &labels_b)?;
     let mut comparison = RunComparison {
@@ -292,8 +300,6 @@ fn rows(
     practical: &Practical,
 ) -> Result<(Vec<ScoreChange>, Vec<String>), String> {
     let manifest = &comparison.results.manifest;
-    let datasets = manifest.datasets.iter();
-    let datasets: Vec<&str> = datasets.map(|dataset| dataset.name.as_str()).collect();
     let sides = comparison.sides(against);
     let [a, b] = &against.joined;
     let planned = [a, b].map(|label| planned_pairs(&comparison.results, label));
@@ -303,12 +309,34 @@ fn rows(
     if let Some(difference) = sides.region_difference() {
         return Err(difference);
     }
+    let mut of_dataset: BTreeMap<String, usize> = BTreeMap::new();
+    for id in &planned[0] {
+        let record = sides.a.get(id).or_else(|| sides.b.get(id));
+        let dataset = match record {
+            Some(record) => Some(record.dataset.clone()),
+            None => PairName::decode(id).ok().map(|name| name.dataset),
+        };
+        if let Some(dataset) = dataset {
+            *of_dataset.entry(dataset).or_default() += 1;
+        }
+    }
+    let datasets = manifest
+        .datasets
+        .iter()
+        .map(|dataset| dataset.name.as_str());
+    let datasets = datasets.filter_map(|name| Some((name, *of_dataset.get(name)?)));
+    let datasets: Vec<(&str, usize)> = datasets.collect();
     let (mut rows, mut notes) = (Vec::new(), Vec::new());
     for metric in &manifest.metrics {
-        let of_metric = sides.rows(&datasets, &metric.info, practical, comparison.resampling);
-        if of_metric.is_empty() {
-            notes.push(format!("{} is in one of the runs only", metric.info.key));
+        let key = metric.info.key;
+        let scores = |manifest: &Manifest| manifest.metrics.iter().any(|m| m.info.key == key);
+        if !comparison.manifests.iter().all(scores) {
+            notes.push(format!(
+                "{key} is in one of the runs only, and not compared"
+            ));
+            continue;
         }
+        let of_metric = sides.rows(&datasets, &metric.info, practical, comparison.resampling);
         rows.extend(of_metric.into_iter().map(|row| ScoreChange {
             method_a: against.a.clone(),
             method_b: against.b.clone(),
@@ -378,8 +406,14 @@ fn chosen_methods(
         return Err(CompareError::Methods(reason));
     }
     if !asked.is_empty() {
-        let asked = asked.iter().map(|(old, new)| against(old, new));
-        return Ok(asked.collect());
+        let mut chosen: Vec<Against> = Vec::new();
+        for (old, new) in asked {
+            let one = against(old, new);
+            if !chosen.contains(&one) {
+                chosen.push(one);
+            }
+        }
+        return Ok(chosen);
     }
     let common = a.keys().filter(|label| b.contains_key(*label));
     let mut chosen: Vec<_> = common.map(|label| against(label, label)).collect();

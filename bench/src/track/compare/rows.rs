@@ -1,6 +1,6 @@
 //! The rows of a metric: one a dataset, one over all; and what they are made of.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use sharp_statistics::{Clusters, Resampling, holm, infer, verdict};
@@ -43,87 +43,93 @@ impl<'a> Sides<'a> {
         scored.collect()
     }
 
-    /// One row a dataset that has scores on both sides, and one over all where there are several.
+    /// One row a dataset with planned pairs, and one over all where there are several. A dataset that has lost its scores
+    /// on one side has a row without numbers, and so has the one over all. `datasets` are names with numbers of pairs.
     pub(super) fn rows(
         &self,
-        datasets: &[&'a str],
+        datasets: &[(&'a str, usize)],
         metric: &MetricInfo,
         practical: &Practical,
         resampling: Resampling,
     ) -> Vec<ScoreChange> {
         let changes = self.changes(metric);
-        let datasets = datasets.iter().filter_map(|&name| {
-            let of_dataset = |record: &&&Record| record.dataset == name;
-            let in_a = self.a.values().filter(of_dataset).count();
-            let in_b_only = self
-                .b
-                .iter()
-                .filter(|(pair_id, _)| !self.a.contains_key(*pair_id));
-            let known = in_a
-                + in_b_only
-                    .map(|(_, record)| record)
-                    .filter(of_dataset)
-                    .count();
-            let of_dataset = changes.iter().filter(|change| change.a.dataset == name);
-            let clusters = clusters(of_dataset);
-            (clusters.n_pairs() > 0).then(|| (name, known - clusters.n_pairs(), clusters))
+        let datasets = datasets.iter().map(|&(name, planned)| {
+            let of_dataset = || {
+                changes
+                    .iter()
+                    .filter(move |change| change.a.dataset == name)
+            };
+            let ids: BTreeSet<&str> = of_dataset().map(|change| change.a.scene.as_str()).collect();
+            let clusters = clusters(of_dataset());
+            let merged = ids.len().saturating_sub(clusters.n_clusters());
+            (
+                name,
+                planned.saturating_sub(clusters.n_pairs()),
+                merged,
+                clusters,
+            )
         });
-        let datasets: Vec<(&str, usize, Clusters)> = datasets.collect();
-        let mut groups: Vec<(&str, usize, Vec<&Clusters>)> = datasets
+        let datasets: Vec<(&str, usize, usize, Clusters)> = datasets.collect();
+        let mut groups: Vec<(&str, usize, usize, Vec<&Clusters>)> = datasets
             .iter()
-            .map(|(name, left_out, clusters)| (*name, *left_out, vec![clusters]))
+            .map(|(name, left_out, merged, clusters)| (*name, *left_out, *merged, vec![clusters]))
             .collect();
         if datasets.len() > 1 {
-            let left_out = datasets.iter().map(|(_, left_out, _)| left_out).sum();
-            groups.push((ALL, left_out, datasets.iter().map(|(_, _, c)| c).collect()));
+            let left_out = datasets.iter().map(|(_, left_out, ..)| left_out).sum();
+            let all = datasets.iter().map(|(.., clusters)| clusters);
+            groups.push((ALL, left_out, 0, all.collect()));
         }
         let inferences: Vec<_> = groups
             .iter()
-            .map(|(_, _, group)| infer(group, resampling))
+            .map(|(.., group)| infer(group, resampling))
             .collect();
         let p: Vec<_> = inferences
             .iter()
             .map(|inference| inference.as_ref().ok().map(|found| found.p))
             .collect();
         let rows = groups.iter().zip(&inferences).zip(p.iter().zip(holm(&p)));
-        let rows = rows.map(|(((name, left_out, group), inference), (p, p_holm))| {
-            let mean = |of: fn(&Clusters) -> f64| {
-                group.iter().map(|c| of(c)).sum::<f64>() / group.len() as f64
-            };
-            let count = |of: fn(&Clusters) -> usize| group.iter().map(|c| of(c)).sum();
-            let found = inference.as_ref().ok();
-            let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
-            ScoreChange {
-                dataset: (*name).to_owned(),
-                metric: MetricKey::whole(metric.key.metric()).to_string(),
-                region: metric.key.region(),
-                method_a: String::new(),
-                method_b: String::new(),
-                n_pairs: count(Clusters::n_pairs),
-                n_scenes: count(Clusters::n_clusters),
-                n_infinite: count(Clusters::n_infinite),
-                mean_a: mean(Clusters::mean_a),
-                mean_b: mean(Clusters::mean_b),
-                difference: mean(Clusters::mean),
-                ci_low: finite(found.map(|found| found.interval.0)),
-                ci_high: finite(found.map(|found| found.interval.1)),
-                p: *p,
-                p_holm,
-                mde: finite(found.map(|found| found.detectable())),
-                verdict: verdict(
-                    found,
+        let rows = rows.map(
+            |(((name, left_out, merged, group), inference), (p, p_holm))| {
+                let mean = |of: fn(&Clusters) -> f64| {
+                    group.iter().map(|c| of(c)).sum::<f64>() / group.len() as f64
+                };
+                let count = |of: fn(&Clusters) -> usize| group.iter().map(|c| of(c)).sum();
+                let found = inference.as_ref().ok();
+                let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
+                ScoreChange {
+                    dataset: (*name).to_owned(),
+                    metric: MetricKey::whole(metric.key.metric()).to_string(),
+                    region: metric.key.region(),
+                    method_a: String::new(),
+                    method_b: String::new(),
+                    n_pairs: count(Clusters::n_pairs),
+                    n_scenes: count(Clusters::n_clusters),
+                    n_infinite: count(Clusters::n_infinite),
+                    mean_a: mean(Clusters::mean_a),
+                    mean_b: mean(Clusters::mean_b),
+                    difference: mean(Clusters::mean),
+                    ci_low: finite(found.map(|found| found.interval.0)),
+                    ci_high: finite(found.map(|found| found.interval.1)),
+                    p: *p,
                     p_holm,
-                    group.iter().all(|c| c.all_equal()),
-                    metric.direction == Direction::Higher,
-                    practical.of(metric.key),
-                ),
-                left_out: *left_out,
-                p_sign_flip: found.and_then(|found| Some(found.sign_flip.as_ref()?.p)),
-                p_sign_flip_floor: found.and_then(|found| Some(found.sign_flip.as_ref()?.floor)),
-                no_inference: inference.as_ref().err().copied(),
-                decimals: metric.decimals,
-            }
-        });
+                    mde: finite(found.map(|found| found.detectable())),
+                    verdict: verdict(
+                        found,
+                        p_holm,
+                        group.iter().all(|c| c.all_equal() && c.n_pairs() > 0),
+                        metric.direction == Direction::Higher,
+                        practical.of(metric.key),
+                    ),
+                    left_out: *left_out,
+                    merged_scenes: *merged,
+                    p_sign_flip: found.and_then(|found| Some(found.sign_flip.as_ref()?.p)),
+                    p_sign_flip_floor: found
+                        .and_then(|found| Some(found.sign_flip.as_ref()?.floor)),
+                    no_inference: inference.as_ref().err().copied(),
+                    decimals: metric.decimals,
+                }
+            },
+        );
         rows.collect()
     }
 }

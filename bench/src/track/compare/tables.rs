@@ -7,7 +7,7 @@ use sharp_metrics::{MetricInfo, MetricKey};
 use sharp_statistics::NoInference;
 
 use super::breakdown::{Division, Stratum};
-use super::{Against, PairChange, RunComparison, ScoreChange, verdict_word};
+use super::{ALL, Against, PairChange, RunComparison, ScoreChange, verdict_word};
 use crate::io::counts::counted;
 use crate::report::tables::grid::{Grid, GridCell};
 use crate::report::tables::shown;
@@ -241,7 +241,20 @@ fn remarks(row: &ScoreChange) -> Vec<String> {
         Some(NoInference::OneCluster) => remarks.push(format!(
             "{dataset}: no interval and no p, because one scene does not show how scenes vary"
         )),
+        Some(NoInference::NoPairs) if dataset != ALL => remarks.push(format!(
+            "{dataset}: nothing to compare, because no pair has a score on both sides"
+        )),
+        Some(NoInference::NoPairs) => remarks.push(format!(
+            "{ALL}: no mean, because a dataset has nothing to compare"
+        )),
         Some(reason) => remarks.push(format!("{dataset}: no interval and no p, because {reason}")),
+    }
+    if row.merged_scenes > 0 {
+        remarks.push(format!(
+            "{dataset}: its {} scenes show {} physical ones, of which several exposures or lightings are one",
+            row.n_scenes + row.merged_scenes,
+            row.n_scenes
+        ));
     }
     if row.left_out > 0 {
         let pairs = counted(row.left_out, "pair");

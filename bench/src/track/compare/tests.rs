@@ -44,8 +44,14 @@ fn sides<'a>(a: &'a [Record], b: &'a [Record]) -> Sides<'a> {
 
 fn rows(a: &[Record], b: &[Record], datasets: &[&str]) -> Vec<ScoreChange> {
     let psnr = MetricInfo::new(MetricKey::PSNR, &[]);
+    let ids = |name: &str| -> BTreeSet<&str> {
+        let records = a.iter().chain(b).filter(|record| record.dataset == name);
+        records.map(|record| record.pair_id.as_str()).collect()
+    };
+    let datasets = datasets.iter().map(|name| (*name, ids(name).len()));
+    let datasets: Vec<_> = datasets.filter(|(_, pairs)| *pairs > 0).collect();
     sides(a, b).rows(
-        datasets,
+        &datasets,
         &psnr,
         &Practical::default(),
         Resampling::default(),
@@ -248,6 +254,29 @@ fn methods_of_equal_label_or_the_only_ones_stand_against_each_other() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("--method x=q"), "{said}");
+}
+
+#[test]
+fn a_dataset_that_lost_its_scores_keeps_its_row() {
+    let mut a = scored("D", 6, |scene, _| 0.01 * scene as f64);
+    a.extend(scored("E", 6, |_, _| 0.0));
+    let mut b = a.clone();
+    for record in b.iter_mut().filter(|record| record.dataset == "E") {
+        record.scores.clear();
+    }
+    let found = rows(&a, &b, &["D", "E"]);
+    let [d, e, all] = &found[..] else {
+        panic!("{found:?}");
+    };
+    assert_eq!((d.verdict, d.n_pairs, d.left_out), (Verdict::None, 24, 0));
+    for (row, left_out) in [(e, 24), (all, 24)] {
+        assert_eq!(
+            (row.verdict, row.left_out),
+            (Verdict::Inconclusive, left_out)
+        );
+        assert_eq!(row.no_inference, Some(NoInference::NoPairs));
+        assert!(serde_json::to_value(row).unwrap()["difference"].is_null());
+    }
 }
 
 /// Changes of a metric, made of PSNRs.

@@ -130,6 +130,14 @@ pub enum Cost {
 impl Cost {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
+    /// Less than this in A says nothing: seconds, MiB.
+    pub(super) fn least(self) -> f64 {
+        match self {
+            Self::SecondsPerPair => 0.05,
+            Self::PeakMemory => 1.0,
+        }
+    }
+
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::SecondsPerPair => "seconds_per_pair",

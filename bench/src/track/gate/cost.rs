@@ -23,7 +23,7 @@ impl Judge<'_> {
                     reason: difference.clone(),
                     ..check
                 },
-                (None, Some([before, now])) if before > 0.0 => {
+                (None, Some([before, now])) if before >= cost.least() => {
                     let more = 100.0 * (now / before - 1.0);
                     Check {
                         state: match more > *percent {
@@ -39,7 +39,10 @@ impl Judge<'_> {
                 }
                 (None, _) => Check {
                     state: State::NotCompared,
-                    reason: "it was not measured, or is too small to be".to_owned(),
+                    reason: format!(
+                        "not measured, or below {}, where noise decides",
+                        cost.least()
+                    ),
                     ..check
                 },
             };

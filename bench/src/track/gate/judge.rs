@@ -45,7 +45,7 @@ pub(super) fn judge(
         checks: judge.checks,
         worst_of,
         worst,
-        notes: comparison.notes.clone(),
+        notes: notes_of(comparison),
     })
 }
 
@@ -265,7 +265,8 @@ impl<'a> Judge<'a> {
         };
         let checks = places.filter_map(|place| {
             let check = subject.blank(place);
-            let mut rows = self.comparison.rows.iter().filter(of_metric);
+            let rows = self.comparison.rows.iter().filter(of_metric);
+            let mut rows = rows.filter(|row| row.no_inference != Some(NoInference::NoPairs));
             let Some(row) = rows.find(|row| row.dataset == place) else {
                 // Methods of a run need not share all datasets.
                 let is_asked =
@@ -422,6 +423,17 @@ pub(super) fn blank(limit: String, quantity: &str, against: &Against, dataset: &
         reason: String::new(),
         decimals: 0,
     }
+}
+
+fn notes_of(comparison: &RunComparison) -> Vec<String> {
+    let damaged = comparison.results.damaged.iter();
+    let damaged = damaged.map(|path| {
+        let path = path.display();
+        format!(
+            "{path} is damaged, and its unit missing; `run` with the same options makes it anew"
+        )
+    });
+    comparison.notes.iter().cloned().chain(damaged).collect()
 }
 
 fn unscored(check: Check) -> Check {

@@ -76,6 +76,7 @@ fn results(records: Vec<Record>) -> Results {
         records,
         missing: Default::default(),
         pictures: Vec::new(),
+        damaged: Vec::new(),
     }
 }
 
@@ -466,7 +467,7 @@ fn costs_count_on_one_device_only() {
             "A does not say which processor",
         ),
         (vec![x(1.0)], vec![], "B holds no times"),
-        (vec![x(0.0)], vec![x(1.0)], "too small"),
+        (vec![x(0.04)], vec![x(1.0)], "below 0.05"),
     ] {
         let found = checks(&a, &b);
         assert_eq!(found[0].state, State::NotCompared);

@@ -89,6 +89,7 @@ impl Run {
                 records,
                 missing: BTreeSet::new(),
                 pictures: Vec::new(),
+                damaged: Vec::new(),
             },
             pairs: PairList::new("pairs.csv", pairs),
             occasion: None,

@@ -186,7 +186,7 @@ impl Trend {
                     continue;
                 };
                 if let Some(reason) = found.broken.get(&self.0[at].series.dataset) {
-                    let broken = format!("not comparable with entry {number} (A): {reason}");
+                    let broken = format!("not comparable with entry {number}: {reason}");
                     point.broken.get_or_insert(broken);
                     continue;
                 }
@@ -362,6 +362,7 @@ impl Scope<'_> {
                 .collect(),
             missing: missing.cloned().collect(),
             pictures: Vec::new(),
+            damaged: Vec::new(),
         }
     }
 
