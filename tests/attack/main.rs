@@ -18,6 +18,7 @@
 )]
 
 mod arguments;
+mod bundles;
 mod case;
 mod datasets;
 mod lists;
@@ -39,8 +40,9 @@ use libtest_mimic::{Arguments, Trial};
 type Attack = fn(&mut Case) -> Result<Verdict, String>;
 
 /// What is hostile, and the attack.
-const KINDS: [(&str, Attack); 14] = [
+const KINDS: [(&str, Attack); 15] = [
     ("arguments", arguments::options),
+    ("bundles", bundles::bundles),
     ("caches", lists::caches),
     ("cameras", scenes::cameras),
     ("checkpoints", scenes::checkpoints),
@@ -57,7 +59,7 @@ const KINDS: [(&str, Attack); 14] = [
 ];
 
 /// Cases of all kinds together where no number is given.
-const CASES: u64 = 42;
+const CASES: u64 = 45;
 
 /// Of a kind: clean errors, right numbers, failures.
 type Tally = [u64; 3];
