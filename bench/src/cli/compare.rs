@@ -37,7 +37,7 @@ pub(super) struct CompareArgs {
     b: Option<PathBuf>,
     /// A method of A against one of B; without it, those of equal label, or the only ones
     #[arg(long = "method", value_name = "OLD=NEW")]
-    methods: Vec<Against>,
+    methods: Vec<MethodPair>,
     /// Up to where a difference matters to nobody, by metric; psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001 if not given
     #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',')]
     practical: Vec<Threshold>,
@@ -60,9 +60,9 @@ pub(super) struct CompareArgs {
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Against(pub(super) String, pub(super) String);
+pub(super) struct MethodPair(pub(super) String, pub(super) String);
 
-impl FromStr for Against {
+impl FromStr for MethodPair {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -108,7 +108,7 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
     let methods: Vec<_> = args
         .methods
         .iter()
-        .map(|Against(old, new)| (old.clone(), new.clone()))
+        .map(|MethodPair(old, new)| (old.clone(), new.clone()))
         .collect();
     let comparison = compare(&args.a, b, &methods, &practical).map_err(|error| match error {
         CompareError::Methods(reason) => anyhow::Error::from(UsageError(reason)),

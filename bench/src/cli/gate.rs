@@ -7,14 +7,14 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 
-use super::compare::Against;
+use super::compare::MethodPair;
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::io::atomic_files::write_over_own;
 use crate::track::compare::CompareError;
 use crate::track::gate::config::MetricName;
 use crate::track::gate::output::{junit, markdown};
-use crate::track::gate::{GateConfig, GateError, Limit, State, gate};
+use crate::track::gate::{CheckState, GateConfig, GateError, Limit, gate};
 
 /// Judge a run by a baseline, for continuous integration: exit code 3 where it is worse than limits allow
 ///
@@ -51,7 +51,7 @@ pub(super) struct GateArgs {
     require_power: Vec<Power>,
     /// A method of A against one of B; without it, those of equal label, or the only ones
     #[arg(long = "method", value_name = "OLD=NEW")]
-    methods: Vec<Against>,
+    methods: Vec<MethodPair>,
     /// Write JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -92,7 +92,7 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
     let methods: Vec<_> = args
         .methods
         .iter()
-        .map(|Against(old, new)| (old.clone(), new.clone()))
+        .map(|MethodPair(old, new)| (old.clone(), new.clone()))
         .collect();
     let report = gate(&args.baseline, &args.candidate, &methods, &config);
     let report = report.map_err(|error| match error {
@@ -128,8 +128,8 @@ pub(super) fn execute(args: &GateArgs) -> anyhow::Result<Outcome> {
         output::remark(format!("note: {note}"));
     }
     Ok(match report.state {
-        State::Fired => Outcome::GateFired,
-        State::Inconclusive => Outcome::GateInconclusive,
+        CheckState::Fired => Outcome::GateFired,
+        CheckState::Inconclusive => Outcome::GateInconclusive,
         _ => Outcome::Done,
     })
 }

@@ -10,7 +10,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use crate::evaluate::record::Record;
 
 use super::pictures::ReportPictures;
-use super::tables::grid::Grid;
+use super::tables::grid::TextGrid;
 use super::tables::shown;
 
 /// A column of a table: a metric of exactly one identity, or a quantity that methods report.
@@ -269,9 +269,9 @@ pub struct ReportComparison {
     /// Labels `[A, B]` of the methods that stand against each other.
     pub against: Vec<[String; 2]>,
     /// What changed.
-    pub grids: Vec<Grid>,
+    pub grids: Vec<TextGrid>,
     /// Where.
-    pub details: Vec<Grid>,
+    pub details: Vec<TextGrid>,
     /// By how much B is worse, by pair id and key of a column: what pairs are chosen and sorted by.
     pub losses: BTreeMap<String, BTreeMap<String, f64>>,
     /// Files besides, by name.

@@ -7,3 +7,6 @@
 pub mod compare;
 pub mod gate;
 pub mod history;
+
+#[cfg(test)]
+mod test_records;

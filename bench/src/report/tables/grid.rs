@@ -6,7 +6,7 @@ use super::markdown::{escape, rich};
 
 /// A table of any shape.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Grid {
+pub struct TextGrid {
     /// Caption.
     pub title: String,
     pub heads: Vec<String>,
@@ -16,7 +16,7 @@ pub struct Grid {
     pub remarks: Vec<String>,
 }
 
-/// What stands in a place of a [`Grid`].
+/// What stands in a place of a [`TextGrid`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,
@@ -40,7 +40,7 @@ impl GridCell {
     }
 }
 
-impl Grid {
+impl TextGrid {
     /// Whether a column has words, which stand on its left.
     pub(crate) fn is_text(&self, column: &usize) -> bool {
         self.rows.iter().all(|row| row[*column].value.is_none())
@@ -109,7 +109,7 @@ mod tests {
                 GridCell::number(value.to_string(), value),
             ]
         };
-        let grid = Grid {
+        let grid = TextGrid {
             title: "T".into(),
             heads: vec!["name".into(), "n".into()],
             rows: vec![row("a|b", 10.0), row("long name", 2.5)],

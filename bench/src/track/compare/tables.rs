@@ -9,7 +9,7 @@ use sharp_statistics::NoInference;
 use super::breakdown::{Division, Stratum};
 use super::{ALL, Against, PairChange, RunComparison, ScoreChange, verdict_word};
 use crate::io::counts::counted;
-use crate::report::tables::grid::{Grid, GridCell};
+use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::shown;
 
 const HEADS: [&str; 11] = [
@@ -31,7 +31,7 @@ pub const EXTREMES: usize = 3;
 
 impl RunComparison {
     /// One table a metric and method: what changed.
-    pub fn change_grids(&self) -> Vec<Grid> {
+    pub fn change_grids(&self) -> Vec<TextGrid> {
         let groups = self.rows.chunk_by(|one, other| {
             let key = |row: &ScoreChange| {
                 let methods = (row.method_a.clone(), row.method_b.clone());
@@ -41,7 +41,7 @@ impl RunComparison {
         });
         let grid = |rows: &[ScoreChange]| {
             let first = &rows[0];
-            Grid {
+            TextGrid {
                 title: title(
                     &first.metric,
                     first.region,
@@ -56,7 +56,7 @@ impl RunComparison {
     }
 
     /// One table a metric: the pairs that lost most and those that won most. None where nothing changed.
-    pub fn extremes(&self, against: &Against, metric: &MetricInfo) -> Option<Grid> {
+    pub fn extremes(&self, against: &Against, metric: &MetricInfo) -> Option<TextGrid> {
         let changes = self.changes(against, metric);
         let rows = most_changed(&changes, EXTREMES);
         let row = |change: &PairChange<'_>| {
@@ -72,7 +72,7 @@ impl RunComparison {
         };
         let rows: Vec<_> = rows.map(row).collect();
         let key = MetricKey::whole(metric.key.metric()).to_string();
-        (!rows.is_empty()).then(|| Grid {
+        (!rows.is_empty()).then(|| TextGrid {
             title: format!(
                 "{}: most lost and most won",
                 title(&key, metric.key.region(), [&against.a, &against.b])
@@ -84,7 +84,7 @@ impl RunComparison {
     }
 
     /// One table a metric, method and [`Division`]: where it changed.
-    pub fn where_grids(&self, strata: &[Stratum]) -> Vec<Grid> {
+    pub fn where_grids(&self, strata: &[Stratum]) -> Vec<TextGrid> {
         let decimals: BTreeMap<String, usize> = self
             .results
             .manifest
@@ -109,7 +109,7 @@ impl RunComparison {
                 first.region,
                 [&first.method_a, &first.method_b],
             );
-            Grid {
+            TextGrid {
                 title: format!("{title} by {}", first.by.title()),
                 heads: ["dataset", first.by.title()]
                     .into_iter()

@@ -1,36 +1,18 @@
-use std::collections::BTreeMap;
-
 use sharp_metrics::MetricInfo;
 
 use super::breakdown::Division;
 use super::*;
-use crate::evaluate::record::{Crop, Score, Status};
+use crate::evaluate::record::{Crop, Score};
 use crate::scoring::Region;
+use crate::track::test_records;
 
 /// Of pair `number` of a scene of a dataset, with this PSNR.
 fn record(dataset: &str, scene: usize, number: usize, psnr: Option<f64>) -> Record {
+    let score = psnr.map(|value| ("psnr".to_owned(), Score::Value(value)));
     Record {
         pair_id: format!("{dataset}/{scene}/{number:03}"),
-        dataset: dataset.into(),
-        scene: scene.to_string(),
-        cluster: scene.to_string(),
-        source: "s".into(),
-        target: number.to_string(),
-        method: "m".into(),
-        baseline_m: 0.1,
-        rotation_deg: 0.0,
-        median_depth_m: None,
-        overlap: None,
-        status: Status::Ok,
-        scores: psnr
-            .map(|value| ("psnr".to_owned(), Score::Value(value)))
-            .into_iter()
-            .collect(),
-        crop: None,
-        valid_share: None,
-        resized_from: None,
-        scale: None,
-        extras: BTreeMap::new(),
+        scores: score.into_iter().collect(),
+        ..test_records::record(dataset, scene, number)
     }
 }
 

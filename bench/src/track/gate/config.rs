@@ -122,12 +122,12 @@ impl Scope {
 
 /// A cost of predicting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cost {
+pub enum Resource {
     SecondsPerPair,
     PeakMemory,
 }
 
-impl Cost {
+impl Resource {
     pub(super) const ALL: [Self; 2] = [Self::SecondsPerPair, Self::PeakMemory];
 
     /// Less than this in A says nothing: seconds, MiB.
@@ -159,7 +159,7 @@ pub enum Limit {
         scope: Scope,
     },
     /// Of B over A, percent.
-    Cost { cost: Cost, percent: f64 },
+    Cost { cost: Resource, percent: f64 },
 }
 
 impl FromStr for Limit {
@@ -183,7 +183,7 @@ impl FromStr for Limit {
             let value = text.trim_end().parse().ok().filter(|v: &f64| v.is_finite());
             value.ok_or_else(|| wrong(&format!("'{text}' is not a number")))
         };
-        if let Some(cost) = Cost::ALL.into_iter().find(|cost| cost.name() == name) {
+        if let Some(cost) = Resource::ALL.into_iter().find(|cost| cost.name() == name) {
             let percent = value.strip_suffix('%').filter(|_| is_above);
             let percent = percent
                 .filter(|_| dataset.is_none() && !per_scene)
@@ -197,7 +197,7 @@ impl FromStr for Limit {
         let inner = name.strip_prefix('|').and_then(|n| n.strip_suffix('|'));
         let (name, either_way) = (inner.unwrap_or(name), inner.is_some());
         let metric: MetricName = name.parse().map_err(|reason: String| {
-            let costs = Cost::ALL.map(Cost::name).join(" ");
+            let costs = Resource::ALL.map(Resource::name).join(" ");
             format!("'{text}': {reason}; costs: {costs}")
         })?;
         let bound = number(value)?;

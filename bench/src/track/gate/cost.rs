@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::config::{Cost, Limit};
+use super::config::{Limit, Resource};
 use super::judge::{Judge, blank};
-use super::{Check, State};
+use super::{Check, CheckState};
 use crate::evaluate::unit::Timing;
 use crate::track::compare::{ALL, Against};
 
@@ -19,7 +19,7 @@ impl Judge<'_> {
             let check = blank(limit.to_string(), cost.name(), against, ALL);
             let check = match (&device, costs(*cost, sides)) {
                 (Some(difference), _) => Check {
-                    state: State::NotCompared,
+                    state: CheckState::NotCompared,
                     reason: difference.clone(),
                     ..check
                 },
@@ -27,8 +27,8 @@ impl Judge<'_> {
                     let more = 100.0 * (now / before - 1.0);
                     Check {
                         state: match more > *percent {
-                            true => State::Fired,
-                            false => State::Passed,
+                            true => CheckState::Fired,
+                            false => CheckState::Passed,
                         },
                         a: Some(before),
                         b: Some(now),
@@ -38,7 +38,7 @@ impl Judge<'_> {
                     }
                 }
                 (None, _) => Check {
-                    state: State::NotCompared,
+                    state: CheckState::NotCompared,
                     reason: format!(
                         "not measured, or below {}, where noise decides",
                         cost.least()
@@ -93,16 +93,16 @@ impl Judge<'_> {
 }
 
 /// Of A and of B: seconds of a pair on the mean of those that both have, or MiB.
-fn costs(cost: Cost, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
+fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));
     let each: [Vec<&Timing>; 2] = [0, 1].map(|side| both().map(|timing| timing[side]).collect());
     let [a, b] = each.map(|timings| match cost {
-        Cost::SecondsPerPair => {
+        Resource::SecondsPerPair => {
             let total: f64 = timings.iter().map(|timing| timing.predict_secs).sum();
             Some(total / timings.len() as f64)
         }
-        Cost::PeakMemory => {
+        Resource::PeakMemory => {
             let peaks: Option<Vec<u64>> = timings.iter().map(|timing| timing.peak_bytes).collect();
             Some(peaks?.into_iter().max()? as f64 / (1 << 20) as f64)
         }

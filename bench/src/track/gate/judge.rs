@@ -7,7 +7,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 use sharp_statistics::{ALPHA, NoInference};
 
 use super::config::{Limit, MetricName, Scope};
-use super::{Check, GateConfig, GateError, GateReport, State, WorsePair};
+use super::{Check, CheckState, GateConfig, GateError, GateReport, WorsePair};
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::results::timings;
 use crate::io::counts::counted;
@@ -40,8 +40,8 @@ pub(super) fn judge(
         a: a.to_owned(),
         b: b.to_owned(),
         state: graver
-            .filter(|state| *state >= State::Inconclusive)
-            .unwrap_or(State::Passed),
+            .filter(|state| *state >= CheckState::Inconclusive)
+            .unwrap_or(CheckState::Passed),
         checks: judge.checks,
         worst_of,
         worst,
@@ -228,8 +228,8 @@ impl<'a> Judge<'a> {
             self.subjects.push(None);
             self.checks.push(Check {
                 state: match lost.len() > allowed {
-                    true => State::Fired,
-                    false => State::Passed,
+                    true => CheckState::Fired,
+                    false => CheckState::Passed,
                 },
                 a: Some(scored as f64),
                 b: Some((scored - lost.len()) as f64),
@@ -274,13 +274,15 @@ impl<'a> Judge<'a> {
                 return is_asked.then(|| unscored(check));
             };
             let (state, reason) = match subject.is_beyond(row.difference) {
-                false => (State::Passed, String::new()),
-                true if !row.difference.is_finite() => (State::Fired, not_finite(row.difference)),
-                true if row.p_holm.is_some_and(|p| p < ALPHA) => (State::Fired, String::new()),
-                true => (State::NotSignificant, why_not_significant(row)),
+                false => (CheckState::Passed, String::new()),
+                true if !row.difference.is_finite() => {
+                    (CheckState::Fired, not_finite(row.difference))
+                }
+                true if row.p_holm.is_some_and(|p| p < ALPHA) => (CheckState::Fired, String::new()),
+                true => (CheckState::NotSignificant, why_not_significant(row)),
             };
             let (state, reason) = match self.lacks_power(info, row) {
-                Some(reason) if state != State::Fired => (State::Inconclusive, reason),
+                Some(reason) if state != CheckState::Fired => (CheckState::Inconclusive, reason),
                 _ => (state, reason),
             };
             Some(Check {
@@ -348,7 +350,11 @@ impl<'a> Judge<'a> {
             .map(|scene| {
                 let fires = subject.is_beyond(scene.difference);
                 Check {
-                    state: if fires { State::Fired } else { State::Passed },
+                    state: if fires {
+                        CheckState::Fired
+                    } else {
+                        CheckState::Passed
+                    },
                     dataset: scene.dataset,
                     scene: Some(scene.stratum),
                     a: Some(scene.mean_a),
@@ -368,7 +374,10 @@ impl<'a> Judge<'a> {
         }
         let loss = |check: &Check| subject.loss(check.difference.unwrap_or_default());
         checks.sort_by(|one, other| loss(other).total_cmp(&loss(one)));
-        let fired = checks.iter().filter(|c| c.state == State::Fired).count();
+        let fired = checks
+            .iter()
+            .filter(|c| c.state == CheckState::Fired)
+            .count();
         let scenes = counted(checks.len(), "scene");
         checks.truncate(fired.max(1));
         if let ([closest], 0) = (checks.as_mut_slice(), fired) {
@@ -380,7 +389,7 @@ impl<'a> Judge<'a> {
     /// The pairs that lost most, of the first check on a metric that fired, or of the first on one.
     pub(super) fn worst_pairs(&self) -> (Option<usize>, Vec<WorsePair>) {
         let mut on_metrics = (0..self.checks.len()).filter(|&at| self.subjects[at].is_some());
-        let fired = |at: &usize| self.checks[*at].state == State::Fired;
+        let fired = |at: &usize| self.checks[*at].state == CheckState::Fired;
         let at = on_metrics.clone().find(fired).or_else(|| on_metrics.next());
         let Some((at, subject)) = at.and_then(|at| Some((at, self.subjects[at]?))) else {
             return (None, Vec::new());
@@ -406,7 +415,7 @@ impl<'a> Judge<'a> {
 
 pub(super) fn blank(limit: String, quantity: &str, against: &Against, dataset: &str) -> Check {
     Check {
-        state: State::Passed,
+        state: CheckState::Passed,
         limit,
         quantity: quantity.to_owned(),
         method_a: against.a.clone(),
@@ -438,7 +447,7 @@ fn notes_of(comparison: &RunComparison) -> Vec<String> {
 
 fn unscored(check: Check) -> Check {
     Check {
-        state: State::Inconclusive,
+        state: CheckState::Inconclusive,
         reason: "no pair has a score on both sides".to_owned(),
         ..check
     }

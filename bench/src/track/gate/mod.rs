@@ -38,7 +38,7 @@ pub enum GateError {
 /// What came of a check, and of all of them; the graver the later.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum CheckState {
     Passed,
     /// Beyond the limit, but chance could have done it.
     NotSignificant,
@@ -49,7 +49,7 @@ pub enum State {
     Fired,
 }
 
-impl State {
+impl CheckState {
     /// In words.
     pub fn text(self) -> &'static str {
         match self {
@@ -65,7 +65,7 @@ impl State {
 /// A limit applied to one place. What is not finite, or not known, is null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Check {
-    pub state: State,
+    pub state: CheckState,
     /// As it was written; `missing_pairs > 0` for coverage.
     pub limit: String,
     /// Key of a metric, or the name of a cost; `missing_pairs` for coverage.
@@ -107,7 +107,7 @@ pub struct GateReport {
     pub a: PathBuf,
     pub b: PathBuf,
     /// Fired if any check has; else inconclusive if any is; else passed.
-    pub state: State,
+    pub state: CheckState,
     pub checks: Vec<Check>,
     /// The check that [`Self::worst`] is about: the first on a metric that fired, or the first on one.
     pub worst_of: Option<usize>,
@@ -123,14 +123,16 @@ impl GateReport {
         let count = |state| self.checks.iter().filter(|c| c.state == state).count();
         let of = self.checks.len();
         let mut said = match self.state {
-            State::Fired => format!("failed: {} of {of} checks fired", count(State::Fired)),
-            State::Inconclusive => format!(
+            CheckState::Fired => {
+                format!("failed: {} of {of} checks fired", count(CheckState::Fired))
+            }
+            CheckState::Inconclusive => format!(
                 "inconclusive: {} of {of} checks cannot be decided",
-                count(State::Inconclusive)
+                count(CheckState::Inconclusive)
             ),
             _ => format!("passed: none of {of} checks fired"),
         };
-        for state in [State::NotSignificant, State::NotCompared] {
+        for state in [CheckState::NotSignificant, CheckState::NotCompared] {
             if count(state) > 0 {
                 said += &format!(", {} {}", count(state), state.text());
             }

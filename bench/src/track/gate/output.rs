@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{Check, GateReport, State};
+use super::{Check, CheckState, GateReport};
 use crate::io::text::visible_line;
-use crate::report::tables::grid::{Grid, GridCell};
+use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::escape;
 use crate::report::tables::shown;
 use crate::track::compare::tables::{interval, optional, p_text};
@@ -49,7 +49,7 @@ fn words(text: &str) -> GridCell {
 }
 
 /// A row a check.
-fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> Grid {
+fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> TextGrid {
     let rows = checks.map(|check| {
         let said = [
             check.state.text(),
@@ -67,7 +67,7 @@ fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> Grid {
     let heads = [
         "", "limit", "of", "on", "A", "B", "B - A", "95 %", "p Holm", "",
     ];
-    Grid {
+    TextGrid {
         title,
         heads: heads.map(str::to_owned).into(),
         rows: rows.collect(),
@@ -77,7 +77,7 @@ fn grid<'a>(title: String, checks: impl Iterator<Item = &'a Check>) -> Grid {
 
 impl GateReport {
     /// All checks, then the worst pairs if there are any.
-    pub fn grids(&self) -> Vec<Grid> {
+    pub fn grids(&self) -> Vec<TextGrid> {
         let checks = grid(
             "A is the baseline, B what is judged".to_owned(),
             self.checks.iter(),
@@ -85,7 +85,7 @@ impl GateReport {
         std::iter::once(checks).chain(self.worst_grid()).collect()
     }
 
-    fn worst_grid(&self) -> Option<Grid> {
+    fn worst_grid(&self) -> Option<TextGrid> {
         let check = self.checks.get(self.worst_of?)?;
         let rows = self.worst.iter().map(|pair| {
             let number = |value: f64| GridCell::number(shown(value, check.decimals), value);
@@ -96,7 +96,7 @@ impl GateReport {
                 number(pair.loss),
             ]
         });
-        (!self.worst.is_empty()).then(|| Grid {
+        (!self.worst.is_empty()).then(|| TextGrid {
             title: format!("worst pairs, {} on {}", check.quantity, check.place()),
             heads: ["pair", "A", "B", "worse by"].map(str::to_owned).into(),
             rows: rows.collect(),
@@ -113,17 +113,19 @@ pub fn junit(report: &GateReport) -> String {
         out,
         "<testsuite name=\"sharp-bench gate\" tests=\"{}\" failures=\"{}\" errors=\"{}\" skipped=\"{}\">",
         report.checks.len(),
-        count(State::Fired),
-        count(State::Inconclusive),
-        count(State::NotCompared)
+        count(CheckState::Fired),
+        count(CheckState::Inconclusive),
+        count(CheckState::NotCompared)
     );
     for check in &report.checks {
         let said = xml(&said(check));
         let said = match check.state {
-            State::Fired => format!("<failure message=\"{said}\"/>"),
-            State::Inconclusive => format!("<error message=\"{said}\"/>"),
-            State::NotCompared => format!("<skipped message=\"{said}\"/>"),
-            State::Passed | State::NotSignificant => format!("<system-out>{said}</system-out>"),
+            CheckState::Fired => format!("<failure message=\"{said}\"/>"),
+            CheckState::Inconclusive => format!("<error message=\"{said}\"/>"),
+            CheckState::NotCompared => format!("<skipped message=\"{said}\"/>"),
+            CheckState::Passed | CheckState::NotSignificant => {
+                format!("<system-out>{said}</system-out>")
+            }
         };
         let _ = writeln!(
             out,

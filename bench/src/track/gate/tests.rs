@@ -9,31 +9,17 @@ use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::unit::Timing;
 use crate::track::compare::compare_results;
+use crate::track::test_records;
 
 fn record(dataset: &str, scene: usize, number: usize, psnr: f64) -> Record {
     Record {
         pair_id: format!("{dataset}/{scene}/{number}"),
-        dataset: dataset.into(),
-        scene: scene.to_string(),
-        cluster: scene.to_string(),
-        source: "s".into(),
-        target: number.to_string(),
-        method: "m".into(),
-        baseline_m: 0.1,
-        rotation_deg: 0.0,
-        median_depth_m: None,
-        overlap: None,
-        status: Status::Ok,
         scores: [
             ("psnr".to_owned(), Score::Value(psnr)),
             ("lpips[alex,v0.1]".to_owned(), Score::Value(1.0 / psnr)),
         ]
         .into(),
-        crop: None,
-        valid_share: None,
-        resized_from: None,
-        scale: None,
-        extras: BTreeMap::new(),
+        ..test_records::record(dataset, scene, number)
     }
 }
 
@@ -95,7 +81,7 @@ fn judged(a: Vec<Record>, b: Vec<Record>, config: &GateConfig) -> Result<GateRep
 }
 
 /// The states of the checks after those of coverage.
-fn states(report: &GateReport) -> Vec<State> {
+fn states(report: &GateReport) -> Vec<CheckState> {
     let limits = report
         .checks
         .iter()
@@ -120,12 +106,12 @@ fn a_limit_fires_only_beyond_its_bound_and_where_chance_is_unlikely() {
         let report = report.unwrap();
         (states(&report)[0], report.state)
     };
-    let (fired, passed) = (State::Fired, State::Passed);
+    let (fired, passed) = (CheckState::Fired, CheckState::Passed);
     assert_eq!(states("psnr < -0.2", &drop), (fired, fired));
     assert_eq!(states("psnr < -0.5", &drop), (passed, passed));
     assert_eq!(
         states("psnr < -0.1", &noise),
-        (State::NotSignificant, passed)
+        (CheckState::NotSignificant, passed)
     );
     // Better by any amount.
     assert_eq!(states("psnr < 0", &|_, _| 3.0), (passed, passed));
@@ -151,7 +137,11 @@ fn a_broken_scene_fires_its_own_limit_and_the_worst_pairs_are_of_it() {
     let report = report.unwrap();
     assert_eq!(
         states(&report),
-        [State::NotSignificant, State::Fired, State::Passed]
+        [
+            CheckState::NotSignificant,
+            CheckState::Fired,
+            CheckState::Passed
+        ]
     );
     let scenes: Vec<_> = report.checks[1..]
         .iter()
@@ -172,13 +162,13 @@ fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
         records
     };
     let drop = |scene: usize, _: usize| -1.0 - 0.01 * scene as f64;
-    let places = |limit: &str| -> Vec<(String, State)> {
+    let places = |limit: &str| -> Vec<(String, CheckState)> {
         let report = judged(both(&nothing), both(&drop), &config(&[limit])).unwrap();
         let limits = report.checks.into_iter().skip(2);
         limits.map(|check| (check.dataset, check.state)).collect()
     };
     let place = |name: &str, state| (name.to_owned(), state);
-    let (fired, passed) = (State::Fired, State::Passed);
+    let (fired, passed) = (CheckState::Fired, CheckState::Passed);
     assert_eq!(
         places("psnr < -0.1"),
         [place("D", fired), place("E", passed), place("all", fired)]
@@ -197,7 +187,7 @@ fn limits_without_a_place_hold_on_each_dataset_and_over_all() {
     };
     let states = |limit: &str| states(&judged(half(), half(), &config(&[limit])).unwrap());
     assert_eq!(states("psnr < -0.1"), [passed]);
-    assert_eq!(states("psnr < -0.1 on E"), [State::Inconclusive]);
+    assert_eq!(states("psnr < -0.1 on E"), [CheckState::Inconclusive]);
 }
 
 #[test]
@@ -212,24 +202,24 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let infinite = || with(2, f64::INFINITY, fresh());
     // Infinity that only A has; that only B has; that both have, or of both signs.
     let report = judged(infinite(), fresh(), &limit).unwrap();
-    assert_eq!(states(&report), [State::Fired]);
+    assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("infinite on one side"));
     assert_eq!(
         states(&judged(fresh(), infinite(), &limit).unwrap()),
-        [State::Passed]
+        [CheckState::Passed]
     );
     assert_eq!(
         states(&judged(infinite(), infinite(), &limit).unwrap()),
-        [State::Passed]
+        [CheckState::Passed]
     );
     let crossed = with(5, f64::INFINITY, fresh());
     let report = judged(infinite(), crossed, &limit).unwrap();
-    assert_eq!(states(&report), [State::Fired]);
+    assert_eq!(states(&report), [CheckState::Fired]);
     assert!(report.checks[1].reason.contains("no number"));
     // NaN in B is a lost pair, too; in A it is not, and still no number.
     let nan = || with(2, f64::NAN, fresh());
     let report = judged(fresh(), nan(), &limit).unwrap();
-    assert_eq!(report.checks[0].state, State::Fired);
+    assert_eq!(report.checks[0].state, CheckState::Fired);
     assert!(
         report.checks[0].reason.contains("D/1/0: psnr is NaN"),
         "{}",
@@ -238,12 +228,15 @@ fn what_cannot_be_averaged_never_passes_silently() {
     let report = judged(nan(), fresh(), &limit).unwrap();
     assert_eq!(
         (report.checks[0].state, report.checks[1].state),
-        (State::Passed, State::Fired)
+        (CheckState::Passed, CheckState::Fired)
     );
     // One scene, one pair: no p, whatever the drop; each scene alone has none to ask for.
     let limits = config(&["psnr < -0.1", "psnr < -0.1 per scene"]);
     let report = judged(scored("D", 1, nothing), scored("D", 1, drop), &limits).unwrap();
-    assert_eq!(states(&report), [State::NotSignificant, State::Fired]);
+    assert_eq!(
+        states(&report),
+        [CheckState::NotSignificant, CheckState::Fired]
+    );
     assert!(
         report.checks[1].reason.contains("scene"),
         "{}",
@@ -251,7 +244,10 @@ fn what_cannot_be_averaged_never_passes_silently() {
     );
     let one = |change: &dyn Fn(usize, usize) -> f64| scored("D", 1, change)[..1].to_vec();
     let report = judged(one(&nothing), one(&drop), &limits).unwrap();
-    assert_eq!(states(&report), [State::NotSignificant, State::Fired]);
+    assert_eq!(
+        states(&report),
+        [CheckState::NotSignificant, CheckState::Fired]
+    );
 }
 
 #[test]
@@ -271,12 +267,12 @@ fn lost_pairs_fire_and_a_metric_without_any_is_inconclusive() {
     let check = &report.checks[0];
     assert_eq!(
         (check.state, check.a, check.b),
-        (State::Fired, Some(8.0), Some(6.0))
+        (CheckState::Fired, Some(8.0), Some(6.0))
     );
     assert!(check.reason.contains("2 pairs") && check.reason.contains("D/0/0: out of <memory>"));
     limits.missing_pairs = 2;
     let report = judged(scored("D", 4, nothing), b.clone(), &limits).unwrap();
-    assert_eq!(report.state, State::Passed);
+    assert_eq!(report.state, CheckState::Passed);
     // What A lacks is not lost.
     let report = judged(
         b.clone(),
@@ -284,13 +280,13 @@ fn lost_pairs_fire_and_a_metric_without_any_is_inconclusive() {
         &config(&["psnr < -0.1"]),
     )
     .unwrap();
-    assert_eq!(report.state, State::Passed);
+    assert_eq!(report.state, CheckState::Passed);
     fail(&mut b);
     limits.missing_pairs = 8;
     let report = judged(scored("D", 4, nothing), b, &limits).unwrap();
     assert_eq!(
         (states(&report), report.state),
-        (vec![State::Inconclusive], State::Inconclusive)
+        (vec![CheckState::Inconclusive], CheckState::Inconclusive)
     );
 }
 
@@ -304,16 +300,19 @@ fn power_is_asked_of_what_may_differ_and_firing_wins() {
     let state = |b: Vec<Record>, config: &GateConfig| {
         judged(scored("D", 8, nothing), b, config).unwrap().state
     };
-    assert_eq!(state(scored("D", 8, noise), &strict), State::Inconclusive);
-    assert_eq!(state(scored("D", 8, noise), &lenient), State::Passed);
-    assert_eq!(state(scored("D", 8, nothing), &strict), State::Passed);
+    assert_eq!(
+        state(scored("D", 8, noise), &strict),
+        CheckState::Inconclusive
+    );
+    assert_eq!(state(scored("D", 8, noise), &lenient), CheckState::Passed);
+    assert_eq!(state(scored("D", 8, nothing), &strict), CheckState::Passed);
     // No spread: nothing says what could be found.
     assert_eq!(
         state(scored("D", 8, |_, _| 0.5), &lenient),
-        State::Inconclusive
+        CheckState::Inconclusive
     );
     let drop = |scene: usize, number: usize| noise(scene, number) - 3.0;
-    assert_eq!(state(scored("D", 8, drop), &strict), State::Fired);
+    assert_eq!(state(scored("D", 8, drop), &strict), CheckState::Fired);
 }
 
 #[test]
@@ -440,15 +439,18 @@ fn costs_count_on_one_device_only() {
     assert_eq!((found[0].a, found[0].b), (Some(2.0), Some(2.15)));
     assert_eq!(
         (found[0].state, found[1].state),
-        (State::Passed, State::Passed)
+        (CheckState::Passed, CheckState::Passed)
     );
     assert_eq!(found[1].b, Some(1.0));
     assert_eq!(
         checks(&[x(1.0), x(1.0)], &[x(1.0), x(1.3)])[0].state,
-        State::Fired
+        CheckState::Fired
     );
     // A pair that one side lacks counts on neither.
-    assert_eq!(checks(&[x(1.0), x(1.0)], &[x(1.0)])[0].state, State::Passed);
+    assert_eq!(
+        checks(&[x(1.0), x(1.0)], &[x(1.0)])[0].state,
+        CheckState::Passed
+    );
     let other = timing(Some("x, 4 threads"), 1.0);
     for (a, b, part) in [
         (
@@ -470,7 +472,7 @@ fn costs_count_on_one_device_only() {
         (vec![x(0.04)], vec![x(1.0)], "below 0.05"),
     ] {
         let found = checks(&a, &b);
-        assert_eq!(found[0].state, State::NotCompared);
+        assert_eq!(found[0].state, CheckState::NotCompared);
         assert!(found[0].reason.contains(part), "{}", found[0].reason);
     }
 }
@@ -490,7 +492,7 @@ fn comments_and_build_servers_get_text_that_stays_text() {
         "peak_memory > +10 %",
     ]);
     let report = judged(scored("D", 4, nothing), b, &limits).unwrap();
-    assert_eq!(report.state, State::Fired);
+    assert_eq!(report.state, CheckState::Fired);
     let xml = junit(&report);
     assert!(
         xml.contains("tests=\"7\" failures=\"5\" errors=\"1\" skipped=\"1\""),

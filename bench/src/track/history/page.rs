@@ -26,7 +26,7 @@ const APART: f64 = 7.0;
 
 #[derive(Template)]
 #[template(path = "history.html")]
-struct Page<'a> {
+struct HistoryPage<'a> {
     title: &'a str,
     history: &'a History,
     /// One a metric.
@@ -38,7 +38,7 @@ struct Page<'a> {
     wide: bool,
 }
 
-impl Page<'_> {
+impl HistoryPage<'_> {
     fn plot(&self, figure: &Figure) -> String {
         themed(&figure.svg)
     }
@@ -66,7 +66,7 @@ pub fn html(history: &History, title: &str) -> Result<String, ReportError> {
         .collect();
     events.sort_by_key(|(_, point)| point.entry);
     let changes = events.iter().filter(|(_, point)| point.change.is_some());
-    let page = Page {
+    let page = HistoryPage {
         title,
         history,
         figures: &figures?,

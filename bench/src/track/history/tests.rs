@@ -1,4 +1,4 @@
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use serde_json::json;
 use sharp_metrics::{MetricInfo, MetricKey};
@@ -8,6 +8,7 @@ use super::*;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::{Manifest, Results};
 use crate::pairs::{Pair, PairList};
+use crate::track::test_records;
 
 /// What a run of a test is made of.
 #[derive(Clone)]
@@ -97,31 +98,14 @@ impl Run {
     }
 
     fn unit(&self, dataset: &str, scene: usize, number: usize) -> (Pair, Record) {
-        let pair_id = format!("{dataset}/{scene}/s__{number}");
         let score = Score::Value((self.score)(dataset, scene, number));
         let keys = self.metrics.iter();
         let record = Record {
-            pair_id: pair_id.clone(),
-            dataset: dataset.into(),
-            scene: scene.to_string(),
-            cluster: scene.to_string(),
-            source: "s".into(),
-            target: number.to_string(),
-            method: "m".into(),
-            baseline_m: 0.1,
-            rotation_deg: 0.0,
-            median_depth_m: None,
-            overlap: None,
-            status: Status::Ok,
             scores: keys.map(|key| (key.to_string(), score.clone())).collect(),
-            crop: None,
-            valid_share: None,
-            resized_from: None,
-            scale: None,
-            extras: BTreeMap::new(),
+            ..test_records::record(dataset, scene, number)
         };
         let pair = Pair {
-            pair_id,
+            pair_id: record.pair_id.clone(),
             dataset: dataset.into(),
             scene: scene.to_string(),
             set: None,

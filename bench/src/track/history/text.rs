@@ -1,6 +1,6 @@
 //! The series of a history in words, for terminal and page.
 
-use crate::report::tables::grid::{Grid, GridCell};
+use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::shown;
 use crate::track::compare::tables::{count, interval, optional};
 use crate::track::compare::verdict_word;
@@ -13,14 +13,14 @@ const HEADS: [&str; 9] = [
 
 impl History {
     /// What is said of each entry.
-    pub fn entries_grid(&self) -> Grid {
+    pub fn entries_grid(&self) -> TextGrid {
         let rows = self.entries.iter().map(|(number, occasion)| {
             let commit = occasion.commit.as_deref().unwrap_or("-");
             let words = [occasion.label.as_str(), commit, occasion.date.as_str()];
             let words = words.map(GridCell::words);
             [count(*number as usize)].into_iter().chain(words).collect()
         });
-        Grid {
+        TextGrid {
             title: "entries".to_owned(),
             heads: ["entry", "label", "commit", "date"]
                 .map(str::to_owned)
@@ -31,14 +31,14 @@ impl History {
     }
 
     /// One table a series.
-    pub fn series_grids(&self) -> Vec<Grid> {
+    pub fn series_grids(&self) -> Vec<TextGrid> {
         let grid = |series: &Series| {
             let points = series.points.iter();
             let remarks = points.clone().flat_map(|point| {
                 let events = series.events(point).into_iter();
                 events.map(|event| format!("entry {}: {event}", point.entry))
             });
-            Grid {
+            TextGrid {
                 title: series.title(),
                 heads: HEADS.map(str::to_owned).to_vec(),
                 rows: points

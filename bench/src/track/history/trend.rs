@@ -104,12 +104,12 @@ pub enum Rule {
 struct Growing {
     series: Series,
     /// In the order of their first entries.
-    parts: Vec<Part>,
+    parts: Vec<Stretch>,
 }
 
 /// Entries of a series that can be compared with each other.
 #[derive(Debug)]
-struct Part {
+struct Stretch {
     last: Arc<Entry>,
     /// The last change point, or the first entry.
     reference: Arc<Entry>,
@@ -158,7 +158,7 @@ impl Trend {
 
     /// The scores of a method under a metric, on all datasets: they are tested together.
     fn add_scores(&mut self, entry: &Arc<Entry>, method: &MethodRecord, metric: &MetricRecord) {
-        let scope = Scope { method, metric };
+        let scope = MethodMetric { method, metric };
         let datasets = entry.bundle.results.manifest.datasets.iter();
         let points = datasets.filter_map(|dataset| scope.point(entry, &dataset.name));
         let mut points: BTreeMap<usize, Point> = points
@@ -174,7 +174,7 @@ impl Trend {
             earlier.insert(part.last.number, Arc::clone(&part.last));
         }
         for (number, before) in earlier.into_iter().rev() {
-            let ends = |part: &Part| part.last.number == number;
+            let ends = |part: &Stretch| part.last.number == number;
             let parts = open.iter().filter_map(|at| {
                 let part = self.0[*at].parts.iter().position(ends)?;
                 Some((*at, part))
@@ -198,7 +198,7 @@ impl Trend {
         }
         self.find_drift(&scope, entry, &continued, &mut points);
         for (at, point) in points {
-            let part = Part {
+            let part = Stretch {
                 last: Arc::clone(entry),
                 reference: Arc::clone(entry),
             };
@@ -216,14 +216,14 @@ impl Trend {
     /// Marks points that no step marked and that differ from the reference of their part.
     fn find_drift(
         &self,
-        scope: &Scope<'_>,
+        scope: &MethodMetric<'_>,
         entry: &Entry,
         continued: &BTreeMap<usize, usize>,
         points: &mut BTreeMap<usize, Point>,
     ) {
         let mut references: BTreeMap<u32, (Arc<Entry>, Vec<usize>)> = BTreeMap::new();
         for (at, part) in continued {
-            let Part { last, reference } = &self.0[*at].parts[*part];
+            let Stretch { last, reference } = &self.0[*at].parts[*part];
             if points[at].change.is_none() && reference.number != last.number {
                 let group = references.entry(reference.number);
                 let group = group.or_insert_with(|| (Arc::clone(reference), Vec::new()));
@@ -270,7 +270,7 @@ impl Trend {
 }
 
 /// One method under one metric.
-struct Scope<'a> {
+struct MethodMetric<'a> {
     method: &'a MethodRecord,
     metric: &'a MetricRecord,
 }
@@ -297,7 +297,7 @@ impl Compared {
     }
 }
 
-impl Scope<'_> {
+impl MethodMetric<'_> {
     /// `None` for a dataset without a pair of the method.
     fn point(&self, entry: &Entry, dataset: &str) -> Option<Point> {
         let key = self.metric.info.key.to_string();
