@@ -13,7 +13,7 @@ use crate::io::hash::file_sha256;
 /// Pack the scores of a run into one small file, to share or to commit as a baseline
 ///
 /// Scores exactly as they are, the manifest and the evaluated pairs; no pictures, no timings. Equal results give equal
-/// bytes. `report` and `compare` take the file where they take a run folder.
+/// bytes. `report`, `compare`, `gate` and `history add` take the file where they take a run folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sharp-bench bundle runs/v1 --out baselines/v1.zip")]
 pub(super) struct BundleArgs {
