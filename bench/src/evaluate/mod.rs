@@ -19,9 +19,11 @@
 //!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
 //!   [`manifest`]: what its results share.
+//! * [`aggregation`]: what a mean is a mean of.
 //! * [`results`]: a folder as records and tables; [`bundle`]: the same in one file; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
 //!   scored again.
 
+pub mod aggregation;
 pub mod bundle;
 pub mod error;
 mod estimate;
@@ -40,9 +42,12 @@ pub mod results;
 mod score;
 pub mod source_check;
 #[cfg(test)]
+pub(crate) mod test_records;
+#[cfg(test)]
 mod tests;
 pub mod unit;
 
+pub use aggregation::Aggregation;
 pub use bundle::{Bundle, Occasion, write_bundle};
 pub use error::EvaluateError;
 pub use estimate::Estimate;

@@ -7,6 +7,3 @@
 pub mod compare;
 pub mod gate;
 pub mod history;
-
-#[cfg(test)]
-mod test_records;

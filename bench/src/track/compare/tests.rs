@@ -3,8 +3,8 @@ use sharp_metrics::MetricInfo;
 use super::breakdown::Division;
 use super::*;
 use crate::evaluate::record::{Crop, Score};
+use crate::evaluate::test_records;
 use crate::scoring::Region;
-use crate::track::test_records;
 
 /// Of pair `number` of a scene of a dataset, with this PSNR.
 fn record(dataset: &str, scene: usize, number: usize, psnr: Option<f64>) -> Record {

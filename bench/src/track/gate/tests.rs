@@ -7,9 +7,9 @@ use super::output::{junit, markdown};
 use super::*;
 use crate::evaluate::Results;
 use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::test_records;
 use crate::evaluate::unit::Timing;
 use crate::track::compare::compare_results;
-use crate::track::test_records;
 
 fn record(dataset: &str, scene: usize, number: usize, psnr: f64) -> Record {
     Record {

@@ -6,9 +6,9 @@ use sharp_statistics::Verdict;
 
 use super::*;
 use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::test_records;
 use crate::evaluate::{Manifest, Results};
 use crate::pairs::{Pair, PairList};
-use crate::track::test_records;
 
 /// What a run of a test is made of.
 #[derive(Clone)]

@@ -1,11 +1,11 @@
-//! Records for the tests of this module.
+//! Records for tests.
 
 use std::collections::BTreeMap;
 
-use crate::evaluate::record::{Record, Status};
+use super::record::{Record, Status};
 
 /// Pair `number` of a scene of its own cluster, by method `m`, without scores.
-pub(super) fn record(dataset: &str, scene: usize, number: usize) -> Record {
+pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
     Record {
         pair_id: format!("{dataset}/{scene}/s__{number}"),
         dataset: dataset.into(),
