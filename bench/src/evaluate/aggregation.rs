@@ -45,7 +45,7 @@ impl Aggregation {
         // Sum and count.
         let mut groups: BTreeMap<[&str; 3], (f64, usize)> = BTreeMap::new();
         for (record, value) in values {
-            let key = match self {
+            let key: [&str; 3] = match self {
                 Self::Pairs => [""; 3],
                 Self::Scenes => [&record.dataset, &record.scene, ""],
                 Self::Sources => [&record.dataset, &record.scene, &record.source],
