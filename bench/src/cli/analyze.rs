@@ -116,8 +116,7 @@ fn write(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let ours = table::table(experiment, name);
     let (mut md, mut tex) = (markdown(&ours), latex(&ours));
-    if with_published {
-        let published = table::published();
+    if let Some(published) = table::published().filter(|_| with_published) {
         md += &format!("\n{}", markdown(&published));
         tex += &format!("\n{}", latex(&published));
     }

@@ -101,7 +101,7 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-fn input<'a>(
+pub(super) fn input<'a>(
     results: &'a Results,
     pictures: &'a dyn ReportPictures,
     published: PublishedNumbers,

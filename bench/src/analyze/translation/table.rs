@@ -1,28 +1,18 @@
 //! The comparisons as a table in the paper's form, and the paper's own numbers.
 
-use sharp_metrics::Family;
-
 use super::experiment::Experiment;
 use crate::evaluate::results::number;
 use crate::pictures::keyed_scores::csv_cells;
 use crate::report::input::Column;
 use crate::report::paper;
-use crate::report::tables::{Cell, Group, Row, Table};
-
-/// The paper's table: DISTS, LPIPS, PSNR, SSIM of a picture that it does not name.
-const PAPER: [(&str, [f64; 4]); 4] = [
-    ("Translated (0.1 %)", [0.008, 0.059, 21.3, 0.623]),
-    ("Translated (1.0 %)", [0.079, 0.491, 11.2, 0.375]),
-    ("Translated (5.0 %)", [0.121, 0.723, 8.1, 0.249]),
-    ("Mean image", [0.859, 0.970, 10.7, 0.351]),
-];
-const FAMILIES: [Family; 4] = [Family::Dists, Family::Lpips, Family::Psnr, Family::Ssim];
+use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
 /// The table of an experiment on the picture of that name.
 pub fn table(experiment: &Experiment, name: &str) -> Table {
     let mut notes = vec![method_note(experiment)];
     let rows = experiment.comparisons.iter().map(|comparison| Row {
         label: comparison.label(),
+        origin: Origin::Measured,
         note: Some(0),
         cells: comparison
             .scores
@@ -49,35 +39,17 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
         rows,
         remarks: Vec::new(),
         notes,
+        checklist: Vec::new(),
     }
 }
 
 /// What the paper published, in a table of its own: other picture, conventions unstated.
-pub fn published() -> Table {
-    let mut columns = FAMILIES.map(paper::metric);
-    // As many decimals of PSNR as it printed.
-    columns[2].decimals = 1;
-    Table {
-        name: "translation-published".to_owned(),
-        title: "Published: sensitivity of metrics to small image shifts".to_owned(),
-        row_head: "comparison",
-        groups: vec![Group::titled("SHARP paper")],
-        columns: columns.into(),
-        rows: PAPER
-            .iter()
-            .map(|(label, values)| Row {
-                label: (*label).to_owned(),
-                note: Some(0),
-                cells: values.iter().map(|value| cell(Some(*value))).collect(),
-            })
-            .collect(),
-        remarks: Vec::new(),
-        notes: vec![
-            "Published in the SHARP paper (`tab:metrics_comparison`) for a picture that it does not name, without the \
-             LPIPS network, the SSIM window or how pictures were shifted: to be compared in kind, not in digits."
-                .to_owned(),
-        ],
-    }
+pub fn published() -> Option<Table> {
+    let mut table = paper::published("metrics_comparison")?.table(&[0]);
+    table.name = "translation-published".to_owned();
+    table.title = format!("Published: {}", table.title.to_lowercase());
+    table.groups = vec![Group::titled("SHARP paper")];
+    Some(table)
 }
 
 fn cell(value: Option<f64>) -> Cell {

@@ -6,7 +6,7 @@ use crate::report::statistics::{CellStatistics, of_extra, of_metric};
 
 use super::footnotes::{cell_notes, feature_mark, prediction_marks, proxy_mark};
 use super::rank::{RankedValue, ranks};
-use super::{Cell, Group, Row, Table, remarks};
+use super::{Cell, Group, Origin, Row, Table, remarks};
 
 /// Value columns of a table at most: as many as the paper's own tables have.
 const MAX_COLUMNS: usize = 12;
@@ -69,7 +69,7 @@ pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
     Some(all)
 }
 
-fn table(
+pub(in crate::report) fn table(
     board: &Board<'_>,
     columns: &[Column],
     name: &str,
@@ -86,6 +86,7 @@ fn table(
     let groups = groups.collect();
     let rows = board.methods.iter().map(|method| Row {
         label: method.label.clone(),
+        origin: Origin::Measured,
         note: method.unranked.as_ref().map(|reason| {
             let text = format!("{}: shown without a rank, {reason}.", method.label);
             Table::note(&mut notes, text)
@@ -117,6 +118,7 @@ fn table(
                 let texts = texts.into_iter();
                 row.cells.push(Cell {
                     value: cell.mean,
+                    printed: None,
                     rank,
                     coverage: Some((cell.n, cell.total)),
                     std: cell.std,
@@ -136,6 +138,7 @@ fn table(
         rows,
         remarks: Vec::new(),
         notes,
+        checklist: Vec::new(),
     };
     table.keep_used_notes();
     table.remarks = remarks::of_baselines(board, &table);

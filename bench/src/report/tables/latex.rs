@@ -5,16 +5,18 @@ use std::fmt::Write as _;
 use super::{Cell, Table, letter, letters, spans};
 use crate::report::input::Column;
 
-/// A complete `table` environment, with the preamble that it needs as a comment before it. The colours are
-/// the paper's; with `\providecommand` they can be set otherwise in one place.
+/// What a document needs before its tables. The colours are the paper's.
+pub const PREAMBLE: &str = "\
+\\usepackage{booktabs,graphicx,amssymb}
+\\usepackage[table]{xcolor}
+\\definecolor{tab_first}{RGB}{119, 221, 119}
+\\definecolor{tab_second}{RGB}{223, 255, 0}
+\\definecolor{tab_third}{RGB}{255, 253, 208}
+";
+
+/// A complete `table` environment, with the preamble that it needs as a comment before it.
 pub fn latex(table: &Table) -> String {
-    let mut out = String::from(
-        "% \\usepackage{booktabs,graphicx}\n\
-         % \\usepackage[table]{xcolor}\n\
-         % \\definecolor{tab_first}{RGB}{119, 221, 119}\n\
-         % \\definecolor{tab_second}{RGB}{223, 255, 0}\n\
-         % \\definecolor{tab_third}{RGB}{255, 253, 208}\n",
-    );
+    let mut out: String = PREAMBLE.lines().map(|line| format!("% {line}\n")).collect();
     let ranks = if table.is_ranked() {
         " \\colorbox{tab_first}{Best}, \\colorbox{tab_second}{second-best}, and \
          \\colorbox{tab_third}{third-best} in each column are highlighted; ranks are taken after rounding."
@@ -62,8 +64,11 @@ pub fn latex(table: &Table) -> String {
         }
     }
     out.push_str(" \\\\\n\\midrule\n");
-    for row in &table.rows {
-        out.push_str(&escape(&row.label));
+    for (at, row) in table.rows.iter().enumerate() {
+        if table.has_rule_before(&at) {
+            out.push_str("\\midrule\n");
+        }
+        out.push_str(&escape(&table.label(row)));
         out.push_str(&marks(row.note.as_slice()));
         for (column, cell) in table.cells(row) {
             let _ = write!(out, " & {}", number(cell, column));
@@ -91,6 +96,17 @@ pub fn latex(table: &Table) -> String {
             letter(i),
             rich(note)
         );
+    }
+    if !table.checklist.is_empty() {
+        out.push_str("\\par What a strict comparison needs:\n");
+    }
+    for check in &table.checklist {
+        let mark = if check.is_met {
+            "\\boxtimes"
+        } else {
+            "\\square"
+        };
+        let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
     }
     out.push_str("\\end{table}\n");
     out
@@ -151,6 +167,8 @@ pub fn escape(text: &str) -> String {
             'α' => out.push_str("$\\alpha$"),
             'σ' => out.push_str("$\\sigma$"),
             'μ' | 'µ' => out.push_str("$\\mu$"),
+            '†' => out.push_str("$^\\dagger$"),
+            '–' => out.push_str("--"),
             '°' => out.push_str("$^\\circ$"),
             c if c.is_control() => out.push(' '),
             c => out.push(c),

@@ -18,11 +18,15 @@ pub fn markdown(table: &Table) -> String {
     out.push_str("\n|:---|");
     out.push_str(&"---:|".repeat(table.groups.len() * table.columns.len()));
     out.push('\n');
-    for row in &table.rows {
+    for (at, row) in table.rows.iter().enumerate() {
+        if table.has_rule_before(&at) {
+            let cells = " |".repeat(row.cells.len());
+            let _ = writeln!(out, "| *{}:* |{cells}", row.origin.name());
+        }
         let _ = write!(
             out,
             "| {}{} |",
-            escape(&row.label),
+            escape(&table.label(row)),
             marks(row.note.as_slice())
         );
         for (column, cell) in table.cells(row) {
@@ -53,6 +57,13 @@ pub fn markdown(table: &Table) -> String {
     if !notes.is_empty() {
         out += &notes.join("\\");
         out.push('\n');
+    }
+    if !table.checklist.is_empty() {
+        out.push_str("\nWhat a strict comparison needs:\n\n");
+    }
+    for check in &table.checklist {
+        let mark = if check.is_met { 'x' } else { ' ' };
+        let _ = writeln!(out, "- [{mark}] {}", rich(&check.text));
     }
     out
 }

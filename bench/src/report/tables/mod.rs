@@ -39,6 +39,36 @@ pub struct Table {
     pub remarks: Vec<String>,
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
+    /// What a comparison of its rows of unlike origin would need.
+    pub checklist: Vec<Check>,
+}
+
+/// A condition under which numbers could be compared digit by digit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Check {
+    pub is_met: bool,
+    /// One or two sentences.
+    pub text: String,
+}
+
+/// Where the numbers of a row are from. Rows of unlike origin are never ranked together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Origin {
+    /// Computed by this harness.
+    #[default]
+    Measured,
+    /// Printed in the SHARP paper.
+    Published,
+}
+
+impl Origin {
+    /// `measured` or `published`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Published => "published",
+        }
+    }
 }
 
 /// A dataset as the head of its columns.
@@ -58,6 +88,7 @@ pub struct Group {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     pub label: String,
+    pub origin: Origin,
     /// Footnote of the row.
     pub note: Option<usize>,
     /// `groups.len() * columns.len()` of them; that of group g and column c at `g * columns.len() + c`.
@@ -69,6 +100,8 @@ pub struct Row {
 pub struct Cell {
     /// Full precision; `None`: there is no number, and a footnote says why.
     pub value: Option<f64>,
+    /// What the source printed, where the number is not ours; it is shown as it is.
+    pub printed: Option<String>,
     /// 1, 2 or 3, of the numbers as shown.
     pub rank: Option<u8>,
     /// Pairs with a number and pairs of the dataset; `None` where the source does not say.
@@ -86,8 +119,9 @@ pub struct Cell {
 impl Cell {
     /// The number as the table shows it, or `n/a`.
     fn text(&self, column: &Column) -> String {
-        let value = self.value.map(|value| shown(value, column.decimals));
-        value.unwrap_or_else(|| "n/a".to_owned())
+        let value = || self.value.map(|value| shown(value, column.decimals));
+        let text = self.printed.clone().or_else(value);
+        text.unwrap_or_else(|| "n/a".to_owned())
     }
 
     /// Pairs with a number and pairs of the dataset, of a number that does not cover them all.
@@ -112,6 +146,25 @@ impl Table {
     /// The cells of a row with their columns.
     fn cells<'a>(&'a self, row: &'a Row) -> impl Iterator<Item = (&'a Column, &'a Cell)> {
         self.columns.iter().cycle().zip(&row.cells)
+    }
+
+    /// Whether it has both numbers of ours and published ones.
+    pub(super) fn is_mixed(&self) -> bool {
+        self.rows
+            .iter()
+            .any(|row| row.origin != self.rows[0].origin)
+    }
+
+    /// Whether a rule stands before row number `at`: those below are of another origin.
+    pub(super) fn has_rule_before(&self, at: &usize) -> bool {
+        let before = at.checked_sub(1).and_then(|before| self.rows.get(before));
+        before.is_some_and(|before| before.origin != self.rows[*at].origin)
+    }
+
+    /// The label of a row, with a dagger where its numbers are published among measured ones.
+    pub(super) fn label(&self, row: &Row) -> String {
+        let dagger = row.origin == Origin::Published && self.is_mixed();
+        format!("{}{}", row.label, if dagger { "†" } else { "" })
     }
 
     pub(super) fn is_ranked(&self) -> bool {

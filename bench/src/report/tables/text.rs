@@ -12,7 +12,7 @@ pub fn text(table: &Table) -> String {
         grid[0].extend(heads.iter().map(|head| format!("{head} ")));
     }
     for row in &table.rows {
-        let mut line = vec![row.label.clone() + &marks(row.note.as_slice())];
+        let mut line = vec![table.label(row) + &marks(row.note.as_slice())];
         line.extend(table.cells(row).map(|(column, cell)| number(cell, column)));
         grid.push(line);
     }
@@ -36,7 +36,14 @@ pub fn text(table: &Table) -> String {
         titles += &format!("  {title:<room$}");
     }
     let mut out = format!("{}\n", titles.trim_end());
-    for line in &grid {
+    let whole: usize = widths.iter().map(|w| w + 2).sum();
+    for (at, line) in grid.iter().enumerate() {
+        if at
+            .checked_sub(1)
+            .is_some_and(|row| table.has_rule_before(&row))
+        {
+            out += &format!("{}\n", "-".repeat(whole - 2));
+        }
         let mut text = format!("{:<1$}", line[0], widths[0]);
         for (cell, width) in line.iter().zip(&widths).skip(1) {
             text += &format!("  {cell:>width$}");
@@ -55,6 +62,10 @@ pub fn text(table: &Table) -> String {
     }
     for (i, note) in table.notes.iter().enumerate() {
         out += &format!("{}) {note}\n", letter(i));
+    }
+    for check in &table.checklist {
+        let mark = if check.is_met { 'x' } else { ' ' };
+        out += &format!("[{mark}] {}\n", check.text);
     }
     out
 }

@@ -1,0 +1,147 @@
+//! `table`: the paper's tables with rows of one's own.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::{Value, json};
+use sharp_metrics::Selection;
+
+use super::outcome::UsageError;
+use super::{Outcome, output};
+use crate::report::paper::published::MadeBy;
+use crate::report::paper::{
+    Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
+};
+use crate::report::tables::grid::{GridCell, TextGrid};
+use crate::report::tables::{Table, text::text};
+
+/// The SHARP paper's tables with rows of your own
+///
+/// Published rows and yours stand in one grid with a rule between them and are ranked apart; below it stands what still
+/// keeps the two from being comparable digit by digit.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench table list
+  sharp-bench table quantitative
+  sharp-bench table quantitative --row mine=runs/first:sharp --row baseline=runs/first:copy --out tables
+  sharp-bench table ablation_gram --row no=runs/without:sharp --row yes=runs/with:sharp --out tables
+
+Writes NAME.md, NAME.csv, NAME.html, NAME.tex for a paper, and NAME-document.tex, which compiles by itself.")]
+pub(super) struct TableArgs {
+    /// A table by its name in `table list`, or `list`
+    #[arg(value_name = "NAME")]
+    name: String,
+    /// A row of yours: a run folder or bundle, with its method where it has several; repeatable. For what the other tables
+    /// are made of see `table list`
+    #[arg(long = "row", value_name = "LABEL=RUN[:METHOD]")]
+    rows: Vec<String>,
+    /// Which variants stand in the columns, one a metric at most; without it the default ones that all rows have
+    #[arg(long, value_name = "LIST")]
+    metrics: Option<String>,
+    /// Leave out datasets that no row of yours has
+    #[arg(long, requires = "rows")]
+    only_measured: bool,
+    /// Write Markdown, CSV, LaTeX and HTML into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
+    if args.name == "list" {
+        return list(args.json);
+    }
+    let Some(paper) = published(&args.name) else {
+        let names: Vec<&str> = TABLES.iter().map(|table| table.name).collect();
+        let reason = format!("no table '{}'; there are {}", args.name, names.join(", "));
+        return Err(UsageError(reason).into());
+    };
+    let rows: Result<Vec<OwnRow>, RowError> = args.rows.iter().map(|row| row.parse()).collect();
+    let beside = Beside {
+        rows: rows.map_err(|error| UsageError(format!("--row {error}")))?,
+        metrics: match &args.metrics {
+            Some(list) => Selection::parse(list)?.keys().collect(),
+            None => Vec::new(),
+        },
+        only_measured: args.only_measured,
+    };
+    let table = paper_table(paper, &beside)?;
+    let written = match &args.out {
+        Some(out) => write_table(paper, &table, out)?,
+        None => Vec::new(),
+    };
+    if args.json {
+        return output::json(&to_json(paper, &table, &written)).map(|()| Outcome::Done);
+    }
+    output::line(text(&table).trim_end())?;
+    for path in &written {
+        output::line(format!("wrote {}", path.display()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value {
+    let checks = table.checklist.iter();
+    json!({
+        "table": paper.name,
+        "label": paper.label,
+        "cells": numbers(paper, table),
+        "checklist": checks.map(|c| json!({ "met": c.is_met, "text": c.text })).collect::<Vec<_>>(),
+        "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
+    })
+}
+
+/// What a table's rows are made by, and what that needs.
+fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
+    match table.made_by {
+        MadeBy::Run => ("run", "a run on its datasets"),
+        MadeBy::PrivilegedRun => (
+            "run --method KIND:depth=privileged",
+            "a run on its datasets with depth",
+        ),
+        MadeBy::Speed => ("speed --out", "the folder that it wrote"),
+        MadeBy::Translation => ("analyze translation --out", "the folder that it wrote"),
+        MadeBy::Checkpoint => ("a checkpoint", "its file, .pt or .safetensors"),
+    }
+}
+
+fn list(json: bool) -> anyhow::Result<Outcome> {
+    if json {
+        let tables = TABLES.iter().map(|table| {
+            let (made_by, needs) = made_by(table);
+            json!({
+                "name": table.name,
+                "label": table.label,
+                "title": table.title,
+                "datasets": table.datasets.iter().filter(|name| !name.is_empty()).collect::<Vec<_>>(),
+                "metrics": table.metrics,
+                "published_rows": table.rows.iter().map(|(label, _)| label).collect::<Vec<_>>(),
+                "made_by": made_by,
+                "needs": needs,
+            })
+        });
+        return output::json(&tables.collect::<Vec<_>>()).map(|()| Outcome::Done);
+    }
+    let rows = TABLES.iter().map(|table| {
+        let (made_by, needs) = made_by(table);
+        let cells = table.rows.iter().flat_map(|(_, cells)| cells);
+        let numbers = cells.flatten().count();
+        let words = [table.name, table.title, made_by, needs];
+        let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
+        row.insert(2, GridCell::number(numbers.to_string(), numbers as f64));
+        row
+    });
+    let grid = TextGrid {
+        title: "Tables of the SHARP paper; all published numbers are at hand".to_owned(),
+        heads: ["name", "shows", "numbers", "rows of yours by", "needs"]
+            .map(str::to_owned)
+            .into(),
+        rows: rows.collect(),
+        remarks: Vec::new(),
+    };
+    output::line(grid.text().trim_end())?;
+    Ok(Outcome::Done)
+}

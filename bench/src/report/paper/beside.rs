@@ -1,0 +1,93 @@
+//! The paper's tables that belong beside a run's.
+
+use sharp_metrics::Family;
+
+use crate::report::input::{Column, PublishedNumbers, ReportDataset};
+use crate::report::tables::Table;
+
+use super::{TABLES, column};
+
+/// The paper's tables over its six datasets, each reduced to those of a run, as far as it has a metric that the run has.
+pub fn beside(
+    datasets: &[ReportDataset],
+    metrics: &[Column],
+    which: PublishedNumbers,
+) -> Vec<Table> {
+    let columns = super::columns();
+    let mut wanted: Vec<usize> = match which {
+        PublishedNumbers::Never => Vec::new(),
+        PublishedNumbers::Always => (0..columns.len()).collect(),
+        PublishedNumbers::Matching => {
+            let names = datasets.iter().filter_map(column);
+            names
+                .filter_map(|name| columns.iter().position(|c| *c == name))
+                .collect()
+        }
+    };
+    wanted.sort_unstable();
+    wanted.dedup();
+    if wanted.is_empty() {
+        return Vec::new();
+    }
+    let is_scored = |name: &&str| {
+        metrics
+            .iter()
+            .any(|m| m.family().eq_ignore_ascii_case(name))
+    };
+    let fidelity = TABLES.iter().filter(|table| {
+        table.row_head == "method" && table.datasets == columns && is_family(table.metrics[0])
+    });
+    let belongs = fidelity
+        .filter(|table| which == PublishedNumbers::Always || table.metrics.iter().any(is_scored));
+    belongs
+        .map(|paper| {
+            let mut table = paper.table(&wanted);
+            table.name = format!("published-{}", table.name);
+            table.title = format!("Published: {}", table.title);
+            table
+        })
+        .collect()
+}
+
+fn is_family(name: &str) -> bool {
+    Family::ALL
+        .iter()
+        .any(|family| family.name().eq_ignore_ascii_case(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::paper::published::metric;
+
+    #[test]
+    fn a_run_gets_the_tables_of_its_datasets_and_families() {
+        let ours = [
+            ReportDataset::named("synthetic"),
+            ReportDataset::named("eth3d"),
+        ];
+        let psnr = [metric(Family::Psnr)];
+        let tables = beside(&ours, &psnr, PublishedNumbers::Matching);
+        let names: Vec<_> = tables.iter().map(|t| t.name.as_str()).collect();
+        assert_eq!(
+            names,
+            ["published-psnr-ssim", "published-privileged-psnr-ssim"]
+        );
+        assert_eq!(tables[0].groups.len(), 1);
+        // Table PSNR/SSIM, ETH3D: LVSM 16.72 is best, SHARP 14.51 third.
+        let psnr: Vec<_> = tables[0]
+            .rows
+            .iter()
+            .map(|r| (r.cells[0].value, r.cells[0].rank))
+            .collect();
+        assert_eq!(psnr[2], (Some(16.72), Some(1)));
+        assert_eq!(psnr[6], (Some(14.51), Some(3)));
+        let synthetic = beside(
+            &ours[..1],
+            &[metric(Family::Psnr)],
+            PublishedNumbers::Matching,
+        );
+        assert!(synthetic.is_empty());
+        assert_eq!(beside(&[], &[], PublishedNumbers::Always).len(), 4);
+    }
+}

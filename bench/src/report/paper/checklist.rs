@@ -1,0 +1,286 @@
+//! What keeps measured numbers from being comparable with published ones digit by digit.
+
+use sharp_datasets::entry::{ENTRIES, PaperOverlap};
+
+use crate::evaluate::manifest::{Manifest, MethodRecord};
+use crate::evaluate::record::{Record, Status};
+use crate::io::counts::counted;
+use crate::methods::Privilege;
+use crate::report::board::{Board, DatasetBoard};
+use crate::report::input::Column;
+use crate::report::tables::Check;
+
+use super::published::{MadeBy, PublishedTable};
+
+/// Pairs that the paper evaluates of a multi-view dataset at most.
+const PAPERS_LIMIT: usize = 512;
+
+/// A table of the paper and the rows beside it.
+pub(super) struct Compared<'a> {
+    pub(super) paper: &'a PublishedTable,
+    pub(super) manifest: &'a Manifest,
+    /// Units without a result yet.
+    pub(super) missing: usize,
+    /// The datasets as columns, empty ones where no row has any pair.
+    pub(super) board: &'a Board<'a>,
+    pub(super) columns: &'a [Column],
+    /// Datasets of the rows that the table does not have.
+    pub(super) elsewhere: &'a [String],
+}
+
+/// Each condition, met or not, with what is known.
+pub(super) fn checklist(compared: &Compared<'_>) -> Vec<Check> {
+    let measured = compared
+        .board
+        .datasets
+        .iter()
+        .filter(|d| !d.pairs.is_empty());
+    let measured: Vec<&DatasetBoard<'_>> = measured.collect();
+    let mut checks = vec![coverage(compared)];
+    checks.extend(measured.iter().map(|dataset| pairs(compared, dataset)));
+    checks.extend(measured.iter().map(|dataset| readings(compared, dataset)));
+    checks.extend(compared.columns.iter().map(identity));
+    checks.push(aggregation(compared));
+    checks.push(privilege(compared));
+    checks.push(whole_pictures(&measured));
+    if !compared.elsewhere.is_empty() {
+        let names = compared.elsewhere.join(", ");
+        checks.push(unmet(format!(
+            "The table has no column for {names}: not shown."
+        )));
+    }
+    checks
+}
+
+fn check(is_met: bool, text: impl Into<String>) -> Check {
+    Check {
+        is_met,
+        text: text.into(),
+    }
+}
+
+fn unmet(text: impl Into<String>) -> Check {
+    check(false, text)
+}
+
+fn coverage(compared: &Compared<'_>) -> Check {
+    let mut partial = Vec::new();
+    for (m, method) in compared.board.methods.iter().enumerate() {
+        for dataset in compared
+            .board
+            .datasets
+            .iter()
+            .filter(|d| !d.pairs.is_empty())
+        {
+            let done = dataset
+                .records_of(m)
+                .filter(|r| r.status == Status::Ok)
+                .count();
+            if done < dataset.pairs.len() {
+                let title = dataset.dataset.title();
+                partial.push(format!(
+                    "{} {done} of {} on {title}",
+                    method.label,
+                    dataset.pairs.len()
+                ));
+            }
+        }
+    }
+    match (partial.is_empty(), compared.missing) {
+        (true, 0) => check(
+            true,
+            "Every row covers all pairs of the datasets that it has.",
+        ),
+        (true, missing) => unmet(format!(
+            "A run has not ended: {} missing.",
+            counted(missing, "unit")
+        )),
+        _ => unmet(format!(
+            "Rows cover other pairs, and only complete ones are ranked: {}.",
+            partial.join("; ")
+        )),
+    }
+}
+
+/// The pairs of a dataset.
+fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
+    let title = dataset.dataset.title();
+    let n = dataset.pairs.len();
+    let lists = compared.manifest.pairs.lists.iter();
+    let lists = lists
+        .filter(|list| list.choices.is_empty() || list.choices.contains_key(&dataset.dataset.name));
+    let hashes: Vec<String> = lists
+        .map(|list| list.sha256.chars().take(12).collect())
+        .collect();
+    let list = match hashes.is_empty() {
+        true => String::new(),
+        false => format!(" (list sha256 {}…)", hashes.join("…, ")),
+    };
+    let is_stereo = dataset.dataset.format.as_ref().is_some_and(|format| {
+        let mut entries = ENTRIES.into_iter();
+        entries.any(|e| e.format == format.as_str() && e.paper_overlap == PaperOverlap::Stereo)
+    });
+    unmet(match is_stereo {
+        true => format!(
+            "{title}: {} here{list}; the paper predicts each right frame from the left one and does not say of which scenes, \
+             exposures and illuminations.",
+            counted(n, "pair")
+        ),
+        false => format!(
+            "{title}: {} here{list}; the paper evaluates min({PAPERS_LIMIT}, all) of a list that is not published.",
+            counted(n, "pair")
+        ),
+    })
+}
+
+/// How a dataset was read and its pairs chosen.
+fn readings(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
+    let title = dataset.dataset.title();
+    let records = compared.manifest.datasets.iter();
+    let record = records
+        .into_iter()
+        .find(|record| record.name == dataset.dataset.name);
+    let mut differing: Vec<String> = dataset
+        .dataset
+        .proxies
+        .iter()
+        .map(|p| format!("`{p}`"))
+        .collect();
+    if let Some(record) = record {
+        let glob = record.only_scenes.as_ref();
+        differing.extend(glob.map(|glob| format!("only scenes matching `{glob}`")));
+        differing.extend(record.left_out.iter().map(ToString::to_string));
+    }
+    if differing.is_empty() {
+        return check(
+            true,
+            format!("{title}: read and paired as the paper states, as far as it states it."),
+        );
+    }
+    unmet(format!(
+        "{title}: known to differ from what the paper did: {}.",
+        differing.join(", ")
+    ))
+}
+
+/// Which variant a column holds, and what the paper says of it.
+fn identity(column: &Column) -> Check {
+    let features = column.stand_in.as_ref().map(|features| {
+        format!(" Its features are not the published ones ({features}): no published number is comparable.")
+    });
+    let (is_met, unstated) = match column.family() {
+        "psnr" => (
+            true,
+            "the mean of each picture's PSNR, as usual; the paper does not say",
+        ),
+        "lpips" => (
+            false,
+            "the paper does not state the network, its version or the input range",
+        ),
+        "ssim" => (
+            false,
+            "the paper does not state window, border and channels",
+        ),
+        "dists" => (
+            false,
+            "the paper does not state whether pictures are reduced to 256 pixels first",
+        ),
+        _ => (false, "the paper does not state which variant"),
+    };
+    let whole = !column.key.contains('@');
+    let region = if whole {
+        ""
+    } else {
+        ", and scores whole pictures"
+    };
+    check(
+        is_met && whole && features.is_none(),
+        format!(
+            "{}: `{}` here; {unstated}{region}.{}",
+            column.label,
+            column.key,
+            features.unwrap_or_default()
+        ),
+    )
+}
+
+fn aggregation(compared: &Compared<'_>) -> Check {
+    let rule = compared
+        .manifest
+        .scoring
+        .get("aggregation")
+        .map_or("", String::as_str);
+    let whole = !compared.manifest.common_region;
+    let region = if whole {
+        ""
+    } else {
+        ", each on the part that all methods predict"
+    };
+    check(
+        whole && rule.starts_with("mean over pairs"),
+        format!("Numbers are the {rule}{region}; the paper's are the mean over all test samples."),
+    )
+}
+
+/// Whether rows knew as much of the true depth as the paper's.
+fn privilege(compared: &Compared<'_>) -> Check {
+    let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
+    let otherwise = |method: &&MethodRecord| (method.privilege != Privilege::None) != wants;
+    let others = compared.manifest.methods.iter().filter(otherwise);
+    let others: Vec<&str> = others.map(|method| method.label.as_str()).collect();
+    match (others.is_empty(), wants) {
+        (true, true) => check(
+            true,
+            "Every row knows the scale of the true depth, as the paper's rows do.",
+        ),
+        (true, false) => check(
+            true,
+            "No row knows anything of the true depth, as the paper's rows do not.",
+        ),
+        (false, true) => unmet(format!(
+            "Without the scale of the true depth, which the paper's rows have: {}.",
+            others.join(", ")
+        )),
+        (false, false) => unmet(format!(
+            "With true depth, which the paper's rows do not have: {}.",
+            others.join(", ")
+        )),
+    }
+}
+
+/// Crops, resizes and masks.
+fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Check {
+    let records = || {
+        let pairs = measured.iter().flat_map(|dataset| &dataset.pairs);
+        pairs
+            .flat_map(|pair| pair.by_method.iter().flatten())
+            .copied()
+    };
+    let count = |is: fn(&Record) -> bool| records().filter(|record| is(record)).count();
+    let found = [
+        (
+            "cropped, which the paper does of methods that crop",
+            count(|r| r.crop.is_some()),
+        ),
+        (
+            "resized up by a kernel that the paper does not name",
+            count(|r| r.resized_from.is_some()),
+        ),
+        (
+            "scored without the pixels that a mask of the dataset excludes",
+            count(|r| r.valid_share.is_some()),
+        ),
+        ("the best of several scales", count(|r| r.scale.is_some())),
+    ];
+    let found = found.into_iter().filter(|(_, n)| *n > 0);
+    let found: Vec<String> = found
+        .map(|(what, n)| format!("{} {what}", counted(n, "prediction")))
+        .collect();
+    match found.is_empty() {
+        true => check(
+            true,
+            "Every prediction is scored whole, at the target's own size.",
+        ),
+        false => unmet(format!("Not scored as they are: {}.", found.join("; "))),
+    }
+}

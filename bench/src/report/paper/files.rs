@@ -1,0 +1,81 @@
+//! A table of the paper in every form.
+
+use std::path::{Path, PathBuf};
+
+use askama::Template;
+
+use crate::io::atomic_files::write_over_own;
+use crate::io::text::visible;
+use crate::report::ReportError;
+use crate::report::html::STYLE;
+use crate::report::tables::{Table, html::html, latex, markdown};
+
+use super::grid::csv;
+use super::published::PublishedTable;
+
+#[derive(Template)]
+#[template(path = "paper.html")]
+struct Page<'a> {
+    title: &'a str,
+    label: &'a str,
+    /// Ours, escaped by its own template.
+    table: String,
+}
+
+/// Stands in every file, so that one of someone else's is not written over.
+const MARK: &str = "sharp-bench table";
+
+/// Writes `NAME.md`, `NAME.csv`, `NAME.tex` (to be put into a paper), `NAME-document.tex` (compiles by itself) and
+/// `NAME.html`.
+///
+/// # Errors
+/// When a file cannot be written, or one of that name is not ours.
+pub fn write_table(
+    paper: &PublishedTable,
+    table: &Table,
+    out: &Path,
+) -> Result<Vec<PathBuf>, ReportError> {
+    let page = Page {
+        title: &table.title,
+        label: paper.label,
+        table: html(table, paper.name)?,
+    };
+    let document = format!(
+        "% {MARK}\n\\documentclass{{article}}\n\\usepackage[a4paper,landscape,margin=15mm]{{geometry}}\n\
+         \\usepackage[utf8]{{inputenc}}\n\\usepackage[T1]{{fontenc}}\n{}\\begin{{document}}\n\\thispagestyle{{empty}}\n\
+         \\input{{{}.tex}}\n\\end{{document}}\n",
+        latex::PREAMBLE,
+        paper.name
+    );
+    let numbers = csv(paper, table).map_err(|error| ReportError::Plot {
+        plot: format!("{}.csv", paper.name),
+        reason: error.to_string(),
+    })?;
+    let numbers = String::from_utf8_lossy(&numbers).into_owned();
+    let files = [
+        (
+            ".md",
+            format!(
+                "<!-- {MARK} -->\n\n# {}\n\n{}",
+                table.title,
+                markdown::markdown(table)
+            ),
+        ),
+        (".csv", numbers),
+        (".tex", format!("% {MARK}\n{}", latex::latex(table))),
+        ("-document.tex", document),
+        (".html", page.render()?),
+    ];
+    let mut written = Vec::new();
+    for (suffix, text) in files {
+        let path = out.join(format!("{}{suffix}", paper.name));
+        let mark = if suffix == ".csv" {
+            "row,origin,dataset"
+        } else {
+            MARK
+        };
+        write_over_own(&path, visible(&text).as_bytes(), mark)?;
+        written.push(path);
+    }
+    Ok(written)
+}

@@ -1,0 +1,271 @@
+//! Published rows and rows of one's own in one table.
+
+use serde::Serialize;
+use sharp_metrics::MetricKey;
+
+use crate::io::text::csv_cell;
+use crate::report::assemble;
+use crate::report::board::{Board, DatasetBoard};
+use crate::report::input::{Column, PublishedNumbers, ReportDataset};
+use crate::report::pictures::NoPictures;
+use crate::report::statistics::of_metric;
+use crate::report::tables::{Origin, Table, build};
+
+use super::checklist::{Compared, checklist};
+use super::column;
+use super::published::PublishedTable;
+use super::rows::{OwnRow, OwnRows, RowError};
+
+/// Which rows and columns a table of the paper has besides the published ones.
+#[derive(Debug, Clone, Default)]
+pub struct Beside {
+    pub rows: Vec<OwnRow>,
+    /// One variant of a metric at most each; without one the default, or else the first that all rows have.
+    pub metrics: Vec<MetricKey>,
+    /// Whether datasets without a number of one's own are left out.
+    pub only_measured: bool,
+}
+
+/// A table of the paper with rows of one's own below the published ones. The two are ranked apart.
+///
+/// # Errors
+/// When a row cannot be read, or two rows contradict each other or their column of the paper.
+pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, RowError> {
+    let all: Vec<usize> = (0..paper.datasets.len()).collect();
+    if beside.rows.is_empty() {
+        return Ok(paper.table(&all));
+    }
+    match OwnRows::read(paper, &beside.rows)? {
+        OwnRows::Scores(results) => {
+            let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
+            let board = Board::new(input.records, &input.datasets, &input.methods)?;
+            let columns = columns(paper, &board, &input.metrics, &beside.metrics);
+            let (placed, elsewhere) = placed(paper, board)?;
+            let kept = |d: &usize| !beside.only_measured || !placed.datasets[*d].pairs.is_empty();
+            let kept: Vec<usize> = all.into_iter().filter(kept).collect();
+            let shown = Board {
+                methods: placed.methods,
+                datasets: {
+                    let boards = placed.datasets.into_iter().enumerate();
+                    let boards = boards.filter(|(d, _)| kept.contains(d));
+                    boards.map(|(_, board)| board).collect()
+                },
+            };
+            let mut own = build::table(&shown, &columns, paper.name, paper.title, of_metric);
+            let compared = Compared {
+                paper,
+                manifest: &results.manifest,
+                missing: results.missing.len(),
+                board: &shown,
+                columns: &columns,
+                elsewhere: &elsewhere,
+            };
+            own.checklist = checklist(&compared);
+            let doubts = shown.methods.iter();
+            let doubts =
+                doubts.filter_map(|m| Some(format!("{}: {}.", m.label, m.doubt.as_ref()?)));
+            own.remarks.extend(doubts);
+            Ok(below(paper.table(&kept), own))
+        }
+        OwnRows::Measured { columns, rows } => {
+            let published = paper.table(&all);
+            let mut own = Table {
+                rows,
+                remarks: Vec::new(),
+                ..published.clone()
+            };
+            let printed = own.columns.iter().map(|column| column.decimals);
+            let decimals: Vec<usize> = printed.collect();
+            own.columns = columns;
+            for (column, decimals) in own.columns.iter_mut().zip(decimals) {
+                column.decimals = decimals;
+            }
+            Ok(below(published, own))
+        }
+    }
+}
+
+/// Rows of one's own below published ones, under the identities of one's own.
+fn below(published: Table, own: Table) -> Table {
+    let mut table = own;
+    let groups = table.groups.iter_mut().zip(published.groups);
+    for (group, published) in groups {
+        (group.name, group.title) = (published.name, published.title);
+    }
+    table.row_head = published.row_head;
+    let mut rows = published.rows;
+    rows.append(&mut table.rows);
+    table.rows = rows;
+    let caveats = published
+        .remarks
+        .into_iter()
+        .map(|caveat| format!("† {caveat}"));
+    table.remarks = caveats.chain(table.remarks).collect();
+    table
+}
+
+/// The variant of each metric of the paper that stands in its column.
+fn columns(
+    paper: &PublishedTable,
+    board: &Board<'_>,
+    scored: &[Column],
+    wanted: &[MetricKey],
+) -> Vec<Column> {
+    let methods = 0..board.methods.len();
+    let has = |column: &Column, method: usize| {
+        let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));
+        records.any(|r| {
+            r.scores
+                .get(&column.key)
+                .is_some_and(|score| score.value().is_some())
+        })
+    };
+    let columns = paper.columns().into_iter().zip(&paper.metrics);
+    let columns = columns.map(|(published, name)| {
+        let is_family = |key: &MetricKey| key.family().name().eq_ignore_ascii_case(name);
+        let named = wanted.iter().find(|key| is_family(key));
+        let by_name: Option<MetricKey> = name.to_lowercase().parse().ok();
+        let candidates = scored.iter().filter(|column| {
+            column.family().eq_ignore_ascii_case(name) && !column.key.contains('@')
+        });
+        let default = by_name.map(|key| key.to_string());
+        let mut candidates: Vec<&Column> = candidates.collect();
+        candidates.sort_by_key(|column| Some(&column.key) != default.as_ref());
+        let common = candidates
+            .iter()
+            .find(|column| methods.clone().all(|m| has(column, m)));
+        let found = match named {
+            Some(key) => scored
+                .iter()
+                .find(|column| column.key == key.to_string())
+                .cloned()
+                .or(Some((*key).into())),
+            None => common
+                .or(candidates.first())
+                .map(|column| (*column).clone()),
+        };
+        let column = found
+            .or(by_name.map(Column::from))
+            .unwrap_or_else(|| published.clone());
+        Column {
+            decimals: published.decimals,
+            ..column
+        }
+    });
+    columns.collect()
+}
+
+/// The datasets in the paper's order, an empty one for each that no row has, and the names of the others.
+fn placed<'a>(
+    paper: &PublishedTable,
+    board: Board<'a>,
+) -> Result<(Board<'a>, Vec<String>), RowError> {
+    let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
+        paper.datasets.iter().map(|_| Vec::new()).collect();
+    let mut elsewhere = Vec::new();
+    for dataset in board.datasets {
+        let at = column(&dataset.dataset)
+            .and_then(|column| paper.datasets.iter().position(|name| *name == column));
+        match at {
+            Some(at) => by_column[at].push(dataset),
+            None => elsewhere.push(dataset.dataset.title().to_owned()),
+        }
+    }
+    let mut datasets = Vec::new();
+    for (&column, mut found) in paper.datasets.iter().zip(by_column) {
+        if found.len() > 1 {
+            return Err(RowError::Ambiguous {
+                column,
+                names: found
+                    .iter()
+                    .map(|d| format!("'{}'", d.dataset.name))
+                    .collect(),
+            });
+        }
+        datasets.push(found.pop().unwrap_or_else(|| DatasetBoard {
+            dataset: ReportDataset::named(column),
+            pairs: Vec::new(),
+        }));
+    }
+    Ok((
+        Board {
+            datasets,
+            methods: board.methods,
+        },
+        elsewhere,
+    ))
+}
+
+/// A cell with what it is about, as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Number<'a> {
+    pub row: &'a str,
+    pub origin: &'static str,
+    pub dataset: &'a str,
+    /// The key of the metric, `[unstated]` for published numbers.
+    pub metric: String,
+    #[serde(with = "optional")]
+    pub value: Option<f64>,
+    pub n: Option<usize>,
+    pub total: Option<usize>,
+    pub rank: Option<u8>,
+}
+
+/// Every cell of a table, row by row.
+pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> {
+    let unstated = paper.columns();
+    let mut numbers = Vec::new();
+    for row in &table.rows {
+        for (at, cell) in row.cells.iter().enumerate() {
+            let m = at % table.columns.len();
+            let column = match row.origin {
+                Origin::Measured => &table.columns[m],
+                Origin::Published => &unstated[m],
+            };
+            numbers.push(Number {
+                row: &row.label,
+                origin: row.origin.name(),
+                dataset: &table.groups[at / table.columns.len()].name,
+                metric: column.key.clone(),
+                value: cell.value,
+                n: cell.coverage.map(|c| c.0),
+                total: cell.coverage.map(|c| c.1),
+                rank: cell.rank,
+            });
+        }
+    }
+    numbers
+}
+
+/// [`numbers`] as CSV.
+///
+/// # Errors
+/// Those of the CSV writer, which only writes to memory here.
+pub fn csv(paper: &PublishedTable, table: &Table) -> Result<Vec<u8>, ::csv::Error> {
+    let mut writer = ::csv::Writer::from_writer(Vec::new());
+    for number in numbers(paper, table) {
+        let row = csv_cell(number.row);
+        writer.serialize(Number {
+            row: &row,
+            ..number.clone()
+        })?;
+    }
+    writer
+        .into_inner()
+        .map_err(|error| error.into_error().into())
+}
+
+/// A number or nothing; infinities as text.
+mod optional {
+    use serde::Serializer;
+
+    use crate::evaluate::record::finite_or_text;
+
+    #[expect(clippy::ref_option, reason = "serde hands fields by reference")]
+    pub(super) fn serialize<S: Serializer>(value: &Option<f64>, s: S) -> Result<S::Ok, S::Error> {
+        match value {
+            Some(value) => finite_or_text::serialize(value, s),
+            None => s.serialize_none(),
+        }
+    }
+}

@@ -1,0 +1,470 @@
+//! Every number that the SHARP paper published, from `data/paper_tables.csv`.
+
+use std::sync::LazyLock;
+
+use sharp_metrics::{Direction, Family, MetricKey};
+
+use crate::report::input::Column;
+use crate::report::tables::rank::{RankedValue, ranks};
+use crate::report::tables::{Cell, Group, Origin, Row, Table};
+
+/// `table,part,row,dataset,metric,value`, transcribed from the paper's LaTeX: `part` is the position of the `tabular`
+/// under the table's label, `value` the number as printed.
+const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
+
+/// What rows of one's own are made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MadeBy {
+    /// Scores of a run.
+    Run,
+    /// Scores of a run with privileged depth.
+    PrivilegedRun,
+    /// What `speed` measured.
+    Speed,
+    /// What `analyze translation` measured.
+    Translation,
+    /// The shapes in a checkpoint.
+    Checkpoint,
+}
+
+/// A table of the paper.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PublishedTable {
+    /// For a command line and for files.
+    pub name: &'static str,
+    /// LaTeX label in the paper.
+    pub label: &'static str,
+    pub title: &'static str,
+    /// Over the rows' labels.
+    pub row_head: &'static str,
+    pub made_by: MadeBy,
+    /// Column groups; one without a name where the table has no datasets.
+    pub datasets: Vec<&'static str>,
+    /// Columns within each group, by their name in the paper.
+    pub metrics: Vec<&'static str>,
+    /// Labels and what was printed, that of dataset d and metric m at `d * metrics.len() + m`; `None` for a dash.
+    pub rows: Vec<(&'static str, Vec<Option<&'static str>>)>,
+}
+
+/// All tables with results, in the order of the paper's importance.
+pub static TABLES: LazyLock<Vec<PublishedTable>> = LazyLock::new(|| {
+    use MadeBy::{Checkpoint, PrivilegedRun, Run, Speed, Translation};
+    let aligned = "tab:quantitative-aligned";
+    [
+        (
+            "quantitative",
+            "tab:quantitative",
+            "View synthesis fidelity, perceptual metrics",
+            "method",
+            Run,
+        ),
+        (
+            "psnr-ssim",
+            "tab:quantitative-aligned-psnr-ssim",
+            "View synthesis fidelity, PSNR and SSIM",
+            "method",
+            Run,
+        ),
+        (
+            "privileged",
+            aligned,
+            "View synthesis fidelity with privileged depth, perceptual metrics",
+            "method",
+            PrivilegedRun,
+        ),
+        (
+            "privileged-psnr-ssim",
+            aligned,
+            "View synthesis fidelity with privileged depth, PSNR and SSIM",
+            "method",
+            PrivilegedRun,
+        ),
+        (
+            "metrics_comparison",
+            "tab:metrics_comparison",
+            "Sensitivity of metrics to small image shifts",
+            "comparison",
+            Translation,
+        ),
+        (
+            "timing-comparison",
+            "tab:timing-comparison",
+            "Run time",
+            "method",
+            Speed,
+        ),
+        (
+            "param-count",
+            "tab:param-count",
+            "Parameters",
+            "method",
+            Checkpoint,
+        ),
+        (
+            "ablation_flash3d",
+            "tab:ablation_flash3d",
+            "Flash3D trained on other data",
+            "data",
+            Run,
+        ),
+        (
+            "ablation_loss",
+            "tab:ablation_loss",
+            "Ablation of the losses",
+            "losses",
+            Run,
+        ),
+        (
+            "ablation_loss_render",
+            "tab:ablation_loss_render",
+            "Losses and the time to render",
+            "losses",
+            Speed,
+        ),
+        (
+            "ablation_gram",
+            "tab:ablation_gram",
+            "Ablation of the Gram matrix loss",
+            "Gram loss",
+            Run,
+        ),
+        (
+            "ablation_depth_alignment",
+            "tab:ablation_depth_alignment",
+            "Ablation of the depth adjustment",
+            "learned",
+            Run,
+        ),
+        (
+            "ablation_ssl",
+            "tab:ablation_ssl",
+            "Ablation of self-supervised fine-tuning",
+            "fine-tuned",
+            Run,
+        ),
+        (
+            "ablation_module",
+            "tab:ablation_module",
+            "Ablation of unfreezing the depth backbone",
+            "unfrozen",
+            Run,
+        ),
+        (
+            "ablation_stride",
+            "tab:ablation_stride",
+            "Ablation of the number of Gaussians",
+            "Gaussians",
+            Run,
+        ),
+    ]
+    .map(|(name, label, title, row_head, made_by)| {
+        let empty = PublishedTable {
+            name,
+            label,
+            title,
+            row_head,
+            made_by,
+            datasets: Vec::new(),
+            metrics: Vec::new(),
+            rows: Vec::new(),
+        };
+        empty.filled()
+    })
+    .into()
+});
+
+/// The table of that name.
+pub fn published(name: &str) -> Option<&'static PublishedTable> {
+    TABLES.iter().find(|table| table.name == name)
+}
+
+/// Fields of the file's lines, header and quotes aside: no field of ours holds a comma.
+fn lines() -> impl Iterator<Item = [&'static str; 6]> {
+    let lines = NUMBERS.lines().skip(1);
+    lines.filter_map(|line| line.split(',').collect::<Vec<_>>().try_into().ok())
+}
+
+impl PublishedTable {
+    fn filled(mut self) -> Self {
+        let own = || lines().filter(|line| line[0] == self.name);
+        let distinct = |field: usize| {
+            let mut values: Vec<&'static str> = Vec::new();
+            for line in own() {
+                if !values.contains(&line[field]) {
+                    values.push(line[field]);
+                }
+            }
+            values
+        };
+        let (labels, datasets, metrics) = (distinct(2), distinct(3), distinct(4));
+        let value = |row: &str, dataset: &str, metric: &str| {
+            own().find_map(|[_, _, r, d, m, value]| {
+                (r == row && d == dataset && m == metric).then_some(value)
+            })
+        };
+        let rows = labels.into_iter().map(|row| {
+            let cells = datasets
+                .iter()
+                .flat_map(|dataset| metrics.iter().map(|metric| value(row, dataset, metric)));
+            (row, cells.collect())
+        });
+        self.rows = rows.collect();
+        self.datasets = datasets;
+        self.metrics = metrics;
+        self
+    }
+
+    /// The columns as published, of unstated identity, with as many decimals as were printed.
+    pub fn columns(&self) -> Vec<Column> {
+        let metrics = self.metrics.iter().enumerate();
+        metrics
+            .map(|(m, name)| {
+                let printed = self.rows.iter().flat_map(|(_, cells)| {
+                    cells.iter().skip(m).step_by(self.metrics.len()).flatten()
+                });
+                let decimals = printed.map(|text| decimals(text)).max().unwrap_or_default();
+                Column {
+                    decimals,
+                    ..column(name)
+                }
+            })
+            .collect()
+    }
+
+    /// The number in a row of that label.
+    pub fn number(&self, row: &str, dataset: &str, metric: &str) -> Option<f64> {
+        let (_, cells) = self.rows.iter().find(|(label, _)| *label == row)?;
+        let d = self.datasets.iter().position(|name| *name == dataset)?;
+        let m = self.metrics.iter().position(|name| *name == metric)?;
+        cells[d * self.metrics.len() + m].and_then(number)
+    }
+
+    /// The table reduced to some of its datasets, each row marked as published and ranked among the others.
+    pub fn table(&self, datasets: &[usize]) -> Table {
+        let columns = self.columns();
+        let mut rows: Vec<Row> = Vec::new();
+        for (label, _) in &self.rows {
+            rows.push(Row {
+                label: label.replace("(ours)", "(published)"),
+                origin: Origin::Published,
+                note: None,
+                cells: Vec::new(),
+            });
+        }
+        for &dataset in datasets {
+            for (m, column) in columns.iter().enumerate() {
+                let printed = self
+                    .rows
+                    .iter()
+                    .map(|(_, cells)| cells[dataset * columns.len() + m]);
+                let printed: Vec<Option<&str>> = printed.collect();
+                let candidates = printed.iter().map(|text| RankedValue {
+                    value: text.and_then(number),
+                    covers: &[],
+                    complete: true,
+                    ranked: true,
+                });
+                let candidates: Vec<RankedValue<'_>> = candidates.collect();
+                let ranks = ranks(&candidates, column.direction, column.decimals);
+                let cells = candidates.iter().zip(printed).zip(ranks);
+                for (row, ((candidate, text), rank)) in rows.iter_mut().zip(cells) {
+                    row.cells.push(Cell {
+                        value: candidate.value,
+                        printed: Some(text.unwrap_or("–").to_owned()),
+                        rank,
+                        ..Cell::default()
+                    });
+                }
+            }
+        }
+        Table {
+            name: self.name.to_owned(),
+            title: self.title.to_owned(),
+            row_head: self.row_head,
+            groups: datasets
+                .iter()
+                .map(|&d| Group::titled(self.datasets[d]))
+                .collect(),
+            columns,
+            rows,
+            remarks: vec![self.caveat()],
+            notes: Vec::new(),
+            checklist: Vec::new(),
+        }
+    }
+
+    /// What the published numbers are, for whoever puts others beside them.
+    fn caveat(&self) -> String {
+        let is = match self.made_by {
+            MadeBy::Run | MadeBy::PrivilegedRun => {
+                "means over its own pairs, whose list is not published. It states neither the LPIPS backbone nor the SSIM \
+                 window nor the resize kernel, so these numbers stand beside those measured here and are never ranked \
+                 together with them"
+            }
+            MadeBy::Translation => {
+                "for a picture that it does not name, without the LPIPS network, the SSIM window or how pictures were \
+                 shifted: to be compared in kind, not in digits"
+            }
+            MadeBy::Speed if self.name == "ablation_loss_render" => {
+                "median latency per frame, milliseconds, on a device that it does not name for this table"
+            }
+            MadeBy::Speed => {
+                "seconds on an A100, SVC and TMPI on ETH3D on an H100, rendered at each dataset's own resolution"
+            }
+            MadeBy::Checkpoint => {
+                "millions (M) and billions (B) as reported by the methods or counted in their sources; the trainable ones \
+                 are the total less the frozen modules; *: a diffusion model fine-tuned"
+            }
+        };
+        let mut text = format!(
+            "Published in the SHARP paper (`{}`): {is}; ranks are among the paper's rows.",
+            self.label
+        );
+        if self
+            .columns()
+            .iter()
+            .all(|column| column.direction.is_none())
+        {
+            text = text.replace("; ranks are among the paper's rows", "");
+        }
+        if self.label == "tab:quantitative-aligned" {
+            text.push_str(
+                " With privileged ground-truth depth: an approximate global scale factor, the median of true over predicted \
+                 depth; LVSM and SVC by a linear scale sweep per pair that minimises DISTS.",
+            );
+        }
+        text
+    }
+}
+
+/// Digits after the point of a number as printed.
+fn decimals(printed: &str) -> usize {
+    let digits = printed.split_once('.').map_or("", |(_, digits)| digits);
+    digits.bytes().take_while(u8::is_ascii_digit).count()
+}
+
+/// What a printed number says: `0.097`, or parameters in millions (`2.33B` is 2330).
+pub fn number(printed: &str) -> Option<f64> {
+    let plain = printed.trim_end_matches('*');
+    match (plain.strip_suffix('M'), plain.strip_suffix('B')) {
+        (Some(millions), _) => millions.parse().ok(),
+        // The decimal point moved in the text: 7.7 × 1000 need not be 7700.
+        (_, Some(billions)) => format!("{billions}e3").parse().ok(),
+        _ => plain.parse().ok(),
+    }
+}
+
+/// A column of the paper by its name there.
+fn column(name: &str) -> Column {
+    let family = Family::ALL
+        .into_iter()
+        .find(|f| f.name().eq_ignore_ascii_case(name));
+    if let Some(family) = family {
+        return metric(family);
+    }
+    let (unit, direction, convention) = match name {
+        "Inference" => (
+            "s",
+            Some(Direction::Lower),
+            "from a photograph to what is rendered, or to the picture",
+        ),
+        "Render" => ("s", Some(Direction::Lower), "of a view"),
+        "Latency" => ("ms", Some(Direction::Lower), "of rendering a frame, median"),
+        _ => ("M", None, "parameters"),
+    };
+    Column {
+        unit: unit.to_owned(),
+        direction,
+        ..Column::reported(
+            &format!("{}[unstated]", name.to_lowercase()),
+            name,
+            0,
+            convention,
+        )
+    }
+}
+
+/// A metric of which only the family is known.
+pub(crate) fn metric(family: Family) -> Column {
+    let key = match family {
+        Family::Psnr => MetricKey::PSNR,
+        Family::Ssim => MetricKey::SSIM,
+        Family::Lpips => MetricKey::LPIPS,
+        Family::Dists => MetricKey::DISTS,
+    };
+    Column {
+        key: format!("{}[unstated]", family.name()),
+        label: family.name().to_uppercase(),
+        short: family.name().to_uppercase(),
+        convention: "as published; the paper does not state which variant".into(),
+        ..key.into()
+    }
+}
+
+/// By what shares SHARP lowers a metric of a table against another row: the smallest and the largest over the datasets.
+pub fn gains(table: &PublishedTable, against: &str, metric: &str) -> Option<(f64, f64)> {
+    let gains = table.datasets.iter().filter_map(|dataset| {
+        let ours = table.number("SHARP (ours)", dataset, metric)?;
+        Some(1.0 - ours / table.number(against, dataset, metric)?)
+    });
+    let gains: Vec<f64> = gains.collect();
+    let smallest = gains.iter().copied().reduce(f64::min)?;
+    Some((smallest, gains.into_iter().reduce(f64::max)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_of_the_file_is_in_a_table() {
+        let cells = TABLES
+            .iter()
+            .flat_map(|t| &t.rows)
+            .flat_map(|(_, cells)| cells);
+        let numbers = cells.flatten().map(|text| number(text).unwrap_or(f64::NAN));
+        let numbers: Vec<f64> = numbers.collect();
+        assert_eq!(numbers.len(), NUMBERS.lines().count() - 1);
+        assert_eq!(numbers.len(), 590);
+        assert!(numbers.iter().all(|number| number.is_finite()));
+    }
+
+    #[test]
+    fn the_abstracts_gains_are_those_over_gen3c() {
+        let table = published("quantitative").unwrap();
+        let percent = |metric: &str| {
+            let (low, high) = gains(table, "Gen3C", metric).unwrap();
+            ((100.0 * low).round(), (100.0 * high).round())
+        };
+        assert_eq!(percent("LPIPS"), (25.0, 34.0));
+        assert_eq!(percent("DISTS"), (21.0, 43.0));
+        // Not those over the best of each column: TMPI is ahead of Gen3C on Middlebury.
+        assert!(gains(table, "TMPI", "LPIPS").unwrap().0 < 0.20);
+    }
+
+    #[test]
+    fn printed_numbers_are_read_and_shown_as_they_are() {
+        assert_eq!(number("7.4B*"), Some(7400.0));
+        assert_eq!(number("702M"), Some(702.0));
+        assert_eq!(number("0.370"), Some(0.37));
+        assert_eq!(number("-"), None);
+        let table = published("psnr-ssim").unwrap();
+        let decimals: Vec<usize> = table.columns().iter().map(|c| c.decimals).collect();
+        assert_eq!(decimals, [2, 3]);
+        assert_eq!(
+            published("metrics_comparison").unwrap().columns()[2].decimals,
+            1
+        );
+        let speed = published("timing-comparison").unwrap().table(&[0]);
+        // LVSM renders nothing.
+        assert_eq!(speed.rows[2].cells[1].printed.as_deref(), Some("–"));
+        assert_eq!(speed.rows[2].cells[1].value, None);
+    }
+
+    #[test]
+    fn published_numbers_never_have_the_identity_of_measured_ones() {
+        for column in TABLES.iter().flat_map(PublishedTable::columns) {
+            assert!(column.key.ends_with("[unstated]"), "{}", column.key);
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Where rows of one's own in a table of the paper are from.
+
+use std::path::{Path, PathBuf};
+
+use sharp_checkpoint::{Checkpoint, CheckpointError};
+use sharp_metrics::MetricKey;
+
+use crate::evaluate::join::{Named, join_results};
+use crate::evaluate::{EvaluateError, Results};
+use crate::report::input::Column;
+use crate::report::tables::{Cell, Origin, Row};
+
+use super::published::{MadeBy, PublishedTable};
+
+/// A row of one's own, `LABEL=SOURCE[:METHOD]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OwnRow {
+    pub label: String,
+    /// A run folder or bundle, or the file that the table is made of.
+    pub path: PathBuf,
+    /// Of a run with several.
+    pub method: Option<String>,
+}
+
+/// Why there is no such row.
+#[derive(Debug, thiserror::Error)]
+pub enum RowError {
+    #[error("'{0}': LABEL=RUN or LABEL=RUN:METHOD is needed")]
+    Form(String),
+    #[error("the label '{0}' is given twice")]
+    Repeated(String),
+    #[error("{}: it has {what}; the row '{label}' needs one of them, {label}={}:METHOD", path.display(), path.display())]
+    Method {
+        label: String,
+        path: PathBuf,
+        /// The methods that are there, in words.
+        what: String,
+    },
+    #[error("{}: {reason}", path.display())]
+    Unusable { path: PathBuf, reason: String },
+    #[error("the paper has one column of {column}, and the rows have the datasets {}", names.join(" and "))]
+    Ambiguous {
+        column: &'static str,
+        names: Vec<String>,
+    },
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    #[error(transparent)]
+    Report(#[from] crate::report::ReportError),
+}
+
+impl std::str::FromStr for OwnRow {
+    type Err = RowError;
+
+    /// What follows the last colon is a method unless the path with it exists.
+    fn from_str(text: &str) -> Result<Self, RowError> {
+        let wrong = || RowError::Form(text.to_owned());
+        let (label, path) = text.split_once('=').ok_or_else(wrong)?;
+        if label.trim().is_empty() || path.is_empty() {
+            return Err(wrong());
+        }
+        let row = |path: &str, method: Option<&str>| Self {
+            label: label.to_owned(),
+            path: path.into(),
+            method: method.map(str::to_owned),
+        };
+        Ok(match path.rsplit_once(':') {
+            Some((run, method))
+                if !Path::new(path).exists() && !run.is_empty() && !method.is_empty() =>
+            {
+                row(run, Some(method))
+            }
+            _ => row(path, None),
+        })
+    }
+}
+
+/// The numbers behind rows of one's own.
+#[derive(Debug)]
+pub enum OwnRows {
+    /// Each method is a row.
+    Scores(Box<Results>),
+    /// Rows of a table without pairs, with its columns as they were measured.
+    Measured {
+        columns: Vec<Column>,
+        rows: Vec<Row>,
+    },
+}
+
+impl OwnRows {
+    /// Reads what a table of the paper is made of.
+    ///
+    /// # Errors
+    /// When a label is given twice, or a source cannot be read, is something else or contradicts another.
+    pub fn read(paper: &PublishedTable, rows: &[OwnRow]) -> Result<Self, RowError> {
+        for (at, row) in rows.iter().enumerate() {
+            if rows[..at].iter().any(|before| before.label == row.label) {
+                return Err(RowError::Repeated(row.label.clone()));
+            }
+        }
+        match paper.made_by {
+            MadeBy::Run | MadeBy::PrivilegedRun => scores(rows),
+            MadeBy::Translation => translations(paper, rows),
+            MadeBy::Checkpoint => checkpoints(paper, rows),
+            MadeBy::Speed => Err(RowError::Unusable {
+                path: PathBuf::new(),
+                reason: "TODO speed".to_owned(),
+            }),
+        }
+    }
+}
+
+fn scores(rows: &[OwnRow]) -> Result<OwnRows, RowError> {
+    let mut read = Vec::new();
+    for row in rows {
+        let mut results = Results::read(&row.path)?;
+        let methods = &mut results.manifest.methods;
+        let labels: Vec<&str> = methods.iter().map(|m| m.label.as_str()).collect();
+        let chosen = match &row.method {
+            None if methods.len() == 1 => methods[0].label.clone(),
+            Some(method) if labels.contains(&method.as_str()) => method.clone(),
+            _ => {
+                return Err(RowError::Method {
+                    label: row.label.clone(),
+                    path: row.path.clone(),
+                    what: match labels.is_empty() {
+                        true => "no methods".to_owned(),
+                        false => format!("the methods {}", labels.join(", ")),
+                    },
+                });
+            }
+        };
+        methods.retain(|method| method.label == chosen);
+        results.records.retain(|record| record.method == chosen);
+        results.missing.retain(|(_, method)| *method == chosen);
+        let named = Named {
+            name: Some(row.label.clone()),
+            path: row.path.clone(),
+        };
+        read.push((named, results));
+    }
+    Ok(OwnRows::Scores(Box::new(join_results(read)?)))
+}
+
+/// A row for each comparison of what `analyze translation --out` wrote.
+fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
+    let mut columns: Vec<Column> = Vec::new();
+    let mut measured = Vec::new();
+    for row in rows {
+        let path = in_folder(&row.path, "translation.csv");
+        let unusable = |reason: String| RowError::Unusable {
+            path: path.clone(),
+            reason,
+        };
+        let bytes = sharp::files::read(&path).map_err(|error| unusable(error.to_string()))?;
+        let mut csv = ::csv::Reader::from_reader(bytes.as_slice());
+        let heads = csv
+            .headers()
+            .map_err(|error| unusable(error.to_string()))?
+            .clone();
+        if heads.get(0) != Some("comparison") {
+            return Err(unusable(
+                "no table of `analyze translation --out`".to_owned(),
+            ));
+        }
+        let keys: Vec<Option<MetricKey>> = heads.iter().map(|head| head.parse().ok()).collect();
+        // The default variant of each metric, or else the first that is there.
+        let places = paper.metrics.iter().map(|name| {
+            let of_family = |key: &MetricKey| key.family().name().eq_ignore_ascii_case(name);
+            let found = keys
+                .iter()
+                .enumerate()
+                .filter_map(|(at, key)| Some((at, (*key)?)));
+            let found: Vec<(usize, MetricKey)> = found.filter(|(_, key)| of_family(key)).collect();
+            let default = found
+                .iter()
+                .find(|(_, key)| key.family().name().parse() == Ok(*key));
+            default.or(found.first()).copied()
+        });
+        let places: Option<Vec<(usize, MetricKey)>> = places.collect();
+        let places = places
+            .ok_or_else(|| unusable(format!("it lacks one of {}", paper.metrics.join(", "))))?;
+        let of_row: Vec<Column> = places.iter().map(|(_, key)| Column::from(*key)).collect();
+        if measured.is_empty() {
+            columns = of_row;
+        } else if columns != of_row {
+            return Err(unusable(
+                "its metrics are other variants than those of the rows before".to_owned(),
+            ));
+        }
+        for line in csv.records() {
+            let line = line.map_err(|error| unusable(error.to_string()))?;
+            let cells = places.iter().map(|(at, _)| {
+                let value = line.get(*at).unwrap_or_default().parse();
+                Cell {
+                    value: value.ok(),
+                    ..Cell::default()
+                }
+            });
+            measured.push(Row {
+                label: format!("{}: {}", row.label, line.get(0).unwrap_or_default()),
+                origin: Origin::Measured,
+                note: None,
+                cells: cells.collect(),
+            });
+        }
+    }
+    Ok(OwnRows::Measured {
+        columns,
+        rows: measured,
+    })
+}
+
+/// A row for each checkpoint: the elements of its tensors.
+fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
+    let mut measured = Vec::new();
+    for row in rows {
+        let checkpoint = Checkpoint::open(&row.path)?;
+        let mut total = 0_usize;
+        for name in checkpoint.names() {
+            total += checkpoint.shape(name)?.iter().product::<usize>();
+        }
+        // A checkpoint does not say which of its parameters were trained.
+        let cells = paper.metrics.iter().map(|metric| Cell {
+            value: (*metric == "total").then_some(total as f64 / 1e6),
+            ..Cell::default()
+        });
+        measured.push(Row {
+            label: row.label.clone(),
+            origin: Origin::Measured,
+            note: None,
+            cells: cells.collect(),
+        });
+    }
+    let columns = paper.columns().into_iter().map(|column| Column {
+        key: format!("parameters_{}", column.label),
+        ..column
+    });
+    Ok(OwnRows::Measured {
+        columns: columns.collect(),
+        rows: measured,
+    })
+}
+
+/// The file itself, or the one of that name in a folder.
+fn in_folder(path: &Path, name: &str) -> PathBuf {
+    match path.is_dir() {
+        true => path.join(name),
+        false => path.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_labels_sources_and_methods() {
+        let row = |text: &str| text.parse::<OwnRow>().unwrap();
+        let plain = row("mine=runs/a");
+        assert_eq!(
+            (plain.label.as_str(), plain.path.to_str(), plain.method),
+            ("mine", Some("runs/a"), None)
+        );
+        let chosen = row("mine=runs/a:depth-splat");
+        assert_eq!(
+            (chosen.path.to_str(), chosen.method.as_deref()),
+            (Some("runs/a"), Some("depth-splat"))
+        );
+        for wrong in ["runs/a", "=runs/a", "a="] {
+            assert!(wrong.parse::<OwnRow>().is_err(), "{wrong}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let odd = folder.path().join("run:1");
+        std::fs::create_dir(&odd).unwrap();
+        let text = format!("mine={}", odd.display());
+        assert_eq!(row(&text).path, odd);
+    }
+}

@@ -1,0 +1,1 @@
+//! `table` as a user runs it.
