@@ -9,6 +9,7 @@ mod data_args;
 mod datasets;
 mod demo;
 mod doctor;
+mod explain;
 mod gate;
 mod history;
 mod merge;
@@ -60,6 +61,7 @@ enum CliCommand {
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
     Table(table::TableArgs),
+    Explain(explain::ExplainArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
@@ -95,6 +97,7 @@ impl Cli {
             CliCommand::Score(args) => score::execute(&args),
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
+            CliCommand::Explain(args) => explain::execute(&args),
             CliCommand::Table(args) => table::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),

@@ -21,7 +21,7 @@
 //!   [`manifest`]: what its results share.
 //! * [`aggregation`]: what a mean is a mean of.
 //! * [`results`]: a folder as records and tables; [`bundle`]: the same in one file; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
-//!   scored again.
+//!   scored again; [`readings`]: the same under other readings of the protocol, kept nowhere.
 
 pub mod aggregation;
 pub mod bundle;
@@ -35,6 +35,7 @@ pub mod manifest;
 pub mod pipeline;
 mod prediction_file;
 pub mod prepare;
+pub mod readings;
 pub mod record;
 mod render;
 pub mod rescore;

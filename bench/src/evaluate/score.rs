@@ -45,7 +45,7 @@ impl<'a> PairTruth<'a> {
     }
 
     /// The view-frustum mask of the target; `None` where it has no depth.
-    fn mask(&self) -> Result<Option<Mask>, String> {
+    pub(super) fn mask(&self) -> Result<Option<Mask>, String> {
         let ResolvedPair { source, target, .. } = self.planned;
         let depth = target.content.depth();
         let Some(depth) = depth.map_err(|error| error.to_string())? else {

@@ -149,24 +149,60 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
 }
 
 fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
+    let (LinearPicture { mut rgb, .. }, is_linear) = read_rgba(path)?;
+    if is_linear {
+        for value in rgb.iter_mut() {
+            *value = srgb_from_linear(value.clamp(0.0, 1.0));
+        }
+    }
+    Ok(rgb)
+}
+
+/// A rendering before it was encoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearPicture {
+    /// Linear light, premultiplied over the background.
+    pub rgb: Rgb32FImage,
+    /// `[height, width]`, 0..1.
+    pub alpha: Vec<f32>,
+}
+
+/// Reads an EXR that our renderer wrote.
+///
+/// # Errors
+/// Names the file and the reason: unreadable, values that are not finite, or not known to be linear.
+pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
+    let (picture, is_linear) = read_rgba(path)?;
+    let mut values = picture.rgb.iter().chain(&picture.alpha);
+    match (is_linear, values.all(|value| value.is_finite())) {
+        (true, true) => Ok(picture),
+        (false, _) => Err(malformed(path, "it does not say that it is linear")),
+        (_, false) => Err(malformed(path, "values that are not finite")),
+    }
+}
+
+/// The first layer, and whether it says that it is linear.
+fn read_rgba(path: &Path) -> Result<(LinearPicture, bool), ReadError> {
     let reason = |error: exr::error::Error| malformed(path, error.to_string());
     exr_dimensions(path)?;
     let image = read_first_rgba_layer_from_file(
         path,
-        |size, _| Rgb32FImage::new(size.width() as u32, size.height() as u32),
-        |image, at, (r, g, b, _): (f32, f32, f32, f32)| {
-            image.put_pixel(at.x() as u32, at.y() as u32, Rgb([r, g, b]));
+        |size, _| LinearPicture {
+            rgb: Rgb32FImage::new(size.width() as u32, size.height() as u32),
+            alpha: vec![1.0; size.area()],
+        },
+        |image, at, (r, g, b, a): (f32, f32, f32, f32)| {
+            let width = image.rgb.width() as usize;
+            image
+                .rgb
+                .put_pixel(at.x() as u32, at.y() as u32, Rgb([r, g, b]));
+            image.alpha[at.y() * width + at.x()] = a;
         },
     )
     .map_err(reason)?;
-    let mut pixels = image.layer_data.channel_data.pixels;
     let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
-    if transfer == Some(&AttributeValue::Text(LINEAR.into())) {
-        for value in pixels.iter_mut() {
-            *value = srgb_from_linear(value.clamp(0.0, 1.0));
-        }
-    }
-    Ok(pixels)
+    let is_linear = transfer == Some(&AttributeValue::Text(LINEAR.into()));
+    Ok((image.layer_data.channel_data.pixels, is_linear))
 }
 
 fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {

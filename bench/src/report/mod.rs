@@ -7,7 +7,7 @@
 //! * [`input`]: what a report is made of, as plain values; [`error`]: what can go wrong.
 //! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
-//! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them.
+//! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
 //!   colour; [`gallery`]: which pairs the page shows; [`qualitative`]: predictions side by side.
@@ -17,6 +17,7 @@ pub mod assemble;
 pub mod board;
 pub mod error;
 pub mod error_map;
+pub mod explain;
 pub mod gallery;
 pub mod html;
 pub mod input;

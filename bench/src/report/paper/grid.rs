@@ -9,7 +9,7 @@ use crate::report::board::{Board, DatasetBoard};
 use crate::report::input::{Column, PublishedNumbers, ReportDataset};
 use crate::report::pictures::NoPictures;
 use crate::report::statistics::of_metric;
-use crate::report::tables::{Origin, Table, build};
+use crate::report::tables::{Cell, Origin, Table, build};
 
 use super::checklist::{Compared, checklist};
 use super::column;
@@ -100,6 +100,28 @@ fn below(published: Table, own: Table) -> Table {
         .remarks
         .into_iter()
         .map(|caveat| format!("† {caveat}"));
+    for row in table
+        .rows
+        .iter_mut()
+        .filter(|row| row.origin == Origin::Measured)
+    {
+        for (at, cell) in row.cells.iter_mut().enumerate() {
+            if table.groups[at / table.columns.len()].pairs == Some(0) {
+                *cell = Cell {
+                    printed: Some("–".to_owned()),
+                    ..Cell::default()
+                };
+            }
+        }
+    }
+    for group in table
+        .groups
+        .iter_mut()
+        .filter(|group| group.pairs == Some(0))
+    {
+        group.pairs = None;
+    }
+    table.keep_used_notes();
     table.remarks = caveats.chain(table.remarks).collect();
     table
 }

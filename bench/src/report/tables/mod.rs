@@ -181,7 +181,7 @@ impl Table {
     }
 
     /// Drops footnotes that nothing refers to any more, and renumbers the others by first use.
-    fn keep_used_notes(&mut self) {
+    pub(super) fn keep_used_notes(&mut self) {
         let mut kept = Vec::new();
         let old = std::mem::take(&mut self.notes);
         let mut keep = |note: &mut usize| {

@@ -67,7 +67,7 @@ pub fn ranks(
 }
 
 /// The number that the shown digits stand for.
-pub(super) fn rounded(value: f64, decimals: usize) -> f64 {
+pub(crate) fn rounded(value: f64, decimals: usize) -> f64 {
     if value.is_finite() {
         format!("{value:.decimals$}").parse().unwrap_or(value)
     } else {

@@ -1,0 +1,334 @@
+//! Kept predictions scored under other readings of the protocol than the one of their run. Nothing is predicted or
+//! rendered, and the folder is not changed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use image::{Rgb, Rgb32FImage, RgbImage};
+use sharp::color::{Quantization, quantize, srgb_from_linear};
+use sharp_metrics::{MetricKey, Picture};
+
+use super::error::EvaluateError;
+use super::folder::RunFolder;
+use super::manifest::Manifest;
+use super::record::{Record, Status};
+use super::rescore::open_datasets;
+use super::results::{Current, units_folder};
+use super::score::PairTruth;
+use super::unit::Unit;
+use crate::io::observer::Observer;
+use crate::io::pictures::{LinearPicture, read_linear, read_rgb8, to_rgb8};
+use crate::pairs::PairList;
+use crate::pairs::dataset::scenes_of;
+use crate::scoring::{Region, Scoring};
+
+/// Alpha below which a colour is divided by this instead, as in UniSHARP's trainer.
+const LEAST_ALPHA: f32 = 1e-4;
+/// Share of each side that a border crop takes away, as in Flash3D's evaluation.
+const BORDER: f64 = 0.05;
+
+/// How a prediction becomes the picture that is scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum PictureReading {
+    /// The kept picture, as the run scored it.
+    AsScored,
+    /// Floats, not rounded to 8 bit.
+    Unrounded,
+    /// 8 bit by truncation.
+    Truncated,
+    /// Linear colour divided by alpha, so that holes take the colour of what partly covers them; rounded to 8 bit.
+    AlphaDivided,
+    /// The picture without 5 % at each border, and the target likewise.
+    BorderCropped,
+}
+
+impl PictureReading {
+    pub const ALL: [Self; 5] = [
+        Self::AsScored,
+        Self::Unrounded,
+        Self::Truncated,
+        Self::AlphaDivided,
+        Self::BorderCropped,
+    ];
+
+    /// For tables and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AsScored => "as scored",
+            Self::Unrounded => "not rounded",
+            Self::Truncated => "truncated",
+            Self::AlphaDivided => "divided by alpha",
+            Self::BorderCropped => "border 5 % cropped",
+        }
+    }
+
+    /// Whether it is made of the linear picture that `run --keep float` keeps.
+    fn needs_float(self) -> bool {
+        matches!(self, Self::Unrounded | Self::Truncated | Self::AlphaDivided)
+    }
+}
+
+/// The predictions of a method under all readings.
+#[derive(Debug, Clone, Default)]
+pub struct Readings {
+    /// Units with a kept picture.
+    pub records: Vec<Record>,
+    /// A score of each record by reading and metric; a metric that has none anywhere is left out.
+    pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
+    /// Why readings and metrics lack scores, each with the number of records.
+    pub absent: BTreeMap<(String, String), usize>,
+    /// Scores of the run that its kept pictures do not give any more.
+    pub changed: usize,
+}
+
+/// Scores the kept predictions of a method under every reading that they allow.
+///
+/// # Errors
+/// When the folder or its datasets cannot be read, or it is a bundle, which has no pictures.
+pub fn score_readings(
+    root: &Path,
+    method: &str,
+    scoring: &Scoring,
+    observer: &dyn Observer,
+) -> Result<Readings, EvaluateError> {
+    let folder = RunFolder::open(root)?;
+    let current = Current::read(&folder)?;
+    let datasets = open_datasets(&current.manifest)?;
+    let scenes = scenes_of(&datasets);
+    let store = units_folder(&folder, &current.manifest).unlocked();
+    let mut units: BTreeMap<&str, &Unit> = BTreeMap::new();
+    for unit in current
+        .units
+        .iter()
+        .filter(|unit| unit.slot.method == method)
+    {
+        units.insert(&unit.slot.pair_id, unit);
+    }
+    let mut list = PairList::read(&folder.pairs_path())?;
+    list.pairs
+        .retain(|pair| units.contains_key(pair.pair_id.as_str()));
+    let list = PairList::new("pairs.csv", list.pairs);
+    let metrics = current.manifest.metric_identities();
+    let mut readings = Readings::default();
+    observer.begin("reading again", list.pairs.len(), "pairs");
+    for planned in list.resolve(&scenes)? {
+        observer.step();
+        let Some(unit) = units.get(planned.pair.pair_id.as_str()) else {
+            continue;
+        };
+        if unit.record.status != Status::Ok {
+            readings.lacks("every reading", "the prediction failed");
+            continue;
+        }
+        if !store.has_picture(unit) {
+            readings.lacks(
+                "every reading",
+                "the prediction was not kept, or is not the one that was scored",
+            );
+            continue;
+        }
+        let record = Record {
+            baseline_m: planned.pair.baseline_m,
+            ..unit.record_with(&metrics)
+        };
+        let truth = PairTruth::new(planned);
+        score_unit(
+            &mut readings,
+            unit,
+            record,
+            &truth,
+            &store,
+            &current.manifest,
+            scoring,
+        );
+    }
+    observer.end();
+    readings
+        .scores
+        .retain(|_, scores| scores.iter().any(Option::is_some));
+    Ok(readings)
+}
+
+fn score_unit(
+    readings: &mut Readings,
+    unit: &Unit,
+    record: Record,
+    truth: &PairTruth<'_>,
+    store: &RunFolder,
+    manifest: &Manifest,
+    scoring: &Scoring,
+) {
+    let at = readings.records.len();
+    let path = |extension| store.prediction_path(&unit.slot.method, &unit.slot.pair_id, extension);
+    let kept = match read_rgb8(&path("png")) {
+        Ok(kept) => kept,
+        Err(error) => return readings.lacks("every reading", &error.to_string()),
+    };
+    let linear = match store.has_float(unit) {
+        true => read_linear(&path("exr")).map_err(|error| error.to_string()),
+        false => Err("only renderings of a run with --keep float have it".to_owned()),
+    };
+    let region = record.crop.map(|crop| crop.region);
+    let mut pictures: Vec<(PictureReading, Picture, Option<Region>)> = Vec::new();
+    for reading in PictureReading::ALL {
+        let made = match (&linear, reading.needs_float()) {
+            (Err(reason), true) => Err(reason.clone()),
+            (Ok(linear), true) => {
+                from_linear(linear, reading, manifest).map(|picture| (picture, region))
+            }
+            (_, false) => from_kept(&kept, reading, region),
+        };
+        match made {
+            Ok((picture, region)) => pictures.push((reading, picture, region)),
+            Err(reason) => readings.lacks(reading.name(), &reason),
+        }
+    }
+    let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().map(|(_, p, r)| (p, *r)).collect();
+    let mask = match scoring.needs_mask() {
+        true => truth.mask(),
+        false => Ok(None),
+    };
+    let scored = match (truth.get(), mask) {
+        (Ok(truth), Ok(mask)) => truth.score(&scoring.scorer, &shown, mask.as_ref()),
+        (Err(reason), _) | (_, Err(reason)) => return readings.lacks("every reading", &reason),
+    };
+    for ((reading, ..), scores) in pictures.iter().zip(scored) {
+        let scores = match scores {
+            Ok(scores) => scores,
+            Err(reason) => {
+                readings.lacks(reading.name(), &reason);
+                continue;
+            }
+        };
+        for (key, score) in scores {
+            match score {
+                Ok(value) => {
+                    let before = record
+                        .scores
+                        .get(&key.to_string())
+                        .and_then(|score| score.value());
+                    let moved = before.is_some_and(|before| before.to_bits() != value.to_bits());
+                    readings.changed += usize::from(*reading == PictureReading::AsScored && moved);
+                    let values = readings.scores.entry((*reading, key)).or_default();
+                    values.resize(at, None);
+                    values.push(Some(value));
+                }
+                Err(reason) => readings.lacks(&key.to_string(), &reason.to_string()),
+            }
+        }
+    }
+    readings.records.push(record);
+    for values in readings.scores.values_mut() {
+        values.resize(at + 1, None);
+    }
+}
+
+impl Readings {
+    fn lacks(&mut self, what: &str, reason: &str) {
+        *self
+            .absent
+            .entry((what.to_owned(), reason.to_owned()))
+            .or_default() += 1;
+    }
+
+    /// The datasets of the records.
+    pub fn datasets(&self) -> BTreeSet<&str> {
+        self.records
+            .iter()
+            .map(|record| record.dataset.as_str())
+            .collect()
+    }
+}
+
+/// A kept picture, or the middle of it with its place in the target.
+fn from_kept(
+    kept: &RgbImage,
+    reading: PictureReading,
+    region: Option<Region>,
+) -> Result<(Picture, Option<Region>), String> {
+    let picture = Picture::Rgb8(kept.clone());
+    if reading == PictureReading::AsScored {
+        return Ok((picture, region));
+    }
+    if region.is_some() {
+        return Err("the prediction is cropped already".to_owned());
+    }
+    let inner = inner(kept.dimensions()).ok_or("the picture is too small")?;
+    Ok((inner.crop(&picture).into_owned(), Some(inner)))
+}
+
+/// Rows from ⌈0.05 h⌉ to before ⌊0.95 h⌋, columns likewise.
+fn inner((width, height): (u32, u32)) -> Option<Region> {
+    let span = |side: u32| {
+        let side = f64::from(side);
+        let (first, end) = (
+            (BORDER * side).ceil() as u32,
+            ((1.0 - BORDER) * side).floor() as u32,
+        );
+        Some((first, end.checked_sub(first)?))
+    };
+    let ((x, width), (y, height)) = (span(width)?, span(height)?);
+    (width > 0 && height > 0).then_some(Region {
+        x,
+        y,
+        width,
+        height,
+    })
+}
+
+/// A rendering that becomes sRGB in another way.
+fn from_linear(
+    linear: &LinearPicture,
+    reading: PictureReading,
+    manifest: &Manifest,
+) -> Result<Picture, String> {
+    let divides = reading == PictureReading::AlphaDivided;
+    if divides && manifest.renderer.background != "black" {
+        return Err("the background is not black".to_owned());
+    }
+    let (width, height) = linear.rgb.dimensions();
+    let encoded = Rgb32FImage::from_fn(width, height, |x, y| {
+        let alpha = linear.alpha[(y * width + x) as usize].max(LEAST_ALPHA);
+        Rgb(linear.rgb.get_pixel(x, y).0.map(|value| {
+            let value = value.clamp(0.0, 1.0);
+            let value = if divides {
+                (value / alpha).min(1.0)
+            } else {
+                value
+            };
+            srgb_from_linear(value).clamp(0.0, 1.0)
+        }))
+    });
+    Ok(match reading {
+        PictureReading::Unrounded => Picture::RgbF32(encoded),
+        PictureReading::Truncated => Picture::Rgb8(RgbImage::from_fn(width, height, |x, y| {
+            let levels = encoded
+                .get_pixel(x, y)
+                .0
+                .map(|v| quantize(v, Quantization::Truncate));
+            Rgb(levels)
+        })),
+        _ => Picture::Rgb8(to_rgb8(&encoded)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn borders_are_flash3ds() {
+        // 256 × 384 becomes 230 × 344.
+        let region = inner((384, 256)).unwrap();
+        assert_eq!(
+            region,
+            Region {
+                x: 20,
+                y: 13,
+                width: 344,
+                height: 230
+            }
+        );
+        assert_eq!(inner((1, 1)), None);
+    }
+}

@@ -1,0 +1,267 @@
+//! A published number and the readings that could be behind it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use sharp_metrics::{Family, MetricKey};
+
+use crate::evaluate::Aggregation;
+use crate::evaluate::readings::{PictureReading, Readings};
+use crate::evaluate::record::Record;
+use crate::report::input::Column;
+use crate::report::tables::rank::rounded;
+
+/// Values that differ by less are one value, computed in another order.
+const SAME: f64 = 1e-9;
+
+/// Which pairs count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SceneReading {
+    All,
+    /// Of scenes that show one place in another light, exposure or rectification the first.
+    OneAPlace,
+}
+
+/// How the numbers of pairs become one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Averaging {
+    Of(Aggregation),
+    /// PSNR of the mean squared error over all pairs.
+    PooledError,
+}
+
+/// One way to compute a number, besides the variant of its metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Reading {
+    pub picture: PictureReading,
+    pub scenes: SceneReading,
+    pub averaging: Averaging,
+    pub key: MetricKey,
+}
+
+/// A number of one's own under a reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReadingValue {
+    pub reading: Reading,
+    pub value: f64,
+    /// Pairs behind it.
+    pub n: usize,
+}
+
+/// What the readings say about a published number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// One reading prints the published number.
+    Equal,
+    /// Several readings of unlike value do.
+    Ambiguous,
+    /// None does, and the published number lies between the least and the largest.
+    Inside,
+    Outside,
+    /// There is no number to compare.
+    NotComputed,
+}
+
+impl Verdict {
+    /// For tables.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Equal => "equal to rounding",
+            Self::Ambiguous => "ambiguous",
+            Self::Inside => "inside the protocol's spread",
+            Self::Outside => "outside",
+            Self::NotComputed => "not computed",
+        }
+    }
+}
+
+/// A cell of the paper's table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellExplanation {
+    /// As in the run, and the paper's column.
+    pub dataset: String,
+    pub column: &'static str,
+    /// The metric as published.
+    pub metric: Column,
+    pub published: f64,
+    /// The run's own number: default variant, mean over all pairs.
+    pub as_scored: Option<f64>,
+    /// Every reading, that of the run first.
+    pub readings: Vec<ReadingValue>,
+    pub verdict: Verdict,
+}
+
+impl CellExplanation {
+    /// Whether a value prints the published number.
+    pub fn prints(&self, value: f64) -> bool {
+        rounded(value, self.metric.decimals) == self.published
+    }
+
+    /// Readings that print the published number, one of each value.
+    pub fn candidates(&self) -> Vec<&ReadingValue> {
+        let mut candidates: Vec<&ReadingValue> = Vec::new();
+        for reading in self
+            .readings
+            .iter()
+            .filter(|reading| self.prints(reading.value))
+        {
+            let is_known = |known: &&ReadingValue| (known.value - reading.value).abs() < SAME;
+            if !candidates.iter().any(is_known) {
+                candidates.push(reading);
+            }
+        }
+        candidates
+    }
+
+    /// The least and the largest value of all readings.
+    pub fn spread(&self) -> Option<(f64, f64)> {
+        let values = || self.readings.iter().map(|reading| reading.value);
+        Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
+    }
+
+    fn judged(mut self) -> Self {
+        let inside = self.spread().map(|(low, high)| {
+            let half = 0.5 * 0.1_f64.powi(self.metric.decimals as i32);
+            (low - half..=high + half).contains(&self.published)
+        });
+        self.verdict = match (self.candidates().len(), inside) {
+            (_, None) => Verdict::NotComputed,
+            (1, _) => Verdict::Equal,
+            (0, Some(true)) => Verdict::Inside,
+            (0, Some(false)) => Verdict::Outside,
+            _ => Verdict::Ambiguous,
+        };
+        self
+    }
+}
+
+/// The readings of a dataset for a column of the paper.
+pub(super) fn cell(
+    readings: &Readings,
+    dataset: &str,
+    column: &'static str,
+    metric: &Column,
+    published: f64,
+) -> CellExplanation {
+    let of_metric = |key: &MetricKey| key.family().name() == metric.family();
+    let records: Vec<(usize, &Record)> = readings
+        .records
+        .iter()
+        .enumerate()
+        .filter(|(_, r)| r.dataset == dataset)
+        .collect();
+    let first = first_scenes(&records);
+    let mut values = Vec::new();
+    for ((picture, key), scores) in readings
+        .scores
+        .iter()
+        .filter(|((_, key), _)| of_metric(key))
+    {
+        for scenes in [SceneReading::All, SceneReading::OneAPlace] {
+            let counts = |record: &Record| {
+                scenes == SceneReading::All
+                    || first.get(record.cluster.as_str()) == Some(&record.scene.as_str())
+            };
+            let chosen = records.iter().filter(|(_, record)| counts(record));
+            let chosen = chosen.filter_map(|(at, record)| Some((*record, scores[*at]?)));
+            let chosen: Vec<(&Record, f64)> = chosen.collect();
+            let all = scores.iter().zip(&readings.records);
+            let all = all
+                .filter(|(score, record)| score.is_some() && record.dataset == dataset)
+                .count();
+            if scenes == SceneReading::OneAPlace && chosen.len() == all {
+                continue;
+            }
+            let mut averagings = Aggregation::ALL.map(Averaging::Of).to_vec();
+            if key.family() == Family::Psnr {
+                averagings.push(Averaging::PooledError);
+            }
+            for averaging in averagings {
+                let value = match averaging {
+                    Averaging::Of(aggregation) => aggregation.of(chosen.iter().copied()),
+                    Averaging::PooledError => pooled(&chosen),
+                };
+                if let Some(value) = value {
+                    let reading = Reading {
+                        picture: *picture,
+                        scenes,
+                        averaging,
+                        key: *key,
+                    };
+                    values.push(ReadingValue {
+                        reading,
+                        value,
+                        n: chosen.len(),
+                    });
+                }
+            }
+        }
+    }
+    // The run's own reading first: the default variant, then as typed.
+    let default: Option<MetricKey> = metric.family().parse().ok();
+    values.sort_by_key(|value| (Some(value.reading.key) != default, value.reading));
+    let own = values.first().filter(|value| {
+        let reading = value.reading;
+        Some(reading.key) == default && reading.picture == PictureReading::AsScored
+    });
+    CellExplanation {
+        dataset: dataset.to_owned(),
+        column,
+        metric: metric.clone(),
+        published,
+        as_scored: own.map(|value| value.value),
+        readings: values,
+        verdict: Verdict::NotComputed,
+    }
+    .judged()
+}
+
+/// By place, the first of its scenes.
+fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
+    let mut first: BTreeMap<&str, &str> = BTreeMap::new();
+    for (_, record) in records {
+        let scene = first.entry(&record.cluster).or_insert(&record.scene);
+        if record.scene.as_str() < *scene {
+            *scene = &record.scene;
+        }
+    }
+    first
+}
+
+/// PSNR of the mean squared error.
+fn pooled(values: &[(&Record, f64)]) -> Option<f64> {
+    let errors = values.iter().map(|(_, psnr)| 10_f64.powf(-psnr / 10.0));
+    let mean = errors.sum::<f64>() / values.len() as f64;
+    (!values.is_empty()).then(|| -10.0 * mean.log10())
+}
+
+impl Reading {
+    /// In words, without the variant: `as scored, all scenes, mean over pairs`.
+    pub fn words(&self) -> String {
+        format!(
+            "{}, {}, {}",
+            self.picture.name(),
+            self.scenes.name(),
+            self.averaging.name()
+        )
+    }
+}
+
+impl SceneReading {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all scenes",
+            Self::OneAPlace => "one scene a place",
+        }
+    }
+}
+
+impl Averaging {
+    pub fn name(self) -> String {
+        match self {
+            Self::Of(aggregation) => aggregation.to_string(),
+            Self::PooledError => "PSNR of the mean squared error".to_owned(),
+        }
+    }
+}

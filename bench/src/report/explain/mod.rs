@@ -1,0 +1,124 @@
+//! Why a number differs from the published one: every reading of the protocol that kept predictions allow, and how far each
+//! is from what the paper printed.
+//!
+//! * [`cells`]: the readings of a cell and a verdict; [`protocols`]: one reading for all metrics of a dataset.
+//! * [`text`]: both for a terminal, as Markdown and as CSV.
+
+pub mod cells;
+pub mod protocols;
+#[cfg(test)]
+mod tests;
+pub mod text;
+
+use std::collections::BTreeMap;
+
+use sharp_datasets::entry::entry;
+
+use crate::evaluate::Manifest;
+use crate::evaluate::readings::Readings;
+use crate::report::input::ReportDataset;
+use crate::report::paper::{self, PublishedTable};
+
+use cells::{CellExplanation, cell};
+use protocols::{Protocol, protocols};
+
+/// A row of a table of the paper and what the predictions of a method give under other readings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Explanation {
+    /// By dataset, then in the order of the table's metrics.
+    pub cells: Vec<CellExplanation>,
+    /// By dataset, the nearest first.
+    pub protocols: Vec<Protocol>,
+    /// What was not computed, and why.
+    pub absent: Vec<String>,
+}
+
+/// Compares the readings of a method's predictions with the published row of that label. Datasets that the table does not
+/// have, or for which the row has a dash, are left out.
+pub fn explain(
+    table: &PublishedTable,
+    row: &str,
+    readings: &Readings,
+    manifest: &Manifest,
+) -> Explanation {
+    let mut cells = Vec::new();
+    let mut absent = Vec::new();
+    let columns = table.columns();
+    for dataset in readings.datasets() {
+        let record = manifest
+            .datasets
+            .iter()
+            .find(|record| record.name == dataset);
+        let described = ReportDataset {
+            format: record.map(|record| record.format.clone()),
+            ..ReportDataset::named(dataset)
+        };
+        let Some(column) = paper::column(&described) else {
+            absent.push(format!("{dataset}: the paper has no such dataset"));
+            continue;
+        };
+        for (metric, shown) in table.metrics.iter().zip(&columns) {
+            if let Some(published) = table.number(row, column, metric) {
+                cells.push(cell(readings, dataset, column, shown, published));
+            }
+        }
+        absent.extend(
+            record
+                .into_iter()
+                .flat_map(|record| other_readings(record, column)),
+        );
+    }
+    let mut lacking: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+    for ((what, reason), n) in &readings.absent {
+        let all = *n == readings.records.len();
+        let count = if all {
+            String::new()
+        } else {
+            format!(" ({n} pairs)")
+        };
+        lacking
+            .entry(reason)
+            .or_default()
+            .push(format!("{what}{count}"));
+    }
+    let lacking = lacking.into_iter();
+    absent.extend(lacking.map(|(reason, what)| format!("{}: {reason}", what.join(", "))));
+    absent.push("The paper's own pairs: their list is not published".to_owned());
+    if readings
+        .records
+        .iter()
+        .any(|record| record.resized_from.is_some())
+    {
+        absent.push("Other resize kernels: predictions are kept at the target's size; run again with another `resize`".to_owned());
+    }
+    Explanation {
+        protocols: protocols(&cells),
+        cells,
+        absent,
+    }
+}
+
+/// The readings of a dataset that this run did not take: their pairs or pictures need a run of their own.
+fn other_readings(record: &crate::evaluate::manifest::DatasetRecord, column: &str) -> Vec<String> {
+    let Ok(entry) = entry(&record.format) else {
+        return Vec::new();
+    };
+    let in_force = |key: &str| record.readings.iter().find(|reading| reading.key == key);
+    let mut others = Vec::new();
+    for setting in entry.settings {
+        let now = in_force(setting.key).map_or(setting.default, |reading| reading.value.as_str());
+        let choices = setting.choices.iter().filter(|choice| choice.value != now);
+        others.extend(choices.map(|choice| {
+            let differs = if choice.proxy {
+                "; differs from the paper"
+            } else {
+                ""
+            };
+            format!(
+                "{column} with `{}={}` ({}{differs}): needs a run of its own",
+                setting.key, choice.value, choice.meaning
+            )
+        }));
+    }
+    others
+}

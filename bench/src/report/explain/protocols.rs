@@ -1,0 +1,99 @@
+//! One reading for all metrics of a dataset: what a paper that scored them together could have done.
+
+use sharp_metrics::MetricKey;
+use sharp_metrics::identity::MetricRegion;
+
+use crate::evaluate::readings::PictureReading;
+
+use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
+
+/// The best variant of each metric under one reading of everything else.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Protocol {
+    pub column: &'static str,
+    pub picture: PictureReading,
+    pub scenes: SceneReading,
+    pub averaging: Averaging,
+    pub region: MetricRegion,
+    /// By metric of the table: variant, value and distance to the published number.
+    pub variants: Vec<Variant>,
+    /// The largest distance, in halves of the last printed digit: at most 1 where all metrics print the published numbers.
+    pub farthest: f64,
+}
+
+/// A metric under a protocol.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// As published, such as `LPIPS`.
+    pub metric: String,
+    pub key: MetricKey,
+    pub value: f64,
+    /// Less the published number.
+    pub distance: f64,
+}
+
+/// Every protocol of every dataset, by dataset, the nearest first.
+pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
+    let mut all = Vec::new();
+    for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {
+        let mut shared: Vec<(PictureReading, SceneReading, Averaging)> = Vec::new();
+        for value in cells.iter().flat_map(|cell| &cell.readings) {
+            let reading = value.reading;
+            let key = (reading.picture, reading.scenes, reading.averaging);
+            // A pooled error is a reading of PSNR alone.
+            if reading.averaging != Averaging::PooledError && !shared.contains(&key) {
+                shared.push(key);
+            }
+        }
+        let mut of_dataset = Vec::new();
+        for (picture, scenes, averaging) in shared {
+            for region in [MetricRegion::Whole, MetricRegion::Frustum] {
+                let belongs = |cell: &CellExplanation, value: &ReadingValue| {
+                    let reading = value.reading;
+                    let of_region = reading.key.region() == region
+                        || (cell.metric.family() == "dists" && !reading.key.is_masked());
+                    (reading.picture, reading.scenes, reading.averaging)
+                        == (picture, scenes, averaging)
+                        && of_region
+                };
+                let variants: Option<Vec<Variant>> = cells
+                    .iter()
+                    .map(|cell| nearest(cell, |value| belongs(cell, value)))
+                    .collect();
+                let Some(variants) = variants else { continue };
+                let only_dists =
+                    region == MetricRegion::Frustum && variants.iter().all(|v| !v.key.is_masked());
+                if only_dists {
+                    continue;
+                }
+                let farthest = variants.iter().zip(cells).map(|(variant, cell)| {
+                    variant.distance.abs() / (0.5 * 0.1_f64.powi(cell.metric.decimals as i32))
+                });
+                of_dataset.push(Protocol {
+                    column: cells[0].column,
+                    picture,
+                    scenes,
+                    averaging,
+                    region,
+                    farthest: farthest.fold(0.0, f64::max),
+                    variants,
+                });
+            }
+        }
+        of_dataset.sort_by(|a, b| a.farthest.total_cmp(&b.farthest));
+        all.extend(of_dataset);
+    }
+    all
+}
+
+fn nearest(cell: &CellExplanation, belongs: impl Fn(&ReadingValue) -> bool) -> Option<Variant> {
+    let values = cell.readings.iter().filter(|value| belongs(value));
+    let distance = |value: &ReadingValue| (value.value - cell.published).abs();
+    let best = values.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    Some(Variant {
+        metric: cell.metric.label.clone(),
+        key: best.reading.key,
+        value: best.value,
+        distance: best.value - cell.published,
+    })
+}

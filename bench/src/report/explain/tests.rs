@@ -1,0 +1,134 @@
+use std::collections::BTreeMap;
+
+use sharp_metrics::{Family, MetricKey};
+
+use super::cells::{Averaging, SceneReading, Verdict, cell};
+use super::protocols::protocols;
+use crate::evaluate::Aggregation;
+use crate::evaluate::readings::{PictureReading, Readings};
+use crate::evaluate::record::Record;
+use crate::evaluate::test_records::record;
+use crate::report::paper::published::metric;
+
+/// Scene 0 with two pairs, scene 1 with one, of one place; by LPIPS with two networks.
+fn readings() -> Readings {
+    let of = |scene: usize, number: usize| Record {
+        cluster: "place".into(),
+        ..record("eth3d", scene, number)
+    };
+    let lpips = |name: &str| name.parse::<MetricKey>().unwrap();
+    let scores = [
+        (
+            (PictureReading::AsScored, lpips("lpips-alex")),
+            [0.1, 0.3, 0.8],
+        ),
+        (
+            (PictureReading::AsScored, lpips("lpips-vgg")),
+            [0.2, 0.4, 0.6],
+        ),
+        (
+            (PictureReading::Truncated, lpips("lpips-alex")),
+            [0.1, 0.3, 0.5],
+        ),
+        (
+            (PictureReading::AsScored, MetricKey::PSNR),
+            [10.0, 20.0, 20.0],
+        ),
+    ];
+    let scores = scores.map(|(key, values)| (key, values.map(Some).to_vec()));
+    Readings {
+        records: vec![of(0, 1), of(0, 2), of(1, 1)],
+        scores: BTreeMap::from(scores),
+        ..Readings::default()
+    }
+}
+
+fn explained(family: Family, decimals: usize, published: f64) -> super::CellExplanation {
+    let mut column = metric(family);
+    column.decimals = decimals;
+    cell(&readings(), "eth3d", "ETH3D", &column, published)
+}
+
+#[test]
+fn the_runs_own_reading_comes_first_and_equals() {
+    let cell = explained(Family::Lpips, 3, 0.4);
+    assert_eq!(cell.as_scored, Some((0.1 + 0.3 + 0.8) / 3.0));
+    // The mean over pairs of vgg is 0.4 too: the same value, so no other candidate.
+    assert_eq!(cell.candidates().len(), 1);
+    assert_eq!(cell.verdict, Verdict::Equal);
+    let first = cell.readings[0].reading;
+    assert_eq!(
+        (first.averaging, first.scenes),
+        (Averaging::Of(Aggregation::Pairs), SceneReading::All)
+    );
+}
+
+#[test]
+fn readings_that_print_alike_and_differ_are_ambiguous() {
+    // To one decimal: alex over pairs 0.40, over scenes 0.5; truncated over scenes 0.35 → 0.3 or 0.4.
+    let cell = explained(Family::Lpips, 1, 0.3);
+    let values: Vec<f64> = cell
+        .candidates()
+        .iter()
+        .map(|c| (c.value * 1e6).round() / 1e6)
+        .collect();
+    // Truncated over pairs (0.3); vgg of the first scene (0.3 too); so one value only, unless rounding says otherwise.
+    assert!(values.contains(&0.3), "{values:?}");
+    let cell = explained(Family::Lpips, 1, 0.4);
+    assert_eq!(cell.verdict, Verdict::Ambiguous, "{:?}", cell.candidates());
+}
+
+#[test]
+fn inside_the_spread_and_outside_of_it() {
+    assert_eq!(explained(Family::Lpips, 3, 0.333).verdict, Verdict::Inside);
+    assert_eq!(explained(Family::Lpips, 3, 0.9).verdict, Verdict::Outside);
+    assert_eq!(
+        explained(Family::Dists, 3, 0.1).verdict,
+        Verdict::NotComputed
+    );
+}
+
+#[test]
+fn psnr_of_the_mean_error_is_a_reading() {
+    // Errors 0.1, 0.01, 0.01: mean 0.04.
+    let cell = explained(Family::Psnr, 2, 13.98);
+    assert_eq!(cell.verdict, Verdict::Equal);
+    assert_eq!(
+        cell.candidates()[0].reading.averaging,
+        Averaging::PooledError
+    );
+    assert_eq!(cell.as_scored, Some(50.0 / 3.0));
+}
+
+#[test]
+fn one_scene_a_place_takes_the_first() {
+    let cell = explained(Family::Lpips, 3, 0.2);
+    let one = cell.readings.iter().find(|value| {
+        value.reading.scenes == SceneReading::OneAPlace && value.reading.key == MetricKey::LPIPS
+    });
+    let one = one.unwrap();
+    assert_eq!((one.value, one.n), (0.2, 2));
+}
+
+#[test]
+fn a_protocol_is_one_reading_for_all_metrics() {
+    let cells = [
+        explained(Family::Lpips, 3, 0.3),
+        explained(Family::Psnr, 2, 16.67),
+    ];
+    let all = protocols(&cells);
+    // PSNR has no truncated reading here, so no protocol has it.
+    assert!(
+        all.iter()
+            .all(|protocol| protocol.picture == PictureReading::AsScored)
+    );
+    assert!(all.is_sorted_by(|a, b| a.farthest <= b.farthest));
+    let pairs = all.iter().find(|protocol| {
+        (protocol.averaging, protocol.scenes)
+            == (Averaging::Of(Aggregation::Pairs), SceneReading::All)
+    });
+    let pairs = pairs.unwrap();
+    // LPIPS 0.4 for 0.300: 0.1 is 200 halves of 0.001.
+    assert!((pairs.farthest - 200.0).abs() < 1e-6, "{}", pairs.farthest);
+    assert!((pairs.variants[1].distance - (50.0 / 3.0 - 16.67)).abs() < 1e-12);
+}

@@ -1,0 +1,202 @@
+//! An explanation for readers and for programs.
+
+use serde::Serialize;
+use sharp_metrics::identity::MetricRegion;
+
+use crate::evaluate::record::finite_or_text;
+use crate::io::text::csv_cell;
+use crate::report::tables::grid::{GridCell, TextGrid};
+
+use super::Explanation;
+use super::cells::{CellExplanation, Verdict};
+use super::protocols::Protocol;
+
+/// Protocols of a dataset that are shown; files have all.
+const SHOWN: usize = 6;
+/// Candidates of a cell that are named.
+const NAMED: usize = 8;
+
+/// A number under a reading, as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ReadingLine<'a> {
+    pub dataset: &'a str,
+    pub metric: &'a str,
+    pub key: String,
+    pub picture: &'static str,
+    pub scenes: &'static str,
+    pub averaging: String,
+    pub n: usize,
+    #[serde(with = "finite_or_text")]
+    pub value: f64,
+    pub published: f64,
+    #[serde(with = "finite_or_text")]
+    pub difference: f64,
+    /// Whether it prints the published number.
+    pub equal: bool,
+}
+
+impl Explanation {
+    /// Every reading of every cell.
+    pub fn lines(&self) -> Vec<ReadingLine<'_>> {
+        let mut lines = Vec::new();
+        for cell in &self.cells {
+            for value in &cell.readings {
+                let reading = value.reading;
+                lines.push(ReadingLine {
+                    dataset: &cell.dataset,
+                    metric: &cell.metric.label,
+                    key: reading.key.to_string(),
+                    picture: reading.picture.name(),
+                    scenes: reading.scenes.name(),
+                    averaging: reading.averaging.name(),
+                    n: value.n,
+                    value: value.value,
+                    published: cell.published,
+                    difference: value.value - cell.published,
+                    equal: cell.prints(value.value),
+                });
+            }
+        }
+        lines
+    }
+
+    /// [`Self::lines`] as CSV.
+    ///
+    /// # Errors
+    /// Those of the CSV writer, which only writes to memory here.
+    pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
+        let mut writer = ::csv::Writer::from_writer(Vec::new());
+        for line in self.lines() {
+            let dataset = csv_cell(line.dataset);
+            writer.serialize(ReadingLine {
+                dataset: &dataset,
+                ..line.clone()
+            })?;
+        }
+        writer
+            .into_inner()
+            .map_err(|error| error.into_error().into())
+    }
+
+    /// The cells with their verdicts, the nearest protocols, and what was not computed.
+    pub fn grids(&self) -> Vec<TextGrid> {
+        let mut grids = vec![self.verdicts()];
+        let by_dataset = self.protocols.chunk_by(|a, b| a.column == b.column);
+        grids.extend(by_dataset.map(nearest));
+        let rows = self.absent.iter().map(|text| vec![GridCell::words(text)]);
+        grids.push(TextGrid {
+            title: "Not computed".to_owned(),
+            heads: vec!["reading".to_owned()],
+            rows: rows.collect(),
+            remarks: Vec::new(),
+        });
+        grids
+    }
+
+    fn verdicts(&self) -> TextGrid {
+        let rows = self.cells.iter().map(|cell| {
+            let shown = |value: Option<f64>| match value {
+                Some(value) => GridCell::number(cell.metric.shown(value), value),
+                None => GridCell::number("n/a", f64::NAN),
+            };
+            let spread = cell.spread().map_or_else(String::new, |(low, high)| {
+                format!("{} … {}", cell.metric.shown(low), cell.metric.shown(high))
+            });
+            vec![
+                GridCell::words(cell.column),
+                GridCell::words(&cell.metric.label),
+                shown(Some(cell.published)),
+                shown(cell.as_scored),
+                shown(cell.as_scored.map(|value| value - cell.published)),
+                GridCell::words(spread),
+                GridCell::number(cell.readings.len().to_string(), cell.readings.len() as f64),
+                GridCell::words(cell.verdict.words()),
+            ]
+        });
+        TextGrid {
+            title: "Published numbers and the readings of these predictions".to_owned(),
+            heads: [
+                "dataset",
+                "metric",
+                "published",
+                "here",
+                "difference",
+                "all readings",
+                "readings",
+                "verdict",
+            ]
+            .map(str::to_owned)
+            .into(),
+            rows: rows.collect(),
+            remarks: self.cells.iter().filter_map(candidates).collect(),
+        }
+    }
+}
+
+/// Which readings print the published number.
+fn candidates(cell: &CellExplanation) -> Option<String> {
+    if !matches!(cell.verdict, Verdict::Equal | Verdict::Ambiguous) {
+        return None;
+    }
+    let found = cell.candidates();
+    let named = found.iter().take(NAMED).map(|value| {
+        let reading = value.reading;
+        let value = format!("{:.*}", cell.metric.decimals + 2, value.value);
+        format!("`{}` {} ({value})", reading.key, reading.words())
+    });
+    let named: Vec<String> = named.collect();
+    let more = match found.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!("; and {more} more"),
+    };
+    Some(format!(
+        "{} {} {}: {}{more}.",
+        cell.column,
+        cell.metric.label,
+        cell.metric.shown(cell.published),
+        named.join("; ")
+    ))
+}
+
+fn nearest(protocols: &[Protocol]) -> TextGrid {
+    let metrics = protocols[0]
+        .variants
+        .iter()
+        .map(|variant| variant.metric.clone());
+    let heads = ["picture", "scenes", "averaging", "region"]
+        .map(str::to_owned)
+        .into_iter();
+    let heads = heads.chain(metrics).chain(["farthest".to_owned()]);
+    let rows = protocols.iter().take(SHOWN).map(|protocol| {
+        let mut row = vec![
+            GridCell::words(protocol.picture.name()),
+            GridCell::words(protocol.scenes.name()),
+            GridCell::words(protocol.averaging.name()),
+            GridCell::words(match protocol.region {
+                MetricRegion::Whole => "whole picture",
+                _ => "frustum",
+            }),
+        ];
+        row.extend(protocol.variants.iter().map(|variant| {
+            GridCell::words(format!(
+                "{} {:.4} ({:+.4})",
+                variant.key, variant.value, variant.distance
+            ))
+        }));
+        row.push(GridCell::number(
+            format!("{:.0}", protocol.farthest),
+            protocol.farthest,
+        ));
+        row
+    });
+    TextGrid {
+        title: format!("{}: the nearest protocols of {}", protocols[0].column, protocols.len()),
+        heads: heads.collect(),
+        rows: rows.collect(),
+        remarks: vec![
+            "Of each metric the nearest variant with its value and its distance to the published number; farthest: the largest \
+             distance in halves of the last printed digit, so that at most 1 is equal to rounding."
+                .to_owned(),
+        ],
+    }
+}
