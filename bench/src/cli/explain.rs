@@ -128,10 +128,8 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
         );
         text += &format!("{title}\n\n");
         markdown += &format!("# {}\n\n", crate::report::tables::markdown::escape(&title));
-        for grid in explanation.grids() {
-            text += &format!("{}\n", grid.text());
-            markdown += &format!("## {}\n\n{}\n", grid.title, grid.markdown());
-        }
+        text += &format!("{}\n", explanation.text());
+        markdown += &format!("{}\n", explanation.markdown());
         let csv = explanation.csv()?;
         let rows = csv
             .iter()

@@ -75,7 +75,7 @@ pub struct Readings {
     pub records: Vec<Record>,
     /// A score of each record by reading and metric; a metric that has none anywhere is left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
-    /// Why readings and metrics lack scores, each with the number of records.
+    /// Why readings of pictures and metrics lack scores, each with the number of pairs.
     pub absent: BTreeMap<(String, String), usize>,
     /// Scores of the run that its kept pictures do not give any more.
     pub changed: usize,
@@ -213,7 +213,10 @@ fn score_unit(
                     values.resize(at, None);
                     values.push(Some(value));
                 }
-                Err(reason) => readings.lacks(&key.to_string(), &reason.to_string()),
+                Err(reason) if *reading == PictureReading::AsScored => {
+                    readings.lacks(&key.to_string(), &reason.to_string());
+                }
+                Err(_) => {}
             }
         }
     }

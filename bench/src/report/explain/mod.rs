@@ -22,6 +22,9 @@ use crate::report::paper::{self, PublishedTable};
 use cells::{CellExplanation, cell};
 use protocols::{Protocol, protocols};
 
+/// Readings that lack a score for one reason and are named.
+const NAMED: usize = 4;
+
 /// A row of a table of the paper and what the predictions of a method give under other readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explanation {
@@ -81,8 +84,14 @@ pub fn explain(
             .or_default()
             .push(format!("{what}{count}"));
     }
-    let lacking = lacking.into_iter();
-    absent.extend(lacking.map(|(reason, what)| format!("{}: {reason}", what.join(", "))));
+    for (reason, what) in lacking {
+        let more = match what.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let named: Vec<String> = what.into_iter().take(NAMED).collect();
+        absent.push(format!("{}{more}: {reason}", named.join(", ")));
+    }
     absent.push("The paper's own pairs: their list is not published".to_owned());
     if readings
         .records

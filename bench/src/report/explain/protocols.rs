@@ -32,7 +32,7 @@ pub struct Variant {
     pub distance: f64,
 }
 
-/// Every protocol of every dataset, by dataset, the nearest first.
+/// Every protocol of every dataset, by dataset, the nearest first; those of equal numbers once.
 pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {
@@ -81,6 +81,8 @@ pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
             }
         }
         of_dataset.sort_by(|a, b| a.farthest.total_cmp(&b.farthest));
+        // Readings that give the same numbers, as means over scenes do where each has one pair, are one protocol.
+        of_dataset.dedup_by(|a, b| a.variants == b.variants && a.region == b.region);
         all.extend(of_dataset);
     }
     all

@@ -6,6 +6,7 @@ use sharp_metrics::identity::MetricRegion;
 use crate::evaluate::record::finite_or_text;
 use crate::io::text::csv_cell;
 use crate::report::tables::grid::{GridCell, TextGrid};
+use crate::report::tables::markdown::rich;
 
 use super::Explanation;
 use super::cells::{CellExplanation, Verdict};
@@ -78,19 +79,33 @@ impl Explanation {
             .map_err(|error| error.into_error().into())
     }
 
-    /// The cells with their verdicts, the nearest protocols, and what was not computed.
-    pub fn grids(&self) -> Vec<TextGrid> {
-        let mut grids = vec![self.verdicts()];
+    /// The cells with their verdicts, and the nearest protocols.
+    fn grids(&self) -> Vec<TextGrid> {
         let by_dataset = self.protocols.chunk_by(|a, b| a.column == b.column);
-        grids.extend(by_dataset.map(nearest));
-        let rows = self.absent.iter().map(|text| vec![GridCell::words(text)]);
-        grids.push(TextGrid {
-            title: "Not computed".to_owned(),
-            heads: vec!["reading".to_owned()],
-            rows: rows.collect(),
-            remarks: Vec::new(),
-        });
-        grids
+        [self.verdicts()]
+            .into_iter()
+            .chain(by_dataset.map(nearest))
+            .collect()
+    }
+
+    /// For a terminal.
+    pub fn text(&self) -> String {
+        let mut parts: Vec<String> = self.grids().iter().map(TextGrid::text).collect();
+        let absent = self.absent.iter().map(|text| format!("  {text}\n"));
+        parts.push(format!("Not computed\n{}", absent.collect::<String>()));
+        parts.join("\n")
+    }
+
+    /// GitHub-flavoured Markdown under headings of the second level.
+    pub fn markdown(&self) -> String {
+        let grids = self.grids();
+        let mut parts: Vec<String> = grids
+            .iter()
+            .map(|grid| format!("## {}\n\n{}", grid.title, grid.markdown()))
+            .collect();
+        let absent = self.absent.iter().map(|text| format!("- {}\n", rich(text)));
+        parts.push(format!("## Not computed\n\n{}", absent.collect::<String>()));
+        parts.join("\n")
     }
 
     fn verdicts(&self) -> TextGrid {

@@ -89,7 +89,7 @@ fn marks(notes: &[usize]) -> String {
 }
 
 /// A note with its code set as code, unless that could be read as markup by a lenient reader.
-pub(super) fn rich(note: &str) -> String {
+pub(in crate::report) fn rich(note: &str) -> String {
     let spans = spans(note).into_iter();
     let spans = spans.map(|(code, text)| {
         if code && !text.is_empty() && text.chars().all(|c| c != '<' && !c.is_control()) {
