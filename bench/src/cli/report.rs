@@ -9,7 +9,7 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::evaluate::{Named, Results, UnitCounts, join};
-use crate::report::{PublishedNumbers, ReportOptions, assemble};
+use crate::report::{Layout, PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
 ///
@@ -23,8 +23,9 @@ Examples:
   sharp-bench report runs/sharp runs/baselines --out comparison
   sharp-bench report base=runs/v1 new=runs/v2 --out comparison
 
-Writes report.md, index.html (one file that opens from disk), tables as .md, .csv and .tex, plots as .svg and .png.
-Source and target pictures come from the datasets named in the run, where they are still in place.")]
+Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
+pictures of up to 24 pairs; of more, small pictures of all pairs lie beside it in thumbs/, below 200 MB together. Enlarged
+ones come from the run. Source and target come from the datasets named in the run, where they are still in place.")]
 pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
@@ -35,6 +36,12 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers stand beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
+    /// Where the page's pictures are; without it, in the page for up to 24 pairs, else beside it
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+    /// Leave out the pictures of datasets whose terms do not let them be published; the page names them
+    #[arg(long)]
+    public: bool,
     /// Print JSON: the files written
     #[arg(long)]
     json: bool,
@@ -63,7 +70,11 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         &scenes,
         &out,
         args.published,
-        ReportOptions::default(),
+        ReportOptions {
+            layout: args.layout,
+            pictures: None,
+            public: args.public,
+        },
     )?;
     if args.json {
         let names = |paths: &[PathBuf]| -> Vec<String> {
@@ -71,11 +82,16 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         };
         output::json(&json!({
             "out": out.display().to_string(),
+            "layout": files.layout,
             "files": names(&files.all),
             "not_scored": names(&files.not_scored),
         }))?;
     } else {
-        output::line(format!("report  {}", files.html.display()))?;
+        let pictures = match files.layout {
+            Layout::File => "one file",
+            Layout::Folder => "with the pictures in thumbs/ beside it",
+        };
+        output::line(format!("report  {}  ({pictures})", files.html.display()))?;
     }
     warn_not_scored(&files.not_scored);
     let damaged = warn_damaged(&results);
