@@ -12,6 +12,7 @@
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
 //!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
 //!   picks some where it cannot show all; [`qualitative`]: predictions side by side.
+//! * [`speed`]: run time and compute.
 //! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
@@ -28,6 +29,7 @@ pub mod paper;
 pub mod pictures;
 pub mod plots;
 pub mod qualitative;
+pub mod speed;
 pub mod statistics;
 pub mod tables;
 pub mod view_maps;
