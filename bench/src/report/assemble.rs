@@ -182,7 +182,11 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
 }
 
 /// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's, once each.
-fn proxies(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> Vec<String> {
+pub(super) fn proxies(
+    manifest: &Manifest,
+    dataset: &DatasetRecord,
+    records: &[Record],
+) -> Vec<String> {
     let readings = dataset.readings.iter().filter(|reading| reading.proxy);
     let mut proxies: Vec<String> = readings
         .map(|reading| format!("{}={}", reading.key, reading.value))

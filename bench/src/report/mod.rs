@@ -12,7 +12,7 @@
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
 //!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
 //!   picks some where it cannot show all; [`qualitative`]: predictions side by side.
-//! * [`speed`]: run time and compute.
+//! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper.
 //! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
@@ -24,6 +24,7 @@ pub mod gallery;
 pub mod html;
 pub mod input;
 pub mod markdown;
+pub mod methods_text;
 mod page_data;
 pub mod paper;
 pub mod pictures;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use askama::Template as _;
 use rayon::prelude::*;
 
-use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_atomic, write_replaceable};
 use crate::io::counts::counted;
 use crate::io::text::visible;
 
@@ -155,10 +155,10 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     write_atomic(&list, lines.as_bytes())?;
     let all = names.iter().map(|name| out.join(name));
     let mut all: Vec<PathBuf> = all.chain([list]).collect();
-    // Many small ones, each waiting for the disk. The page comes last: what it loads is there.
+    // The page comes last: what it loads is there.
     thumbnails
         .par_iter()
-        .try_for_each(|(name, jpeg)| write_atomic(&out.join(name), jpeg))?;
+        .try_for_each(|(name, jpeg)| write_replaceable(&out.join(name), jpeg))?;
     for (name, bytes) in files {
         write_atomic(&out.join(name), &bytes)?;
     }
