@@ -28,6 +28,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "Booster",
     page: "https://cvlab-unibo.github.io/booster-web/",
     terms: "research use; do not redistribute",
+    may_publish: false,
     download: "booster_gt.zip; only the training set has ground truth",
     size: "19.3 GB (8.3 GB unpacked for train/balanced)",
     layout: "train/balanced/<Scene>/{camera_00/*.png, camera_02/*.png, disp_00.npy, \

@@ -48,6 +48,9 @@ pub struct DatasetEntry {
     pub page: &'static str,
     /// Terms of use in brief; the page is authoritative.
     pub terms: &'static str,
+    /// Whether those terms let pictures of it, and what was predicted from them, be published with the source named. One's
+    /// own data may be; terms that contradict each other do not.
+    pub may_publish: bool,
     pub download: &'static str,
     pub size: &'static str,
     /// The files that the reader looks for.
@@ -79,6 +82,7 @@ impl DatasetEntry {
         title: "",
         page: "",
         terms: "yours",
+        may_publish: true,
         download: "nothing",
         size: "any",
         layout: "",

@@ -22,6 +22,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "ETH3D high-resolution multi-view, training set",
     page: "https://www.eth3d.net/datasets",
     terms: "CC BY-NC-SA 4.0",
+    may_publish: true,
     download: "<scene>_dslr_jpg.7z and _dslr_depth.7z of 13 scenes; _dslr_undistorted.7z for images=undistorted",
     size: "24-megapixel pictures; every depth map is 97,542,144 bytes",
     layout: "<scene>/{images/dslr_images, dslr_calibration_jpg, ground_truth_depth/dslr_images}; \

@@ -27,6 +27,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "Middlebury Stereo 2014",
     page: "https://vision.middlebury.edu/stereo/data/scenes2014/",
     terms: "free to use and publish; cite Scharstein et al., GCPR 2014",
+    may_publish: true,
     download: "zip/<Scene>-perfect.zip and -imperfect.zip (23 scenes each), or MiddEval3-data-F.zip \
                with MiddEval3-GT0-F.zip",
     size: "46 archives; pictures of 5 to 6 megapixels, disparity maps of 24 MB each; one scene is bundled at a \

@@ -26,6 +26,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "WildRGB-D",
     page: "https://github.com/wildrgbd/wildrgbd",
     terms: "MIT (the repository's licence; no separate terms for the data)",
+    may_publish: true,
     download: "one archive in parts a category; join the parts before unpacking",
     size: "3.37 TB for all 46 categories, 4 TB unpacked",
     layout: "<category>/nvs_list.json, <category>/scenes/scene_*/{rgb, depth, metadata, \

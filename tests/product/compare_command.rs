@@ -163,10 +163,10 @@ fn where_it_changed_is_told() {
     let read = |name: &str| std::fs::read_to_string(dir.join("page").join(name)).unwrap();
     let page = read("index.html");
     for what in [
-        "data-kind=\"change\"",
+        "\"change\":[\"data:image/jpeg",
         "7 A | B",
-        "data-loss-0=",
-        "href=\"#pair=S/seed0/",
+        "\"losses\":[",
+        "\"id\":\"S/seed0/",
         "id=\"comparison\"",
     ] {
         assert!(page.contains(what), "{what}");

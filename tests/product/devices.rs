@@ -1,4 +1,4 @@
-//! The binary on what a machine may or may not have: GPU adapters, and ffmpeg. What is not there is reported as
+//! The binary on what a machine may or may not have: GPU adapters, ffmpeg and TeX. What is not there is reported as
 //! ignored, by name.
 
 #![allow(
@@ -29,6 +29,11 @@ fn main() -> ExitCode {
             },
         )
         .with_ignored_flag(!has("ffmpeg") || !has("ffprobe")),
+        Trial::test("what is written for a paper compiles in one", || {
+            paper();
+            Ok(())
+        })
+        .with_ignored_flag(!has("pdflatex") || !has("bibtex")),
     ];
     let adapters = adapters();
     for (title, test) in [
@@ -195,6 +200,46 @@ fn evaluate(adapter: &str) {
     for (gpu, cpu) in gpu.into_iter().zip(cpu) {
         assert!((gpu - cpu).abs() < 0.05, "{gpu} {cpu}");
     }
+}
+
+fn paper() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let data = ["--dataset", "S_&_%:synthetic=size=48x36,views=20"];
+    let method = ["--method", "depth-splat:resolution=64,label=a_%_b"];
+    let run = [
+        &["run"],
+        &data[..],
+        &method,
+        &["--limit", "2", "--out", "r"],
+    ]
+    .concat();
+    sharp_bench(dir, &run).ends_with(0);
+    sharp_bench(dir, &["report", "r", "--methods-text", "--out", "."]).ends_with(0);
+    let speed = [
+        &["speed", "r"],
+        &data[..],
+        &method,
+        &["--repeat", "1", "--out", "."],
+    ]
+    .concat();
+    sharp_bench(dir, &speed).ends_with(0);
+    let document = "\\documentclass{article}\\usepackage[T1]{fontenc}\\usepackage{booktabs,graphicx}\n\
+        \\usepackage[table]{xcolor}\\begin{document}\\input{methods}\\input{speed}\n\
+        \\bibliographystyle{plain}\\bibliography{methods}\\end{document}\n";
+    std::fs::write(dir.join("paper.tex"), document).unwrap();
+    for program in ["pdflatex", "bibtex", "pdflatex", "pdflatex"] {
+        let mut command = Command::new(program);
+        if program == "pdflatex" {
+            command.args(["-halt-on-error", "-interaction=nonstopmode"]);
+        }
+        let output = command.arg("paper").current_dir(dir).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{program}: {said}");
+    }
+    let log = std::fs::read(dir.join("paper.log")).unwrap();
+    let log = String::from_utf8_lossy(&log);
+    assert!(!log.contains("undefined citations"), "{log}");
 }
 
 fn movies() {

@@ -12,7 +12,7 @@ use super::run::build_methods;
 use super::{Outcome, output};
 use crate::evaluate::{PairOrigin, Request, RunOptions, prepare};
 use crate::pairs::{OpenDataset, PairOptions, PairRecipe};
-use crate::report::{PublishedNumbers, ReportOptions, report};
+use crate::report::{Layout, PictureBudget, PublishedNumbers, ReportOptions, report};
 
 /// Run the main job on bundled data: evaluate, tabulate, plot
 ///
@@ -76,9 +76,14 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         &finished.scenes,
         &args.out.join("report"),
         PublishedNumbers::Matching,
+        // One file to look at.
         ReportOptions {
-            picture_side: 640,
-            picture_bytes: 4 << 20,
+            layout: Some(Layout::File),
+            pictures: Some(PictureBudget {
+                bytes: 4 << 20,
+                side: 640,
+            }),
+            public: false,
         },
     )?;
     let run = args.out.join("run");

@@ -24,6 +24,7 @@ mod report;
 mod run;
 mod schema;
 mod score;
+mod speed;
 mod table;
 mod weights;
 
@@ -62,6 +63,7 @@ enum CliCommand {
     Report(report::ReportArgs),
     Table(table::TableArgs),
     Explain(explain::ExplainArgs),
+    Speed(speed::SpeedArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
@@ -99,6 +101,7 @@ impl Cli {
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Explain(args) => explain::execute(&args),
             CliCommand::Table(args) => table::execute(&args),
+            CliCommand::Speed(args) => speed::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Gate(args) => gate::execute(&args),

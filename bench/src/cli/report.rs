@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
+use super::metrics::describe;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
 use crate::evaluate::{Named, Results, UnitCounts, join};
-use crate::report::{PublishedNumbers, ReportOptions, assemble};
+use crate::report::{self, Layout, PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
 ///
@@ -22,9 +23,11 @@ Examples:
   sharp-bench report runs/first
   sharp-bench report runs/sharp runs/baselines --out comparison
   sharp-bench report base=runs/v1 new=runs/v2 --out comparison
+  sharp-bench report runs/first --methods-text
 
-Writes report.md, index.html (one file that opens from disk), tables as .md, .csv and .tex, plots as .svg and .png.
-Source and target pictures come from the datasets named in the run, where they are still in place.")]
+Writes report.md, index.html (opens from disk), tables as .md, .csv and .tex, plots as .svg and .png. The page holds the
+pictures of up to 24 pairs; of more, small pictures of all pairs lie beside it in thumbs/, below 200 MB together. Enlarged
+ones come from the run. Source and target come from the datasets named in the run, where they are still in place.")]
 pub(super) struct ReportArgs {
     /// Run folders or bundles
     #[arg(required = true, value_name = "[NAME=]RUN")]
@@ -35,6 +38,16 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers stand beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
+    /// Where the page's pictures are; without it, in the page for up to 24 pairs, else beside it
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+    /// Leave out the pictures of datasets whose terms do not let them be published; the page names them
+    #[arg(long)]
+    public: bool,
+    /// Instead of a report, a paragraph for a paper with its references: datasets and pairs, conventions, metrics, what
+    /// differs from the SHARP paper. Printed, or with --out written as methods.tex and methods.bib
+    #[arg(long, conflicts_with_all = ["published", "layout", "public"])]
+    methods_text: bool,
     /// Print JSON: the files written
     #[arg(long)]
     json: bool,
@@ -42,6 +55,9 @@ pub(super) struct ReportArgs {
 
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     let results = join(&args.runs)?;
+    if args.methods_text {
+        return methods_text(&results, args);
+    }
     let out = match (&args.out, args.runs.as_slice()) {
         (Some(out), _) => out.clone(),
         (None, [run]) if run.path.is_dir() => run.path.join("report"),
@@ -63,7 +79,11 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         &scenes,
         &out,
         args.published,
-        ReportOptions::default(),
+        ReportOptions {
+            layout: args.layout,
+            pictures: None,
+            public: args.public,
+        },
     )?;
     if args.json {
         let names = |paths: &[PathBuf]| -> Vec<String> {
@@ -71,17 +91,39 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
         };
         output::json(&json!({
             "out": out.display().to_string(),
+            "layout": files.layout,
             "files": names(&files.all),
             "not_scored": names(&files.not_scored),
         }))?;
     } else {
-        output::line(format!("report  {}", files.html.display()))?;
+        let pictures = match files.layout {
+            Layout::File => "one file",
+            Layout::Folder => "with the pictures in thumbs/ beside it",
+        };
+        output::line(format!("report  {}  ({pictures})", files.html.display()))?;
     }
     warn_not_scored(&files.not_scored);
     let damaged = warn_damaged(&results);
     Ok(Outcome::of_problems(
         damaged || !files.not_scored.is_empty(),
     ))
+}
+
+fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome> {
+    let text = report::methods_text::methods_text(results);
+    let Some(out) = &args.out else {
+        return describe::methods_text(&text, args.json);
+    };
+    let files = text.write(out)?;
+    let files = files.map(|path| path.display().to_string());
+    if args.json {
+        output::json(&json!({"files": files}))?;
+    } else {
+        for file in files {
+            output::line(format!("wrote {file}"))?;
+        }
+    }
+    Ok(Outcome::Done)
 }
 
 /// Names units that are not whole any more. True if there is one: exit code 4.

@@ -14,7 +14,7 @@
 //! ```
 //!
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored; `estimate`: what that
-//!   would cost.
+//!   would cost; [`mod@speed`]: what inference and rendering take, apart, of Gaussians whose `footprint` explains it.
 //! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
 //!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
@@ -28,6 +28,7 @@ pub mod bundle;
 pub mod error;
 mod estimate;
 pub mod folder;
+mod footprint;
 mod gaussian_store;
 pub mod join;
 mod keys;
@@ -42,6 +43,7 @@ pub mod rescore;
 pub mod results;
 mod score;
 pub mod source_check;
+pub mod speed;
 #[cfg(test)]
 pub(crate) mod test_records;
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::folder::RunFolder;
 use super::keys::method_identity;
 use super::manifest::Manifest;
 use super::record::{Record, Score, Status, finite_or_text};
-use super::unit::{Timing, Unit};
+use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
 use crate::io::text::csv_cell;
@@ -39,6 +39,8 @@ pub struct PictureFolder {
     pub labels: BTreeMap<String, String>,
     /// sha256 of each kept file, by pair id and the method's label in the folder.
     pub sha256: BTreeMap<(String, String), String>,
+    /// The same of the renderings that were kept as floats.
+    pub float_sha256: BTreeMap<(String, String), String>,
 }
 
 /// A kept picture.
@@ -206,20 +208,24 @@ impl Results {
         let list = PairList::read(&folder.pairs_path())?;
         let labels = current.manifest.methods.iter();
         let labels = labels.map(|method| (method.label.clone(), method.label.clone()));
-        let kept = current.units.iter().filter_map(|unit| {
-            let sha256 = unit.picture.as_ref()?.file_sha256.clone()?;
-            Some((
-                (unit.slot.pair_id.clone(), unit.slot.method.clone()),
-                sha256,
-            ))
-        });
+        let kept = |sha256: fn(&ScoredPicture) -> &Option<String>| {
+            let kept = current.units.iter().filter_map(|unit| {
+                let sha256 = sha256(unit.picture.as_ref()?).clone()?;
+                let Slot {
+                    pair_id, method, ..
+                } = unit.slot.clone();
+                Some(((pair_id, method), sha256))
+            });
+            kept.collect()
+        };
         Ok(Self {
             records: current.records(&list.pairs),
             missing: current.missing.clone(),
             damaged: current.damaged.clone(),
             pictures: vec![PictureFolder {
                 labels: labels.collect(),
-                sha256: kept.collect(),
+                sha256: kept(|picture| &picture.file_sha256),
+                float_sha256: kept(|picture| &picture.float_sha256),
                 folder: units_folder(folder, &current.manifest).unlocked(),
             }],
             manifest: current.manifest.clone(),
@@ -234,12 +240,26 @@ impl Results {
 
     /// The kept picture of a record: of those in several folders, one that was scored.
     pub fn kept_picture(&self, record: &Record) -> Option<KeptPicture> {
+        self.kept(record, "png", |pictures| &pictures.sha256)
+    }
+
+    /// The rendering behind that picture, where it was kept as floats: linear RGB and alpha.
+    pub fn kept_rendering(&self, record: &Record) -> Option<KeptPicture> {
+        self.kept(record, "exr", |pictures| &pictures.float_sha256)
+    }
+
+    fn kept(
+        &self,
+        record: &Record,
+        extension: &str,
+        hashes: fn(&PictureFolder) -> &BTreeMap<(String, String), String>,
+    ) -> Option<KeptPicture> {
         let kept = self.pictures.iter().filter_map(|pictures| {
             let label = pictures.labels.get(&record.method)?;
             let unit = (record.pair_id.clone(), label.clone());
             // Ids are only looked up: what no unit speaks of is no picture of ours, wherever it leads.
-            let sha256 = pictures.sha256.get(&unit)?;
-            let path = pictures.folder.prediction_path(label, &unit.0, "png");
+            let sha256 = hashes(pictures).get(&unit)?;
+            let path = pictures.folder.prediction_path(label, &unit.0, extension);
             path.is_file().then(|| KeptPicture {
                 is_scored: file_sha256(&path).is_ok_and(|found| found == *sha256),
                 path,

@@ -1,8 +1,32 @@
-//! Records for tests.
+//! Records and manifests for tests.
 
 use std::collections::BTreeMap;
 
+use image::RgbImage;
+use sharp_metrics::{Selection, Weights};
+
+use super::manifest::Manifest;
+use super::prepare::{Request, prepare};
 use super::record::{Record, Status};
+use crate::io::observer::Quiet;
+use crate::methods::{Closure, Method, MethodError, SourceView, TargetCamera};
+use crate::pairs::OpenDataset;
+use crate::scoring::Scoring;
+
+/// Of a procedural scene `D_1`, a method `m` and some metrics.
+pub(crate) fn manifest(metrics: &str) -> Manifest {
+    let datasets = ["D_1:synthetic=size=16x12,views=4".to_owned()];
+    let black = |_: &SourceView, target: &TargetCamera| -> Result<_, MethodError> {
+        let (width, height) = target.size();
+        Ok(RgbImage::new(width, height).into())
+    };
+    let method: Box<dyn Method> = Box::new(Closure::new("m", "1", black));
+    let selection = Selection::parse(metrics).unwrap();
+    let scoring = Scoring::new(&selection, &Weights::deterministic("")).unwrap();
+    let datasets = OpenDataset::open_all(&datasets, None).unwrap();
+    let request = Request::new(datasets, vec![method], scoring);
+    prepare(request, &Quiet).unwrap().manifest().unwrap()
+}
 
 /// Pair `number` of a scene of its own cluster, by method `m`, without scores.
 pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {

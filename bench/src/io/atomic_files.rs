@@ -41,6 +41,17 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
+/// As [`write_atomic`], but without waiting for the disk: for many small files that can be made again. A reader, or a
+/// restart after a kill, sees all of it or nothing; after a loss of power it may be empty.
+pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    let mut file = PartialFile::create(path)?;
+    file.write_all(bytes)
+        .map_err(FileError::new(path, "write"))?;
+    let persisted = file.file.persist(path);
+    persisted.map_err(|error| FileError::new(path, "write")(error.error))?;
+    Ok(())
+}
+
 /// As [`write_atomic`], but over nothing except an earlier file of the same kind, which has `mark` in it.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
     let is_own = |there: Vec<u8>| String::from_utf8_lossy(&there).contains(mark);

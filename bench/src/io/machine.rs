@@ -13,6 +13,11 @@ pub fn peak_bytes() -> Option<u64> {
     Some(kib * 1024)
 }
 
+/// Starts [`peak_bytes`] anew. False where the system does not allow it: then that goes on from what it was.
+pub fn reset_peak() -> bool {
+    std::fs::write("/proc/self/clear_refs", "5").is_ok()
+}
+
 /// What times can be compared on: the processor and how many threads work on it, `AMD EPYC 7R13, 8 threads`. `None` where
 /// the system does not say.
 pub fn cpu_and_threads() -> Option<String> {

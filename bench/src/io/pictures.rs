@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
-use image::{ImageDecoder, ImageReader, Rgb, Rgb32FImage, RgbImage};
+use image::{ImageBuffer, ImageDecoder, ImageReader, Luma, Rgb, Rgb32FImage, RgbImage};
 use sharp::camera::Intrinsics;
 use sharp::color::{Quantization, quantize, srgb_from_linear};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
@@ -203,6 +203,23 @@ fn read_rgba(path: &Path) -> Result<(LinearPicture, bool), ReadError> {
     let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
     let is_linear = transfer == Some(&AttributeValue::Text(LINEAR.into()));
     Ok((image.layer_data.channel_data.pixels, is_linear))
+}
+
+/// The alpha channel of an EXR's first layer, as it is stored; 1 where it has none.
+///
+/// # Errors
+/// Names the file and why it cannot be read.
+pub fn read_alpha(path: &Path) -> Result<ImageBuffer<Luma<f32>, Vec<f32>>, ReadError> {
+    exr_dimensions(path)?;
+    let image = read_first_rgba_layer_from_file(
+        path,
+        |size, _| ImageBuffer::new(size.width() as u32, size.height() as u32),
+        |alpha: &mut ImageBuffer<_, _>, at, (_, _, _, a): (f32, f32, f32, f32)| {
+            alpha.put_pixel(at.x() as u32, at.y() as u32, Luma([a]));
+        },
+    );
+    let image = image.map_err(|error| malformed(path, error.to_string()))?;
+    Ok(image.layer_data.channel_data.pixels)
 }
 
 fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {

@@ -1,6 +1,7 @@
 //! Which metrics these are, as a paper should say it: a paragraph of LaTeX and the references that it cites.
 
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use sharp_metrics::weights::Published;
 use sharp_metrics::{
@@ -8,7 +9,9 @@ use sharp_metrics::{
     SsimVariant, WeightsUsed,
 };
 
-/// References of the metrics and their networks, a blank line after each.
+use crate::io::atomic_files::{FileError, write_over_own};
+
+/// References of the metrics and their networks, of the paper and its datasets, a blank line between them.
 const CITATIONS: &str = include_str!("citations.bib");
 /// Digits of a hash that a paper shows.
 const DIGITS: usize = 12;
@@ -29,12 +32,18 @@ impl MethodsText {
     pub fn new(keys: &[MetricKey], used: &[WeightsUsed]) -> Self {
         let infos = keys.iter().map(|key| MetricInfo::new(*key, used));
         let infos: Vec<MetricInfo> = infos.collect();
-        let mut sentences = vec![format!(
+        let before = format!(
             "All metrics were computed per image with \\texttt{{sharp-bench}} {} on 8-bit sRGB images at the full \
              resolution of the ground truth and averaged over images; images are not resized unless said so.",
             env!("CARGO_PKG_VERSION")
-        )];
-        sentences.extend(infos.iter().map(sentence));
+        );
+        Self::of(vec![before], &infos, Vec::new())
+    }
+
+    /// Describes metrics between other sentences of LaTeX, which may cite what `citations.bib` has.
+    pub fn of(before: Vec<String>, infos: &[MetricInfo], after: Vec<String>) -> Self {
+        let sentences = before.into_iter().chain(infos.iter().map(sentence));
+        let sentences: Vec<String> = sentences.chain(after).collect();
         let latex = sentences.join("\n");
         let cited = |entry: &&str| {
             let key = entry.split(['{', ',']).nth(1).unwrap_or_default();
@@ -53,6 +62,23 @@ impl MethodsText {
             latex,
             bibtex,
         }
+    }
+}
+
+/// How our files begin, so that nothing else is written over.
+const MARK: &str = "% Written by sharp-bench";
+
+impl MethodsText {
+    /// Writes `methods.tex`, to be `\\input`, and `methods.bib`.
+    ///
+    /// # Errors
+    /// When one cannot be written, or the name is taken by something else.
+    pub fn write(&self, folder: &Path) -> Result<[PathBuf; 2], FileError> {
+        let [tex, bib] = ["methods.tex", "methods.bib"].map(|name| folder.join(name));
+        let content = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
+        write_over_own(&tex, content.as_bytes(), MARK)?;
+        write_over_own(&bib, format!("{MARK}\n\n{}", self.bibtex).as_bytes(), MARK)?;
+        Ok([tex, bib])
     }
 }
 
@@ -187,7 +213,7 @@ fn backbone(info: &MetricInfo) -> String {
 }
 
 /// The first digits of a hash; a hash that a file states about itself may be anything.
-fn short(hash: &str) -> String {
+pub(crate) fn short(hash: &str) -> String {
     let digits = hash.chars().filter(char::is_ascii_hexdigit);
     digits.take(DIGITS).collect()
 }

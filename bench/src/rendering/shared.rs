@@ -8,7 +8,7 @@ use sharp::camera::Intrinsics;
 use sharp::color::Quantization;
 use sharp::gaussians::Gaussians;
 use sharp::render::{
-    Backend, Background, CpuRenderer, RenderError, RenderOutput, RenderView, Renderer,
+    Backend, Background, CpuRenderer, LoadedScene, RenderError, RenderOutput, RenderView, Renderer,
 };
 
 /// What decides a rendering's pixels besides its backend. The paper states none of it; the defaults are the release's,
@@ -73,12 +73,26 @@ impl SharedRenderer {
         camera_from_scene: DAffine3,
         intrinsics: Intrinsics,
     ) -> Result<RenderOutput, RenderError> {
-        let view = RenderView {
+        let view = self.view(camera_from_scene, intrinsics);
+        self.with_loaded(scene, |loaded| loaded.render(&view))
+    }
+
+    /// A view with the settings of this renderer.
+    pub fn view(&self, camera_from_scene: DAffine3, intrinsics: Intrinsics) -> RenderView {
+        RenderView {
             eps2d: self.settings.eps2d,
             ..RenderView::new(camera_from_scene, intrinsics)
-        };
+        }
+    }
+
+    /// Works on a scene that the renderer has ready.
+    pub fn with_loaded<T>(
+        &self,
+        scene: &Gaussians,
+        work: impl FnOnce(&mut dyn LoadedScene) -> Result<T, RenderError>,
+    ) -> Result<T, RenderError> {
         let mut renderer = self.renderer.lock().unwrap_or_else(PoisonError::into_inner);
-        renderer.render(scene, &view)
+        work(renderer.load(scene)?.as_mut())
     }
 
     /// What is scored of a rendering: composited, sRGB-encoded, 8 bit.

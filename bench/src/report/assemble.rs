@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
-use sharp_datasets::{Scene, View};
+use sharp_datasets::{DepthMap, Scene, View};
 
 use super::input::{
     Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
     ReportMethod, ReportOptions,
 };
-use super::pictures::{NoPictures, ReportPictures};
+use super::pictures::{Alpha, NoPictures, ReportPictures};
 use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
@@ -21,7 +21,7 @@ use crate::evaluate::source_check::doubt;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
-use crate::io::pictures::read_rgb8;
+use crate::io::pictures::{read_alpha, read_rgb8};
 use crate::io::view_hashes::lock;
 use crate::methods::{KINDS, Privilege};
 use crate::pairs::options::paper::PROXY;
@@ -182,7 +182,11 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
 }
 
 /// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's, once each.
-fn proxies(manifest: &Manifest, dataset: &DatasetRecord, records: &[Record]) -> Vec<String> {
+pub(super) fn proxies(
+    manifest: &Manifest,
+    dataset: &DatasetRecord,
+    records: &[Record],
+) -> Vec<String> {
     let readings = dataset.readings.iter().filter(|reading| reading.proxy);
     let mut proxies: Vec<String> = readings
         .map(|reading| format!("{}={}", reading.key, reading.value))
@@ -364,7 +368,10 @@ fn mark(proxy: bool) -> String {
 /// Pictures of a record: source and target from the datasets, the prediction from the run folder.
 pub(crate) struct RunPictures<'a> {
     results: &'a Results,
-    scenes: &'a [Scene],
+    /// By dataset and id.
+    scenes: BTreeMap<(&'a str, &'a str), &'a Scene>,
+    /// By pair and method: each is hashed once.
+    kept: Mutex<BTreeMap<(String, String), Option<KeptPicture>>>,
     not_scored: Mutex<BTreeSet<PathBuf>>,
 }
 
@@ -372,13 +379,23 @@ impl<'a> RunPictures<'a> {
     pub(crate) fn new(results: &'a Results, scenes: &'a [Scene]) -> Self {
         Self {
             results,
-            scenes,
+            scenes: scenes
+                .iter()
+                .map(|scene| ((scene.dataset.as_str(), scene.id.as_str()), scene))
+                .collect(),
+            kept: Mutex::default(),
             not_scored: Mutex::default(),
         }
     }
 
     pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
-        let kept = self.results.kept_picture(record);
+        let unit = (record.pair_id.clone(), record.method.clone());
+        let known = lock(&self.kept).get(&unit).cloned();
+        let kept = known.unwrap_or_else(|| {
+            let kept = self.results.kept_picture(record);
+            lock(&self.kept).insert(unit, kept.clone());
+            kept
+        });
         let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
         if is_scored {
             return Ok(path);
@@ -392,9 +409,17 @@ impl<'a> RunPictures<'a> {
         image.map_err(|error| MissingPicture::Unusable(error.to_string()))
     }
 
+    fn depth(&self, record: &Record, id: &str) -> Result<Option<DepthMap>, MissingPicture> {
+        let Ok(view) = self.view(record, id) else {
+            return Ok(None);
+        };
+        let depth = view.content.depth();
+        depth.map_err(|error| MissingPicture::Unusable(error.to_string()))
+    }
+
     pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
-        let mut scenes = self.scenes.iter();
-        let scene = scenes.find(|s| s.dataset == record.dataset && s.id == record.scene);
+        let of = (record.dataset.as_str(), record.scene.as_str());
+        let scene = self.scenes.get(&of);
         let view = scene.and_then(|scene| scene.views.iter().find(|view| view.id == id));
         view.ok_or(MissingPicture::NoDataset)
     }
@@ -412,6 +437,24 @@ impl ReportPictures for RunPictures<'_> {
     fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
         let valid = self.view(record, &record.target)?.content.valid_pixels();
         valid.map_err(|error| MissingPicture::Unusable(error.to_string()))
+    }
+
+    fn target_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        self.depth(record, &record.target)
+    }
+
+    fn source_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        self.depth(record, &record.source)
+    }
+
+    fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
+        match self.results.kept_rendering(record) {
+            None => Ok(None),
+            Some(kept) if !kept.is_scored => Err(MissingPicture::NotScored),
+            Some(kept) => read_alpha(&kept.path)
+                .map(Some)
+                .map_err(|error| MissingPicture::Unusable(error.to_string())),
+        }
     }
 
     fn kept(&self, record: &Record) -> Option<PathBuf> {

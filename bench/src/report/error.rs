@@ -35,6 +35,8 @@ pub enum ReportError {
 pub enum MissingPicture {
     #[error("this report was made without pictures")]
     NotWanted,
+    #[error("its dataset's terms do not let it be published")]
+    NotPublic,
     #[error("the dataset is not at hand")]
     NoDataset,
     #[error("the prediction was not kept")]

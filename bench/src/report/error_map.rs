@@ -87,13 +87,20 @@ pub fn picture(
     side: u32,
 ) -> Result<RgbImage, MissingPicture> {
     let error = absolute_error(prediction, target)?;
-    Ok(averaged(error, scored, side, |error| colour(error / max)))
+    Ok(averaged(error, scored, HALF, side, |error| {
+        colour(error / max)
+    }))
 }
 
-/// Values in colour, reduced.
-fn averaged(
+/// A reduced pixel of which less counts is not shown as if it did.
+const HALF: f32 = 0.5;
+
+/// Values in colour, averaged over the pixels that count; [`hatched`] where their share of a reduced pixel is below
+/// `enough`.
+pub(super) fn averaged(
     mut error: ImageBuffer<Luma<f32>, Vec<f32>>,
     scored: impl Fn(u32, u32) -> bool,
+    enough: f32,
     side: u32,
     colour: impl Fn(f32) -> Rgb<u8>,
 ) -> RgbImage {
@@ -108,7 +115,7 @@ fn averaged(
     let (width, height) = error.dimensions();
     RgbImage::from_fn(width, height, |x, y| {
         let (error, weight) = (error.get_pixel(x, y).0[0], weight.get_pixel(x, y).0[0]);
-        if weight < 0.5 {
+        if weight < enough {
             hatched(x, y)
         } else {
             colour(error / weight)
@@ -133,7 +140,7 @@ pub fn change(
     for (change, before) in change.iter_mut().zip(before.iter()) {
         *change -= before;
     }
-    Ok(averaged(change, scored, side, |grown| {
+    Ok(averaged(change, scored, HALF, side, |grown| {
         diverging(grown / max)
     }))
 }

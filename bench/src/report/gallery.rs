@@ -1,34 +1,77 @@
-//! Which pairs the page shows, and their pictures, within a number of bytes.
+//! The pairs that the page shows, and their pictures, within a number of bytes.
+
+use std::collections::BTreeMap;
 
 use image::{GrayImage, RgbImage};
 use rayon::prelude::*;
-use sharp_metrics::Direction;
 
 use crate::evaluate::record::{Crop, Record, Status};
 
 use super::board::{Board, PairBoard};
+use super::choice::{badness, choose};
 use super::error::MissingPicture;
 use super::error_map;
-use super::input::{Column, ReportInput};
-use super::pictures::InlinePicture;
-use super::statistics;
+use super::input::{Column, Layout, PictureBudget, ReportInput};
+use super::pictures::{ReportPictures, Thumbnail};
+use super::view_maps;
 
-/// Pairs at most: half of them those with the worst scores, the others spread evenly.
-const PAIRS: usize = 24;
+/// Pairs in one file at most: half of them those with the worst scores, the others spread evenly.
+pub(super) const PAIRS_IN_FILE: usize = 24;
 /// Absolute error (0..1, mean over the channels) at the top of the error maps' colour scale.
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Nothing can be told from smaller pictures; fewer pairs are shown instead.
+/// Little can be told from smaller pictures: a file shows fewer pairs instead.
 const MIN_SIDE: u32 = 240;
-/// Measured on photographs at the quality used: bytes per pixel, as text.
-const BYTES_PER_PIXEL: f64 = 0.5;
+/// A folder shows all pairs.
+const MIN_SIDE_IN_FOLDER: u32 = 96;
+/// Pairs of each dataset by which the size of all pictures is chosen.
+const PROBES: usize = 5;
+/// Of the bytes allowed; what those pairs take is not quite what all take.
+const FILLED: f64 = 0.9;
 
-type Inlined = Result<InlinePicture, MissingPicture>;
+/// What a picture of a pair shows. Those of a prediction come after those of its two views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    Source,
+    Target,
+    /// The target with what is not scored in stripes.
+    Mask,
+    /// Of the target, in colours of inverse depth; so is that of the source.
+    Depth,
+    SourceDepth,
+    Prediction,
+    Error,
+    /// How the error changed against the method that it stands against.
+    Change,
+    /// Coverage of a rendering, black to white.
+    Alpha,
+}
+
+impl Kind {
+    /// As in the page's data and in file names.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Source => "source",
+            Self::Target => "target",
+            Self::Mask => "mask",
+            Self::Depth => "depth",
+            Self::SourceDepth => "source-depth",
+            Self::Prediction => "prediction",
+            Self::Error => "error",
+            Self::Change => "change",
+            Self::Alpha => "alpha",
+        }
+    }
+}
+
+/// Pictures, or why there is none; a kind that does not apply is not among them.
+pub type Pictures = BTreeMap<Kind, Result<Thumbnail, MissingPicture>>;
 
 /// The pairs shown.
 #[derive(Debug)]
 pub struct Gallery<'a> {
+    pub layout: Layout,
     /// By dataset as in the board, then by id.
     pub pairs: Vec<GalleryPair<'a>>,
     /// Pairs of the run.
@@ -43,8 +86,8 @@ pub struct GalleryPair<'a> {
     /// Position of its dataset in the board.
     pub dataset: usize,
     pub pair: &'a PairBoard<'a>,
-    pub source: Inlined,
-    pub target: Inlined,
+    /// Of its two views.
+    pub views: Pictures,
     /// By method; `None`: the method has no record of this pair.
     pub methods: Vec<Option<GalleryPrediction<'a>>>,
 }
@@ -53,65 +96,152 @@ pub struct GalleryPair<'a> {
 #[derive(Debug)]
 pub struct GalleryPrediction<'a> {
     pub record: &'a Record,
-    pub prediction: Inlined,
-    pub error: Inlined,
-    /// How the error changed against the method that it stands against, if any.
-    pub change: Option<Inlined>,
+    pub pictures: Pictures,
 }
 
 impl GalleryPair<'_> {
-    fn bytes(&self) -> usize {
-        let methods = self.methods.iter().flatten();
-        let pictures = methods.flat_map(|shown| {
-            let own = [&shown.prediction, &shown.error];
-            own.into_iter().chain(&shown.change)
-        });
-        let all = pictures.chain([&self.source, &self.target]).flatten();
-        all.map(|picture| picture.uri.len()).sum()
+    /// With the position of the method, of those of a prediction.
+    fn pictures(&self) -> impl Iterator<Item = (Option<usize>, Kind, &Thumbnail)> {
+        let methods = self.methods.iter().enumerate();
+        let methods = methods.filter_map(|(at, shown)| Some((Some(at), &shown.as_ref()?.pictures)));
+        let all = std::iter::once((None, &self.views)).chain(methods);
+        all.flat_map(|(method, pictures)| {
+            let there = pictures.iter();
+            there.filter_map(move |(kind, picture)| Some((method, *kind, picture.as_ref().ok()?)))
+        })
+    }
+
+    fn bytes(&self, layout: Layout) -> usize {
+        let sizes = self.pictures().map(|(_, _, picture)| picture.jpeg.len());
+        let bytes: usize = sizes.sum();
+        match layout {
+            // As text.
+            Layout::File => bytes.div_ceil(3) * 4,
+            Layout::Folder => bytes,
+        }
     }
 }
 
 impl<'a> Gallery<'a> {
     /// Picks pairs, reduces and encodes their pictures. The longest side is chosen so that all of them are likely
-    /// to fit; should they not, pairs at the end are left out.
-    pub fn new(board: &'a Board<'a>, metrics: &[Column], input: &ReportInput<'_>) -> Self {
+    /// to fit; should they not, a file leaves out pairs at the end.
+    pub fn new(
+        board: &'a Board<'a>,
+        metrics: &[Column],
+        input: &ReportInput<'_>,
+        pictures: &dyn ReportPictures,
+    ) -> Self {
         let options = &input.options;
+        let of = board.datasets.iter().map(|d| d.pairs.len()).sum();
+        let layout = options.layout.unwrap_or(match of {
+            0..=PAIRS_IN_FILE => Layout::File,
+            _ => Layout::Folder,
+        });
+        let limit = match layout {
+            Layout::File => PAIRS_IN_FILE,
+            Layout::Folder => usize::MAX,
+        };
         let chosen = match &input.comparison {
-            None => choose(board, PAIRS, true, |pair| badness(board, pair, metrics)),
-            Some(comparison) => choose(board, PAIRS, false, |pair| {
+            None => choose(board, limit, true, |pair| badness(board, pair, metrics)),
+            Some(comparison) => choose(board, limit, false, |pair| {
                 let losses = comparison.losses.get(&pair.facts.pair_id);
                 let mut losses = metrics.iter().map(|metric| losses?.get(&metric.key));
                 losses.find_map(|loss| loss.copied()).unwrap_or(0.0)
             }),
         };
-        let changes = input
-            .comparison
-            .iter()
-            .map(|comparison| comparison.against.len());
-        let count = chosen.len() * (2 + 2 * board.methods.len() + changes.sum::<usize>());
-        let area = options.picture_bytes as f64 / BYTES_PER_PIXEL / count.max(1) as f64;
-        // Photographs are about 4:3.
-        let side = ((area / 0.75).sqrt() as u32)
-            .max(MIN_SIDE)
-            .min(options.picture_side)
-            .max(1);
+        let budget = options.pictures.unwrap_or(layout.budget());
+        let load = |(dataset, pair), side| load(dataset, pair, board, input, pictures, side);
+        let side = side(&chosen, layout, budget, &load);
         let mut pairs: Vec<GalleryPair<'a>> = chosen
             .into_par_iter()
-            .map(|(dataset, pair)| load(dataset, pair, board, input, side))
+            .map(|pair| load(pair, side))
             .collect();
-        let mut used = 0;
-        let fitting = pairs.iter().take_while(|pair| {
-            used += pair.bytes();
-            used <= options.picture_bytes
-        });
-        let fitting = fitting.count();
-        pairs.truncate(fitting);
+        if layout == Layout::File {
+            let mut used = 0;
+            let fitting = pairs.iter().take_while(|pair| {
+                used += pair.bytes(layout);
+                used <= budget.bytes
+            });
+            let fitting = fitting.count();
+            pairs.truncate(fitting);
+        }
         Self {
+            layout,
             pairs,
-            of: board.datasets.iter().map(|d| d.pairs.len()).sum(),
+            of,
             side,
         }
     }
+
+    /// Whether any pair has a picture of that kind.
+    pub(super) fn has(&self, kind: Kind) -> bool {
+        let mut pictures = self.pairs.iter().flat_map(GalleryPair::pictures);
+        pictures.any(|(_, of, _)| of == kind)
+    }
+
+    /// Names and contents of the pictures that lie beside the page.
+    pub(super) fn files(&self) -> Vec<(String, &[u8])> {
+        if self.layout == Layout::File {
+            return Vec::new();
+        }
+        let pairs = self.pairs.iter().enumerate();
+        let files = pairs.flat_map(|(at, pair)| {
+            let pictures = pair.pictures();
+            pictures.map(move |(method, kind, picture)| {
+                (file_name(at, method, kind), picture.jpeg.as_slice())
+            })
+        });
+        files.collect()
+    }
+}
+
+/// Of a picture of pair number `pair`; relative to the page.
+pub(super) fn file_name(pair: usize, method: Option<usize>, kind: Kind) -> String {
+    let method = method.map_or_else(String::new, |method| format!("-{method}"));
+    format!("{THUMBNAILS}/{pair:05}{method}-{}.jpg", kind.name())
+}
+
+/// The folder of pictures beside the page.
+pub(super) const THUMBNAILS: &str = "thumbs";
+
+/// The longest side with which the pictures of all pairs are likely to take the bytes allowed, by those of a few pairs of
+/// each dataset. Bytes grow roughly with the area: a second and a third look mend what is rough about it.
+fn side<'a>(
+    chosen: &[(usize, &'a PairBoard<'a>)],
+    layout: Layout,
+    budget: PictureBudget,
+    load: &(impl Fn((usize, &'a PairBoard<'a>), u32) -> GalleryPair<'a> + Sync),
+) -> u32 {
+    let least = match layout {
+        Layout::File => MIN_SIDE,
+        Layout::Folder => MIN_SIDE_IN_FOLDER,
+    };
+    // Each with how many pairs it stands for.
+    let probes: Vec<_> = chosen
+        .chunk_by(|a, b| a.0 == b.0)
+        .flat_map(|pairs| {
+            let count = pairs.len().min(PROBES);
+            let share = pairs.len() as f64 / count as f64;
+            let each = (0..count).map(move |i| (2 * i + 1) * pairs.len() / (2 * count));
+            each.map(move |at| (pairs[at], share))
+        })
+        .collect();
+    let mut side = MIN_SIDE.min(budget.side).max(1);
+    for _ in 0..3 {
+        let probes = probes.par_iter();
+        let bytes: Vec<f64> = probes
+            .map(|(pair, share)| share * load(*pair, side).bytes(layout) as f64)
+            .collect();
+        let needed = bytes.iter().sum::<f64>().max(1.0);
+        let fitting = f64::from(side) * (FILLED * budget.bytes as f64 / needed).sqrt();
+        let before = side;
+        // `as` saturates.
+        side = (fitting as u32).max(least).min(budget.side).max(1);
+        if side == before {
+            break;
+        }
+    }
+    side
 }
 
 /// Position of the method that a method stands against.
@@ -130,12 +260,31 @@ fn load<'a>(
     pair: &'a PairBoard<'a>,
     board: &Board<'_>,
     input: &ReportInput<'_>,
+    pictures: &dyn ReportPictures,
     side: u32,
 ) -> GalleryPair<'a> {
-    let pictures = input.pictures;
-    let inline = |picture: &RgbImage| InlinePicture::new(picture, side);
+    let small = |picture: &RgbImage| Thumbnail::new(picture, side);
     let target = pictures.target(pair.facts);
     let valid = pictures.valid_pixels(pair.facts);
+    let mut views = Pictures::new();
+    let source = pictures.source(pair.facts);
+    views.insert(Kind::Source, source.and_then(|picture| small(&picture)));
+    let shown = target.as_ref().map_err(Clone::clone);
+    views.insert(Kind::Target, shown.and_then(small));
+    if let (Ok(target), Ok(Some(valid))) = (&target, &valid) {
+        let scored = |x, y| is_scored(None, Some(valid), (x, y));
+        let drawn = view_maps::masked(target, scored);
+        views.insert(Kind::Mask, small(&drawn));
+    }
+    for (kind, depth) in [
+        (Kind::Depth, pictures.target_depth(pair.facts)),
+        (Kind::SourceDepth, pictures.source_depth(pair.facts)),
+    ] {
+        if let Some(depth) = depth.transpose() {
+            let drawn = depth.map(|depth| view_maps::inverse_depth(&depth, side));
+            views.insert(kind, drawn.and_then(|picture| small(&picture)));
+        }
+    }
     let prediction = |record: &Record| match &record.status {
         Status::Failed { reason } => Err(MissingPicture::Failed(reason.clone())),
         Status::Ok => pictures.prediction(record),
@@ -155,34 +304,42 @@ fn load<'a>(
         let (prediction, (target, valid)) = (predicted(at)?, truth.clone()?);
         let scored = |x, y| is_scored(crop, valid, (x, y));
         let drawn = error_map::picture(prediction, target, scored, ERROR_MAX, side)?;
-        inline(&drawn)
+        small(&drawn)
     };
     let change = |other: usize, at: usize, crop: Option<Crop>| {
         let sides = [predicted(other)?, predicted(at)?];
         let (target, valid) = truth.clone()?;
         let scored = |x, y| is_scored(crop, valid, (x, y));
         let drawn = error_map::change(sides, target, scored, CHANGE_MAX, side)?;
-        inline(&drawn)
+        small(&drawn)
     };
     let shown = |(at, record): (usize, &Option<&'a Record>)| {
         let record = (*record)?;
-        let prediction = predicted(at).and_then(inline);
+        let prediction = match &predictions[at] {
+            Some(Err(reason)) => Err(reason.clone()),
+            _ => predicted(at).and_then(small),
+        };
+        let mut shown = Pictures::from([
+            (Kind::Prediction, prediction),
+            (Kind::Error, error(at, record.crop)),
+        ]);
+        if let Some(other) = against(input, board, at) {
+            shown.insert(Kind::Change, change(other, at, record.crop));
+        }
+        if let Some(alpha) = pictures.alpha(record).transpose() {
+            let drawn = alpha.map(|alpha| view_maps::coverage(&alpha));
+            shown.insert(Kind::Alpha, drawn.and_then(|picture| small(&picture)));
+        }
         Some(GalleryPrediction {
             record,
-            prediction: match &predictions[at] {
-                Some(Err(reason)) => Err(reason.clone()),
-                _ => prediction,
-            },
-            error: error(at, record.crop),
-            change: against(input, board, at).map(|other| change(other, at, record.crop)),
+            pictures: shown,
         })
     };
     GalleryPair {
         dataset,
         pair,
-        source: pictures.source(pair.facts).and_then(|p| inline(&p)),
         methods: pair.by_method.iter().enumerate().map(shown).collect(),
-        target: target.as_ref().map_err(Clone::clone).and_then(inline),
+        views,
     }
 }
 
@@ -194,89 +351,4 @@ fn is_scored(crop: Option<Crop>, valid: Option<&GrayImage>, (x, y): (u32, u32)) 
     });
     let level = |valid: &GrayImage| valid.get_pixel_checked(x, y).map(|level| level.0[0]);
     in_crop && valid.is_none_or(|valid| level(valid) == Some(255))
-}
-
-/// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have
-/// them; from each, first half of the share by the largest `badness`, then the others: evenly through the rest, or those
-/// of the least.
-fn choose<'a>(
-    board: &'a Board<'a>,
-    limit: usize,
-    evenly: bool,
-    badness: impl Fn(&PairBoard<'a>) -> f64,
-) -> Vec<(usize, &'a PairBoard<'a>)> {
-    let mut shares = vec![0; board.datasets.len()];
-    let mut left = limit;
-    while left > 0 {
-        let mut given = 0;
-        for (share, dataset) in shares.iter_mut().zip(&board.datasets) {
-            if *share < dataset.pairs.len() && given < left {
-                *share += 1;
-                given += 1;
-            }
-        }
-        if given == 0 {
-            break;
-        }
-        left -= given;
-    }
-    let mut chosen = Vec::new();
-    for (d, (share, dataset)) in shares.into_iter().zip(&board.datasets).enumerate() {
-        if share == dataset.pairs.len() {
-            chosen.extend(dataset.pairs.iter().map(|pair| (d, pair)));
-            continue;
-        }
-        let worst_first = worst_first(&dataset.pairs, &badness);
-        let worst = share.div_ceil(2);
-        let rest = worst_first.len() - worst;
-        let others = share - worst;
-        let other = |i: usize| match evenly {
-            true => worst + (2 * i + 1) * rest / (2 * others),
-            false => worst_first.len() - others + i,
-        };
-        let mut picked: Vec<&PairBoard<'a>> = (0..worst)
-            .chain((0..others).map(other))
-            .filter_map(|i| worst_first.get(i).copied())
-            .collect();
-        picked.sort_by(|a, b| a.facts.pair_id.cmp(&b.facts.pair_id));
-        chosen.extend(picked.into_iter().map(|pair| (d, pair)));
-    }
-    chosen
-}
-
-/// The pairs of a dataset, those with the worst scores first; equally bad ones in the order of their ids.
-pub(super) fn by_badness<'a>(
-    board: &Board<'a>,
-    pairs: &'a [PairBoard<'a>],
-    metrics: &[Column],
-) -> Vec<&'a PairBoard<'a>> {
-    worst_first(pairs, &|pair| badness(board, pair, metrics))
-}
-
-fn worst_first<'a>(
-    pairs: &'a [PairBoard<'a>],
-    badness: &dyn Fn(&PairBoard<'a>) -> f64,
-) -> Vec<&'a PairBoard<'a>> {
-    let order = pairs.iter().map(|pair| (pair, badness(pair)));
-    let mut order: Vec<(&PairBoard<'a>, f64)> = order.collect();
-    order.sort_by(|a, b| b.1.total_cmp(&a.1));
-    order.into_iter().map(|(pair, _)| pair).collect()
-}
-
-/// Mean over the ranked methods of the first metric that has finite numbers, larger meaning worse.
-fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
-    let mean_of = |metric: &Column| {
-        let sign = match metric.direction? {
-            Direction::Higher => -1.0,
-            Direction::Lower => 1.0,
-        };
-        let records = pair.by_method.iter().zip(&board.methods);
-        let ranked = records.filter(|(_, method)| method.unranked.is_none());
-        let values: Vec<f64> = ranked
-            .filter_map(|(record, _)| (*record)?.scores.get(&metric.key)?.value())
-            .filter(|v| v.is_finite())
-            .collect();
-        Some(sign * statistics::mean(&values)?)
-    };
-    metrics.iter().find_map(mean_of).unwrap_or(0.0)
 }

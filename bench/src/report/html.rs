@@ -1,10 +1,10 @@
-//! The report as one page that opens from disk: no server, no network, readable without scripts.
+//! The report as a page that opens from disk: no server, no network; tables and plots are readable without scripts.
 //!
-//! The templates, the style and the script lie in `bench/templates`. Text from outside reaches the page only through
-//! templates, which escape it, and no such text is ever part of the script; a content security policy forbids anything
+//! The templates, the style and the scripts lie in `bench/templates`. Text from outside reaches the page only through
+//! templates, which escape it, and as data, which the script shows as text; a content security policy forbids anything
 //! else.
 
-use std::path::{Path, absolute};
+use std::path::{Component, Path, PathBuf, absolute};
 
 use askama::Template;
 use base64::Engine as _;
@@ -12,19 +12,28 @@ use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest as _, Sha256};
 use sharp_metrics::Direction;
 
-use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::record::Record;
 
 use super::board::{Board, PairBoard};
 use super::error_map;
-use super::gallery::{self, Gallery};
-use super::input::{Column, FactGroup, ReportInput};
+use super::gallery::{self, Gallery, Kind};
+use super::input::{Column, FactGroup, Layout, ReportDataset, ReportInput};
+use super::page_data;
+use super::pictures::ReportPictures;
 use super::plots::Figure;
 use super::plots::canvas::{GRID, INK, MUTED, PAPER};
 use super::plots::palette::style;
 use super::tables::{Table, html::html};
 
 pub(crate) const STYLE: &str = include_str!("../../templates/style.css");
-const SCRIPT: &str = include_str!("../../templates/script.js");
+/// Tables, then the cards of the pairs, then the large view.
+const SCRIPT: &str = concat!(
+    "(function () {\n'use strict';\n",
+    include_str!("../../templates/tables.js"),
+    include_str!("../../templates/pairs.js"),
+    include_str!("../../templates/viewer.js"),
+    "}());\n"
+);
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Failures listed in the page at most.
 const FAILURES: usize = 200;
@@ -50,6 +59,10 @@ pub struct Page<'a> {
     /// Plots by file stem.
     pub figures: &'a [(String, Figure)],
     pub gallery: &'a Gallery<'a>,
+    /// Where the gallery's are from.
+    pub pictures: &'a dyn ReportPictures,
+    /// Datasets whose pictures are left out because of their terms.
+    pub withheld: &'a [&'a ReportDataset],
 }
 
 impl Page<'_> {
@@ -63,22 +76,6 @@ impl Page<'_> {
 
     fn change_gradient(&self) -> String {
         error_map::change_gradient()
-    }
-
-    /// Position of the method that a method stands against.
-    fn against(&self, method: &usize) -> Option<usize> {
-        gallery::against(self.input, self.board, *method)
-    }
-
-    /// By how much B is worse on a pair, with the metric's position.
-    fn losses(&self, facts: &Record) -> Vec<(usize, f64)> {
-        let comparison = self.input.comparison.as_ref();
-        let of_pair = comparison.and_then(|comparison| comparison.losses.get(&facts.pair_id));
-        let loss = |metric: &Column| of_pair?.get(&metric.key).copied();
-        let metrics = self.metrics.iter().enumerate();
-        metrics
-            .filter_map(|(at, metric)| Some((at, loss(metric)?)))
-            .collect()
     }
 
     fn table(&self, table: &Table, prefix: &str, position: &usize) -> askama::Result<String> {
@@ -97,61 +94,39 @@ impl Page<'_> {
         style(*method).ink.hex()
     }
 
-    fn shown(&self, column: &Column, value: &f64) -> String {
-        column.shown(*value)
-    }
-
-    fn heads(&self) -> Vec<String> {
-        Column::heads(self.metrics)
-    }
-
     /// Whether some pixels of a target count in no score.
     fn excludes_pixels(&self) -> bool {
         let mut records = self.input.records.iter();
         records.any(|r| r.crop.is_some() || r.valid_share.is_some())
     }
 
-    /// Where the full prediction lies: [`Self::full_path`], or nothing.
-    fn full(&self, record: &Record) -> String {
-        self.full_path(record).unwrap_or_default()
+    /// What the script shows of the pairs.
+    fn data(&self) -> String {
+        page_data::json(self)
     }
 
-    /// Relative to the page, with `/`, if the run lies beside the report's folder or around it. A crop is not linked: the
-    /// page shows it in its place.
-    fn full_path(&self, record: &Record) -> Option<String> {
-        let kept = self.input.pictures.kept(record);
+    fn has(&self, kind: Kind) -> bool {
+        self.gallery.has(kind)
+    }
+
+    /// Where the full prediction lies, relative to the page, with `/`: where both are below one folder. A crop is not
+    /// linked: the page shows it in its place.
+    pub(super) fn full_path(&self, record: &Record) -> Option<String> {
+        let kept = self.pictures.kept(record);
         let path = absolute(kept.filter(|_| record.crop.is_none())?).ok()?;
-        let out = absolute(self.out).ok()?;
-        let inside = path.strip_prefix(out.parent()?).ok()?;
-        let parts: Option<Vec<&str>> = inside.iter().map(|part| part.to_str()).collect();
-        Some(format!("../{}", parts?.join("/")))
+        relative(&path, &absolute(self.out).ok()?)
     }
 
     /// Where the full target lies: the self-test, which is not ranked, keeps it as its prediction.
-    fn full_target(&self, pair: &PairBoard<'_>) -> String {
+    pub(super) fn full_target(&self, pair: &PairBoard<'_>) -> Option<String> {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
-        let record = itself.and_then(|(record, _)| *record);
-        record.map_or_else(String::new, |record| self.full(record))
+        self.full_path(itself?.0.as_ref()?)
     }
 
-    fn pair_facts(&self, facts: &Record) -> Vec<String> {
-        let known = |value: Option<f64>| value.filter(|v| v.is_finite());
-        let facts = [
-            known(Some(facts.baseline_m)).map(|v| format!("baseline {v:.3} m")),
-            known(Some(facts.rotation_deg)).map(|v| format!("rotation {v:.1}°")),
-            known(facts.median_depth_m).map(|v| format!("median depth {v:.2} m")),
-            known(facts.overlap).map(|v| format!("overlap {:.1} %", v * 100.0)),
-        ];
-        facts.into_iter().flatten().collect()
-    }
-
-    /// What a method reports about its prediction.
-    fn extras(&self, record: &Record) -> Vec<(&Column, f64)> {
-        let reported = record.reported();
-        let extras = self.input.extras.iter();
-        let extras = extras.filter_map(|e| Some((e, *reported.get(e.key.as_str())?)));
-        extras.collect()
+    /// The terms of a dataset.
+    fn terms(&self, dataset: &&ReportDataset) -> &'static str {
+        dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }
 
     /// Methods, datasets and the facts of the run, as far as there is something to say.
@@ -175,6 +150,39 @@ impl Page<'_> {
         groups.retain(|group| !group.facts.is_empty());
         groups
     }
+}
+
+/// From a folder to a file, up to a folder of both that is not the root of the file system.
+fn relative(file: &Path, folder: &Path) -> Option<String> {
+    let common = file.components().zip(folder.components());
+    let common = common.take_while(|(a, b)| a == b);
+    let common = common.filter(|(part, _)| matches!(part, Component::Normal(_)));
+    let common: PathBuf = common.map(|(part, _)| part).collect();
+    if common.as_os_str().is_empty() {
+        return None;
+    }
+    let of = |path: &Path| -> Option<Vec<String>> {
+        let parts = path.components();
+        let parts = parts.filter(|part| matches!(part, Component::Normal(_)));
+        let parts = parts.skip(common.components().count());
+        parts
+            .map(|part| part.as_os_str().to_str().map(str::to_owned))
+            .collect()
+    };
+    let up = of(folder)?.into_iter().map(|_| "..".to_owned());
+    let down = of(file)?.into_iter().map(|part| encoded(&part));
+    Some(up.chain(down).collect::<Vec<_>>().join("/"))
+}
+
+/// A part of an address, percent-encoded but for what every browser takes as it is.
+fn encoded(part: &str) -> String {
+    let bytes = part.bytes().map(|byte| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => {
+            char::from(byte).to_string()
+        }
+        _ => format!("%{byte:02X}"),
+    });
+    bytes.collect()
 }
 
 /// The same drawing with the page's own colours for paper, ink and grid, so that it is readable in the dark.

@@ -187,6 +187,11 @@ impl ReportDataset {
         }
     }
 
+    /// Whether pictures of it may be published, as far as is known; those of an unknown dataset may not.
+    pub(super) fn may_publish(&self) -> bool {
+        self.entry().is_some_and(|entry| entry.may_publish)
+    }
+
     /// By format, for a name is anyone's choice; by name where there is nothing else.
     pub(super) fn entry(&self) -> Option<&'static DatasetEntry> {
         let name = self.format.as_ref().unwrap_or(&self.name);
@@ -244,21 +249,50 @@ pub enum PublishedNumbers {
 }
 
 /// Choices of presentation. None of them changes a number.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportOptions {
-    /// Bytes that all pictures in the page may take together, encoded; pictures shrink to fit.
-    pub picture_bytes: usize,
-    /// Longest side of a picture in the page at most, pixels.
-    pub picture_side: u32,
+    /// Where the page's pictures are; chosen by the number of pairs without it.
+    pub layout: Option<Layout>,
+    /// What they may take; [`Layout::budget`] without it.
+    pub pictures: Option<PictureBudget>,
+    /// Leave out the pictures of datasets whose terms do not let them be published.
+    pub public: bool,
 }
 
-impl Default for ReportOptions {
-    fn default() -> Self {
-        Self {
-            picture_bytes: 12 << 20,
-            picture_side: 960,
+/// Where a page's pictures are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// In the page, one file: of at most 24 pairs
+    File,
+    /// Beside the page, in thumbs/, loaded as they are looked at: of all pairs
+    Folder,
+}
+
+impl Layout {
+    /// What pictures may take where nothing else is said.
+    pub fn budget(self) -> PictureBudget {
+        match self {
+            Self::File => PictureBudget {
+                bytes: 12 << 20,
+                side: 960,
+            },
+            // With tables, plots and the page itself below 200 MB.
+            Self::Folder => PictureBudget {
+                bytes: 180_000_000,
+                side: 480,
+            },
         }
     }
+}
+
+/// How large the pictures of a page may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PictureBudget {
+    /// Of all together, as they are stored; they shrink to fit.
+    pub bytes: usize,
+    /// Longest side of one, pixels.
+    pub side: u32,
 }
 
 /// What a report says about two runs besides their numbers. Differences are those of B against A.

@@ -10,11 +10,14 @@
 //! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
-//!   colour; [`gallery`]: which pairs the page shows; [`qualitative`]: predictions side by side.
-//! * [`html`]: the self-contained page; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
+//!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
+//!   picks some where it cannot show all; [`qualitative`]: predictions side by side.
+//! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper.
+//! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
 pub mod board;
+mod choice;
 pub mod error;
 pub mod error_map;
 pub mod explain;
@@ -22,12 +25,16 @@ pub mod gallery;
 pub mod html;
 pub mod input;
 pub mod markdown;
+pub mod methods_text;
+mod page_data;
 pub mod paper;
 pub mod pictures;
 pub mod plots;
 pub mod qualitative;
+pub mod speed;
 pub mod statistics;
 pub mod tables;
+pub mod view_maps;
 pub mod write;
 
 #[cfg(test)]
@@ -36,8 +43,8 @@ mod tests;
 pub use assemble::report;
 pub use error::{MissingPicture, ReportError};
 pub use input::{
-    Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
-    ReportMethod, ReportOptions,
+    Column, FactGroup, Layout, PictureBudget, PublishedNumbers, ReportComparison, ReportDataset,
+    ReportInput, ReportMethod, ReportOptions,
 };
 pub use pictures::{NoPictures, ReportPictures};
 pub use write::{ReportFiles, text_tables, write_report};

@@ -1,14 +1,14 @@
 //! Pictures of a report: where they come from, and how they get into a page.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
-    ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
+    ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Luma, Pixel, RgbImage, imageops,
 };
+use sharp_datasets::DepthMap;
 
 use crate::evaluate::record::Record;
 
@@ -49,11 +49,88 @@ pub trait ReportPictures: Sync {
         Err(MissingPicture::NotWanted)
     }
 
+    /// z-depth of the target, metres, 0 where there is none; `None` where the dataset has none or is not at hand.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    fn target_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        Ok(None)
+    }
+
+    /// The same of the source.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    fn source_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        Ok(None)
+    }
+
+    /// Coverage of a rendering in 0..1, at its size; `None` where it was not kept.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    fn alpha(&self, _record: &Record) -> Result<Option<Alpha>, MissingPicture> {
+        Ok(None)
+    }
+
     /// The file of the prediction as it was kept, cropped where it is a crop.
     fn kept(&self, _record: &Record) -> Option<PathBuf> {
         None
     }
 }
+
+/// The same pictures but for those of some datasets, which are not for the public.
+pub(super) struct Withheld<'a> {
+    pub(super) pictures: &'a dyn ReportPictures,
+    /// By name.
+    pub(super) datasets: BTreeSet<&'a str>,
+}
+
+impl Withheld<'_> {
+    fn allowed(&self, record: &Record) -> Result<&dyn ReportPictures, MissingPicture> {
+        match self.datasets.contains(record.dataset.as_str()) {
+            true => Err(MissingPicture::NotPublic),
+            false => Ok(self.pictures),
+        }
+    }
+}
+
+impl ReportPictures for Withheld<'_> {
+    fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.allowed(record)?.source(record)
+    }
+
+    fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.allowed(record)?.target(record)
+    }
+
+    fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
+        self.allowed(record)?.valid_pixels(record)
+    }
+
+    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        self.allowed(record)?.prediction(record)
+    }
+
+    fn target_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        self.allowed(record)?.target_depth(record)
+    }
+
+    fn source_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        self.allowed(record)?.source_depth(record)
+    }
+
+    fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
+        self.allowed(record)?.alpha(record)
+    }
+
+    fn kept(&self, record: &Record) -> Option<PathBuf> {
+        self.allowed(record).ok()?.kept(record)
+    }
+}
+
+/// Coverage of a picture's pixels, 0..1.
+pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// A report without pictures.
 #[derive(Debug, Clone, Copy, Default)]
@@ -64,16 +141,15 @@ impl ReportPictures for NoPictures {}
 /// JPEG quality of everything in the page. It changes no score: scores come from the pictures themselves.
 const QUALITY: u8 = 88;
 
-/// A picture in the page; sizes in pixels.
+/// A small picture for the page; sizes in pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct InlinePicture {
-    /// `data:image/jpeg;base64,…`.
-    pub uri: String,
+pub struct Thumbnail {
+    pub jpeg: Vec<u8>,
     pub width: u32,
     pub height: u32,
 }
 
-impl InlinePicture {
+impl Thumbnail {
     /// The picture reduced to fit `side`.
     ///
     /// # Errors
@@ -81,12 +157,12 @@ impl InlinePicture {
     pub fn new(picture: &RgbImage, side: u32) -> Result<Self, MissingPicture> {
         let small = reduced(picture, side);
         let (width, height) = small.dimensions();
-        let mut bytes = Vec::new();
-        JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+        let mut jpeg = Vec::new();
+        JpegEncoder::new_with_quality(&mut jpeg, QUALITY)
             .write_image(&small, width, height, ExtendedColorType::Rgb8)
             .map_err(|e| MissingPicture::Unusable(format!("cannot be encoded: {e}")))?;
         Ok(Self {
-            uri: format!("data:image/jpeg;base64,{}", STANDARD.encode(&bytes)),
+            jpeg,
             width,
             height,
         })

@@ -6,8 +6,8 @@ use image::{Rgb, RgbImage, imageops};
 use crate::evaluate::record::Status;
 
 use super::board::{Board, PairBoard};
+use super::choice::by_badness;
 use super::error::{MissingPicture, ReportError};
-use super::gallery::by_badness;
 use super::input::Column;
 use super::pictures::{ReportPictures, compact_png, reduced};
 use super::plots::canvas::{INK, Ink, MUTED};

@@ -1,21 +1,24 @@
 //! All of a report into a folder.
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use askama::Template as _;
+use rayon::prelude::*;
 
-use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_atomic, write_replaceable};
 use crate::io::counts::counted;
 use crate::io::text::visible;
 
 use super::board::Board;
 use super::error::ReportError;
-use super::gallery::Gallery;
+use super::gallery::{Gallery, THUMBNAILS};
 use super::html::Page;
-use super::input::{Column, ReportInput};
+use super::input::{Column, Layout, ReportDataset, ReportInput};
 use super::markdown;
 use super::paper;
+use super::pictures::Withheld;
 use super::plots::{Figure, baselines};
 use super::qualitative;
 use super::tables::text::text;
@@ -28,6 +31,8 @@ pub struct ReportFiles {
     pub html: PathBuf,
     /// The same as text.
     pub markdown: PathBuf,
+    /// Where the page's pictures are.
+    pub layout: Layout,
     /// Every file, sorted.
     pub all: Vec<PathBuf>,
     /// Kept pictures that are not shown because they are not those that were scored, sorted.
@@ -44,9 +49,10 @@ const MARKDOWN: &str = "report.md";
 const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 
 /// Folders that a report makes in its own.
-const FOLDERS: [&str; 2] = ["tables", "plots"];
+const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 
-/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}` and `plots/*.{svg,png}`, and their names in `files.txt`.
+/// Writes `index.html`, `report.md`, `tables/*.{md,csv,tex}`, `plots/*.{svg,png}` and, where the page does not hold its
+/// pictures, `thumbs/*.jpg`; and their names in `files.txt`.
 /// Each file appears whole or not at all; files of an earlier report that this one does not have are removed, others
 /// in its folder are left alone. A folder that is neither empty nor a report is refused.
 ///
@@ -87,7 +93,17 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
     }
-    if let Some(bytes) = qualitative::figure(&board, &metrics, input.pictures)? {
+    let datasets = board.datasets.iter().map(|d| &d.dataset);
+    let withheld = datasets.filter(|dataset| input.options.public && !dataset.may_publish());
+    let withheld: Vec<&ReportDataset> = withheld.collect();
+    let pictures = Withheld {
+        pictures: input.pictures,
+        datasets: withheld
+            .iter()
+            .map(|dataset| dataset.name.as_str())
+            .collect(),
+    };
+    if let Some(bytes) = qualitative::figure(&board, &metrics, &pictures)? {
         let png = "plots/qualitative.png".to_owned();
         plots.push(("Predictions side by side".to_owned(), png.clone()));
         files.push((png, bytes));
@@ -95,7 +111,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let counts = board.counts(metrics.len());
     let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
     let lead = format!("{lead}. {}", input.summary);
-    let gallery = Gallery::new(&board, &metrics, input);
+    let gallery = Gallery::new(&board, &metrics, input, &pictures);
     let page = Page {
         input,
         out,
@@ -107,6 +123,8 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         published: &published,
         figures: &figures,
         gallery: &gallery,
+        pictures: &pictures,
+        withheld: &withheld,
     };
     let text = markdown::report(&page, &plots);
     files.push((MARKDOWN.into(), text.into_bytes()));
@@ -121,24 +139,33 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         }
     }
 
-    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    let thumbnails = gallery.files();
+    let names = files.iter().map(|(name, _)| name);
+    let names: BTreeSet<&String> = names
+        .chain(thumbnails.iter().map(|(name, _)| name))
+        .collect();
     let list = out.join(LIST);
     for name in listed_earlier(&list) {
         let path = out.join(&name);
-        if !names.contains(&name.as_str()) && path.is_file() {
+        if !names.contains(&name) && path.is_file() {
             std::fs::remove_file(&path).map_err(FileError::new(&path, "remove"))?;
         }
     }
-    write_atomic(&list, (names.join("\n") + "\n").as_bytes())?;
-    let mut all = vec![list];
+    let lines: String = names.iter().map(|name| format!("{name}\n")).collect();
+    write_atomic(&list, lines.as_bytes())?;
+    let all = names.iter().map(|name| out.join(name));
+    let mut all: Vec<PathBuf> = all.chain([list]).collect();
+    // The page comes last: what it loads is there.
+    thumbnails
+        .par_iter()
+        .try_for_each(|(name, jpeg)| write_replaceable(&out.join(name), jpeg))?;
     for (name, bytes) in files {
-        let path = out.join(name);
-        write_atomic(&path, &bytes)?;
-        all.push(path);
+        write_atomic(&out.join(name), &bytes)?;
     }
     all.sort();
     Ok(ReportFiles {
         html: out.join(PAGE),
+        layout: gallery.layout,
         markdown: out.join(MARKDOWN),
         all,
         not_scored: Vec::new(),

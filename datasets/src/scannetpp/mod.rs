@@ -29,6 +29,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "ScanNet++ (v1, v2), DSLR pictures",
     page: "https://kaldir.vc.in.tum.de/scannetpp/",
     terms: "non-commercial research after application; no redistribution",
+    may_publish: false,
     download: "DSLR pictures, nerfstudio/ cameras, splits/, and scans/ for depth",
     size: "371 GB of DSLR pictures for all 1,006 scenes of v2",
     layout: "splits/<split>.txt, data/<scene>/dslr/{resized_images, nerfstudio/transforms.json}, \

@@ -34,6 +34,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     title: "Tanks and Temples, training set",
     page: "https://www.tanksandtemples.org/",
     terms: "non-commercial research without redistribution, beside a CC BY 4.0 notice",
+    may_publish: false,
     download: "image sets of the seven training scenes, their SfM logs, alignments and laser scans",
     size: "1920x1080 pictures, some hundreds a scene (Barn: 410), and the scans",
     layout: "<Scene>/{<Scene>_COLMAP_SfM.log, <Scene>_trans.txt, <Scene>.ply, images/000001.jpg ...}; \

@@ -44,8 +44,7 @@ pub(super) fn explain(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
 }
 
 /// A paragraph for a paper.
-pub(super) fn methods_text(scorer: &Scorer, json: bool) -> anyhow::Result<Outcome> {
-    let text = MethodsText::new(scorer.keys(), scorer.weights());
+pub(in crate::cli) fn methods_text(text: &MethodsText, json: bool) -> anyhow::Result<Outcome> {
     for backbone in &text.missing {
         output::remark(format!(
             "note: the weights of {backbone} are not at hand, so the text has a gap where their hash belongs; \

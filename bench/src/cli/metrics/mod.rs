@@ -6,7 +6,7 @@
 //! * `find`: which convention gives a stranger's number.
 //! * `describe`: what the keys mean, without pictures.
 
-mod describe;
+pub(super) mod describe;
 mod find;
 mod inputs;
 mod scored;
@@ -28,6 +28,7 @@ use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
+use crate::pictures::methods_text::MethodsText;
 
 /// Score a prediction against a target: two pictures, or two folders
 ///
@@ -113,7 +114,8 @@ pub(super) fn execute(args: &MetricsArgs) -> anyhow::Result<Outcome> {
         return describe::explain(&scorer, args.json);
     }
     if args.methods_text {
-        return describe::methods_text(&scorer, args.json);
+        let text = MethodsText::new(scorer.keys(), scorer.weights());
+        return describe::methods_text(&text, args.json);
     }
     demand_weights(&selection, &scorer)?;
     let (Some(prediction), Some(target)) = (&args.prediction, &args.target) else {

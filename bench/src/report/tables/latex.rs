@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::grid::TextGrid;
 use super::{Cell, Table, letter, letters, spans};
 use crate::report::input::Column;
 
@@ -107,6 +108,34 @@ pub fn latex(table: &Table) -> String {
             "\\square"
         };
         let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
+    }
+    out.push_str("\\end{table}\n");
+    out
+}
+
+/// A table of any shape, as a `table` environment as wide as the line.
+pub fn grid(grid: &TextGrid) -> String {
+    let columns: Vec<&str> = (0..grid.heads.len())
+        .map(|column| if grid.is_text(&column) { "l" } else { "r" })
+        .collect();
+    let line = |cells: Vec<&str>| {
+        let cells: Vec<String> = cells.into_iter().map(escape).collect();
+        format!("{} \\\\\n", cells.join(" & "))
+    };
+    let mut out = format!(
+        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{}.}}\n\\resizebox{{\\linewidth}}{{!}}{{%\n\
+         \\begin{{tabular}}{{{}}}\n\\toprule\n",
+        escape(&grid.title),
+        columns.concat()
+    );
+    out += &line(grid.heads.iter().map(String::as_str).collect());
+    out.push_str("\\midrule\n");
+    for row in &grid.rows {
+        out += &line(row.iter().map(|cell| cell.text.as_str()).collect());
+    }
+    out.push_str("\\bottomrule\n\\end{tabular}%\n}\n\n\\smallskip\\raggedright\\footnotesize\n");
+    for remark in &grid.remarks {
+        let _ = writeln!(out, "\\par {}", rich(remark));
     }
     out.push_str("\\end{table}\n");
     out

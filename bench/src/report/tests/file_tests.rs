@@ -1,11 +1,8 @@
 //! What a report leaves on disk.
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-
 use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
-use crate::report::gallery::Gallery;
+use crate::report::gallery::{Gallery, Kind, Pictures};
 use crate::report::plots::baselines;
 use crate::report::tables::markdown;
 use crate::scoring::Region;
@@ -63,10 +60,7 @@ fn the_same_records_in_any_order_give_the_same_bytes() {
     }
     let html = String::from_utf8(first["index.html"].clone()).unwrap();
     // Two sources, two targets, predictions and errors of `a`; `b` says why it has none.
-    assert_eq!(
-        html.matches("<img src=\"data:image/jpeg;base64,").count(),
-        2 + 2 + 4
-    );
+    assert_eq!(html.matches("\"data:image/jpeg;base64,").count(), 2 + 2 + 4);
     assert!(html.contains("not kept") && html.contains("failed: p2.ply: truncated"));
 }
 
@@ -75,7 +69,10 @@ fn pictures_keep_to_the_bytes_allowed() {
     let records = small_run();
     let mut input = input(&records);
     input.pictures = &Plain;
-    input.options.picture_bytes = 1;
+    input.options.pictures = Some(PictureBudget {
+        bytes: 1,
+        side: 960,
+    });
     let files = files(&input);
     let html = String::from_utf8(files["index.html"].clone()).unwrap();
     assert!(!html.contains("data:image") && html.contains("No pair to show."));
@@ -213,12 +210,14 @@ fn error_pictures_show_what_is_not_scored_as_such() {
         pictures: &pictures,
         ..input(&records)
     };
-    let gallery = Gallery::new(&board, &[], &masked);
+    let gallery = Gallery::new(&board, &[], &masked, &pictures);
+    let decoded = |pictures: &Pictures, kind: Kind| {
+        let jpeg = &pictures[&kind].as_ref().unwrap().jpeg;
+        image::load_from_memory(jpeg).unwrap().to_rgb8()
+    };
     let error = |method: usize| {
         let shown = gallery.pairs[0].methods[method].as_ref().unwrap();
-        let data = shown.error.as_ref().unwrap().uri.split(',').nth(1).unwrap();
-        let jpeg = STANDARD.decode(data).unwrap();
-        image::load_from_memory(&jpeg).unwrap().to_rgb8()
+        decoded(&shown.pictures, Kind::Error)
     };
     let is_grey = |picture: &RgbImage, x, y| {
         let [r, g, b] = picture.get_pixel(x, y).0;
@@ -228,6 +227,8 @@ fn error_pictures_show_what_is_not_scored_as_such() {
         let pixels = picture.get_pixel(x, y).0.into_iter().zip(colour(1.0).0);
         pixels.map(|(a, b)| a.abs_diff(b)).all(|d| d < 12)
     };
+    let mask = decoded(&gallery.pairs[0].views, Kind::Mask);
+    assert!(is_grey(&mask, 8, 4) && mask.get_pixel(56, 4).0.iter().all(|level| *level > 240));
     let (all, crops) = (error(0), error(1));
     for y in [4, 20, 28, 44] {
         assert!(is_grey(&all, 8, y) && is_bright(&all, 56, y), "{y}");
@@ -249,11 +250,89 @@ fn kept_pictures_are_linked_where_they_lie_beside_the_report() {
     let page =
         |input: &ReportInput<'_>| String::from_utf8(files(input)["index.html"].clone()).unwrap();
     let html = page(&input);
-    assert!(html.contains("data-full=\"../run/a%201.png\""));
-    assert!(html.contains("id=\"pair=d/p 1\"") && html.contains("href=\"#pair=d/p 1\""));
+    assert!(html.contains("\"full\":\"../run/a%201.png\"") && html.contains("\"id\":\"d/p 1\""));
     let elsewhere = HalfMasked(PathBuf::from("/elsewhere"));
     input.pictures = &elsewhere;
-    assert!(!page(&input).contains("data-full="));
+    assert!(!page(&input).contains("a%201.png"));
+}
+
+#[test]
+fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() {
+    let pair = |at: usize| record("d", &format!("p{at:02}"), "a", 0.1, &[("psnr", 20.0)]);
+    let records: Vec<Record> = (0..25).map(pair).collect();
+    let dir = tempfile::tempdir().unwrap();
+    let report = |records: &[Record], layout: Option<Layout>| {
+        let mut input = input(records);
+        input.pictures = &Plain;
+        input.options.layout = layout;
+        let written = write_report(&input, dir.path()).unwrap();
+        let html = std::fs::read_to_string(&written.html).unwrap();
+        let thumbs = std::fs::read_dir(dir.path().join("thumbs"));
+        (written, html, thumbs.map_or(0, Iterator::count))
+    };
+    // Source, target, prediction and error of each.
+    let (written, html, thumbs) = report(&records, None);
+    assert_eq!((written.layout, thumbs), (Layout::Folder, 25 * 4));
+    assert!(html.contains("\"thumbs/00024-0-error.jpg\",64,48]") && !html.contains("base64,"));
+    assert!(written.all.iter().all(|path| path.is_file()));
+    assert!(html.contains("All pairs of the run."));
+    // One pair less is few enough for one file.
+    let (written, html, thumbs) = report(&records[1..], None);
+    assert_eq!((written.layout, thumbs), (Layout::File, 0));
+    assert_eq!(html.matches("base64,").count(), 24 * 4);
+    let (_, html, _) = report(&records, Some(Layout::File));
+    assert!(html.contains("24 of 25 pairs"));
+    assert_eq!(report(&records[..1], Some(Layout::Folder)).2, 4);
+}
+
+#[test]
+fn pictures_shrink_until_all_pairs_fit() {
+    let pair = |at: usize| record("d", &format!("p{at:02}"), "noise", 0.1, &[("psnr", 20.0)]);
+    let records: Vec<Record> = (0..30).map(pair).collect();
+    let side = |bytes: usize| {
+        let mut input = input(&records);
+        input.pictures = &Noise;
+        input.options.pictures = Some(PictureBudget { bytes, side: 480 });
+        let files = files(&input);
+        let thumbs = files.iter().filter(|(name, _)| name.ends_with(".jpg"));
+        let used: usize = thumbs.clone().map(|(_, bytes)| bytes.len()).sum();
+        let first = image::load_from_memory(thumbs.clone().next().unwrap().1).unwrap();
+        assert_eq!(thumbs.count(), 30);
+        (first.width(), used)
+    };
+    // Noise, the worst that a picture can be.
+    let (all, used) = side(100 << 20);
+    assert_eq!(all, 480);
+    let (fewer, fits) = side(used / 2);
+    assert!(fewer < 480 && fits <= used / 2, "{fewer} {fits} of {used}");
+}
+
+#[test]
+fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
+    let records = [
+        record("middlebury", "p", "a", 0.1, &[("psnr", 20.0)]),
+        record("booster", "p", "a", 0.1, &[("psnr", 20.0)]),
+        record("anyone's", "p", "a", 0.1, &[("psnr", 20.0)]),
+    ];
+    let page = |public: bool| {
+        let mut input = input(&records);
+        let kept = HalfMasked(std::env::temp_dir().join("run"));
+        input.pictures = &kept;
+        input.options.public = public;
+        String::from_utf8(files(&input)["index.html"].clone()).unwrap()
+    };
+    // Target, mask, prediction and error of a pair, and a link.
+    let count = |html: &str| {
+        [
+            html.matches("base64,").count(),
+            html.matches("a%201.png").count(),
+        ]
+    };
+    let (all, public) = (page(false), page(true));
+    assert_eq!((count(&all), count(&public)), ([12, 3], [4, 1]));
+    assert!(!all.contains("class=\"withheld\""));
+    let notice = "the pictures of anyone&#39;s (terms unknown), booster (research use; do not redistribute).";
+    assert!(public.contains(notice), "{public}");
 }
 
 #[test]

@@ -103,6 +103,22 @@ fn files(input: &ReportInput<'_>) -> BTreeMap<String, Vec<u8>> {
 /// A picture that depends on the record; all pixels are scored.
 struct Plain;
 
+/// Predictions that no encoder makes small.
+struct Noise;
+
+impl ReportPictures for Noise {
+    fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
+        let mut state = record
+            .pair_id
+            .bytes()
+            .fold(1_u32, |a, b| a * 31 + u32::from(b));
+        Ok(RgbImage::from_fn(640, 480, |_, _| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            Rgb([(state >> 24) as u8, (state >> 16) as u8, (state >> 8) as u8])
+        }))
+    }
+}
+
 /// White truths, black predictions that were kept in a folder; the left half of every target is excluded.
 struct HalfMasked(PathBuf);
 

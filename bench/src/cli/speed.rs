@@ -1,0 +1,139 @@
+//! `speed`: what inference and rendering take, and the compute behind a run.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+use sharp::render::Backend;
+use sharp_metrics::{Selection, Weights};
+
+use super::data_args::{self, PairArgs};
+use super::outcome::UsageError;
+use super::output::Terminal;
+use super::rendering_args::RenderingArgs;
+use super::run::build_methods;
+use super::{Outcome, output};
+use crate::evaluate::speed::SpeedOptions;
+use crate::evaluate::{Request, prepare};
+use crate::io::machine::cpu_and_threads;
+use crate::pairs::OpenDataset;
+use crate::report::speed::{Measured, SpeedReport, compute::compute};
+use crate::scoring::Scoring;
+
+/// Measure inference and rendering apart, and tell hardware and hours of runs
+///
+/// With --method and --dataset: each method alone on a few pairs of each dataset at its own resolution, after a warm-up;
+/// medians, spread, peak memory, and the Gaussians that explain the render time. The times that a run keeps are no such
+/// measurement, because they hold reading and run beside scoring: of runs, hours and hardware are summed up for a form of
+/// compute reporting.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench speed --method sharp:checkpoint=sharp.pt --dataset middlebury=data/Middlebury2014 --out speed
+  sharp-bench speed runs/sharp --out speed
+
+Writes speed.md, speed.tex and, of what was measured, speed.csv. Let nothing else run meanwhile.")]
+pub(super) struct SpeedArgs {
+    /// Run folders whose hours and hardware to sum up
+    #[arg(value_name = "RUN", required_unless_present = "methods")]
+    runs: Vec<PathBuf>,
+    /// A method to measure, KIND[:key=value,…]; repeatable
+    #[arg(long = "method", value_name = "SPEC", requires = "datasets")]
+    methods: Vec<String>,
+    /// A dataset to measure on, [NAME:]FORMAT=PATH[,key=value…]; repeatable
+    #[arg(long = "dataset", value_name = "SPEC", requires = "methods")]
+    datasets: Vec<String>,
+    #[command(flatten)]
+    pairs: PairArgs,
+    /// Pairs of each dataset that are measured, spread over its scenes
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    limit: usize,
+    /// Rounds on the first pair of each dataset that are not counted
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    warmup: usize,
+    /// Rounds of each pair that are counted
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    repeat: usize,
+    /// Who renders: cpu, or wgpu
+    #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
+    backend: Backend,
+    /// The GPU, by a part of its description (`sharp-bench doctor` lists them)
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    #[command(flatten)]
+    rendering: RenderingArgs,
+    /// Threads; all cores without it
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// The folder to write into
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &SpeedArgs) -> anyhow::Result<Outcome> {
+    super::set_threads(args.threads)?;
+    if args.limit == 0 || args.repeat == 0 {
+        return Err(UsageError("--limit and --repeat: at least 1".to_owned()).into());
+    }
+    let report = SpeedReport {
+        measured: match args.methods.is_empty() {
+            true => None,
+            false => Some(measure(args)?),
+        },
+        compute: match args.runs.is_empty() {
+            true => None,
+            false => Some(compute(&args.runs)?),
+        },
+    };
+    let written = report.write(&args.out)?;
+    let speeds = report.measured.as_ref().map(|measured| &measured.speeds);
+    if args.json {
+        let files = written.iter().map(|path| path.display().to_string());
+        output::json(&json!({
+            "machine": cpu_and_threads(),
+            "measured": speeds,
+            "compute": report.compute.as_ref().map(|grid| json!({
+                "heads": grid.heads,
+                "rows": grid.rows.iter().map(|row| {
+                    row.iter().map(|cell| cell.text.as_str()).collect::<Vec<_>>()
+                }).collect::<Vec<_>>(),
+            })),
+            "files": files.collect::<Vec<_>>(),
+        }))?;
+    } else {
+        output::line(report.text().trim_end())?;
+        for path in written {
+            output::line(format!("wrote {}", path.display()))?;
+        }
+    }
+    let failed = speeds.is_some_and(|s| s.iter().any(|speed| !speed.failures.is_empty()));
+    Ok(Outcome::of_problems(failed))
+}
+
+fn measure(args: &SpeedArgs) -> anyhow::Result<Measured> {
+    let scoring = Scoring::new(&Selection::parse("psnr")?, &Weights::none())?;
+    let datasets = OpenDataset::open_all(&args.datasets, None)?;
+    let request = Request {
+        limit: Some(args.limit * datasets.len()),
+        pairs: args.pairs.origin()?,
+        methods: build_methods(&args.methods, None)?,
+        backend: data_args::backend(&args.backend, args.adapter.as_deref())?,
+        rendering: args.rendering.settings(),
+        ..Request::new(datasets, Vec::new(), scoring)
+    };
+    let terminal = Terminal::default();
+    let evaluation = prepare(request, &terminal)?;
+    let options = SpeedOptions {
+        warmup: args.warmup,
+        repeat: args.repeat,
+    };
+    Ok(Measured {
+        speeds: evaluation.speed(options, &terminal)?,
+        options,
+        manifest: evaluation.manifest()?,
+        machine: cpu_and_threads(),
+    })
+}

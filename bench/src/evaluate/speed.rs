@@ -1,0 +1,247 @@
+//! What inference and rendering take, measured apart and with nothing else at work.
+
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+use serde::Serialize;
+use sharp::render::{RenderError, RenderOutput};
+
+use super::error::EvaluateError;
+use super::footprint::covered_tiles;
+use super::prepare::Evaluation;
+use super::render::placed;
+use crate::io::machine::{peak_bytes, reset_peak};
+use crate::io::observer::Observer;
+use crate::methods::{
+    Approach, GaussianPrediction, Method, MethodError, Privilege, SourceView, TargetCamera,
+};
+use crate::pairs::PosedCamera;
+use crate::pairs::pair_list::ResolvedPair;
+
+/// How often each pair is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct SpeedOptions {
+    /// Of each method on each dataset: rounds on its first pair that are not counted.
+    pub warmup: usize,
+    /// Rounds of each pair that are counted.
+    pub repeat: usize,
+}
+
+/// A method on a dataset.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Speed {
+    pub dataset: String,
+    pub method: String,
+    /// Widths and heights of its targets, pixels.
+    pub sizes: BTreeSet<(u32, u32)>,
+    /// Pairs that were measured.
+    pub pairs: usize,
+    /// Source picture in memory to Gaussians in memory, or to the picture where the method makes pictures, s; a number a
+    /// round. None of a method that reads what was made elsewhere.
+    pub inference_secs: Vec<f64>,
+    /// Gaussians in memory to the renderer's being ready for views of them, s: the upload on a GPU.
+    pub load_secs: Vec<f64>,
+    /// From there to the 8-bit picture in memory, s. None of a method that makes pictures.
+    pub render_secs: Vec<f64>,
+    /// What explains those, one a pair.
+    pub splats: Vec<Splats>,
+    /// Largest resident size of the process meanwhile, bytes; `None` where the system does not say.
+    pub peak_bytes: Option<u64>,
+    /// `pair: reason` of those that could not be measured.
+    pub failures: Vec<String>,
+}
+
+/// The Gaussians of a prediction, as a target sees them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Splats {
+    pub count: u64,
+    /// Those that reach the picture.
+    pub visible: u64,
+    /// Tiles of 16 × 16 pixels that the boxes of the visible ones touch, together; each is a Gaussian to sort and to blend.
+    pub tiles: u64,
+    /// Tiles of the picture.
+    pub picture_tiles: u64,
+}
+
+/// What a method is measured by, of one pair.
+enum Round {
+    /// Inference alone.
+    Picture,
+    Gaussians(GaussianPrediction),
+}
+
+impl Evaluation {
+    /// Measures every method on the pairs of the evaluation, dataset by dataset. `target` and the scale sweep are left out,
+    /// which are no methods.
+    ///
+    /// # Errors
+    /// When the renderer's device fails. A pair that fails otherwise is counted and the others continue.
+    pub fn speed(
+        &self,
+        options: SpeedOptions,
+        observer: &dyn Observer,
+    ) -> Result<Vec<Speed>, EvaluateError> {
+        let pairs = self.pairs()?;
+        let folder = std::env::temp_dir();
+        let methods = self.methods.iter().filter(|method| {
+            matches!(
+                method.approach(),
+                Approach::Pictures(_) | Approach::Gaussians(_)
+            )
+        });
+        let methods: Vec<&dyn Method> = methods.map(AsRef::as_ref).collect();
+        for method in &methods {
+            method.begin(&folder, &folder);
+        }
+        observer.begin("measuring", pairs.len() * methods.len(), "pairs");
+        let mut measured = Vec::new();
+        for pairs in pairs.chunk_by(|a, b| a.pair.dataset == b.pair.dataset) {
+            for method in &methods {
+                measured.push(self.speed_of(*method, pairs, options, observer)?);
+            }
+        }
+        observer.end();
+        Ok(measured)
+    }
+
+    fn speed_of(
+        &self,
+        method: &dyn Method,
+        pairs: &[ResolvedPair<'_>],
+        options: SpeedOptions,
+        observer: &dyn Observer,
+    ) -> Result<Speed, EvaluateError> {
+        let mut speed = Speed {
+            dataset: pairs
+                .first()
+                .map_or_else(String::new, |p| p.pair.dataset.clone()),
+            method: method.label().to_owned(),
+            sizes: BTreeSet::new(),
+            pairs: 0,
+            inference_secs: Vec::new(),
+            load_secs: Vec::new(),
+            render_secs: Vec::new(),
+            splats: Vec::new(),
+            peak_bytes: None,
+            failures: Vec::new(),
+        };
+        let is_reset = reset_peak();
+        for planned in pairs {
+            let warmup = match speed.pairs {
+                0 => options.warmup,
+                _ => 0,
+            };
+            let id = &planned.pair.pair_id;
+            let done = infer(method, planned, warmup, options.repeat, &mut speed);
+            let done = match done {
+                Err(error) => Err(error.to_string()),
+                Ok(Round::Picture) => Ok(()),
+                Ok(Round::Gaussians(prediction)) => {
+                    let rendered = self.rendered(&prediction, planned, warmup, options, &mut speed);
+                    match rendered {
+                        Err(error) if error.is_device_fault() => {
+                            return Err(EvaluateError::Device {
+                                pair_id: id.clone(),
+                                method: method.label().to_owned(),
+                                reason: error.to_string(),
+                            });
+                        }
+                        rendered => rendered.map_err(|error| error.to_string()),
+                    }
+                }
+            };
+            match done {
+                Err(reason) => speed.failures.push(format!("{id}: {reason}")),
+                Ok(()) => {
+                    speed.pairs += 1;
+                    speed.sizes.insert(PosedCamera::from(planned.target).size());
+                }
+            }
+            observer.step();
+        }
+        speed.peak_bytes = peak_bytes().filter(|_| is_reset);
+        Ok(speed)
+    }
+
+    /// Renders a prediction into the target, and counts what is drawn.
+    fn rendered(
+        &self,
+        prediction: &GaussianPrediction,
+        planned: &ResolvedPair<'_>,
+        warmup: usize,
+        options: SpeedOptions,
+        speed: &mut Speed,
+    ) -> Result<(), RenderError> {
+        let (source, target) = (planned.source.into(), PosedCamera::from(planned.target));
+        let placed = placed(prediction.space, &source, &target);
+        let view = self.renderer.view(placed, target.intrinsics);
+        let mut last: Option<RenderOutput> = None;
+        for round in 0..warmup + options.repeat {
+            let started = Instant::now();
+            let (loaded, secs, output) =
+                self.renderer.with_loaded(&prediction.gaussians, |scene| {
+                    let loaded = started.elapsed().as_secs_f64();
+                    let started = Instant::now();
+                    let output = scene.render(&view)?;
+                    let picture = self.renderer.picture(&output);
+                    let secs = started.elapsed().as_secs_f64();
+                    std::hint::black_box(picture);
+                    Ok((loaded, secs, output))
+                })?;
+            if round >= warmup {
+                speed.load_secs.push(loaded);
+                speed.render_secs.push(secs);
+            }
+            last = Some(output);
+        }
+        if let Some(output) = last {
+            let (tiles, picture_tiles) = covered_tiles(&prediction.gaussians, &view);
+            speed.splats.push(Splats {
+                count: prediction.gaussians.len() as u64,
+                visible: output.drawn,
+                tiles,
+                picture_tiles,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Predicts a pair round by round. What reading its files takes is not counted.
+fn infer(
+    method: &dyn Method,
+    planned: &ResolvedPair<'_>,
+    warmup: usize,
+    repeat: usize,
+    speed: &mut Speed,
+) -> Result<Round, MethodError> {
+    let (source, target): (PosedCamera, PosedCamera) =
+        (planned.source.into(), planned.target.into());
+    let pair_id = &planned.pair.pair_id;
+    let name = pair_id.split("__").next().unwrap_or(pair_id);
+    let photograph = planned.source.content.image()?;
+    let depth = match method.privilege() {
+        Privilege::SourceDepth => planned.source.content.depth()?,
+        _ => None,
+    };
+    let source = SourceView::new(name, &source, &photograph, depth.as_ref());
+    let target = TargetCamera::new(pair_id, &target);
+    let is_read = matches!(method.identity().kind.as_str(), "imported" | "gaussians");
+    let rounds = if is_read { 1 } else { warmup + repeat };
+    let mut last = Round::Picture;
+    for round in 0..rounds {
+        let started = Instant::now();
+        last = match method.approach() {
+            Approach::Gaussians(gaussians) => Round::Gaussians(gaussians.predict(&source)?),
+            Approach::Pictures(pictures) => {
+                std::hint::black_box(pictures.predict(&source, &target)?);
+                Round::Picture
+            }
+            Approach::Target | Approach::Scales(_) => Round::Picture,
+        };
+        if round >= warmup && !is_read {
+            speed.inference_secs.push(started.elapsed().as_secs_f64());
+        }
+    }
+    Ok(last)
+}

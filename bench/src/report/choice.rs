@@ -1,0 +1,92 @@
+//! Which pairs a page shows where it cannot show all.
+
+use sharp_metrics::Direction;
+
+use super::board::{Board, PairBoard};
+use super::input::Column;
+use super::statistics;
+
+/// At most `limit` pairs with the positions of their datasets: the same number from each dataset as far as they have
+/// them; from each, first half of the share by the largest `badness`, then the others: evenly through the rest, or those
+/// of the least.
+pub(super) fn choose<'a>(
+    board: &'a Board<'a>,
+    limit: usize,
+    evenly: bool,
+    badness: impl Fn(&PairBoard<'a>) -> f64,
+) -> Vec<(usize, &'a PairBoard<'a>)> {
+    let mut shares = vec![0; board.datasets.len()];
+    let mut left = limit;
+    while left > 0 {
+        let mut given = 0;
+        for (share, dataset) in shares.iter_mut().zip(&board.datasets) {
+            if *share < dataset.pairs.len() && given < left {
+                *share += 1;
+                given += 1;
+            }
+        }
+        if given == 0 {
+            break;
+        }
+        left -= given;
+    }
+    let mut chosen = Vec::new();
+    for (d, (share, dataset)) in shares.into_iter().zip(&board.datasets).enumerate() {
+        if share == dataset.pairs.len() {
+            chosen.extend(dataset.pairs.iter().map(|pair| (d, pair)));
+            continue;
+        }
+        let worst_first = worst_first(&dataset.pairs, &badness);
+        let worst = share.div_ceil(2);
+        let rest = worst_first.len() - worst;
+        let others = share - worst;
+        let other = |i: usize| match evenly {
+            true => worst + (2 * i + 1) * rest / (2 * others),
+            false => worst_first.len() - others + i,
+        };
+        let mut picked: Vec<&PairBoard<'a>> = (0..worst)
+            .chain((0..others).map(other))
+            .filter_map(|i| worst_first.get(i).copied())
+            .collect();
+        picked.sort_by(|a, b| a.facts.pair_id.cmp(&b.facts.pair_id));
+        chosen.extend(picked.into_iter().map(|pair| (d, pair)));
+    }
+    chosen
+}
+
+/// The pairs of a dataset, those with the worst scores first; equally bad ones in the order of their ids.
+pub(super) fn by_badness<'a>(
+    board: &Board<'a>,
+    pairs: &'a [PairBoard<'a>],
+    metrics: &[Column],
+) -> Vec<&'a PairBoard<'a>> {
+    worst_first(pairs, &|pair| badness(board, pair, metrics))
+}
+
+fn worst_first<'a>(
+    pairs: &'a [PairBoard<'a>],
+    badness: &dyn Fn(&PairBoard<'a>) -> f64,
+) -> Vec<&'a PairBoard<'a>> {
+    let order = pairs.iter().map(|pair| (pair, badness(pair)));
+    let mut order: Vec<(&PairBoard<'a>, f64)> = order.collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    order.into_iter().map(|(pair, _)| pair).collect()
+}
+
+/// Mean over the ranked methods of the first metric that has finite numbers, larger meaning worse.
+pub(super) fn badness(board: &Board<'_>, pair: &PairBoard<'_>, metrics: &[Column]) -> f64 {
+    let mean_of = |metric: &Column| {
+        let sign = match metric.direction? {
+            Direction::Higher => -1.0,
+            Direction::Lower => 1.0,
+        };
+        let records = pair.by_method.iter().zip(&board.methods);
+        let ranked = records.filter(|(_, method)| method.unranked.is_none());
+        let values: Vec<f64> = ranked
+            .filter_map(|(record, _)| (*record)?.scores.get(&metric.key)?.value())
+            .filter(|v| v.is_finite())
+            .collect();
+        Some(sign * statistics::mean(&values)?)
+    };
+    metrics.iter().find_map(mean_of).unwrap_or(0.0)
+}

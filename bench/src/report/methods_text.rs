@@ -1,0 +1,280 @@
+//! How the numbers of a run came about, as a paper should say it.
+
+use std::collections::BTreeSet;
+
+use super::assemble::proxies;
+use super::tables::latex::escape;
+use crate::evaluate::Results;
+use crate::evaluate::manifest::{DatasetRecord, Manifest};
+use crate::evaluate::record::{Record, Status};
+use crate::methods::Privilege;
+use crate::pictures::methods_text::{MethodsText, short};
+use crate::report::ReportDataset;
+
+/// Whom to cite for a dataset, by format.
+const CITED: [(&str, &str); 6] = [
+    ("middlebury", "scharstein2014high"),
+    ("booster", "zamaramirez2024booster"),
+    ("scannetpp", "yeshwanth2023scannetpp"),
+    ("wildrgbd", "xia2024rgbd"),
+    ("tanks-and-temples", "knapitsch2017tanks"),
+    ("eth3d", "schops2017multi"),
+];
+
+/// Sentences of the paragraph that a paper says aloud; the rest of `manifest.scoring` is in the manifest.
+const CONVENTIONS: [(&str, &str); 5] = [
+    ("prediction", "Predictions"),
+    ("target", "Ground truth"),
+    ("resolution", "Resolution"),
+    ("aggregation", "Reported numbers"),
+    ("frustum mask", "View-frustum mask"),
+];
+
+/// Datasets with their pairs, conventions, metrics, and what is known to differ from the SHARP paper.
+pub fn methods_text(results: &Results) -> MethodsText {
+    let Results {
+        manifest, records, ..
+    } = results;
+    let mut before = vec![format!(
+        "View synthesis was evaluated with \\texttt{{sharp-bench}} {} after the protocol of \
+         SHARP~\\cite{{mescheder2025sharp}}.",
+        escape(&manifest.version)
+    )];
+    before.push(datasets(manifest, records));
+    before.extend(failures(records));
+    let metrics: Vec<_> = manifest
+        .metrics
+        .iter()
+        .map(|metric| metric.info.clone())
+        .collect();
+    let is_masked = metrics.iter().any(|metric| metric.key.is_masked());
+    before.extend(CONVENTIONS.iter().filter_map(|(key, head)| {
+        let convention = manifest.scoring.get(*key)?;
+        let is_said = *key != "frustum mask" || is_masked;
+        is_said.then(|| format!("{head}: {}.", escape(convention)))
+    }));
+    before.extend(predictions(manifest, records));
+    MethodsText::of(before, &metrics, vec![deviations(manifest, records)])
+}
+
+/// How many pairs of which datasets, and of which list.
+fn datasets(manifest: &Manifest, records: &[Record]) -> String {
+    let named = manifest.datasets.iter().map(|dataset| {
+        let of_dataset = records
+            .iter()
+            .filter(|record| record.dataset == dataset.name);
+        let pairs: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
+        let cited = CITED.iter().find(|(format, _)| *format == dataset.format);
+        let cited = cited.map_or_else(String::new, |(_, key)| format!("~\\cite{{{key}}}"));
+        format!("{}{cited} ($n={}$)", title(dataset), pairs.len())
+    });
+    let named: Vec<String> = named.collect();
+    let limits = manifest.pairs.lists.iter().filter_map(|list| list.limit);
+    let limit = limits.max().map_or_else(String::new, |limit| {
+        format!(", at most {limit} of those that were selected")
+    });
+    format!(
+        "Pairs of source and target view: {}; the list of all {} has the sha256 \\texttt{{{}}}, of which {} were \
+         evaluated{limit}.",
+        named.join(", "),
+        manifest.pairs.listed,
+        short(&manifest.pairs.sha256),
+        manifest.pairs.evaluated
+    )
+}
+
+fn title(dataset: &DatasetRecord) -> String {
+    let named = ReportDataset {
+        format: Some(dataset.format.clone()),
+        ..ReportDataset::named(&dataset.name)
+    };
+    escape(named.title())
+}
+
+fn failures(records: &[Record]) -> Option<String> {
+    let failed = records
+        .iter()
+        .filter(|record| record.status != Status::Ok)
+        .count();
+    (failed > 0).then(|| {
+        format!(
+            "{failed} of {} predictions failed and count in no number.",
+            records.len()
+        )
+    })
+}
+
+/// What was done to predictions before they were scored, and what methods knew.
+fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let mut say = |labels: BTreeSet<&str>, what: &str| {
+        if !labels.is_empty() {
+            let labels: Vec<String> = labels.into_iter().map(escape).collect();
+            sentences.push(what.replace("METHODS", &labels.join(", ")));
+        }
+    };
+    let with = |is: fn(&Record) -> bool| -> BTreeSet<&str> {
+        let found = records.iter().filter(|record| is(record));
+        found.map(|record| record.method.as_str()).collect()
+    };
+    let privileged = |privilege: Privilege| -> BTreeSet<&str> {
+        let methods = manifest.methods.iter();
+        let methods = methods.filter(|method| method.privilege == privilege);
+        methods.map(|method| method.label.as_str()).collect()
+    };
+    say(
+        with(|record| record.extras.contains_key("mean_alpha")),
+        &format!(
+            "The Gaussians of METHODS were rendered by {}.",
+            escape(&manifest.renderer.to_string())
+        ),
+    );
+    for method in &manifest.methods {
+        let resized = records
+            .iter()
+            .any(|r| r.method == method.label && r.resized_from.is_some());
+        if let Some(kernel) = method.identity.settings.get("resize").filter(|_| resized) {
+            let what = format!(
+                "Predictions of METHODS smaller than the target were resized by {}.",
+                escape(kernel)
+            );
+            say(BTreeSet::from([method.label.as_str()]), &what);
+        }
+    }
+    say(
+        with(|record| record.crop.is_some()),
+        "Predictions of METHODS show a part of the target and are scored on it.",
+    );
+    say(
+        with(|record| record.valid_share.is_some()),
+        "Pixels that a dataset's mask excludes count in no score of METHODS.",
+    );
+    say(
+        with(|record| record.scale.is_some()),
+        "Of METHODS, the best of several scales of the scene was chosen by DISTS against the target.",
+    );
+    say(
+        privileged(Privilege::DepthScale),
+        "The depth of METHODS was scaled by the median of its ratios to the source's true depth.",
+    );
+    say(
+        privileged(Privilege::SourceDepth),
+        "METHODS saw the true depth of the source.",
+    );
+    if manifest.common_region {
+        let rule = "All methods are scored on the part of a target that all of them predict.";
+        sentences.push(rule.to_owned());
+    }
+    sentences
+}
+
+/// Choices that are known to differ from the paper's, and those that it leaves open.
+fn deviations(manifest: &Manifest, records: &[Record]) -> String {
+    let of_datasets = |choices: &dyn Fn(&DatasetRecord) -> Vec<String>| {
+        let datasets = manifest.datasets.iter().filter_map(|dataset| {
+            let choices = choices(dataset);
+            let choices: Vec<String> = choices
+                .iter()
+                .map(|choice| format!("\\texttt{{{}}}", escape(choice)))
+                .collect();
+            (!choices.is_empty()).then(|| format!("{}: {}", title(dataset), choices.join(", ")))
+        });
+        datasets.collect::<Vec<String>>().join("; ")
+    };
+    let known = of_datasets(&|dataset| proxies(manifest, dataset, records));
+    let open = of_datasets(&|dataset| {
+        let readings = dataset.readings.iter().filter(|r| r.open && !r.proxy);
+        readings.map(|r| format!("{}={}", r.key, r.value)).collect()
+    });
+    let known = match known.as_str() {
+        "" => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
+        known => format!("Known to differ from the SHARP paper: {known}"),
+    };
+    match open.as_str() {
+        "" => format!("{known}."),
+        open => format!("{known}. Left open there and chosen here: {open}."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::record::Crop;
+    use crate::evaluate::test_records::{manifest, record};
+    use crate::scoring::Region;
+
+    /// Two pairs of a procedural dataset with an underscore in its name, one by a failure.
+    fn results() -> Results {
+        let mut manifest = manifest("psnr,lpips-alex");
+        manifest.version = "9.9".to_owned();
+        manifest.pairs.sha256 = "0123456789abcdef".to_owned();
+        manifest.methods[0].label = "50%_crop".to_owned();
+        let of = |number: usize| {
+            let mut record = record("D_1", 0, number);
+            record.method = "50%_crop".to_owned();
+            record
+        };
+        let mut records = vec![of(0), of(1)];
+        let region = Region {
+            x: 0,
+            y: 0,
+            width: 8,
+            height: 8,
+        };
+        records[0].crop = Some(Crop { region, share: 0.5 });
+        records[1].status = Status::Failed {
+            reason: "x".to_owned(),
+        };
+        Results {
+            manifest,
+            records,
+            missing: BTreeSet::new(),
+            pictures: Vec::new(),
+            damaged: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_paragraph_says_pairs_conventions_metrics_and_deviations() {
+        let results = results();
+        let text = methods_text(&results);
+        let listed = results.manifest.pairs.listed;
+        for part in [
+            "\\texttt{sharp-bench} 9.9 after the protocol of SHARP~\\cite{mescheder2025sharp}.",
+            "D\\_1 ($n=2$)",
+            &format!("all {listed} has the sha256 \\texttt{{0123456789ab}}"),
+            "1 of 2 predictions failed",
+            "sRGB, 8 bit, rounded to nearest",
+            "mean over pairs",
+            "Predictions of 50\\%\\_crop show a part of the target",
+            "PSNR is $-10\\log_{10}$",
+            "version 0.1 with AlexNet",
+            "SHARP paper",
+        ] {
+            assert!(text.latex.contains(part), "{part}: {}", text.latex);
+        }
+        assert!(!text.latex.contains("View-frustum"));
+        for cite in text.latex.split("\\cite{").skip(1) {
+            let name = cite.split('}').next().unwrap();
+            assert!(text.bibtex.contains(&format!("{{{name},")), "{name}");
+        }
+        assert_eq!(
+            text.latex.matches('{').count(),
+            text.latex.matches('}').count()
+        );
+    }
+
+    #[test]
+    fn every_dataset_of_the_paper_has_its_reference() {
+        for (format, key) in CITED {
+            let mut results = results();
+            results.manifest.datasets[0].format = format.to_owned();
+            let text = methods_text(&results);
+            assert!(
+                text.latex.contains(&format!("D\\_1~\\cite{{{key}}}")),
+                "{format}"
+            );
+            assert!(text.bibtex.contains(&format!("{{{key},")), "{key}");
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What the page's script shows of the pairs: data, from which it makes the cards that are looked at.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+
+use crate::evaluate::record::{Record, Score, Status, finite_or_text};
+use crate::io::text::visible_line;
+
+use super::gallery::{self, GalleryPair, Kind, Pictures};
+use super::html::Page;
+use super::input::{Column, Layout};
+use super::pictures::Thumbnail;
+use super::plots::palette::style;
+
+/// JSON that can stand in a `script` element: it holds no `<`, and nothing that a reader's program would obey.
+pub(super) fn json(page: &Page<'_>) -> String {
+    let methods = page.board.methods.iter().enumerate();
+    let methods = methods.map(|(at, method)| {
+        json!({
+            "label": visible_line(&method.label),
+            "colour": style(at).ink.hex(),
+            "ranked": method.unranked.is_none(),
+            "against": gallery::against(page.input, page.board, at),
+        })
+    });
+    let datasets = page.board.datasets.iter();
+    let datasets = datasets.map(|d| visible_line(d.dataset.title()));
+    let pairs = page.gallery.pairs.iter().enumerate();
+    let data = json!({
+        "datasets": datasets.collect::<Vec<_>>(),
+        "methods": methods.collect::<Vec<_>>(),
+        "heads": Column::heads(page.metrics),
+        "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
+        "pairs": pairs.map(|(at, pair)| pair_data(page, at, pair)).collect::<Vec<_>>(),
+    });
+    data.to_string().replace('<', "\\u003c")
+}
+
+fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
+    let facts = shown.pair.facts;
+    let methods = shown.methods.iter().enumerate().map(|(method, shown)| {
+        let shown = shown.as_ref()?;
+        let record = shown.record;
+        let mut data = json!({
+            "pictures": pictures(page, at, Some(method), &shown.pictures),
+            "full": page.full_path(record),
+        });
+        match &record.status {
+            Status::Failed { reason } => data["failed"] = json!(visible_line(reason)),
+            Status::Ok => {
+                let scores = page.metrics.iter().map(|metric| score(record, metric));
+                data["scores"] = scores.collect();
+                data["extras"] = extras(page.input.extras.as_slice(), record);
+            }
+        }
+        Some(data)
+    });
+    json!({
+        "id": visible_line(&facts.pair_id),
+        "dataset": shown.dataset,
+        "scene": visible_line(&facts.scene),
+        "views": [visible_line(&facts.source), visible_line(&facts.target)],
+        "baseline": Some(facts.baseline_m).filter(|v| v.is_finite()),
+        "overlap": facts.overlap.filter(|v| v.is_finite()),
+        "facts": facts_of(facts),
+        "losses": losses(page, facts),
+        "pictures": pictures(page, at, None, &shown.views),
+        "full": page.full_target(shown.pair),
+        "methods": methods.collect::<Vec<_>>(),
+    })
+}
+
+/// `[address, width, height]` or the reason why there is none, by kind.
+fn pictures(page: &Page<'_>, pair: usize, method: Option<usize>, pictures: &Pictures) -> Value {
+    let address = |kind: Kind, picture: &Thumbnail| match page.gallery.layout {
+        Layout::File => format!("data:image/jpeg;base64,{}", STANDARD.encode(&picture.jpeg)),
+        Layout::Folder => gallery::file_name(pair, method, kind),
+    };
+    let shown = pictures.iter().map(|(kind, picture)| {
+        let value = match picture {
+            Ok(picture) => json!([address(*kind, picture), picture.width, picture.height]),
+            Err(reason) => json!(visible_line(&reason.to_string())),
+        };
+        (kind.name().to_owned(), value)
+    });
+    Value::Object(shown.collect())
+}
+
+/// `[number, as it is shown]` or the reason why there is none.
+fn score(record: &Record, metric: &Column) -> Value {
+    match record.scores.get(&metric.key) {
+        Some(Score::Value(value)) => {
+            let exact =
+                finite_or_text::text(*value).map_or_else(|| json!(value), |text| json!(text));
+            json!([exact, metric.shown(*value)])
+        }
+        Some(Score::Unavailable { unavailable }) => json!(visible_line(unavailable)),
+        None => json!("not computed in this run"),
+    }
+}
+
+/// What a method reports about its prediction: `[label, as it is shown]`.
+fn extras(columns: &[Column], record: &Record) -> Value {
+    let reported = record.reported();
+    let extras = columns.iter().filter_map(|column| {
+        let value = *reported.get(column.key.as_str())?;
+        Some(json!([column.label, column.shown(value)]))
+    });
+    extras.collect()
+}
+
+fn facts_of(facts: &Record) -> Vec<String> {
+    let known = |value: Option<f64>| value.filter(|v| v.is_finite());
+    let facts = [
+        known(Some(facts.baseline_m)).map(|v| format!("baseline {v:.3} m")),
+        known(Some(facts.rotation_deg)).map(|v| format!("rotation {v:.1}°")),
+        known(facts.median_depth_m).map(|v| format!("median depth {v:.2} m")),
+        known(facts.overlap).map(|v| format!("overlap {:.1} %", v * 100.0)),
+    ];
+    facts.into_iter().flatten().collect()
+}
+
+/// By how much B is worse on a pair, by metric; nothing where the page does not compare.
+fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
+    let of_pair = page.input.comparison.as_ref()?.losses.get(&facts.pair_id)?;
+    let metrics = page.metrics.iter();
+    let losses = metrics.map(|metric| of_pair.get(&metric.key).copied());
+    Some(losses.map(|loss| loss.filter(|v| v.is_finite())).collect())
+}

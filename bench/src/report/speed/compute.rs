@@ -1,0 +1,113 @@
+//! What a form of compute reporting asks for, from the times that runs kept.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use crate::evaluate::results::timings;
+use crate::evaluate::unit::Timing;
+use crate::evaluate::{EvaluateError, Results};
+use crate::report::tables::grid::{GridCell, TextGrid};
+
+/// Hours and hardware of each method of some runs, and of all together.
+///
+/// # Errors
+/// When one cannot be read, or is a bundle, which holds no times.
+pub fn compute(runs: &[PathBuf]) -> Result<TextGrid, EvaluateError> {
+    let mut rows = Vec::new();
+    for run in runs {
+        let manifest = Results::read(run)?.manifest;
+        for method in &manifest.methods {
+            let timings = timings(run, &method.label)?;
+            if timings.is_empty() {
+                continue;
+            }
+            rows.push(MethodCompute {
+                run: run.display().to_string(),
+                method: method.label.clone(),
+                renderer: manifest.renderer.backend.clone(),
+                device: method.identity.settings.get("device").cloned(),
+                timings: timings.into_values().collect(),
+            });
+        }
+        if rows.is_empty() {
+            return Err(EvaluateError::NotKept {
+                folder: run.clone(),
+                reason: "it holds no times: bundles never do, nor runs without a prediction"
+                    .to_owned(),
+            });
+        }
+    }
+    Ok(grid(&rows))
+}
+
+/// The times of a method in a run.
+#[derive(Debug, Clone)]
+pub(super) struct MethodCompute {
+    pub(super) run: String,
+    pub(super) method: String,
+    pub(super) renderer: String,
+    /// Of its network, where it has one.
+    pub(super) device: Option<String>,
+    pub(super) timings: Vec<Timing>,
+}
+
+pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
+    let heads = [
+        "Run",
+        "Method",
+        "Processor and threads",
+        "Network",
+        "Renderer",
+        "Predictions",
+        "Predicting, h",
+        "Scoring, h",
+        "Peak, MiB",
+    ];
+    let hours = |timings: &[&Timing], of: fn(&Timing) -> f64| {
+        let secs: f64 = timings.iter().map(|timing| of(timing)).sum();
+        GridCell::number(format!("{:.4}", secs / 3600.0), secs / 3600.0)
+    };
+    let sums = |timings: &[&Timing]| {
+        let peak = timings.iter().filter_map(|timing| timing.peak_bytes).max();
+        [
+            GridCell::number(timings.len().to_string(), timings.len() as f64),
+            hours(timings, |timing| timing.predict_secs),
+            hours(timings, |timing| timing.score_secs),
+            peak.map_or_else(GridCell::default, |bytes| {
+                let mib = bytes as f64 / f64::from(1 << 20);
+                GridCell::number(format!("{mib:.0}"), mib)
+            }),
+        ]
+    };
+    let mut rows: Vec<Vec<GridCell>> = methods
+        .iter()
+        .map(|method| {
+            let timings: Vec<&Timing> = method.timings.iter().collect();
+            let machines = timings.iter().map(|timing| timing.machine.as_deref());
+            let machines: BTreeSet<&str> = machines.map(|m| m.unwrap_or("unknown")).collect();
+            let words = [
+                method.run.clone(),
+                method.method.clone(),
+                machines.into_iter().collect::<Vec<_>>().join("; "),
+                method.device.clone().unwrap_or_default(),
+                method.renderer.clone(),
+            ];
+            let words = words.map(GridCell::words).into_iter();
+            words.chain(sums(&timings)).collect()
+        })
+        .collect();
+    let all: Vec<&Timing> = methods.iter().flat_map(|m| &m.timings).collect();
+    let words = ["all", "", "", "", ""].map(GridCell::words).into_iter();
+    rows.push(words.chain(sums(&all)).collect());
+    TextGrid {
+        title: "Compute".to_owned(),
+        heads: heads.map(str::to_owned).into(),
+        rows,
+        remarks: vec![
+            "Sums of wall time over the predictions that are in the run, each counted once, failures and what was tried before \
+             not counted. Predicting holds reading, inference and rendering; the next pair is predicted while one is scored, so \
+             that a run took less time than both together. Peak: largest resident size of the process until then."
+                .to_owned(),
+        ],
+    }
+}

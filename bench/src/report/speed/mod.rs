@@ -1,0 +1,93 @@
+//! Run time as the paper tabulates it, and what a paper says of the compute behind its numbers.
+//!
+//! * [`summary`]: median and spread of some rounds; [`tables`]: methods by datasets, and what explains the times;
+//!   [`compute`]: hardware and hours of runs, from the times that they kept.
+
+pub mod compute;
+pub mod summary;
+pub mod tables;
+
+use std::path::{Path, PathBuf};
+
+use super::tables::grid::TextGrid;
+use super::tables::{latex, markdown, text};
+use crate::evaluate::Manifest;
+use crate::evaluate::speed::{Speed, SpeedOptions};
+use crate::io::atomic_files::{FileError, write_over_own};
+
+/// What was measured anew.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    pub speeds: Vec<Speed>,
+    pub options: SpeedOptions,
+    /// Of the evaluation that was measured.
+    pub manifest: Manifest,
+    /// Processor and threads; `None` where the system does not say.
+    pub machine: Option<String>,
+}
+
+/// What `speed` knows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SpeedReport {
+    pub measured: Option<Measured>,
+    /// Hardware and hours of runs.
+    pub compute: Option<TextGrid>,
+}
+
+/// What stands in each of our files, so that nothing else is written over.
+const MARK: &str = "sharp-bench speed";
+
+impl SpeedReport {
+    fn grids(&self) -> Vec<TextGrid> {
+        let details = self.measured.as_ref().map(tables::details);
+        details.into_iter().chain(self.compute.clone()).collect()
+    }
+
+    /// For a terminal.
+    pub fn text(&self) -> String {
+        let table = self
+            .measured
+            .as_ref()
+            .map(|m| text::text(&tables::table(m)));
+        let grids = self.grids();
+        let parts = table.into_iter().chain(grids.iter().map(TextGrid::text));
+        parts.collect::<Vec<_>>().join("\n")
+    }
+
+    /// Writes `speed.md` and `speed.tex`, and where something was measured `speed.csv`.
+    ///
+    /// # Errors
+    /// When one cannot be written, or the name is taken by something else.
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+        let mut md = format!("<!-- {MARK} -->\n");
+        let mut tex = format!("% {MARK}\n");
+        if let Some(measured) = &self.measured {
+            let table = tables::table(measured);
+            md += &format!("# {}\n\n{}", table.title, markdown::markdown(&table));
+            tex += &latex::latex(&table);
+        }
+        for grid in self.grids() {
+            let title = markdown::escape(&grid.title);
+            md += &format!("\n## {title}\n\n{}", grid.markdown());
+            tex += &format!("\n{}", latex::grid(&grid));
+        }
+        let mut files = vec![("speed.md", md), ("speed.tex", tex)];
+        if let Some(measured) = &self.measured {
+            files.push(("speed.csv", tables::csv(measured)));
+        }
+        let mut written = Vec::new();
+        for (name, content) in files {
+            let path = folder.join(name);
+            let mark = match name {
+                "speed.csv" => tables::CSV_HEAD,
+                _ => MARK,
+            };
+            write_over_own(&path, content.as_bytes(), mark)?;
+            written.push(path);
+        }
+        Ok(written)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,275 @@
+//! Measured times as tables.
+
+use sharp_metrics::Direction;
+
+use super::Measured;
+use super::summary::Summary;
+use crate::evaluate::results::number;
+use crate::evaluate::speed::{Speed, Splats};
+use crate::io::counts::counted;
+use crate::io::text::csv_cell;
+use crate::report::input::{Column, ReportDataset};
+use crate::report::tables::grid::{GridCell, TextGrid};
+use crate::report::tables::{Cell, Group, Row, Table};
+
+/// Columns of [`csv()`].
+pub(super) const CSV_HEAD: &str =
+    "method,dataset,quantity,n,median,first_quartile,third_quartile,least,most";
+
+/// Seconds under each dataset, as in the paper; medians.
+pub fn table(measured: &Measured) -> Table {
+    let mut notes = Vec::new();
+    let datasets = measured
+        .manifest
+        .datasets
+        .iter()
+        .map(|record| ReportDataset {
+            format: Some(record.format.clone()),
+            ..ReportDataset::named(&record.name)
+        });
+    let datasets: Vec<ReportDataset> = datasets.collect();
+    let methods = measured.manifest.methods.iter().map(|method| {
+        let cells = datasets.iter().flat_map(|dataset| {
+            let mut speeds = measured.speeds.iter();
+            let speed = speeds.find(|s| s.method == method.label && s.dataset == dataset.name);
+            let kind = method.identity.kind.as_str();
+            cells(speed, kind, &mut notes)
+        });
+        Row {
+            label: method.label.clone(),
+            note: None,
+            cells: cells.collect(),
+        }
+    });
+    let rows = methods.collect();
+    let groups = datasets.iter().map(|dataset| {
+        let of_dataset = measured.speeds.iter().filter(|s| s.dataset == dataset.name);
+        Group {
+            pairs: of_dataset.map(|speed| speed.pairs).max(),
+            ..Group::titled(dataset.title())
+        }
+    });
+    Table {
+        name: "speed".to_owned(),
+        title: "Run time (seconds)".to_owned(),
+        row_head: "method",
+        groups: groups.collect(),
+        columns: vec![
+            column(
+                "inference_secs",
+                "Inference",
+                "median over rounds and pairs of source picture to Gaussians, s",
+            ),
+            column(
+                "render_secs",
+                "Render",
+                "median over rounds and pairs of Gaussians to picture, s",
+            ),
+        ],
+        rows,
+        remarks: remarks(measured),
+        notes,
+    }
+}
+
+fn column(key: &str, label: &str, convention: &str) -> Column {
+    Column {
+        direction: Some(Direction::Lower),
+        ..Column::reported(key, label, 3, convention)
+    }
+}
+
+/// Inference and rendering of a method on a dataset.
+fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2] {
+    let none: &[f64] = &[];
+    let inference = speed.map_or(none, |speed| &speed.inference_secs);
+    let render = speed.map_or(none, |speed| &speed.render_secs);
+    let failed = speed.and_then(|speed| speed.failures.first());
+    let why = |what: &str| match (failed, kind) {
+        (Some(failure), _) => format!("Not measured: {failure}."),
+        (None, "target") => "Not measured: the truth itself is no method.".to_owned(),
+        (None, "imported" | "gaussians") if what == "inference" => {
+            "Made elsewhere: reading a file is no inference.".to_owned()
+        }
+        (None, _) if what == "inference" => "Not measured.".to_owned(),
+        (None, _) => "It makes pictures: all of it is inference.".to_owned(),
+    };
+    [("inference", inference), ("render", render)].map(|(what, secs)| {
+        let value = Summary::of(secs).map(|summary| summary.median);
+        let reason = value.is_none().then(|| Table::note(notes, why(what)));
+        Cell {
+            value,
+            notes: reason.into_iter().collect(),
+            ..Cell::default()
+        }
+    })
+}
+
+fn remarks(measured: &Measured) -> Vec<String> {
+    let manifest = &measured.manifest;
+    let devices = manifest.methods.iter().filter_map(|method| {
+        let device = method.identity.settings.get("device")?;
+        Some(format!("{} on {device}", method.label))
+    });
+    let devices: Vec<String> = devices.collect();
+    let machine = measured
+        .machine
+        .as_deref()
+        .unwrap_or("a processor that does not say its name");
+    let mut remarks = vec![
+        "Inference: from the source picture in memory to the Gaussians in memory, or to the picture where a method makes \
+         pictures; of a `command` method with handing over. Reading files is not part of it."
+            .to_owned(),
+        format!(
+            "Render: from Gaussians that the renderer has ready to the 8-bit picture in memory, one view at a time, at each \
+             target's own resolution, by {}. Making them ready, on a GPU the upload, is `load_secs` of speed.csv.",
+            manifest.renderer
+        ),
+        format!(
+            "Medians over {} of each pair, after {} on the first that are not counted; each method alone, on {machine}{}.",
+            counted(measured.options.repeat, "round"),
+            counted(measured.options.warmup, "round"),
+            match devices.is_empty() {
+                true => String::new(),
+                false => format!("; networks: {}", devices.join(", ")),
+            }
+        ),
+    ];
+    let failures: usize = measured
+        .speeds
+        .iter()
+        .map(|speed| speed.failures.len())
+        .sum();
+    if failures > 0 {
+        remarks.push(format!(
+            "{} could not be measured.",
+            counted(failures, "prediction")
+        ));
+    }
+    remarks
+}
+
+/// Spread, memory, and what the renderer had to draw.
+pub fn details(measured: &Measured) -> TextGrid {
+    let heads = [
+        "Method",
+        "Dataset",
+        "Pixels",
+        "Pairs",
+        "Inference, s",
+        "Load, s",
+        "Render, s",
+        "Gaussians",
+        "Visible",
+        "Tiles each",
+        "Gaussians a tile",
+        "Peak, MiB",
+    ];
+    let rows = measured.speeds.iter().map(|speed| {
+        let sizes = speed.sizes.iter().map(|(w, h)| format!("{w}×{h}"));
+        let sizes: Vec<String> = sizes.collect();
+        let mean = |of: fn(&Splats) -> f64| {
+            let sum: f64 = speed.splats.iter().map(of).sum();
+            (!speed.splats.is_empty()).then(|| sum / speed.splats.len() as f64)
+        };
+        let number = |value: Option<f64>, decimals: usize| match value {
+            Some(value) => GridCell::number(format!("{value:.decimals$}"), value),
+            None => GridCell::words(""),
+        };
+        vec![
+            GridCell::words(&speed.method),
+            GridCell::words(&speed.dataset),
+            GridCell::words(match sizes.as_slice() {
+                [first, .., last] => format!("{first} to {last}"),
+                sizes => sizes.concat(),
+            }),
+            number(Some(speed.pairs as f64), 0),
+            spread(&speed.inference_secs),
+            spread(&speed.load_secs),
+            spread(&speed.render_secs),
+            number(mean(|splats| splats.count as f64), 0),
+            number(mean(|splats| splats.visible as f64), 0),
+            number(mean(|s| s.tiles as f64 / (s.visible as f64).max(1.0)), 2),
+            number(
+                mean(|s| s.tiles as f64 / (s.picture_tiles as f64).max(1.0)),
+                1,
+            ),
+            number(
+                speed
+                    .peak_bytes
+                    .map(|bytes| bytes as f64 / f64::from(1 << 20)),
+                0,
+            ),
+        ]
+    });
+    TextGrid {
+        title: "Spread, memory and what is drawn".to_owned(),
+        heads: heads.map(str::to_owned).into(),
+        rows: rows.collect(),
+        remarks: vec![
+            "Times: median, first and third quartile of all rounds. Gaussians: means over pairs; visible are those that reach \
+             the target's picture, tiles are of 16 × 16 pixels, which a Gaussian counts in where its alpha can reach 1/255. \
+             Peak: largest resident size of the process while the method was measured; the memory of a device is not part of \
+             it."
+                .to_owned(),
+        ],
+    }
+}
+
+fn spread(secs: &[f64]) -> GridCell {
+    match Summary::of(secs) {
+        None => GridCell::words(""),
+        Some(Summary {
+            median,
+            quartiles: [low, high],
+            ..
+        }) => GridCell::number(format!("{median:.4} [{low:.4}, {high:.4}]"), median),
+    }
+}
+
+/// One line a quantity, at full precision; `quantity` is `inference_secs`, `load_secs`, `render_secs`, `peak_bytes`,
+/// `gaussians`, `visible`, `tiles` or `picture_tiles`.
+pub fn csv(measured: &Measured) -> String {
+    let mut out = format!("{CSV_HEAD}\n");
+    for speed in &measured.speeds {
+        let of = |of: fn(&Splats) -> u64| -> Vec<f64> {
+            speed
+                .splats
+                .iter()
+                .map(|splats| of(splats) as f64)
+                .collect()
+        };
+        let quantities = [
+            ("inference_secs", speed.inference_secs.clone()),
+            ("load_secs", speed.load_secs.clone()),
+            ("render_secs", speed.render_secs.clone()),
+            (
+                "peak_bytes",
+                speed.peak_bytes.iter().map(|b| *b as f64).collect(),
+            ),
+            ("gaussians", of(|splats| splats.count)),
+            ("visible", of(|splats| splats.visible)),
+            ("tiles", of(|splats| splats.tiles)),
+            ("picture_tiles", of(|splats| splats.picture_tiles)),
+        ];
+        for (quantity, numbers) in quantities {
+            let Some(summary) = Summary::of(&numbers) else {
+                continue;
+            };
+            let [low, high] = summary.quartiles;
+            let numbers = [summary.median, low, high, summary.least, summary.most].map(number);
+            let mut line = ::csv::Writer::from_writer(Vec::new());
+            let cells = [
+                &*csv_cell(&speed.method),
+                &*csv_cell(&speed.dataset),
+                quantity,
+            ];
+            let n = summary.n.to_string();
+            let cells = cells.into_iter().chain([n.as_str()]);
+            // Writing into memory cannot fail.
+            let _ = line.write_record(cells.chain(numbers.iter().map(String::as_str)));
+            out += &String::from_utf8_lossy(&line.into_inner().unwrap_or_default());
+        }
+    }
+    out
+}

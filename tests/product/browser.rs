@@ -1,0 +1,244 @@
+//! The pages in a browser, along the path of someone who looks for what went wrong. Ignored, by name, where no Chromium is.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "test code outside of #[test] functions"
+)]
+
+#[allow(dead_code, reason = "shared with the other tests of the binary")]
+mod support;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use libtest_mimic::{Arguments, Trial};
+use support::{read, sharp_bench};
+
+fn main() -> ExitCode {
+    let arguments = Arguments::from_args();
+    let browser = ["chromium", "google-chrome"].into_iter().find(|program| {
+        let version = Command::new(program).arg("--version").output();
+        version.is_ok_and(|output| output.status.success())
+    });
+    let missing = if browser.is_none() {
+        " (no chromium)"
+    } else {
+        ""
+    };
+    let tests: [(&str, fn(&str)); 2] = [
+        ("a report is sorted, filtered and looked through", report),
+        ("a comparison shows both sides", comparison),
+    ];
+    let trials = tests.map(|(name, test)| {
+        let run = move || {
+            browser.map(test);
+            Ok(())
+        };
+        Trial::test(format!("{name}{missing}"), run).with_ignored_flag(browser.is_none())
+    });
+    libtest_mimic::run(&arguments, trials.into()).exit_code()
+}
+
+/// What a person does, as functions for the scripts below; what is `said` comes back.
+const HANDS: &str = r"
+  var one = function (selector) { return document.querySelector(selector); };
+  var all = function (selector) { return Array.from(document.querySelectorAll(selector)); };
+  var said = function (name, value) { one('#said').append(name + '=' + value + '\n'); };
+  var choose = function (selector, value) {
+    one(selector).value = value;
+    one(selector).dispatchEvent(new Event('change', { bubbles: true }));
+  };
+  var press = function (key, on) { (on || one('#viewer')).dispatchEvent(new KeyboardEvent('keydown', { key: key, bubbles: true })); };
+  var later = function () { return new Promise(function (done) { setTimeout(done, 300); }); };
+  var titles = function () { return all('.pair h3').map(function (title) { return title.textContent; }); };
+";
+
+/// Opens a page and does what the script says. The copy lies beside the page and lacks only its security policy, which
+/// would forbid the script.
+fn done(browser: &str, page: &Path, script: &str) -> BTreeMap<String, String> {
+    let html = read(page);
+    let policy = html.find("<meta http-equiv=").unwrap();
+    let end = policy + html[policy..].find('>').unwrap() + 1;
+    let script = format!(
+        "<pre id=\"said\"></pre><script>addEventListener('error', function (e) {{ document.querySelector('#said').append('error=' + \
+         e.message + '\\n'); }});{HANDS}addEventListener('load', async function () {{ await later(); {script} }});</script>"
+    );
+    // Before the page's own script, whose errors it is to hear.
+    let (before, after) = html[end..].rsplit_once("<script>").unwrap();
+    let folder = page.parent().unwrap();
+    let copy = folder.join("driven.html");
+    std::fs::write(
+        &copy,
+        format!("{}{before}{script}<script>{after}", &html[..policy]),
+    )
+    .unwrap();
+    let output = Command::new(browser)
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--window-size=1400,900",
+        ])
+        .args(["--virtual-time-budget=20000", "--dump-dom"])
+        .arg(format!("file://{}", copy.canonicalize().unwrap().display()))
+        .env("HOME", folder)
+        .output()
+        .unwrap();
+    let dom = String::from_utf8(output.stdout).unwrap();
+    let said = dom
+        .split("<pre id=\"said\">")
+        .nth(1)
+        .unwrap_or_else(|| panic!("{dom}"));
+    let said = said.split("</pre>").next().unwrap();
+    let lines = said.lines().filter_map(|line| line.split_once('='));
+    lines
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .collect()
+}
+
+/// Evaluates into a folder: more pairs than one file shows, whose renderings have an alpha.
+fn run(dir: &Path, out: &str, resolution: &str) {
+    let method = format!("depth-splat:resolution={resolution}");
+    let args = [
+        "run",
+        "--dataset",
+        "S:synthetic=size=48x36,views=20",
+        "--method",
+        &method,
+        "--method",
+        "copy",
+        "--metrics",
+        "psnr,ssim",
+        "--limit",
+        "30",
+        "--keep",
+        "float",
+        "--out",
+        out,
+    ];
+    sharp_bench(dir, &args).ends_with(0);
+}
+
+fn is(said: &BTreeMap<String, String>, expected: &[(&str, &str)]) {
+    assert_eq!(said.get("error"), None, "{said:?}");
+    for (name, value) in expected {
+        assert_eq!(
+            said.get(*name).map(String::as_str),
+            Some(*value),
+            "{name}: {said:?}"
+        );
+    }
+}
+
+fn report(browser: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "r", "64");
+    let json = sharp_bench(dir, &["report", "r", "--json"])
+        .ends_with(0)
+        .json();
+    assert_eq!(json["layout"], "folder");
+    let script = r"
+        said('first cards', all('.pair').length);
+        said('lazy', all('#cards img').every(function (image) { return image.loading === 'lazy'; }));
+        one('#more').click(); await later(); one('#more').click(); await later(); one('#more').click(); await later();
+        said('all cards', all('.pair').length);
+        // A table by its second column, twice: upwards, then downwards.
+        var head = one('table.scores thead tr:last-child th:nth-child(2)');
+        var firsts = function () { return one('table.scores tbody tr th').textContent; };
+        head.click(); var up = firsts(); head.click(); said('table sorted', up !== firsts());
+        // Pairs by the score of one method, and only some.
+        choose('#f-of', '1'); choose('#f-sort', 'up:0'); await later();
+        var scores = function () {
+          return all('.pair .method[data-method=\'1\'] dl div:first-child dd').map(function (dd) { return parseFloat(dd.textContent); });
+        };
+        var sorted = scores();
+        said('scores sorted', sorted.length > 4 && sorted.every(function (score, at) { return at === 0 || sorted[at - 1] <= score; }));
+        var limit = sorted[3] + 0.005;
+        choose('#f-score-to', limit); await later();
+        var few = parseInt(one('#count').textContent, 10);
+        said('within scores', few >= 4 && few < 30 && scores().every(function (score) { return score <= limit + 0.005; }));
+        choose('#f-score-to', '0'); said('none', !one('#none').hidden); choose('#f-score-to', '');
+        choose('#f-baseline-to', '0.15'); await later();
+        said('within baseline', all('.pair').length > 0 && all('.pair header li:nth-child(2)').every(function (li) {
+          return parseFloat(li.textContent.replace('baseline', '')) <= 0.15;
+        }));
+        choose('#f-baseline-to', ''); choose('#f-scene', 'seed0'); said('scene', one('#count').textContent === '');
+        all('#controls input[name=method]')[1].click(); await later();
+        said('hidden method', all('.pair:first-child .method').length); all('#controls input[name=method]')[1].click(); await later();
+        // A pair, its views, the slider, its neighbours.
+        var title = titles();
+        one('.pair .method[data-method=\'0\'] [data-kind=prediction] .pic').click(); await later();
+        said('open', one('#viewer').open + ' ' + one('#v-what').textContent);
+        said('full picture', one('#v-over').naturalWidth + ' ' + one('#v-over').getAttribute('src').indexOf('../predictions/'));
+        press('5'); said('compare', one('#v-bar').hidden + ' ' + one('#v-bar').getAttribute('aria-valuenow'));
+        press('ArrowRight', one('#v-bar')); said('slider', one('#v-bar').getAttribute('aria-valuenow'));
+        press('End', one('#v-bar')); said('slider end', one('#v-bar').getAttribute('aria-valuenow') + ' ' + /inset\(/.test(one('#v-over').style.clipPath));
+        press('4'); said('error map', one('#v-what').textContent);
+        press('a'); said('alpha', one('#v-what').textContent + ' ' + /0-alpha.jpg$/.test(one('#v-over').getAttribute('src')));
+        press('d'); said('depth', one('#v-what').textContent);
+        press('3'); press('ArrowDown'); said('next method', one('#v-what').textContent);
+        press('ArrowRight'); said('next pair', one('#v-title').textContent === title[1]);
+        said('fragment', location.hash.indexOf('#pair=S/seed0/') === 0);
+        one('#v-close').click(); await later(); said('closed', !one('#viewer').open + ' ' + location.hash);";
+    let said = done(browser, &dir.join("r/report/index.html"), script);
+    is(
+        &said,
+        &[
+            ("lazy", "true"),
+            ("all cards", "30"),
+            ("table sorted", "true"),
+            ("scores sorted", "true"),
+            ("within scores", "true"),
+            ("none", "true"),
+            ("within baseline", "true"),
+            ("scene", "true"),
+            ("hidden method", "1"),
+            ("open", "true Prediction · depth-splat"),
+            ("full picture", "48 0"),
+            ("compare", "false 50"),
+            ("slider", "52"),
+            ("slider end", "100 true"),
+            ("error map", "Error · depth-splat"),
+            ("alpha", "Alpha, black for none · depth-splat true"),
+            ("depth", "Inverse depth of the target, near in red"),
+            ("next method", "Prediction · copy"),
+            ("next pair", "true"),
+            ("fragment", "true"),
+            ("closed", "true #pairs"),
+        ],
+    );
+}
+
+fn comparison(browser: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "a", "64");
+    run(dir, "b", "32");
+    sharp_bench(dir, &["compare", "a", "b", "--out", "page"]).ends_with(0);
+    let script = r"
+        var losses = JSON.parse(one('#data').textContent).pairs.map(function (pair) { return pair.losses[0]; });
+        choose('#f-change', 'worse'); await later();
+        var worse = losses.filter(function (loss) { return loss > 0; }).length;
+        said('worse', one('#count').textContent === (worse === losses.length ? '' : worse + ' of 30 pairs match.'));
+        choose('#f-change', ''); await later();
+        one('.pair [data-kind=change] .pic').click(); await later();
+        said('change', one('#v-what').textContent);
+        press('7'); await later(); said('sides', one('#v-what').textContent + ' ' + one('#v-bar').hidden);
+        said('both', one('#v-over').getAttribute('src') !== one('#v-under').getAttribute('src') &&
+          one('#v-under').naturalWidth === 48 && one('#v-under').style.visibility);
+        press('5'); said('against the target', one('#v-what').textContent.indexOf('Target | Prediction'));";
+    let said = done(browser, &dir.join("page/index.html"), script);
+    is(
+        &said,
+        &[
+            ("worse", "true"),
+            ("change", "Change of the error in B against A"),
+            ("sides", "A | B false"),
+            ("both", "visible"),
+            ("against the target", "0"),
+        ],
+    );
+}
