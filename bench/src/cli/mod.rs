@@ -23,6 +23,7 @@ mod report;
 mod run;
 mod schema;
 mod score;
+mod sweep;
 mod weights;
 
 use clap::{Parser, Subcommand};
@@ -58,6 +59,7 @@ enum CliCommand {
     Score(score::ScoreArgs),
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
+    Sweep(sweep::SweepArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
@@ -93,6 +95,7 @@ impl Cli {
             CliCommand::Score(args) => score::execute(&args),
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
+            CliCommand::Sweep(args) => sweep::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Gate(args) => gate::execute(&args),

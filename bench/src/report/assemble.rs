@@ -101,7 +101,8 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-fn input<'a>(
+/// What a report on some results is made of.
+pub(crate) fn input<'a>(
     results: &'a Results,
     pictures: &'a dyn ReportPictures,
     published: PublishedNumbers,

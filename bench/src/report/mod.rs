@@ -11,6 +11,7 @@
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
 //!   colour; [`gallery`]: which pairs the page shows; [`qualitative`]: predictions side by side.
+//! * [`sweep`]: scores against how far the camera moved, as a study; [`figures`]: the other figures of a paper.
 //! * [`html`]: the self-contained page; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
@@ -26,6 +27,7 @@ pub mod pictures;
 pub mod plots;
 pub mod qualitative;
 pub mod statistics;
+pub mod sweep;
 pub mod tables;
 pub mod write;
 

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
     ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
 };
@@ -120,16 +119,6 @@ where
     } else {
         imageops::resize(picture, width, height, imageops::FilterType::Triangle)
     }
-}
-
-/// A small file rather than a quick one.
-pub(super) fn compact_png(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
-    let mut bytes = Vec::new();
-    let encoder =
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive);
-    let (width, height) = picture.dimensions();
-    encoder.write_image(picture, width, height, ExtendedColorType::Rgb8)?;
-    Ok(bytes)
 }
 
 #[cfg(test)]

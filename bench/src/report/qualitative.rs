@@ -9,8 +9,9 @@ use super::board::{Board, PairBoard};
 use super::error::{MissingPicture, ReportError};
 use super::gallery::by_badness;
 use super::input::Column;
-use super::pictures::{ReportPictures, compact_png, reduced};
+use super::pictures::{ReportPictures, reduced};
 use super::plots::canvas::{INK, Ink, MUTED};
+use super::plots::png;
 use super::plots::text::{self, Weight};
 
 /// Longest side of a picture, pixels.
@@ -77,7 +78,7 @@ pub fn figure(
         }
         top += row.height();
     }
-    let png = compact_png(&sheet).map_err(|e| ReportError::Plot {
+    let png = png::encode(&sheet, 192.0).map_err(|e| ReportError::Plot {
         plot: "qualitative.png".into(),
         reason: e.to_string(),
     })?;

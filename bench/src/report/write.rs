@@ -246,7 +246,7 @@ fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)
             figures.push((format!("motion-{}", metric.slug()), figure));
         }
     }
-    if let Some(figure) = baselines::histogram(board)? {
+    if let Some(figure) = baselines::histogram(board, None)? {
         figures.push(("baselines".into(), figure));
     }
     Ok(figures)
