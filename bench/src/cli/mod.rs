@@ -9,6 +9,7 @@ mod data_args;
 mod datasets;
 mod demo;
 mod doctor;
+mod figure;
 mod gate;
 mod history;
 mod merge;
@@ -60,6 +61,7 @@ enum CliCommand {
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
     Sweep(sweep::SweepArgs),
+    Figure(figure::FigureArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
@@ -96,6 +98,7 @@ impl Cli {
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Sweep(args) => sweep::execute(&args),
+            CliCommand::Figure(args) => figure::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Gate(args) => gate::execute(&args),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
-use sharp_datasets::{Scene, View};
+use sharp_datasets::{DepthMap, Scene, View};
 
 use super::input::{
     Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
@@ -74,7 +74,7 @@ fn written(
     out: &Path,
 ) -> Result<ReportFiles, ReportError> {
     let mut files = write_report(input, out)?;
-    files.not_scored = lock(&pictures.not_scored).iter().cloned().collect();
+    files.not_scored = pictures.not_scored();
     Ok(files)
 }
 
@@ -378,6 +378,11 @@ impl<'a> RunPictures<'a> {
         }
     }
 
+    /// Kept pictures that were asked for and are not those that were scored, sorted.
+    pub(crate) fn not_scored(&self) -> Vec<PathBuf> {
+        lock(&self.not_scored).iter().cloned().collect()
+    }
+
     pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         let kept = self.results.kept_picture(record);
         let KeptPicture { path, is_scored } = kept.ok_or(MissingPicture::NotKept)?;
@@ -413,6 +418,20 @@ impl ReportPictures for RunPictures<'_> {
     fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
         let valid = self.view(record, &record.target)?.content.valid_pixels();
         valid.map_err(|error| MissingPicture::Unusable(error.to_string()))
+    }
+
+    fn depth(&self, record: &Record) -> Result<(DepthMap, &'static str), MissingPicture> {
+        for (view, name) in [
+            (&record.target, "of the target"),
+            (&record.source, "of the input"),
+        ] {
+            let depth = self.view(record, view)?.content.depth();
+            let depth = depth.map_err(|error| MissingPicture::Unusable(error.to_string()))?;
+            if let Some(depth) = depth {
+                return Ok((depth, name));
+            }
+        }
+        Err(MissingPicture::Without("depth"))
     }
 
     fn kept(&self, record: &Record) -> Option<PathBuf> {

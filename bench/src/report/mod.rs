@@ -8,9 +8,9 @@
 //! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them.
-//! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
+//! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
-//!   colour; [`gallery`]: which pairs the page shows; [`qualitative`]: predictions side by side.
+//!   colour; [`gallery`]: which pairs the page shows.
 //! * [`sweep`]: scores against how far the camera moved, as a study; [`figures`]: the other figures of a paper.
 //! * [`html`]: the self-contained page; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
@@ -18,6 +18,7 @@ pub mod assemble;
 pub mod board;
 pub mod error;
 pub mod error_map;
+pub mod figures;
 pub mod gallery;
 pub mod html;
 pub mod input;
@@ -25,7 +26,6 @@ pub mod markdown;
 pub mod paper;
 pub mod pictures;
 pub mod plots;
-pub mod qualitative;
 pub mod statistics;
 pub mod sweep;
 pub mod tables;

@@ -9,6 +9,8 @@ use image::{
     ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
 };
 
+use sharp_datasets::DepthMap;
+
 use crate::evaluate::record::Record;
 
 use super::error::MissingPicture;
@@ -38,6 +40,14 @@ pub trait ReportPictures: Sync {
     /// Why that is not known.
     fn valid_pixels(&self, _record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
         Ok(None)
+    }
+
+    /// True z-depth in metres: of the target, or where that has none of the source, and which of them.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn depth(&self, _record: &Record) -> Result<(DepthMap, &'static str), MissingPicture> {
+        Err(MissingPicture::NotWanted)
     }
 
     /// What it predicted, at the target's size.

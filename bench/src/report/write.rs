@@ -11,13 +11,13 @@ use crate::io::text::visible;
 
 use super::board::Board;
 use super::error::ReportError;
+use super::figures::qualitative;
 use super::gallery::Gallery;
 use super::html::Page;
 use super::input::{Column, ReportInput};
 use super::markdown;
 use super::paper;
 use super::plots::{Figure, baselines};
-use super::qualitative;
 use super::tables::text::text;
 use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
 

@@ -268,7 +268,7 @@ fn names_that_are_not_there_are_named() {
         ..halves()
     });
     assert!(
-        error.contains("method 'z'") && error.contains("a, <script>"),
+        error.contains("method 'z'") && error.contains("have <script>=100 %, a"),
         "{error}"
     );
 }

@@ -5,6 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
+use crate::report::figures::qualitative;
 use crate::report::gallery::Gallery;
 use crate::report::plots::baselines;
 use crate::report::tables::markdown;
