@@ -10,6 +10,7 @@ mod datasets;
 mod demo;
 mod doctor;
 mod explain;
+mod figure;
 mod gate;
 mod history;
 mod merge;
@@ -25,6 +26,7 @@ mod run;
 mod schema;
 mod score;
 mod speed;
+mod sweep;
 mod table;
 mod weights;
 
@@ -64,6 +66,8 @@ enum CliCommand {
     Table(table::TableArgs),
     Explain(explain::ExplainArgs),
     Speed(speed::SpeedArgs),
+    Sweep(sweep::SweepArgs),
+    Figure(figure::FigureArgs),
     Bundle(bundle::BundleArgs),
     Compare(compare::CompareArgs),
     Gate(gate::GateArgs),
@@ -102,6 +106,8 @@ impl Cli {
             CliCommand::Explain(args) => explain::execute(&args),
             CliCommand::Table(args) => table::execute(&args),
             CliCommand::Speed(args) => speed::execute(&args),
+            CliCommand::Sweep(args) => sweep::execute(&args),
+            CliCommand::Figure(args) => figure::execute(&args),
             CliCommand::Bundle(args) => bundle::execute(&args),
             CliCommand::Compare(args) => compare::execute(&args),
             CliCommand::Gate(args) => gate::execute(&args),

@@ -291,7 +291,7 @@ fn from_linear(
     }
     let (width, height) = linear.rgb.dimensions();
     let encoded = Rgb32FImage::from_fn(width, height, |x, y| {
-        let alpha = linear.alpha[(y * width + x) as usize].max(LEAST_ALPHA);
+        let alpha = linear.alpha.get_pixel(x, y).0[0].max(LEAST_ALPHA);
         Rgb(linear.rgb.get_pixel(x, y).0.map(|value| {
             let value = value.clamp(0.0, 1.0);
             let value = if divides {

@@ -158,13 +158,15 @@ fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
     Ok(rgb)
 }
 
+/// Coverage, 0..1.
+pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
+
 /// A rendering before it was encoded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearPicture {
     /// Linear light, premultiplied over the background.
     pub rgb: Rgb32FImage,
-    /// `[height, width]`, 0..1.
-    pub alpha: Vec<f32>,
+    pub alpha: Alpha,
 }
 
 /// Reads an EXR that our renderer wrote.
@@ -173,7 +175,7 @@ pub struct LinearPicture {
 /// Names the file and the reason: unreadable, values that are not finite, or not known to be linear.
 pub fn read_linear(path: &Path) -> Result<LinearPicture, ReadError> {
     let (picture, is_linear) = read_rgba(path)?;
-    let mut values = picture.rgb.iter().chain(&picture.alpha);
+    let mut values = picture.rgb.iter().chain(picture.alpha.iter());
     match (is_linear, values.all(|value| value.is_finite())) {
         (true, true) => Ok(picture),
         (false, _) => Err(malformed(path, "it does not say that it is linear")),
@@ -189,37 +191,18 @@ fn read_rgba(path: &Path) -> Result<(LinearPicture, bool), ReadError> {
         path,
         |size, _| LinearPicture {
             rgb: Rgb32FImage::new(size.width() as u32, size.height() as u32),
-            alpha: vec![1.0; size.area()],
+            alpha: Alpha::new(size.width() as u32, size.height() as u32),
         },
         |image, at, (r, g, b, a): (f32, f32, f32, f32)| {
-            let width = image.rgb.width() as usize;
-            image
-                .rgb
-                .put_pixel(at.x() as u32, at.y() as u32, Rgb([r, g, b]));
-            image.alpha[at.y() * width + at.x()] = a;
+            let (x, y) = (at.x() as u32, at.y() as u32);
+            image.rgb.put_pixel(x, y, Rgb([r, g, b]));
+            image.alpha.put_pixel(x, y, Luma([a]));
         },
     )
     .map_err(reason)?;
     let transfer = image.layer_data.attributes.other.get(TRANSFER.as_bytes());
     let is_linear = transfer == Some(&AttributeValue::Text(LINEAR.into()));
     Ok((image.layer_data.channel_data.pixels, is_linear))
-}
-
-/// The alpha channel of an EXR's first layer, as it is stored; 1 where it has none.
-///
-/// # Errors
-/// Names the file and why it cannot be read.
-pub fn read_alpha(path: &Path) -> Result<ImageBuffer<Luma<f32>, Vec<f32>>, ReadError> {
-    exr_dimensions(path)?;
-    let image = read_first_rgba_layer_from_file(
-        path,
-        |size, _| ImageBuffer::new(size.width() as u32, size.height() as u32),
-        |alpha: &mut ImageBuffer<_, _>, at, (_, _, _, a): (f32, f32, f32, f32)| {
-            alpha.put_pixel(at.x() as u32, at.y() as u32, Luma([a]));
-        },
-    );
-    let image = image.map_err(|error| malformed(path, error.to_string()))?;
-    Ok(image.layer_data.channel_data.pixels)
 }
 
 fn read_safetensors(path: &Path) -> Result<Picture, ReadError> {

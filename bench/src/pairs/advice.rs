@@ -14,7 +14,7 @@ const DENSE: &str = "overlap=given with --overlap-depth DIR (dense depth by anyo
 /// What became of a dataset's pairs, in a line.
 pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
     format!(
-        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}; {} qualify, {} selected",
+        "{dataset}: {}, {}, {}, {}; without depth {}, too little overlap {}, too near {}, too far {}; {} qualify, {} selected",
         counted(counts.scenes, "scene"),
         counted(counts.views, "view"),
         counted(counts.sets, "set"),
@@ -22,6 +22,7 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
         counts.without_depth,
         counts.too_little_overlap,
         counts.too_near,
+        counts.too_far,
         counts.qualified,
         counts.selected
     )
@@ -46,13 +47,17 @@ pub(super) fn advice(
     }
     let why = if counts.qualified > 0 {
         format!("limit={} selects none", options.sampling.limit.unwrap_or(0))
-    } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near == 0 {
+    } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
         without_depth(spec, options)
     } else if counts.considered == 0 {
         "no set has two views; sets= and remainder= decide what a set is".to_owned()
-    } else if counts.too_near == counts.considered {
+    } else if counts.too_near + counts.too_far == counts.considered {
+        let farthest = options.max_baseline_m;
+        let farthest = farthest.map_or_else(String::new, |most| {
+            format!(" or farther than max-baseline={most}")
+        });
         format!(
-            "all of its pairs are nearer than min-baseline={}",
+            "all of its pairs are nearer than min-baseline={}{farthest}",
             options.min_baseline_m
         )
     } else if sparse {

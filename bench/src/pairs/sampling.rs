@@ -16,6 +16,11 @@ pub enum SamplingRule {
     /// One pair of each scene in turn, scenes in bytewise order, until the limit; within a scene as
     /// for `Uniform`, all scenes drawing from one generator one after the other.
     PerScene,
+    /// One pair of each of ten bins of baseline in turn, nearest bin first, until the limit: bins of equal width from the
+    /// least baseline to the greatest; within a bin as for `Uniform`, all bins drawing from one generator one after the
+    /// other.
+    #[value(name = "stratified:baseline")]
+    StratifiedBaseline,
     /// The first ones by pair id.
     First,
 }
@@ -40,10 +45,10 @@ impl Default for SamplingOptions {
     }
 }
 
-/// Chooses among the pairs of one dataset. `scenes` holds the scene of each pair, pairs being sorted
+/// Chooses among the pairs of one dataset. `pairs` holds the scene of each and its baseline in metres, pairs being sorted
 /// bytewise by id; the answer says for each whether it was drawn.
-pub fn sample(scenes: &[&str], options: &SamplingOptions) -> Vec<bool> {
-    let n = scenes.len();
+pub fn sample(pairs: &[(&str, f64)], options: &SamplingOptions) -> Vec<bool> {
+    let n = pairs.len();
     let limit = options.limit.unwrap_or(n);
     if n <= limit {
         return vec![true; n];
@@ -56,12 +61,15 @@ pub fn sample(scenes: &[&str], options: &SamplingOptions) -> Vec<bool> {
             generator.shuffle(&mut order);
             order
         }
-        SamplingRule::PerScene => {
-            let mut by_scene = grouped(scenes);
-            for pairs in &mut by_scene {
-                generator.shuffle(pairs);
+        SamplingRule::PerScene | SamplingRule::StratifiedBaseline => {
+            let mut groups = match options.rule {
+                SamplingRule::PerScene => grouped(pairs.iter().map(|(scene, _)| *scene)),
+                _ => grouped(strata(pairs)),
+            };
+            for group in &mut groups {
+                generator.shuffle(group);
             }
-            in_turn(&by_scene)
+            in_turn(&groups)
         }
     };
     let mut selected = vec![false; n];
@@ -81,29 +89,41 @@ pub fn spread<'a>(pairs: &[ResolvedPair<'a>], limit: usize) -> Vec<ResolvedPair<
 
 /// Ascending positions among pairs of these datasets and scenes.
 fn spread_positions(names: &[(&str, &str)], limit: usize) -> Vec<usize> {
-    let datasets: Vec<&str> = names.iter().map(|(dataset, _)| *dataset).collect();
     let in_dataset = |members: Vec<usize>| {
-        let scenes: Vec<&str> = members.iter().map(|&i| names[i].1).collect();
         let mut generator = SplitMix64::new(0);
-        let mut by_scene = grouped(&scenes);
+        let mut by_scene = grouped(members.iter().map(|&i| names[i].1));
         generator.shuffle(&mut by_scene);
         for scene in &mut by_scene {
             generator.shuffle(scene);
         }
         in_turn(&by_scene).into_iter().map(|i| members[i]).collect()
     };
-    let orders: Vec<Vec<usize>> = grouped(&datasets).into_iter().map(in_dataset).collect();
+    let datasets = grouped(names.iter().map(|(dataset, _)| *dataset));
+    let orders: Vec<Vec<usize>> = datasets.into_iter().map(in_dataset).collect();
     let mut chosen = in_turn(&orders);
     chosen.truncate(limit);
     chosen.sort_unstable();
     chosen
 }
 
-/// Positions by name, names in bytewise order.
-fn grouped(names: &[&str]) -> Vec<Vec<usize>> {
-    let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-    for (i, name) in names.iter().enumerate() {
-        groups.entry(name).or_default().push(i);
+/// Bins that baselines are divided into.
+const STRATA: usize = 10;
+
+/// The bin of each pair's baseline; the greatest baseline belongs to the last bin.
+fn strata<'a>(pairs: &'a [(&str, f64)]) -> impl Iterator<Item = usize> + 'a {
+    let all = || pairs.iter().map(|(_, metres)| *metres);
+    let least = all().fold(f64::INFINITY, f64::min);
+    let span = all().fold(f64::NEG_INFINITY, f64::max) - least;
+    // Of equal baselines, or none that is a number, all are in the first bin.
+    let bin = move |metres: f64| ((metres - least) / span * STRATA as f64) as usize;
+    all().map(move |metres| bin(metres).min(STRATA - 1))
+}
+
+/// Positions by key, keys ascending.
+fn grouped<K: Ord>(keys: impl Iterator<Item = K>) -> Vec<Vec<usize>> {
+    let mut groups: BTreeMap<K, Vec<usize>> = BTreeMap::new();
+    for (i, key) in keys.enumerate() {
+        groups.entry(key).or_default().push(i);
     }
     groups.into_values().collect()
 }
@@ -127,8 +147,32 @@ mod tests {
             rule,
             seed,
         };
-        let selected = sample(scenes, &options);
+        let pairs: Vec<(&str, f64)> = scenes.iter().map(|scene| (*scene, 0.1)).collect();
+        let selected = sample(&pairs, &options);
         (0..scenes.len()).filter(|&i| selected[i]).collect()
+    }
+
+    #[test]
+    fn every_bin_of_baseline_gets_its_share() {
+        // Ninety near pairs, two half-way, one far: 0.1 m to 1.1 m, in bins of 0.1 m.
+        let mut metres = vec![0.1; 90];
+        metres.extend([0.65, 0.68, 1.1]);
+        let pairs: Vec<(&str, f64)> = metres.iter().map(|m| ("s", *m)).collect();
+        let drawn = |limit| {
+            let options = SamplingOptions {
+                limit: Some(limit),
+                rule: SamplingRule::StratifiedBaseline,
+                seed: 0,
+            };
+            let selected = sample(&pairs, &options);
+            let near = selected[..90].iter().filter(|s| **s).count();
+            let half_way = selected[90..92].iter().filter(|s| **s).count();
+            (near, half_way, selected[92])
+        };
+        assert_eq!(drawn(1), (1, 0, false));
+        assert_eq!(drawn(3), (1, 1, true));
+        assert_eq!(drawn(5), (2, 2, true));
+        assert_eq!(drawn(10), (7, 2, true));
     }
 
     #[test]
@@ -137,6 +181,7 @@ mod tests {
         for rule in [
             SamplingRule::Uniform,
             SamplingRule::PerScene,
+            SamplingRule::StratifiedBaseline,
             SamplingRule::First,
         ] {
             assert_eq!(chosen(&scenes, 512, rule, 0).len(), 512);

@@ -19,7 +19,7 @@ pub fn coverage(depth: &DepthMap) -> f64 {
 }
 
 /// The median; the mean of the two middle values of an even count; `None` of nothing.
-pub(super) fn median_of<T: Copy + Into<f64>>(mut values: Vec<T>) -> Option<f64> {
+pub(crate) fn median_of<T: Copy + Into<f64>>(mut values: Vec<T>) -> Option<f64> {
     if values.is_empty() {
         return None;
     }

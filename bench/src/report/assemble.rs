@@ -11,7 +11,7 @@ use super::input::{
     Column, FactGroup, PublishedNumbers, ReportComparison, ReportDataset, ReportInput,
     ReportMethod, ReportOptions,
 };
-use super::pictures::{Alpha, NoPictures, ReportPictures};
+use super::pictures::{NoPictures, ReportPictures};
 use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
@@ -21,7 +21,7 @@ use crate::evaluate::source_check::doubt;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
-use crate::io::pictures::{read_alpha, read_rgb8};
+use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::view_hashes::lock;
 use crate::methods::{KINDS, Privilege};
 use crate::pairs::options::paper::PROXY;
@@ -74,7 +74,7 @@ fn written(
     out: &Path,
 ) -> Result<ReportFiles, ReportError> {
     let mut files = write_report(input, out)?;
-    files.not_scored = lock(&pictures.not_scored).iter().cloned().collect();
+    files.not_scored = pictures.not_scored();
     Ok(files)
 }
 
@@ -101,7 +101,8 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-pub(super) fn input<'a>(
+/// What a report on some results is made of.
+pub(crate) fn input<'a>(
     results: &'a Results,
     pictures: &'a dyn ReportPictures,
     published: PublishedNumbers,
@@ -388,6 +389,11 @@ impl<'a> RunPictures<'a> {
         }
     }
 
+    /// Kept pictures that were asked for and are not those that were scored, sorted.
+    pub(crate) fn not_scored(&self) -> Vec<PathBuf> {
+        lock(&self.not_scored).iter().cloned().collect()
+    }
+
     pub(crate) fn kept_file(&self, record: &Record) -> Result<PathBuf, MissingPicture> {
         let unit = (record.pair_id.clone(), record.method.clone());
         let known = lock(&self.kept).get(&unit).cloned();
@@ -451,8 +457,8 @@ impl ReportPictures for RunPictures<'_> {
         match self.results.kept_rendering(record) {
             None => Ok(None),
             Some(kept) if !kept.is_scored => Err(MissingPicture::NotScored),
-            Some(kept) => read_alpha(&kept.path)
-                .map(Some)
+            Some(kept) => read_linear(&kept.path)
+                .map(|linear| Some(linear.alpha))
                 .map_err(|error| MissingPicture::Unusable(error.to_string())),
         }
     }

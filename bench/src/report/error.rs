@@ -22,12 +22,40 @@ pub enum ReportError {
         what: &'static str,
         name: String,
     },
+    /// Something that was named is not in the results.
+    #[error("{what} '{name}' is not in these runs; they have {known}")]
+    Absent {
+        /// `metric`, `method`, `pair`, ….
+        what: &'static str,
+        name: String,
+        /// By commas.
+        known: String,
+    },
     /// The drawing library or an encoder refused.
     #[error("plot '{plot}': {reason}")]
     Plot { plot: String, reason: String },
     /// A template could not be filled in.
     #[error("index.html: {0}")]
     Page(#[from] askama::Error),
+}
+
+impl ReportError {
+    /// The error about a name that is none of those known.
+    pub fn absent<'a>(
+        what: &'static str,
+        name: &str,
+        known: impl Iterator<Item = &'a str>,
+    ) -> Self {
+        let known: Vec<&str> = known.take(20).collect();
+        Self::Absent {
+            what,
+            name: name.to_owned(),
+            known: match known.is_empty() {
+                true => "none".to_owned(),
+                false => known.join(", "),
+            },
+        }
+    }
 }
 
 /// Why there is no picture to show, in a few words that stand in its place.

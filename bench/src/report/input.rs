@@ -9,6 +9,7 @@ use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
 use crate::evaluate::record::Record;
 
+use super::error::ReportError;
 use super::pictures::ReportPictures;
 use super::tables::grid::TextGrid;
 use super::tables::shown;
@@ -136,6 +137,23 @@ impl Column {
             None => name.to_owned(),
         });
         heads.collect()
+    }
+
+    /// The columns of some metrics, in the order of these; all without any.
+    ///
+    /// # Errors
+    /// When one is none of the columns.
+    pub fn chosen(columns: &[Self], keys: &[MetricKey]) -> Result<Vec<Self>, ReportError> {
+        if keys.is_empty() {
+            return Ok(columns.to_vec());
+        }
+        let column = |key: &MetricKey| {
+            let key = key.to_string();
+            let found = columns.iter().find(|column| column.key == key).cloned();
+            let known = columns.iter().map(|column| column.key.as_str());
+            found.ok_or_else(|| ReportError::absent("metric", &key, known))
+        };
+        keys.iter().map(column).collect()
     }
 
     /// A value as it is shown.

@@ -8,10 +8,11 @@
 //! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
 //! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them; [`explain`]: why the two differ.
-//! * [`plots`]: baseline against metric, histogram of baselines; SVG and PNG.
+//! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
 //! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
 //!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
-//!   picks some where it cannot show all; [`qualitative`]: predictions side by side.
+//!   picks some where it cannot show all.
+//! * [`sweep`]: scores against how far the camera moved, as a study; [`figures`]: the other figures of a paper.
 //! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper.
 //! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
@@ -21,6 +22,7 @@ mod choice;
 pub mod error;
 pub mod error_map;
 pub mod explain;
+pub mod figures;
 pub mod gallery;
 pub mod html;
 pub mod input;
@@ -30,9 +32,9 @@ mod page_data;
 pub mod paper;
 pub mod pictures;
 pub mod plots;
-pub mod qualitative;
 pub mod speed;
 pub mod statistics;
+pub mod sweep;
 pub mod tables;
 pub mod view_maps;
 pub mod write;

@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{
-    ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Luma, Pixel, RgbImage, imageops,
+    ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
 };
 use sharp_datasets::DepthMap;
 
 use crate::evaluate::record::Record;
+use crate::io::pictures::Alpha;
 
 use super::error::MissingPicture;
 
@@ -129,9 +129,6 @@ impl ReportPictures for Withheld<'_> {
     }
 }
 
-/// Coverage of a picture's pixels, 0..1.
-pub type Alpha = ImageBuffer<Luma<f32>, Vec<f32>>;
-
 /// A report without pictures.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoPictures;
@@ -196,16 +193,6 @@ where
     } else {
         imageops::resize(picture, width, height, imageops::FilterType::Triangle)
     }
-}
-
-/// A small file rather than a quick one.
-pub(super) fn compact_png(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
-    let mut bytes = Vec::new();
-    let encoder =
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive);
-    let (width, height) = picture.dimensions();
-    encoder.write_image(picture, width, height, ExtendedColorType::Rgb8)?;
-    Ok(bytes)
 }
 
 #[cfg(test)]

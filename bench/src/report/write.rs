@@ -13,6 +13,7 @@ use crate::io::text::visible;
 
 use super::board::Board;
 use super::error::ReportError;
+use super::figures::qualitative;
 use super::gallery::{Gallery, THUMBNAILS};
 use super::html::Page;
 use super::input::{Column, Layout, ReportDataset, ReportInput};
@@ -20,7 +21,6 @@ use super::markdown;
 use super::paper;
 use super::pictures::Withheld;
 use super::plots::{Figure, baselines};
-use super::qualitative;
 use super::tables::text::text;
 use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
 
@@ -273,7 +273,7 @@ fn figures(metrics: &[Column], board: &Board<'_>) -> Result<Vec<(String, Figure)
             figures.push((format!("motion-{}", metric.slug()), figure));
         }
     }
-    if let Some(figure) = baselines::histogram(board)? {
+    if let Some(figure) = baselines::histogram(board, None)? {
         figures.push(("baselines".into(), figure));
     }
     Ok(figures)

@@ -22,13 +22,9 @@ impl Bootstrap {
     /// Of at least two clusters; all finite.
     pub fn new(sample: &Clusters, resampling: Resampling) -> Self {
         let clusters = sample.clusters();
-        let n = clusters.len() as u128;
         let drawn = resampling.indices().into_par_iter().map(|k| {
-            let mut random = resampling.stream(2 * u64::from(k));
             let (mut sum, mut pairs) = (0.0, 0.0);
-            for _ in 0..n {
-                // The high half of a product: the most that one cluster is favoured is n/2⁶⁴.
-                let index = ((u128::from(random.next_u64()) * n) >> 64) as usize;
+            for index in resampling.drawn(k, clusters.len()) {
                 sum += clusters[index].sum;
                 pairs += clusters[index].pairs;
             }

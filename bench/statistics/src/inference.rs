@@ -41,6 +41,13 @@ impl Resampling {
         0..self.count.get()
     }
 
+    /// The positions that resample `k` of `n` clusters draws, with replacement and as many as there are.
+    pub fn drawn(self, k: u32, n: usize) -> impl Iterator<Item = usize> {
+        let mut random = self.stream(2 * u64::from(k));
+        // The high half of a product: the most that one cluster is favoured is n/2⁶⁴.
+        (0..n).map(move |_| ((u128::from(random.next_u64()) * n as u128) >> 64) as usize)
+    }
+
     /// splitmix64 from `mix(seed ^ mix(index))`, where `mix` is its finaliser.
     pub(crate) fn stream(self, index: u64) -> SplitMix64 {
         SplitMix64::new(mix(self.seed ^ mix(index)))

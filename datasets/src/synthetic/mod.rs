@@ -13,25 +13,28 @@
 //! * `texture`: colours from integer noise.
 //! * `world`: what stands where.
 //! * `rig`: the cameras.
+//! * `sweep`: one motion alone, step by step.
 //! * `content`: pictures and depth as views.
 
 mod arithmetic;
 mod content;
 mod rig;
 mod shapes;
+mod sweep;
 mod texture;
 mod world;
 
 use std::sync::Arc;
 
 use glam::DVec2;
-use sharp::camera::RigidTransform;
+use sharp::camera::{CameraError, RigidTransform};
 
-use crate::entry::{DatasetEntry, Setting};
+use crate::entry::{DatasetEntry, Setting, choice};
 use crate::left_out::FoundScenes;
 use crate::lens::{Distortion, Lens};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use content::ProceduralContent;
+use sweep::SweepKind;
 use world::World;
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -47,6 +50,30 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
         Setting::free("views", "number of cameras, at least 2", "24"),
         Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
+        Setting::choice(
+            "sweep",
+            "one thing alone, growing from step to step; a step is a scene with one pair, whose source is always the same camera",
+            &[
+                choice(
+                    "none",
+                    "cameras on rings around the first one, all pairs by overlap",
+                ),
+                choice("translation", "the target's camera moves to the right"),
+                choice(
+                    "rotation",
+                    "the target's camera turns to the right where it stands",
+                ),
+                choice(
+                    "occlusion",
+                    "the target's camera is 10 cm to the right, and posts in front of both become more",
+                ),
+            ],
+        ),
+        Setting::free(
+            "step",
+            "of a sweep, which has views − 1 of them: metres (auto: 0.05), degrees (2) or posts (1)",
+            "auto",
+        ),
     ],
     open,
     ..DatasetEntry::OWN
@@ -69,6 +96,14 @@ impl Default for SyntheticOptions {
             height: 240,
             views: 24,
         }
+    }
+}
+
+impl SyntheticOptions {
+    fn lens(&self) -> Result<Lens, CameraError> {
+        let k = rig::intrinsics(self.width, self.height);
+        let size = (k.width, k.height);
+        Lens::new((k.fx, k.fy), (k.cx, k.cy), size, Distortion::None)
     }
 }
 
@@ -104,15 +139,8 @@ impl SyntheticScene {
                 options.views
             )));
         }
-        let world = Arc::new(World::new(options.seed));
-        let k = rig::intrinsics(options.width, options.height);
-        let lens = Lens::new(
-            (k.fx, k.fy),
-            (k.cx, k.cy),
-            (k.width, k.height),
-            Distortion::None,
-        )
-        .map_err(|e| refuse(e.to_string()))?;
+        let world = Arc::new(World::new(options.seed, 0));
+        let lens = options.lens().map_err(|e| refuse(e.to_string()))?;
         let views = rig::poses(options.views)
             .into_iter()
             .enumerate()
@@ -229,17 +257,23 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let last = last.filter(|_| (1..=MAX_SCENES).contains(&scenes));
     let last = last.ok_or_else(|| wrong("scenes", spec.setting("scenes")))?;
     let views = usize::try_from(number("views")?).unwrap_or(usize::MAX);
-    let scenes = (seed..last).map(|seed| {
+    let kind = SweepKind::of(spec)?;
+    let mut scenes = Vec::new();
+    for seed in seed..last {
         let options = SyntheticOptions {
             seed,
             width,
             height,
             views,
         };
-        Ok(SyntheticScene::new(options)?.scene(&spec.name))
-    });
+        let rings = SyntheticScene::new(options)?;
+        match kind {
+            None => scenes.push(rings.scene(&spec.name)),
+            Some(kind) => scenes.extend(kind.scenes(&rings, &spec.name)?),
+        }
+    }
     Ok(FoundScenes {
-        scenes: scenes.collect::<Result<_, DatasetError>>()?,
+        scenes,
         left_out: Vec::new(),
     })
 }
@@ -368,9 +402,14 @@ mod tests {
             "synthetic=scenes=0",
             "synthetic=scenes=1001",
             "synthetic=seed=18446744073709551615,scenes=2",
+            "synthetic=sweep=zoom",
+            "synthetic=step=0.1",
+            "synthetic=sweep=translation,step=0",
+            "synthetic=sweep=rotation,step=5",
+            "synthetic=sweep=occlusion,step=0.5",
         ] {
-            let spec = DatasetSpec::parse(text).unwrap();
-            assert!(crate::open(&spec).is_err(), "{text}");
+            let found = DatasetSpec::parse(text).and_then(|spec| crate::open(&spec));
+            assert!(found.is_err(), "{text}");
         }
     }
 }

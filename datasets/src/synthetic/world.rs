@@ -40,7 +40,8 @@ pub(super) struct Hit {
 }
 
 impl World {
-    pub(super) fn new(seed: u64) -> Self {
+    /// The world of a seed, with so many posts in front of it.
+    pub(super) fn new(seed: u64, posts: usize) -> Self {
         let mut random = SplitMix64::new(seed);
         let mut world = Self {
             objects: Vec::new(),
@@ -51,6 +52,7 @@ impl World {
         world.add_solids(&mut random);
         world.add_thin_structures(&mut random);
         world.add_occluder(&mut random);
+        world.add_posts(&mut random, posts);
         world
     }
 
@@ -180,6 +182,25 @@ impl World {
             half: DVec3::new(0.11, 0.3, 0.03),
         };
         self.add(random, 0.08, shape);
+    }
+
+    /// Posts of 3 centimetres, a metre away and taller than the picture, each between the places of those before it: in a
+    /// camera 10 cm to the side, where they cover other parts of what is behind, each uncovers as much again.
+    fn add_posts(&mut self, random: &mut SplitMix64, posts: usize) {
+        for i in 0..posts {
+            // Halves, quarters, eighths of the picture's width (van der Corput).
+            let (mut place, mut part, mut rest) = (0.0, 0.5, i + 1);
+            while rest > 0 {
+                place += part * (rest % 2) as f64;
+                (part, rest) = (part / 2.0, rest / 2);
+            }
+            let shape = SurfaceShape::Box {
+                center: DVec3::new(-0.55 + 1.1 * place, 0.0, 1.0),
+                axes: DMat3::IDENTITY,
+                half: DVec3::new(0.015, 2.0, 0.015),
+            };
+            self.add(random, 0.08, shape);
+        }
     }
 
     /// The nearest surface along a ray, if it meets one.

@@ -39,6 +39,7 @@ pub fn figure(experiment: &Experiment) -> Result<Option<Figure>, ReportError> {
                 x: PlotAxis::over(&label, 0.0, farthest * 1.04, 6),
                 y: vertical(&column, &values),
                 infinity: values.iter().any(|v| v.is_infinite()),
+                counts: Vec::new(),
             },
             content: if values.is_empty() {
                 Err("unavailable")

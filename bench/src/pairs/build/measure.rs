@@ -47,7 +47,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Measures every two views of a set that are at least the minimal baseline apart, as far as they are not known.
+    /// Measures every two views of a set whose baseline qualifies, as far as they are not known.
     /// Depth is loaded in blocks of which two fit into memory; usually that is one block, and each view is read once.
     pub(super) fn measure(&self, set: &[usize], known: &mut SceneOverlaps) -> Vec<DepthFailure> {
         let mut failures = Vec::new();
@@ -104,7 +104,10 @@ impl<'a> Measuring<'a> {
             .flat_map(|&a| second.iter().map(move |&b| (a, b)));
         couples
             .filter(|&(a, b)| a < b && !known.knows(a, b))
-            .filter(|&(a, b)| baseline_m(pose(a), pose(b)) >= self.options.min_baseline_m)
+            .filter(|&(a, b)| {
+                self.options
+                    .baseline_qualifies(baseline_m(pose(a), pose(b)))
+            })
             .collect()
     }
 

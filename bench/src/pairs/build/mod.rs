@@ -39,7 +39,8 @@ pub struct Pair {
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median depth of the target, metres; `None` without depth.
+    /// Median depth of the target, metres. Where the target of a stereo pair has no depth, that of the source: both views of a
+    /// rectified pair have their z-depth along the same axis. `None` without either.
     pub median_depth_m: Option<f64>,
     /// Share of the target's pixels that the source sees; `None` without depth.
     pub overlap: Option<f64>,
@@ -126,6 +127,8 @@ pub struct PairCounts {
     pub considered: usize,
     /// Of these, nearer to each other than the minimal baseline.
     pub too_near: usize,
+    /// Of these, farther from each other than the maximal baseline.
+    pub too_far: usize,
     pub without_depth: usize,
     pub too_little_overlap: usize,
     pub qualified: usize,
@@ -179,11 +182,9 @@ fn select(build: &mut PairBuild, options: &PairOptions) {
         let members: Vec<usize> = (0..build.pairs.len())
             .filter(|&i| build.pairs[i].dataset == *dataset)
             .collect();
-        let scenes: Vec<&str> = members
-            .iter()
-            .map(|&i| build.pairs[i].scene.as_str())
-            .collect();
-        let selected = sample(&scenes, &options.sampling);
+        let pairs = members.iter().map(|&i| &build.pairs[i]);
+        let pairs: Vec<(&str, f64)> = pairs.map(|p| (p.scene.as_str(), p.baseline_m)).collect();
+        let selected = sample(&pairs, &options.sampling);
         for (&i, &selected) in members.iter().zip(&selected) {
             build.pairs[i].selected = selected;
         }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 use sharp::camera::baseline_m;
-use sharp_datasets::{Scene, View};
+use sharp_datasets::{Pairing, Scene, View};
 
 use super::measure::{DepthFailure, Measuring};
 use super::{BuildContext, Pair, PairBuild, PairCounts, Problem, SPARSE_COVERAGE};
@@ -79,8 +79,7 @@ impl<'a> SceneWork<'a> {
         counts.views += views;
         counts.sets += 1;
         counts.considered += 1;
-        if self.baseline(source, target) < self.options.min_baseline_m {
-            self.counts().too_near += 1;
+        if !self.is_in_range(source, target) {
             return;
         }
         let (a, b) = (source.min(target), source.max(target));
@@ -141,8 +140,7 @@ impl<'a> SceneWork<'a> {
 
     fn qualifies(&mut self, source: usize, target: usize) -> bool {
         self.counts().considered += 1;
-        if self.baseline(source, target) < self.options.min_baseline_m {
-            self.counts().too_near += 1;
+        if !self.is_in_range(source, target) {
             return false;
         }
         let Some((overlap, source_to_target)) = self.known.overlaps(source, target) else {
@@ -154,6 +152,18 @@ impl<'a> SceneWork<'a> {
             self.counts().too_little_overlap += 1;
         }
         enough
+    }
+
+    /// Whether the distance of two views is one that is asked for; counted where it is not.
+    fn is_in_range(&mut self, source: usize, target: usize) -> bool {
+        let metres = self.baseline(source, target);
+        let options = self.options;
+        if metres < options.min_baseline_m {
+            self.counts().too_near += 1;
+        } else if !options.baseline_qualifies(metres) {
+            self.counts().too_far += 1;
+        }
+        options.baseline_qualifies(metres)
     }
 
     fn baseline(&self, a: usize, b: usize) -> f64 {
@@ -188,7 +198,11 @@ impl<'a> SceneWork<'a> {
                 target: t.id.clone(),
             };
             let overlaps = self.known.overlaps(source, target);
-            let depth = self.known.depths.get(&target).copied().flatten();
+            let depth_of = |i| self.known.depths.get(&i).copied().flatten();
+            let depth = match self.scene.pairing {
+                Pairing::Stereo { .. } => depth_of(target).or_else(|| depth_of(source)),
+                Pairing::MultiView => depth_of(target),
+            };
             let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
             let pair = Pair {
                 pair_id: name.encode(),

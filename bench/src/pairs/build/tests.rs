@@ -78,6 +78,9 @@ fn sets_bound_the_pairs() {
     let far = build(scenes, "min-baseline=0.05");
     assert!(far.pairs.iter().all(|p| p.baseline_m >= 0.05));
     assert_eq!(far.pairs.len() + far.summaries["d"].too_near, 92);
+    let near = build(scenes, "max-baseline=0.045");
+    assert!(near.pairs.iter().all(|p| p.baseline_m <= 0.045));
+    assert_eq!(near.pairs.len() + near.summaries["d"].too_far, 92);
 }
 
 #[test]
@@ -155,6 +158,10 @@ fn stereo_scenes_give_one_pair_whatever_the_overlap() {
     assert_eq!(broken.pairs[0].overlap, None);
     assert_eq!(broken.pairs[0].median_depth_m, Some(2.0));
     assert_eq!(broken.problems.len(), 1);
+    // A target without depth has its source's median.
+    let left_only = build(&[stereo(&[Depth::Absent, Depth::Wall(3.0)])], "");
+    assert_eq!(left_only.pairs[0].median_depth_m, Some(3.0));
+    assert_eq!(left_only.pairs[0].overlap, None);
 }
 
 #[test]

@@ -58,22 +58,44 @@ impl GivenDepth {
     }
 
     fn find(&self, scene: &Scene, view: &View) -> Result<Option<PathBuf>, PairError> {
-        let stem = self.dir.join(stem(scene, view));
-        let found: Vec<PathBuf> = EXTENSIONS
-            .iter()
-            // Not with the extension replaced: a view's name may hold a dot.
-            .map(|extension| PathBuf::from(format!("{}.{extension}", stem.display())))
-            .filter(|path| path.is_file())
-            .collect();
-        match found.as_slice() {
-            [] => Ok(None),
-            [file] => Ok(Some(file.clone())),
-            [first, second, ..] => Err(wrong(
-                first,
-                &format!("ambiguous, {} exists too", second.display()),
-            )),
-        }
+        find_map(&self.dir.join(stem(scene, view)))
     }
+}
+
+/// The depth map of that name and any extension.
+///
+/// # Errors
+/// [`PairError::Depth`] where there are two.
+pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
+    let found: Vec<PathBuf> = EXTENSIONS
+        .iter()
+        // Not with the extension replaced: a view's name may hold a dot.
+        .map(|extension| PathBuf::from(format!("{}.{extension}", stem.display())))
+        .filter(|path| path.is_file())
+        .collect();
+    match found.as_slice() {
+        [] => Ok(None),
+        [file] => Ok(Some(file.clone())),
+        [first, second, ..] => Err(wrong(
+            first,
+            &format!("ambiguous, {} exists too", second.display()),
+        )),
+    }
+}
+
+/// z-depth in metres of a file at its own size; 0 where there is none.
+///
+/// # Errors
+/// Names the file.
+pub fn read_metres(file: &Path) -> Result<DepthMap, PairError> {
+    let mut map = read_map(file)?;
+    let is_png = file.extension().is_some_and(|e| e == "png");
+    let unit = if is_png { PNG_UNIT_M } else { 1.0 };
+    for z in map.iter_mut() {
+        let metres = (f64::from(*z) * unit) as f32;
+        *z = if is_valid_depth(metres) { metres } else { 0.0 };
+    }
+    Ok(map)
 }
 
 fn stem(scene: &Scene, view: &View) -> String {
@@ -95,12 +117,7 @@ impl DepthSource for GivenDepth {
             let reason = format!("no depth map (looked for .{})", EXTENSIONS.join(", ."));
             return Err(wrong(&expected, &reason));
         };
-        let map = read_map(&file)?;
-        let unit = if file.extension().is_some_and(|e| e == "png") {
-            PNG_UNIT_M
-        } else {
-            1.0
-        };
+        let map = read_metres(&file)?;
         let (w, h) = map.dimensions();
         let (to_w, to_h) = (view.intrinsics.width, view.intrinsics.height);
         // The other side, as this one's ratio would have it, may be off by a pixel of rounding.
@@ -112,13 +129,8 @@ impl DepthSource for GivenDepth {
                 camera: (to_w, to_h),
             });
         }
-        let metres: Vec<f32> = map
-            .iter()
-            .map(|z| (f64::from(*z) * unit) as f32)
-            .map(|z| if is_valid_depth(z) { z } else { 0.0 })
-            .collect();
         let resized = nearest(
-            &metres,
+            map.as_raw(),
             (w as usize, h as usize),
             (to_w as usize, to_h as usize),
         );

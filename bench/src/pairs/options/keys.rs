@@ -16,7 +16,7 @@ pub(super) trait OptionValue {
 }
 
 /// What each key decides, in the order of the text form.
-pub(super) const MEANINGS: [&str; 19] = [
+pub(super) const MEANINGS: [&str; 20] = [
     "which views of a scene share a set; pairs are formed within sets",
     "views in a set, 2 or more",
     "a last set with fewer views than the others",
@@ -33,8 +33,9 @@ pub(super) const MEANINGS: [&str; 19] = [
     "least overlap, 0 or more",
     "whether an overlap equal to the threshold qualifies",
     "least distance of the two cameras, metres, 0 or more; equal qualifies",
+    "greatest distance of the two cameras, metres; equal qualifies",
     "pairs of a dataset that are evaluated",
-    "how they are drawn: from all, from each scene in turn, or the first ones by id",
+    "how they are drawn: from all, from each scene in turn, from each of ten bins of baseline in turn, or the first ones by id",
     "of the draw",
 ];
 
@@ -58,6 +59,7 @@ impl PairOptions {
             ("threshold", &mut self.threshold),
             ("at-threshold", &mut self.threshold_qualifies),
             ("min-baseline", &mut self.min_baseline_m),
+            ("max-baseline", &mut self.max_baseline_m),
             ("limit", &mut self.sampling.limit),
             ("sampling", &mut self.sampling.rule),
             ("seed", &mut self.sampling.seed),
@@ -147,8 +149,8 @@ macro_rules! enums {
 }
 
 numbers! { usize u32 u64 f64 }
-// Counts of sets and pairs, and the side of a map in pixels.
-limits! { usize, "all"; u32, "full"; }
+// Counts of sets and pairs, the side of a map in pixels, metres.
+limits! { usize, "all"; u32, "full"; f64, "none"; }
 enums! { Remainder PairOrder MissingDepth Denominator OverlapDirection SamplingRule }
 
 impl OptionValue for bool {

@@ -103,7 +103,7 @@ impl fmt::Display for OverlapDepth {
 /// How pairs are made from scenes. [`PairOptions::help`] lists the keys of the text form with values and defaults.
 ///
 /// Sets, depth and overlap concern multi-view scenes; a stereo scene's one pair has its overlap measured
-/// and always qualifies. `min-baseline`, `limit` and what follows concern both.
+/// and always qualifies. `min-baseline` and what follows concern both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[schemars(with = "BTreeMap<String, String>")]
 #[serde(
@@ -120,6 +120,8 @@ pub struct PairOptions {
     pub threshold: f64,
     pub threshold_qualifies: bool,
     pub min_baseline_m: f64,
+    /// `None`: any.
+    pub max_baseline_m: Option<f64>,
     pub sampling: SamplingOptions,
 }
 
@@ -135,6 +137,7 @@ impl Default for PairOptions {
             threshold: 0.60,
             threshold_qualifies: false,
             min_baseline_m: 0.0,
+            max_baseline_m: None,
             sampling: SamplingOptions::default(),
         }
     }
@@ -145,6 +148,11 @@ impl PairOptions {
     pub fn overlap_qualifies(&self, target_in_source: f64, source_in_target: f64) -> bool {
         let overlap = self.direction.of(target_in_source, source_in_target);
         overlap > self.threshold || (self.threshold_qualifies && overlap == self.threshold)
+    }
+
+    /// True if a pair whose cameras are so many metres apart qualifies.
+    pub fn baseline_qualifies(&self, metres: f64) -> bool {
+        metres >= self.min_baseline_m && self.max_baseline_m.is_none_or(|most| metres <= most)
     }
 
     /// These options with some changed; `text` is as for parsing.
@@ -218,6 +226,10 @@ impl PairOptions {
         }
         if !not_negative(self.min_baseline_m) {
             return wrong("min-baseline", "a number of 0 or more");
+        }
+        let farthest = self.max_baseline_m;
+        if farthest.is_some_and(|most| !(most.is_finite() && most >= self.min_baseline_m)) {
+            return wrong("max-baseline", "none or a number of min-baseline or more");
         }
         Ok(())
     }

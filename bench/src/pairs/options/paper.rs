@@ -48,6 +48,7 @@ fn differing(options: &PairOptions, kinds: &[PaperOverlap], pairs: usize) -> Vec
     ];
     let of_all = [
         ("min-baseline", options.min_baseline_m > 0.0),
+        ("max-baseline", options.max_baseline_m.is_some()),
         ("limit", cut_otherwise),
     ];
     let of_multi_view = of_multi_view.into_iter().filter(|_| !stereo);
@@ -102,6 +103,7 @@ mod tests {
             "threshold=0.5",
             "at-threshold=in",
             "min-baseline=0.1",
+            "max-baseline=2",
             "limit=all",
             "limit=100",
         ] {

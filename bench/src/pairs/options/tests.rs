@@ -8,7 +8,7 @@ fn the_defaults_read_as_documented() {
         PairOptions::default().to_string(),
         "sets=consecutive,size=10,remainder=keep,max-sets=all,order=both,missing-depth=reject,\
          overlap=ground-truth,test=consistent:0.05,lookup=nearest,denominator=valid,stride=1,max-side=full,\
-         direction=target-in-source,threshold=0.6,at-threshold=out,min-baseline=0,limit=512,\
+         direction=target-in-source,threshold=0.6,at-threshold=out,min-baseline=0,max-baseline=none,limit=512,\
          sampling=uniform,seed=0"
     );
     assert_eq!("".parse::<PairOptions>().unwrap(), PairOptions::default());
@@ -30,6 +30,7 @@ fn every_value_survives_the_text_form() {
         "direction=min,threshold=0.333333333333333314829616256247",
         "direction=mean,at-threshold=in,min-baseline=1e-9,limit=all,sampling=per-scene",
         "direction=max,sampling=first,seed=12,limit=0",
+        "max-baseline=0.5,min-baseline=0.5,sampling=stratified:baseline",
     ] {
         let options: PairOptions = text.parse().unwrap();
         assert_ne!(options, PairOptions::default());
@@ -55,6 +56,9 @@ fn nonsense_is_refused_with_the_key() {
         ("overlap=sparse:x", "overlap"),
         ("overlap=sparse,lookup=bilinear", "lookup"),
         ("stride=0", "stride"),
+        ("max-baseline=0.1,min-baseline=0.2", "max-baseline"),
+        ("max-baseline=inf", "max-baseline"),
+        ("sampling=stratified", "stratified:baseline"),
         ("max-side=0", "max-side"),
         ("limit=-1", "limit"),
         ("seed=0,seed=1", "twice"),

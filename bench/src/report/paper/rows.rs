@@ -1,15 +1,18 @@
 //! Where rows of one's own in a table of the paper are from.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_metrics::MetricKey;
 
 use crate::evaluate::join::{Named, join_results};
 use crate::evaluate::{EvaluateError, Results};
-use crate::report::input::Column;
+use crate::report::input::{Column, ReportDataset};
 use crate::report::tables::{Cell, Origin, Row};
 
+use super::column;
 use super::published::{MadeBy, PublishedTable};
 
 /// A row of one's own, `LABEL=SOURCE[:METHOD]`.
@@ -104,10 +107,7 @@ impl OwnRows {
             MadeBy::Run | MadeBy::PrivilegedRun => scores(rows),
             MadeBy::Translation => translations(paper, rows),
             MadeBy::Checkpoint => checkpoints(paper, rows),
-            MadeBy::Speed => Err(RowError::Unusable {
-                path: PathBuf::new(),
-                reason: "TODO speed".to_owned(),
-            }),
+            MadeBy::Speed => speeds(paper, rows),
         }
     }
 }
@@ -117,20 +117,11 @@ fn scores(rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     for row in rows {
         let mut results = Results::read(&row.path)?;
         let methods = &mut results.manifest.methods;
-        let labels: Vec<&str> = methods.iter().map(|m| m.label.as_str()).collect();
+        let labels: BTreeSet<&str> = methods.iter().map(|m| m.label.as_str()).collect();
         let chosen = match &row.method {
             None if methods.len() == 1 => methods[0].label.clone(),
-            Some(method) if labels.contains(&method.as_str()) => method.clone(),
-            _ => {
-                return Err(RowError::Method {
-                    label: row.label.clone(),
-                    path: row.path.clone(),
-                    what: match labels.is_empty() {
-                        true => "no methods".to_owned(),
-                        false => format!("the methods {}", labels.join(", ")),
-                    },
-                });
-            }
+            Some(method) if labels.contains(method.as_str()) => method.clone(),
+            _ => return Err(several(row, &labels)),
         };
         methods.retain(|method| method.label == chosen);
         results.records.retain(|record| record.method == chosen);
@@ -242,6 +233,103 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
         columns: columns.collect(),
         rows: measured,
     })
+}
+
+/// A line of what `speed --out` wrote.
+#[derive(Deserialize)]
+struct SpeedLine {
+    method: String,
+    dataset: String,
+    format: String,
+    quantity: String,
+    n: usize,
+    median: f64,
+}
+
+/// A row for each method that `speed` measured.
+fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
+    let mut measured = Vec::new();
+    for row in rows {
+        let path = in_folder(&row.path, "speed.csv");
+        let unusable = |reason: String| RowError::Unusable {
+            path: path.clone(),
+            reason,
+        };
+        let bytes = sharp::files::read(&path).map_err(|error| unusable(error.to_string()))?;
+        let lines: Result<Vec<SpeedLine>, _> = ::csv::Reader::from_reader(bytes.as_slice())
+            .deserialize()
+            .collect();
+        let lines =
+            lines.map_err(|error| unusable(format!("no table of `speed --out`: {error}")))?;
+        let methods: BTreeSet<&str> = lines.iter().map(|line| line.method.as_str()).collect();
+        let method = match (&row.method, methods.first()) {
+            (None, Some(only)) if methods.len() == 1 => *only,
+            (Some(method), _) if methods.contains(method.as_str()) => method,
+            _ => return Err(several(row, &methods)),
+        };
+        let column_of = |line: &SpeedLine| {
+            column(&ReportDataset {
+                format: Some(line.format.clone()).filter(|format| !format.is_empty()),
+                ..ReportDataset::named(&line.dataset)
+            })
+        };
+        let cells = paper.datasets.iter().flat_map(|dataset| {
+            paper.metrics.iter().map(|metric| {
+                let (quantity, factor) = match *metric {
+                    "Inference" => ("inference_secs", 1.0),
+                    "Render" => ("render_secs", 1.0),
+                    _ => ("render_secs", 1000.0),
+                };
+                let of_method = lines
+                    .iter()
+                    .filter(|line| line.method == method && line.quantity == quantity);
+                let found = of_method
+                    .into_iter()
+                    .find(|line| column_of(line) == Some(*dataset));
+                match found {
+                    Some(line) => Cell {
+                        value: Some(line.median * factor),
+                        coverage: Some((line.n, line.n)),
+                        ..Cell::default()
+                    },
+                    None => Cell {
+                        printed: Some("–".to_owned()),
+                        ..Cell::default()
+                    },
+                }
+            })
+        });
+        measured.push(Row {
+            label: row.label.clone(),
+            origin: Origin::Measured,
+            note: None,
+            cells: cells.collect(),
+        });
+    }
+    let columns = paper.columns().into_iter().map(|published| Column {
+        key: format!("{}_median", published.label.to_lowercase()),
+        convention: "median over rounds and pairs, measured by `speed`".to_owned(),
+        ..published
+    });
+    Ok(OwnRows::Measured {
+        columns: columns.collect(),
+        rows: measured,
+    })
+}
+
+/// The error of a row that names none of several methods, or one that is not there.
+fn several(row: &OwnRow, methods: &BTreeSet<&str>) -> RowError {
+    RowError::Method {
+        label: row.label.clone(),
+        path: row.path.clone(),
+        what: match methods.is_empty() {
+            true => "no methods".to_owned(),
+            false => format!(
+                "the methods {}",
+                Vec::from_iter(methods.iter().copied()).join(", ")
+            ),
+        },
+    }
 }
 
 /// The file itself, or the one of that name in a folder.

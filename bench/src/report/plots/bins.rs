@@ -1,114 +1,300 @@
-//! Samples by baseline: equal bins from zero, empty ones skipped.
+//! Samples along an axis, in bins.
 
 use std::collections::BTreeMap;
+use std::fmt;
+use std::num::NonZeroUsize;
+use std::str::FromStr;
 
 use crate::report::statistics;
 
 use super::scale::Step;
 
-/// The samples with `low <= motion < high`.
+/// How an axis is cut into bins.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Binning {
+    /// Of a round width, at most so many.
+    Round(usize),
+    /// Of this width, one edge at zero.
+    Width(Step),
+    /// So many with equally many samples each, as far as equal ones, which stay together, allow.
+    Quantiles(NonZeroUsize),
+    /// Between these, ascending.
+    Edges(Vec<f64>),
+}
+
+impl FromStr for Binning {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if let Some(count) = text.strip_prefix("quantile:") {
+            let count = count
+                .parse()
+                .ok()
+                .filter(|n: &NonZeroUsize| n.get() <= 1000);
+            return count
+                .map(Self::Quantiles)
+                .ok_or("quantile:N has N from 1 to 1000");
+        }
+        if !text.contains(',') {
+            let step = Step::parse(text);
+            return step
+                .map(Self::Width)
+                .ok_or("a width such as 0.1, quantile:8, or edges such as 0,0.1,0.5");
+        }
+        let edges: Result<Vec<f64>, _> = text.split(',').map(|edge| edge.trim().parse()).collect();
+        let edges = edges.map_err(|_| "edges are numbers, as in 0,0.1,0.5")?;
+        let ascend = edges.windows(2).all(|two| two[0] < two[1]);
+        let finite = edges.iter().all(|edge| edge.is_finite());
+        (ascend && finite)
+            .then_some(Self::Edges(edges))
+            .ok_or("edges ascend and are finite")
+    }
+}
+
+/// For captions: `bins of width 0.1`.
+impl fmt::Display for Binning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Round(_) => f.write_str("bins of a round width"),
+            Self::Width(step) => write!(f, "bins of width {}", step.text(1)),
+            Self::Quantiles(n) => write!(f, "{n} bins of equally many pairs"),
+            Self::Edges(edges) => {
+                let edges: Vec<String> = edges.iter().map(f64::to_string).collect();
+                write!(f, "bins between {}", edges.join(", "))
+            }
+        }
+    }
+}
+
+/// An axis cut into bins. A bin holds its lower edge; the last one between given edges holds its upper edge too.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cuts {
+    Steps(Step),
+    Edges(Vec<f64>),
+}
+
+impl Binning {
+    /// Cuts for samples at these places; `low` is where a [`Self::Round`] axis starts at the latest.
+    pub fn cuts(&self, places: impl IntoIterator<Item = f64>, low: Option<f64>) -> Cuts {
+        let mut places: Vec<f64> = places.into_iter().filter(|x| x.is_finite()).collect();
+        places.sort_by(f64::total_cmp);
+        let ends = places.first().zip(places.last());
+        match self {
+            Self::Width(step) => Cuts::Steps(*step),
+            Self::Edges(edges) => Cuts::Edges(edges.clone()),
+            Self::Round(count) => {
+                let span = ends.map_or(0.0, |(first, last)| {
+                    last - low.map_or(*first, |low| low.min(*first))
+                });
+                Cuts::Steps(Step::nice(span, *count))
+            }
+            Self::Quantiles(count) => {
+                let first = |k: usize| places.get(k * places.len() / count.get()).copied();
+                let mut edges: Vec<f64> = (0..count.get()).filter_map(first).collect();
+                edges.dedup();
+                // Of equal ones at the end the last bin has no width.
+                edges.extend(places.last());
+                Cuts::Edges(edges)
+            }
+        }
+    }
+}
+
+impl Cuts {
+    /// Number, lower and upper edge of the bin of a place; `None` outside all edges.
+    fn bin(&self, x: f64) -> Option<(i64, f64, f64)> {
+        match self {
+            Self::Steps(step) => {
+                let k = step.index(x);
+                Some((k, step.at(k), step.at(k.saturating_add(1))))
+            }
+            Self::Edges(edges) => {
+                let (first, last) = edges.first().zip(edges.last())?;
+                if !(*first..=*last).contains(&x) {
+                    return None;
+                }
+                // The last edge belongs to the bin below it; a single edge is a bin of its own.
+                let above = edges
+                    .partition_point(|edge| *edge <= x)
+                    .min(edges.len() - 1);
+                let below = above.saturating_sub(1);
+                Some((below as i64, edges[below], edges[above]))
+            }
+        }
+    }
+}
+
+/// The samples of a part of an axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bin {
-    /// Lower edge, inclusive.
+    /// Bins of neighbouring numbers are neighbours.
+    pub number: i64,
     pub low: f64,
-    /// Upper edge, exclusive.
     pub high: f64,
-    /// Samples.
-    pub n: usize,
-    /// Their mean; infinite as soon as one is.
+    /// Mean place of its samples: where it is drawn.
+    pub x: f64,
+    /// Which of the samples they are, by position.
+    pub members: Vec<usize>,
+    /// Mean of their values; infinite as soon as one is.
     pub mean: f64,
     /// Sample standard deviation (divisor n − 1); `None` for a single sample or an infinite one.
     pub std: Option<f64>,
 }
 
 impl Bin {
-    /// Where the bin is drawn.
-    pub fn centre(&self) -> f64 {
-        (self.low + self.high) / 2.0
+    /// How many samples.
+    pub fn n(&self) -> usize {
+        self.members.len()
     }
 }
 
-/// Bins of `(motion, value)`, by ascending motion; only those with a sample. Samples whose motion is not finite
-/// or whose value is not a number are left out.
-pub fn bins(samples: &[(f64, f64)], step: Step) -> Vec<Bin> {
-    let mut groups: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
-    for (motion, value) in samples {
-        if motion.is_finite() && !value.is_nan() {
-            groups.entry(step.index(*motion)).or_default().push(*value);
+/// Bins of `(place, value)`, ascending; only those with a sample. Samples whose place is not finite or outside all bins, or
+/// whose value is not a number, are left out.
+pub fn bins(samples: &[(f64, f64)], cuts: &Cuts) -> Vec<Bin> {
+    let mut groups: BTreeMap<i64, (f64, f64, Vec<usize>)> = BTreeMap::new();
+    for (i, (x, value)) in samples.iter().enumerate() {
+        if x.is_finite()
+            && !value.is_nan()
+            && let Some((number, low, high)) = cuts.bin(*x)
+        {
+            let group = groups.entry(number).or_insert((low, high, Vec::new()));
+            group.2.push(i);
         }
     }
-    groups
+    let bins = groups
         .into_iter()
-        .filter_map(|(k, values)| {
+        .filter_map(|(number, (low, high, members))| {
+            let of = |pick: fn(&(f64, f64)) -> f64| -> Vec<f64> {
+                members.iter().map(|i| pick(&samples[*i])).collect()
+            };
+            let values = of(|sample| sample.1);
             Some(Bin {
-                low: step.at(k),
-                high: step.at(k.saturating_add(1)),
-                n: values.len(),
+                number,
+                low,
+                high,
+                // Rounding must not carry it out of its bin.
+                x: statistics::mean(&of(|sample| sample.0))?.clamp(low, high),
                 mean: statistics::mean(&values)?,
                 std: statistics::sample_std(&values),
+                members,
             })
-        })
-        .collect()
+        });
+    bins.collect()
+}
+
+/// Bins in runs without an empty bin between them.
+pub fn neighbours<T>(bins: &[T], bin: impl Fn(&T) -> &Bin) -> impl Iterator<Item = &[T]> {
+    bins.chunk_by(move |one, next| bin(one).number.checked_add(1) == Some(bin(next).number))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn tenths(samples: &[(f64, f64)]) -> Vec<(f64, usize, f64, Option<f64>)> {
-        bins(samples, Step::nice(1.0, 10))
-            .into_iter()
-            .map(|b| (b.low, b.n, b.mean, b.std))
-            .collect()
+    fn cut(text: &str, samples: &[(f64, f64)]) -> Vec<(f64, f64, usize, f64)> {
+        let binning: Binning = text.parse().unwrap();
+        let cuts = binning.cuts(samples.iter().map(|s| s.0), None);
+        let bins = bins(samples, &cuts).into_iter();
+        bins.map(|b| (b.low, b.high, b.n(), b.mean)).collect()
     }
 
     #[test]
     fn edges_belong_to_the_bin_above_and_empty_bins_are_skipped() {
-        let found = tenths(&[
+        let samples = [
             (0.0, 1.0),
             (0.1, 2.0),
             (0.0999, 3.0),
             (0.3, 4.0),
             (0.7, 5.0),
-        ]);
+        ];
+        let cuts = "0.1".parse::<Binning>().unwrap().cuts([], None);
+        let found = bins(&samples, &cuts);
+        let shown = found
+            .iter()
+            .map(|b| (b.number, b.low, b.n(), b.mean, b.std));
         assert_eq!(
-            found,
+            shown.collect::<Vec<_>>(),
             [
-                (0.0, 2, 2.0, Some(2_f64.sqrt())),
-                (0.1, 1, 2.0, None),
-                (0.3, 1, 4.0, None),
-                (0.7, 1, 5.0, None),
+                (0, 0.0, 2, 2.0, Some(2_f64.sqrt())),
+                (1, 0.1, 1, 2.0, None),
+                (3, 0.3, 1, 4.0, None),
+                (7, 0.7, 1, 5.0, None),
             ]
         );
+        assert_eq!(found[0].members, [0, 2]);
+        assert_eq!(found[0].x, 0.0999 / 2.0);
+        let runs: Vec<usize> = neighbours(&found, |bin| bin).map(<[_]>::len).collect();
+        assert_eq!(runs, [2, 1, 1]);
+    }
+
+    #[test]
+    fn given_edges_leave_out_what_is_beyond_and_the_last_is_closed() {
+        let samples = [(-0.1, 9.0), (0.0, 1.0), (0.5, 2.0), (1.0, 4.0), (1.1, 9.0)];
+        assert_eq!(
+            cut("0, 0.5, 1", &samples),
+            [(0.0, 0.5, 1, 1.0), (0.5, 1.0, 2, 3.0)]
+        );
+    }
+
+    #[test]
+    fn quantiles_hold_equally_many_and_ties_stay_together() {
+        let at = |places: &[f64]| -> Vec<(f64, f64)> { places.iter().map(|x| (*x, *x)).collect() };
+        let counts = |count: &str, places: &[f64]| -> Vec<(f64, f64, usize)> {
+            let found = cut(&format!("quantile:{count}"), &at(places)).into_iter();
+            found.map(|(low, high, n, _)| (low, high, n)).collect()
+        };
+        assert_eq!(
+            counts("3", &[7.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+            [(1.0, 3.0, 2), (3.0, 5.0, 2), (5.0, 7.0, 3)]
+        );
+        assert_eq!(
+            counts("4", &[1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 3.0, 3.0]),
+            [(1.0, 3.0, 6), (3.0, 3.0, 2)]
+        );
+        assert_eq!(counts("5", &[2.0, 2.0, 2.0]), [(2.0, 2.0, 3)]);
+        assert_eq!(counts("5", &[2.0]), [(2.0, 2.0, 1)]);
+        // More bins than samples: one each.
+        assert_eq!(
+            counts("9", &[1.0, 2.0, 4.0]),
+            [(1.0, 2.0, 1), (2.0, 4.0, 1), (4.0, 4.0, 1)]
+        );
+        assert!(counts("5", &[]).is_empty());
     }
 
     #[test]
     fn infinite_and_missing_values() {
-        assert_eq!(
-            tenths(&[
-                (0.05, f64::INFINITY),
-                (0.06, 30.0),
-                (0.07, f64::NAN),
-                (f64::NAN, 1.0)
-            ]),
-            [(0.0, 2, f64::INFINITY, None)]
-        );
-        assert!(tenths(&[]).is_empty());
+        let samples = [
+            (0.05, f64::INFINITY),
+            (0.06, 30.0),
+            (0.07, f64::NAN),
+            (f64::NAN, 1.0),
+        ];
+        assert_eq!(cut("0.1", &samples), [(0.0, 0.1, 2, f64::INFINITY)]);
+        assert!(cut("0.1", &[]).is_empty());
     }
 
     #[test]
     fn the_deviation_is_that_of_a_sample() {
-        let found = tenths(&[
-            (0.0, 2.0),
-            (0.0, 4.0),
-            (0.0, 4.0),
-            (0.0, 4.0),
-            (0.0, 5.0),
-            (0.0, 5.0),
-            (0.0, 7.0),
-            (0.0, 9.0),
-        ]);
-        assert_eq!(found[0].2, 5.0);
-        assert!((found[0].3.unwrap() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
+        let samples = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0].map(|value| (0.0, value));
+        let found = bins(&samples, &Binning::Round(10).cuts([0.0], Some(0.0)));
+        assert_eq!(found[0].mean, 5.0);
+        assert!((found[0].std.unwrap() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_no_binning_is_refused() {
+        for wrong in [
+            "",
+            "0",
+            "-1",
+            "quantile:0",
+            "quantile:",
+            "1,0",
+            "0,0",
+            "0,inf",
+            "0,x",
+        ] {
+            assert!(wrong.parse::<Binning>().is_err(), "{wrong}");
+        }
     }
 }

@@ -1,7 +1,9 @@
-//! A drawing surface in CSS pixels, and the two files that a drawing becomes.
+//! A drawing surface, and the three files that a drawing becomes: SVG, PNG and PDF.
 //!
-//! Everything is drawn four times as large as it is shown. The SVG says so in its view box; the PNG is reduced
-//! by two, which smooths it and leaves two pixels per CSS pixel.
+//! plotters draws on whole pixels, so that the SVG is drawn four times as large as its units, as its view box says, and
+//! the PNG twice as large as it will be, which also smooths it. The [PDF](super::pdf) is exact.
+
+use std::path::{Path, PathBuf};
 
 use askama::filters::{Html, escape};
 use image::{Rgb, RgbImage, imageops};
@@ -12,15 +14,18 @@ use plotters::style::{
     Color as _, FontDesc, FontFamily, FontStyle, RGBColor, ShapeStyle, TextStyle,
 };
 
-use crate::report::error::ReportError;
-use crate::report::pictures::compact_png;
-
+use super::pdf::Pdf;
+use super::png;
+use super::style::Medium;
 use super::text::{self, FAMILY, Weight};
+use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::text::visible;
+use crate::report::error::ReportError;
 
-/// Drawn pixels per CSS pixel.
-const SCALE: f64 = 4.0;
+/// Drawn pixels per unit of the SVG.
+const SVG_SCALE: f64 = 4.0;
 /// Drawn pixels per PNG pixel.
-const REDUCE: u32 = 2;
+const REDUCE: f64 = 2.0;
 /// The SVG backend divides font sizes by this.
 const PLOTTERS_FONT_FACTOR: f64 = 1.24;
 
@@ -83,7 +88,7 @@ pub enum Anchor {
 /// How text looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lettering {
-    /// Font size, CSS pixels.
+    /// Font size, units.
     pub size: f64,
     pub weight: Weight,
     pub ink: Ink,
@@ -93,7 +98,7 @@ pub struct Lettering {
     pub upwards: bool,
 }
 
-/// Points in CSS pixels, y down.
+/// Points in units, CSS pixels at [`Medium::SCREEN`]; y down.
 pub type Point = (f64, f64);
 
 /// What plots draw on.
@@ -108,71 +113,104 @@ pub trait Surface {
     fn text(&mut self, text: &str, at: Point, lettering: Lettering);
 }
 
-/// A drawing in both forms.
+/// A drawing in all its forms.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
     /// What it shows, in words: its alternative text.
     pub title: String,
     /// A complete SVG document.
     pub svg: String,
-    /// The same as PNG, two pixels per CSS pixel.
+    /// The same in pixels.
     pub png: Vec<u8>,
+    /// The same as one page of PDF; text is drawn as outlines, so that it needs no font.
+    pub pdf: Vec<u8>,
 }
 
+/// Stands in every file of a figure, so that the next one may take its place.
+pub const MARK: &str = "sharp-bench";
+
 impl Figure {
-    /// Draws once for each form.
+    /// Writes `STEM.svg`, `STEM.png` and `STEM.pdf`.
+    ///
+    /// # Errors
+    /// When one cannot be written, or a file of that name is none of ours.
+    pub fn write(&self, out: &Path, stem: &str) -> Result<Vec<PathBuf>, FileError> {
+        let svg = format!("<!-- {MARK} -->\n{}", visible(&self.svg));
+        let forms = [
+            ("svg", svg.as_bytes()),
+            ("png", &self.png),
+            ("pdf", &self.pdf),
+        ];
+        let written = forms.map(|(extension, bytes)| {
+            let path = out.join(format!("{stem}.{extension}"));
+            write_over_own(&path, bytes, MARK).map(|()| path)
+        });
+        written.into_iter().collect()
+    }
+
+    /// Draws once for each form; the size is in units.
     ///
     /// # Errors
     /// When the drawing library or the encoder refuses.
     pub fn draw(
         title: &str,
         (width, height): (u32, u32),
+        medium: Medium,
         picture: impl Fn(&mut dyn Surface),
     ) -> Result<Self, ReportError> {
-        let size = (width * SCALE as u32, height * SCALE as u32);
-        let background = [
-            (0.0, 0.0),
-            (f64::from(width), 0.0),
-            (f64::from(width), f64::from(height)),
-            (0.0, f64::from(height)),
-        ];
+        let (w, h) = (f64::from(width), f64::from(height));
+        let background = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)];
         let failed = |reason: String| ReportError::Plot {
             plot: title.to_owned(),
             reason,
         };
+        let drawn = |scale: f64| ((w * scale).round() as u32, (h * scale).round() as u32);
         let mut svg = String::new();
-        let mut pen = Pen::new(SVGBackend::with_string(&mut svg, size));
+        let backend = SVGBackend::with_string(&mut svg, drawn(SVG_SCALE));
+        let mut pen = Pen::new(backend, SVG_SCALE);
         pen.polygon(&background, PAPER);
         picture(&mut pen);
         pen.finish().map_err(failed)?;
         drop(pen);
 
+        let density = medium.zoom * medium.dpi / 96.0;
+        let size = drawn(density * REDUCE);
         let mut pixels = vec![0_u8; size.0 as usize * size.1 as usize * 3];
-        let mut pen = Pen::new(BitMapBackend::with_buffer(&mut pixels, size));
+        let backend = BitMapBackend::with_buffer(&mut pixels, size);
+        let mut pen = Pen::new(backend, density * REDUCE);
         pen.polygon(&background, PAPER);
         picture(&mut pen);
         pen.finish().map_err(failed)?;
         drop(pen);
         let large = RgbImage::from_raw(size.0, size.1, pixels)
             .ok_or_else(|| failed("the picture has not the size asked for".into()))?;
-        let small = imageops::thumbnail(&large, size.0 / REDUCE, size.1 / REDUCE);
+        let half = |side: u32| (f64::from(side) / REDUCE) as u32;
+        let small = imageops::thumbnail(&large, half(size.0), half(size.1));
+
+        let mut pdf = Pdf::new((w, h), medium.zoom * 0.75);
+        pdf.polygon(&background, PAPER);
+        picture(&mut pdf);
         Ok(Self {
             title: title.to_owned(),
-            svg: tidy(&svg, title, (width, height)),
-            png: compact_png(&small).map_err(|e| failed(e.to_string()))?,
+            svg: tidy(&svg, title, (w, h), medium.zoom),
+            png: png::encode(&small, medium.dpi).map_err(|e| failed(e.to_string()))?,
+            pdf: pdf.finish(title).map_err(|e| failed(e.to_string()))?,
         })
     }
 }
 
 /// Size in CSS pixels, a title for readers, exact baselines.
-fn tidy(svg: &str, title: &str, (width, height): (u32, u32)) -> String {
+fn tidy(svg: &str, title: &str, (width, height): (f64, f64), zoom: f64) -> String {
     let body = svg.split_once('>').map_or("", |(_, body)| body);
     let title = xml_text(title);
+    let shown = |side: f64| (side * zoom * 100.0).round() / 100.0;
     format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
          role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>{}",
-        f64::from(width) * SCALE,
-        f64::from(height) * SCALE,
+        shown(width),
+        shown(height),
+        width * SVG_SCALE,
+        height * SVG_SCALE,
         body.replace(" dy=\"-0.5ex\"", "")
     )
 }
@@ -191,13 +229,16 @@ fn xml_text(text: &str) -> String {
 /// A backend and the first error it met; drawing after that does nothing.
 struct Pen<B: DrawingBackend> {
     backend: B,
+    /// Drawn pixels per unit.
+    scale: f64,
     error: Option<String>,
 }
 
 impl<B: DrawingBackend> Pen<B> {
-    fn new(backend: B) -> Self {
+    fn new(backend: B, scale: f64) -> Self {
         Self {
             backend,
+            scale,
             error: None,
         }
     }
@@ -206,6 +247,15 @@ impl<B: DrawingBackend> Pen<B> {
         if self.error.is_none() {
             self.error = action(&mut self.backend).err().map(|e| e.to_string());
         }
+    }
+
+    /// Units to drawn pixels; far outside stays far outside.
+    fn drawn(&self, length: f64) -> i32 {
+        (length * self.scale).round().clamp(-1e6, 1e6) as i32
+    }
+
+    fn place(&self, (x, y): Point) -> (i32, i32) {
+        (self.drawn(x), self.drawn(y))
     }
 
     fn finish(&mut self) -> Result<(), String> {
@@ -219,25 +269,31 @@ impl<B: TextBackend> Surface for Pen<B> {
         let style = ShapeStyle {
             color: color(ink),
             filled: false,
-            stroke_width: drawn(width).max(1) as u32,
+            stroke_width: self.drawn(width).max(1) as u32,
         };
-        let points: Vec<_> = points.iter().map(|p| place(*p)).collect();
+        let points: Vec<_> = points.iter().map(|p| self.place(*p)).collect();
         self.draw(|b| b.draw_path(points, &style));
     }
 
     fn polygon(&mut self, points: &[Point], ink: Ink) {
-        let points: Vec<_> = points.iter().map(|p| place(*p)).collect();
+        let points: Vec<_> = points.iter().map(|p| self.place(*p)).collect();
         let style = ShapeStyle::from(color(ink)).filled();
         self.draw(|b| b.fill_polygon(points, &style));
     }
 
     fn disc(&mut self, centre: Point, radius: f64, ink: Ink) {
         let style = ShapeStyle::from(color(ink)).filled();
-        self.draw(|b| b.draw_circle(place(centre), drawn(radius) as u32, &style, true));
+        let (centre, radius) = (self.place(centre), self.drawn(radius) as u32);
+        self.draw(|b| b.draw_circle(centre, radius, &style, true));
     }
 
     fn text(&mut self, text: &str, at: Point, lettering: Lettering) {
-        self.draw(|b| b.letters(text, place(at), lettering));
+        let at = self.place(at);
+        let lettering = Lettering {
+            size: lettering.size * self.scale,
+            ..lettering
+        };
+        self.draw(|b| b.letters(text, at, lettering));
     }
 }
 
@@ -246,16 +302,7 @@ fn color(ink: Ink) -> plotters::style::RGBAColor {
     RGBColor(r, g, b).mix(ink.alpha)
 }
 
-/// CSS pixels to drawn pixels; far outside stays far outside.
-fn drawn(length: f64) -> i32 {
-    (length * SCALE).round().clamp(-1e6, 1e6) as i32
-}
-
-fn place((x, y): Point) -> (i32, i32) {
-    (drawn(x), drawn(y))
-}
-
-/// A backend that can set text on a baseline.
+/// A backend that can set text on a baseline; its font size is in drawn pixels.
 trait TextBackend: DrawingBackend {
     fn letters(&mut self, text: &str, at: (i32, i32), lettering: Lettering) -> Result<(), String>;
 }
@@ -266,7 +313,7 @@ impl TextBackend for SVGBackend<'_> {
             Weight::Regular => FontStyle::Normal,
             Weight::Bold => FontStyle::Bold,
         };
-        let size = lettering.size * SCALE * PLOTTERS_FONT_FACTOR;
+        let size = lettering.size * PLOTTERS_FONT_FACTOR;
         let mut font = FontDesc::new(FontFamily::Name(FAMILY), size, style);
         if lettering.upwards {
             font = font.transform(FontTransform::Rotate270);
@@ -291,7 +338,7 @@ impl TextBackend for BitMapBackend<'_> {
         (x0, y0): (i32, i32),
         lettering: Lettering,
     ) -> Result<(), String> {
-        let size = lettering.size * SCALE;
+        let size = lettering.size;
         let width = text::width(text, size, lettering.weight);
         let shift = match lettering.anchor {
             Anchor::Start => 0.0,

@@ -1,9 +1,9 @@
 //! Colours and markers of the methods: the palette of Okabe and Ito, which stays distinct under the common forms
 //! of colour blindness, without its black (the text) and its yellow (too pale on white).
 
-use super::canvas::{Ink, Point, Surface};
+use super::canvas::{INK, Ink, Point, Surface};
 
-const COLOURS: [Ink; 6] = [
+pub const COLOURS: [Ink; 6] = [
     Ink::opaque(0x00, 0x72, 0xB2),
     Ink::opaque(0xD5, 0x5E, 0x00),
     Ink::opaque(0x00, 0x9E, 0x73),
@@ -45,10 +45,16 @@ const DASHES: [Option<(f64, f64)>; 3] = [None, Some((7.0, 4.0)), Some((2.5, 3.0)
 /// The style of method number `index` of a run. Colour, marker and line turn at different speeds: ninety methods
 /// differ, thirty of them without looking at the line.
 pub fn style(index: usize) -> Style {
+    style_of(&COLOURS, index)
+}
+
+/// The same in colours of one's own; the text's without any.
+pub fn style_of(colours: &[Ink], index: usize) -> Style {
+    let turns = colours.len().max(1);
     Style {
-        ink: COLOURS[index % COLOURS.len()],
+        ink: colours.get(index % turns).copied().unwrap_or(INK),
         marker: MARKERS[index % MARKERS.len()],
-        dash: DASHES[index / COLOURS.len() % DASHES.len()],
+        dash: DASHES[index / turns % DASHES.len()],
     }
 }
 

@@ -4,7 +4,8 @@ use crate::report::error::ReportError;
 
 use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Point, Surface};
 use super::palette::{Style, stroke};
-use super::scale::{Scale, Step};
+use super::scale::{Scale, Step, log_ticks};
+use super::style::{FigureStyle, Medium};
 use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped};
 
 const LEFT: f64 = 62.0;
@@ -20,6 +21,12 @@ const TITLE_SIZE: f64 = 14.0;
 
 /// Share of its room that a line of an SVG may fill in the bundled font: systems without it show wider ones.
 const ROOM: f64 = 0.8;
+/// A panel in print is no narrower as long as the figure is wide enough for one.
+const NARROWEST: f64 = 170.0;
+/// Height of the strip of counts, and the size of its numbers.
+const COUNT_STRIP: f64 = 30.0;
+const COUNT_SIZE: f64 = 9.5;
+const COUNT_INK: Ink = Ink::opaque(0xC9, 0xCF, 0xD6);
 /// Radius of a data point.
 pub const MARKER: f64 = 4.2;
 /// Height of the strip above the axis where infinite values stand.
@@ -32,8 +39,8 @@ pub struct PlotAxis {
     pub label: String,
     pub low: f64,
     pub high: f64,
-    /// Distance of ticks.
-    pub step: Step,
+    /// Where they are, and their text.
+    pub ticks: Vec<(f64, String)>,
 }
 
 impl PlotAxis {
@@ -45,11 +52,32 @@ impl PlotAxis {
             let room = (low.abs() * 0.05).max(0.5);
             (low - room, low + room)
         };
+        let step = Step::nice(high - low, ticks);
+        let ticks = step.within(low, high).into_iter();
         Self {
             label: label.to_owned(),
             low,
             high,
-            step: Step::nice(high - low, ticks),
+            ticks: ticks.map(|k| (step.at(k), step.text(k))).collect(),
+        }
+    }
+
+    /// The same with ticks at whole numbers only.
+    #[must_use]
+    pub fn counting(mut self) -> Self {
+        self.ticks.retain(|(at, _)| at.fract() == 0.0);
+        for (at, text) in &mut self.ticks {
+            *text = format!("{at:.0}");
+        }
+        self
+    }
+
+    /// An axis of decimal logarithms over `low..=high`, both positive: what is drawn on it is a logarithm.
+    pub fn logarithmic(label: &str, low: f64, high: f64) -> Self {
+        let ticks = log_ticks(low, high).into_iter();
+        Self {
+            ticks: ticks.map(|tick| (tick.log10(), tick.to_string())).collect(),
+            ..Self::over(label, low.log10(), high.log10(), 1)
         }
     }
 }
@@ -65,6 +93,17 @@ pub struct PanelFrame {
     pub y: PlotAxis,
     /// Whether there is a place for infinite values.
     pub infinity: bool,
+    /// How many samples stand behind each part of the horizontal axis, in a strip below the data; may be empty.
+    pub counts: Vec<Count>,
+}
+
+/// Samples of a part of the horizontal axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Count {
+    pub low: f64,
+    pub high: f64,
+    /// Fewest and most, where curves differ.
+    pub n: (usize, usize),
 }
 
 /// Where the data of a panel goes.
@@ -87,7 +126,7 @@ pub struct Panel<'a> {
     pub content: Result<DrawData<'a>, &'static str>,
 }
 
-/// A figure of panels, with a legend and a caption.
+/// A figure of panels for the screen, with a legend and a caption.
 ///
 /// # Errors
 /// When the drawing library refuses.
@@ -97,9 +136,32 @@ pub fn figure(
     legend: &[(&str, Style)],
     panels: &[Panel<'_>],
 ) -> Result<Figure, ReportError> {
+    draw(title, caption, legend, panels, None)
+}
+
+/// The same in print where a style is given; its caption is left out where the style says so.
+///
+/// # Errors
+/// When the drawing library refuses.
+pub fn draw(
+    title: &str,
+    caption: &str,
+    legend: &[(&str, Style)],
+    panels: &[Panel<'_>],
+    print: Option<&FigureStyle>,
+) -> Result<Figure, ReportError> {
     let labels: Vec<&str> = legend.iter().map(|(label, _)| *label).collect();
-    let layout = PanelLayout::new(panels.len(), &labels, caption);
-    Figure::draw(title, layout.size(), |surface| {
+    let caption = if print.is_none_or(|style| style.caption) {
+        caption
+    } else {
+        ""
+    };
+    let mut layout = PanelLayout::new(panels.len(), &labels, caption, print);
+    if panels.iter().any(|panel| !panel.frame.counts.is_empty()) {
+        layout.bottom += COUNT_STRIP;
+    }
+    let medium = print.map_or(Medium::SCREEN, FigureStyle::medium);
+    Figure::draw(title, layout.size(), medium, |surface| {
         layout.surround(surface, legend);
         for (i, panel) in panels.iter().enumerate() {
             let area = layout.panel(surface, i, &panel.frame);
@@ -117,23 +179,34 @@ struct PanelLayout {
     columns: usize,
     rows: usize,
     panel: (f64, f64),
+    /// From a panel to what is below it.
+    bottom: f64,
     legend: Vec<Vec<usize>>,
     caption: Vec<String>,
 }
 
 impl PanelLayout {
     /// Room for `panels` panels, a legend with these labels, and a caption.
-    fn new(panels: usize, labels: &[&str], caption: &str) -> Self {
-        let columns = panels.clamp(1, 3);
-        let panel = match columns {
-            1 => (600.0, 290.0),
-            2 => (400.0, 260.0),
-            _ => (310.0, 215.0),
+    fn new(panels: usize, labels: &[&str], caption: &str, print: Option<&FigureStyle>) -> Self {
+        let (columns, panel) = match print {
+            None => match panels {
+                0..=1 => (1, (600.0, 290.0)),
+                2 => (2, (400.0, 260.0)),
+                _ => (3, (310.0, 215.0)),
+            },
+            Some(style) => {
+                let room = style.units() - 2.0 * MARGIN;
+                let fitting = (room / (LEFT + NARROWEST + RIGHT)) as usize;
+                let columns = fitting.clamp(1, panels.max(1));
+                let width = (room / columns as f64 - LEFT - RIGHT).max(0.3 * room / columns as f64);
+                (columns, (width, width * style.panel_aspect))
+            }
         };
         let mut grid = Self {
             columns,
             rows: panels.div_ceil(columns).max(1),
             panel,
+            bottom: BOTTOM,
             legend: Vec::new(),
             caption: Vec::new(),
         };
@@ -164,7 +237,7 @@ impl PanelLayout {
 
     /// Lower edge of the panels.
     fn foot(&self) -> f64 {
-        self.head() + self.rows as f64 * (TOP + self.panel.1 + BOTTOM)
+        self.head() + self.rows as f64 * (TOP + self.panel.1 + self.bottom)
     }
 
     /// Of the whole figure, CSS pixels.
@@ -198,7 +271,7 @@ impl PanelLayout {
         let (column, row) = (index % self.columns, index / self.columns);
         let (w, h) = self.panel;
         let left = MARGIN + column as f64 * (LEFT + w + RIGHT) + LEFT;
-        let top = self.head() + row as f64 * (TOP + h + BOTTOM) + TOP;
+        let top = self.head() + row as f64 * (TOP + h + self.bottom) + TOP;
         let (right, bottom) = (left + w, top + h);
         let strip = if frame.infinity { INFINITY_STRIP } else { 0.0 };
         let place = PlotArea {
@@ -230,34 +303,35 @@ impl PanelLayout {
         );
 
         let tick = lettering(TICK_SIZE, MUTED, Anchor::End);
-        for k in frame.y.step.within(frame.y.low, frame.y.high) {
-            let y = place.y.place(frame.y.step.at(k));
+        for (at, text) in &frame.y.ticks {
+            let y = place.y.place(*at);
             surface.line(&[(left, y), (right, y)], 1.0, GRID);
-            surface.text(
-                &frame.y.step.text(k),
-                (left - 8.0, y + middle(TICK_SIZE)),
-                tick,
-            );
+            surface.text(text, (left - 8.0, y + middle(TICK_SIZE)), tick);
         }
         if frame.infinity {
             let y = place.infinity;
             surface.line(&[(left, y), (right, y)], 1.0, GRID);
             surface.text("∞", (left - 8.0, y + middle(TICK_SIZE)), tick);
         }
-        let tick = lettering(TICK_SIZE, MUTED, Anchor::Middle);
-        for k in frame.x.step.within(frame.x.low, frame.x.high) {
-            let x = place.x.place(frame.x.step.at(k));
-            surface.line(&[(x, bottom), (x, bottom + 4.0)], 1.0, MUTED);
-            surface.text(&frame.x.step.text(k), (x, bottom + 17.0), tick);
-        }
         surface.line(&[(left, bottom), (right, bottom)], 1.0, MUTED);
+        let mut bottom = bottom;
+        if !frame.counts.is_empty() {
+            bottom += COUNT_STRIP;
+            count_strip(surface, &frame.counts, &place.x, bottom);
+        }
+        let tick = lettering(TICK_SIZE, MUTED, Anchor::Middle);
+        for (at, text) in &frame.x.ticks {
+            let x = place.x.place(*at);
+            surface.line(&[(x, bottom), (x, bottom + 4.0)], 1.0, MUTED);
+            surface.text(text, (x, bottom + 17.0), tick);
+        }
         let label = lettering(LABEL_SIZE, INK, Anchor::Middle);
         surface.text(&frame.x.label, ((left + right) / 2.0, bottom + 36.0), label);
         let upwards = Lettering {
             upwards: true,
             ..label
         };
-        let at = (left - LEFT + 14.0, (top + bottom) / 2.0);
+        let at = (left - LEFT + 14.0, top + h / 2.0);
         let label = fitted(&frame.y.label, LABEL_SIZE, Weight::Regular, ROOM * h);
         surface.text(&label, at, upwards);
         place
@@ -293,6 +367,39 @@ pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
     }
 }
 
+/// Bars of how many samples there are, and the numbers above them where they have room; `foot` is their lower edge.
+fn count_strip(surface: &mut dyn Surface, counts: &[Count], x: &Scale, foot: f64) {
+    let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
+    let text_of = |(least, most): (usize, usize)| match least == most {
+        true => most.to_string(),
+        false => format!("{least}–{most}"),
+    };
+    let room = |count: &Count| x.place(count.high) - x.place(count.low);
+    let fits = |count: &&Count| width(&text_of(count.n), COUNT_SIZE, Weight::Regular) < room(count);
+    let numbered = counts
+        .iter()
+        .filter(|count| room(count) > 0.0)
+        .all(|count| fits(&count));
+    for count in counts {
+        let (left, right) = (x.place(count.low) + 0.75, x.place(count.high) - 0.75);
+        let top = foot - (COUNT_STRIP - 16.0) * count.n.1 as f64 / most as f64;
+        let right = right.max(left + 0.5);
+        let corners = [(left, top), (right, top), (right, foot), (left, foot)];
+        surface.polygon(&corners, COUNT_INK);
+        if numbered {
+            let at = ((left + right) / 2.0, top - 2.0);
+            let small = lettering(COUNT_SIZE, MUTED, Anchor::Middle);
+            surface.text(&text_of(count.n), at, small);
+        }
+    }
+    let label = match numbered {
+        true => "n".to_owned(),
+        false => format!("n ≤ {most}"),
+    };
+    let small = lettering(COUNT_SIZE, MUTED, Anchor::End);
+    surface.text(&label, (x.from - 8.0, foot - 2.0), small);
+}
+
 fn legend_width(label: &str) -> f64 {
     33.0 + width(label, LABEL_SIZE, Weight::Regular) / ROOM + 12.0
 }
@@ -321,7 +428,7 @@ mod tests {
         let axis = PlotAxis::over("", 3.0, 3.0, 5);
         assert!(axis.low < 3.0 && axis.high > 3.0);
         let axis = PlotAxis::over("", f64::INFINITY, f64::NEG_INFINITY, 5);
-        assert!(!axis.step.at(1).is_nan());
+        assert!(axis.ticks.iter().all(|(at, _)| !at.is_nan()));
     }
 
     #[test]
@@ -331,8 +438,8 @@ mod tests {
             .collect();
         let labels: Vec<&str> = labels.iter().map(String::as_str).collect();
         let (few, many) = (
-            PanelLayout::new(2, &labels[..2], ""),
-            PanelLayout::new(2, &labels, ""),
+            PanelLayout::new(2, &labels[..2], "", None),
+            PanelLayout::new(2, &labels, "", None),
         );
         assert!(many.legend.len() > 2);
         assert_eq!(many.legend.iter().flatten().count(), 20);

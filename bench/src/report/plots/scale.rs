@@ -27,6 +27,17 @@ impl Step {
             .unwrap_or(fallback)
     }
 
+    /// A positive decimal without an exponent, exactly: `0.25`.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (whole, part) = text.split_once('.').unwrap_or((text, ""));
+        let digits = format!("{whole}{part}");
+        let plain = !digits.is_empty() && digits.bytes().all(|c| c.is_ascii_digit());
+        // Beyond 2⁵³ not every whole number is a floating-point number.
+        let mantissa = digits.parse().ok().filter(|m| (1..1 << 53).contains(m))?;
+        let exponent = -i32::try_from(part.len()).ok()?;
+        (plain && exponent >= -22).then_some(Self { mantissa, exponent })
+    }
+
     /// The k-th multiple.
     pub fn at(self, k: i64) -> f64 {
         let multiple = self.mantissa as f64 * k as f64;
@@ -69,6 +80,30 @@ impl Step {
             .collect();
         ticks.dedup();
         ticks
+    }
+}
+
+/// Powers of ten within `low..=high`, and where these are fewer than three twice and five times them too; none
+/// where the range is not one of positive numbers.
+pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
+    if !(low > 0.0 && high > low && high.is_finite()) {
+        return Vec::new();
+    }
+    let ticks = |mantissas: &[i64]| -> Vec<f64> {
+        let exponents = low.log10().floor() as i32..=high.log10().ceil() as i32;
+        let all = exponents.flat_map(|exponent| {
+            let step = Step {
+                mantissa: 1,
+                exponent,
+            };
+            mantissas.iter().map(move |m| step.at(*m))
+        });
+        all.filter(|tick| (low..=high).contains(tick)).collect()
+    };
+    let powers = ticks(&[1]);
+    match powers.len() {
+        0..3 => ticks(&[1, 2, 5]),
+        _ => powers,
     }
 }
 
@@ -117,6 +152,37 @@ mod tests {
             assert_eq!(tenth.index(decimal.next_down()), k - 1);
         }
         assert_eq!(tenth.text(3), "0.3");
+    }
+
+    #[test]
+    fn decimals_are_read_exactly() {
+        let step = Step::parse("0.25").unwrap();
+        assert_eq!(
+            (step.at(3), step.index(0.75), step.decimals()),
+            (0.75, 3, 2)
+        );
+        assert_eq!(Step::parse("10").unwrap().at(2), 20.0);
+        for wrong in [
+            "",
+            ".",
+            "0",
+            "0.0",
+            "-1",
+            "1e3",
+            "+1",
+            "nan",
+            "1,5",
+            "99999999999999999999",
+        ] {
+            assert_eq!(Step::parse(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn logarithmic_ticks() {
+        assert_eq!(log_ticks(0.05, 300.0), [0.1, 1.0, 10.0, 100.0]);
+        assert_eq!(log_ticks(0.3, 6.0), [0.5, 1.0, 2.0, 5.0]);
+        assert!(log_ticks(0.0, 1.0).is_empty());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use ab_glyph::{Font, FontRef, ScaleFont, point};
+use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont, point};
 use image::RgbImage;
 
 use super::canvas::Ink;
@@ -51,6 +51,48 @@ pub fn raster(text: &str, size: f64, weight: Weight, mut paint: impl FnMut(i32, 
             outline.draw(|x, y, coverage| {
                 paint(x0 + x as i32, y0 + y as i32, coverage.clamp(0.0, 1.0));
             });
+        }
+    });
+}
+
+/// A piece of a glyph's outline; y points down.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stroke {
+    /// Closes what was drawn before.
+    Move((f64, f64)),
+    Line((f64, f64)),
+    /// Two control points and the end.
+    Curve((f64, f64), (f64, f64), (f64, f64)),
+}
+
+/// Calls `draw` for the outlines of `text`, whose baseline starts at the origin.
+pub fn outlines(text: &str, size: f64, weight: Weight, mut draw: impl FnMut(Stroke)) {
+    lay_out(text, size, weight, |font, glyph, _| {
+        let Some(outline) = font.outline(glyph.id) else {
+            return;
+        };
+        let unit = size / f64::from(font.units_per_em().unwrap_or(1000.0));
+        let left = f64::from(glyph.position.x);
+        let at = |p: ab_glyph::Point| (left + f64::from(p.x) * unit, -f64::from(p.y) * unit);
+        let mut last = None;
+        for curve in outline.curves {
+            let (first, end, stroke) = match curve {
+                OutlineCurve::Line(a, b) => (a, b, Stroke::Line(at(b))),
+                OutlineCurve::Cubic(a, b, c, d) => (a, d, Stroke::Curve(at(b), at(c), at(d))),
+                OutlineCurve::Quad(a, b, c) => {
+                    // The cubic of the same shape has its control points two thirds of the way.
+                    let towards = |from: ab_glyph::Point| {
+                        let ((x, y), (u, v)) = (at(from), at(b));
+                        (x + (u - x) * 2.0 / 3.0, y + (v - y) * 2.0 / 3.0)
+                    };
+                    (a, c, Stroke::Curve(towards(a), towards(c), at(c)))
+                }
+            };
+            if last != Some(first) {
+                draw(Stroke::Move(at(first)));
+            }
+            draw(stroke);
+            last = Some(end);
         }
     });
 }

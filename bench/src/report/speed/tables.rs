@@ -10,11 +10,11 @@ use crate::io::counts::counted;
 use crate::io::text::csv_cell;
 use crate::report::input::{Column, ReportDataset};
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Cell, Group, Row, Table};
+use crate::report::tables::{Cell, Group, Origin, Row, Table};
 
 /// Columns of [`csv()`].
-pub(super) const CSV_HEAD: &str =
-    "method,dataset,quantity,n,median,first_quartile,third_quartile,least,most";
+pub(in crate::report) const CSV_HEAD: &str =
+    "method,dataset,format,quantity,n,median,first_quartile,third_quartile,least,most";
 
 /// Seconds under each dataset, as in the paper; medians.
 pub fn table(measured: &Measured) -> Table {
@@ -37,6 +37,7 @@ pub fn table(measured: &Measured) -> Table {
         });
         Row {
             label: method.label.clone(),
+            origin: Origin::Measured,
             note: None,
             cells: cells.collect(),
         }
@@ -69,6 +70,7 @@ pub fn table(measured: &Measured) -> Table {
         rows,
         remarks: remarks(measured),
         notes,
+        checklist: Vec::new(),
     }
 }
 
@@ -232,6 +234,8 @@ fn spread(secs: &[f64]) -> GridCell {
 pub fn csv(measured: &Measured) -> String {
     let mut out = format!("{CSV_HEAD}\n");
     for speed in &measured.speeds {
+        let mut records = measured.manifest.datasets.iter();
+        let record = records.find(|record| record.name == speed.dataset);
         let of = |of: fn(&Splats) -> u64| -> Vec<f64> {
             speed
                 .splats
@@ -262,6 +266,7 @@ pub fn csv(measured: &Measured) -> String {
             let cells = [
                 &*csv_cell(&speed.method),
                 &*csv_cell(&speed.dataset),
+                record.map_or("", |record| &record.format),
                 quantity,
             ];
             let n = summary.n.to_string();

@@ -2,6 +2,7 @@
 
 use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
+use crate::report::figures::qualitative;
 use crate::report::gallery::{Gallery, Kind, Pictures};
 use crate::report::plots::baselines;
 use crate::report::tables::markdown;
@@ -118,7 +119,7 @@ fn plots_exist_for_one_sample_for_none_and_for_infinity() {
     let far = record("d", "p", "m", 1e300, &[("psnr", -1e300)]);
     assert!(figure(&[far, record("d", "q", "m", f64::NAN, &[("psnr", 1.0)])]).is_some());
     let board = Board::new(&[], &[], &[]).unwrap();
-    assert_eq!(baselines::histogram(&board).unwrap(), None);
+    assert_eq!(baselines::histogram(&board, None).unwrap(), None);
 }
 
 #[test]

@@ -14,6 +14,7 @@ use super::rows::clusters;
 use super::{Against, PairChange, RunComparison};
 use crate::evaluate::record::Record;
 use crate::report::plots::scale::Step;
+use crate::report::sweep::Motion;
 
 /// Bins of a quantity at most.
 const BINS: usize = 5;
@@ -23,50 +24,35 @@ const BINS: usize = 5;
 #[serde(rename_all = "snake_case")]
 pub enum Division {
     Scene,
-    /// Distance of the camera centres, metres.
-    BaselineM,
-    /// Angle between the cameras, degrees.
-    RotationDeg,
-    /// Share of the target that the source sees, 0..1.
-    Overlap,
-    /// Baseline over the target's median depth.
-    RelativeMotion,
     /// [Classes](super::anatomy::PixelClass) of the target's pixels: part of each pair, not of the pairs.
     Pixels,
+    #[serde(untagged)]
+    Motion(Motion),
 }
 
 impl Division {
     /// Those of pairs.
-    pub const OF_PAIRS: [Self; 5] = [
-        Self::Scene,
-        Self::BaselineM,
-        Self::RotationDeg,
-        Self::Overlap,
-        Self::RelativeMotion,
-    ];
+    pub fn of_pairs() -> impl Iterator<Item = Self> {
+        [Self::Scene]
+            .into_iter()
+            .chain(Motion::DIVIDING.map(Self::Motion))
+    }
 
     /// For headings.
     pub fn title(self) -> &'static str {
         match self {
             Self::Scene => "scene",
-            Self::BaselineM => "baseline, m",
-            Self::RotationDeg => "rotation, degrees",
-            Self::Overlap => "overlap",
-            Self::RelativeMotion => "baseline / median depth",
             Self::Pixels => "pixels of the target",
+            Self::Motion(motion) => motion.title(),
         }
     }
 
     /// `None` where it is not known, or no number.
     fn value(self, record: &Record) -> Option<f64> {
-        let value = match self {
+        match self {
             Self::Scene | Self::Pixels => None,
-            Self::BaselineM => Some(record.baseline_m),
-            Self::RotationDeg => Some(record.rotation_deg),
-            Self::Overlap => record.overlap,
-            Self::RelativeMotion => record.median_depth_m.map(|depth| record.baseline_m / depth),
-        };
-        value.filter(|value| value.is_finite())
+            Self::Motion(motion) => motion.of(record),
+        }
     }
 }
 
@@ -99,7 +85,7 @@ pub struct Stratum {
 }
 
 impl RunComparison {
-    /// The pairs of two methods in parts, by dataset and [`Division::OF_PAIRS`]; scenes in natural order of the pairs, bins
+    /// The pairs of two methods in parts, by dataset and [`Division::of_pairs`]; scenes in natural order of the pairs, bins
     /// ascending. A quantity that is the same for all pairs of a dataset divides nothing and is left out.
     pub fn breakdown(&self, against: &Against, metric: &MetricInfo) -> Vec<Stratum> {
         let mut changes = self.sides(against).changes(metric);
@@ -108,7 +94,7 @@ impl RunComparison {
         let strata = datasets.flat_map(|dataset| {
             let of_dataset = changes.iter().filter(|c| c.a.dataset == dataset.name);
             let of_dataset: Vec<&PairChange<'_>> = of_dataset.collect();
-            let divisions = Division::OF_PAIRS.into_iter();
+            let divisions = Division::of_pairs();
             let parts = divisions.flat_map(move |by| {
                 let parts = parts(by, &of_dataset).into_iter();
                 parts.map(move |(name, part)| (by, name, part))

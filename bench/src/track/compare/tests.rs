@@ -4,6 +4,7 @@ use super::breakdown::Division;
 use super::*;
 use crate::evaluate::record::{Crop, Score};
 use crate::evaluate::test_records;
+use crate::report::sweep::Motion;
 use crate::scoring::Region;
 
 /// Of pair `number` of a scene of a dataset, with this PSNR.
@@ -326,7 +327,7 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
     );
     // The lower end belongs to its bin.
     assert_eq!(
-        parts(Division::BaselineM),
+        parts(Division::Motion(Motion::BaselineM)),
         [
             part("0.00 to 0.05", &["0"]),
             part("0.10 to 0.15", &["1"]),
@@ -336,8 +337,11 @@ fn pairs_are_parted_by_scene_and_by_how_far_the_camera_moved() {
     );
     // Unknown for two of four; the same for all is no division.
     assert_eq!(
-        parts(Division::RelativeMotion),
+        parts(Division::Motion(Motion::RelativeMotion)),
         [part("0.10 to 0.15", &["3"]), part("0.25 to 0.30", &["0"])]
     );
-    assert!(parts(Division::Overlap).is_empty() && parts(Division::RotationDeg).is_empty());
+    assert!(
+        parts(Division::Motion(Motion::Overlap)).is_empty()
+            && parts(Division::Motion(Motion::RotationDeg)).is_empty()
+    );
 }

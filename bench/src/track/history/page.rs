@@ -13,7 +13,6 @@ use crate::report::plots::palette::{Marker, Style, stroke, style};
 use crate::report::plots::panels::{
     MARKER, Panel, PanelFrame, PlotArea, PlotAxis, figure, point as marker,
 };
-use crate::report::plots::scale::Step;
 use crate::report::plots::text::{Weight, fitted};
 use sharp_statistics::Verdict;
 
@@ -96,6 +95,7 @@ fn plot(history: &History, series: &[Series]) -> Result<Figure, ReportError> {
             x: horizontal(history),
             y: vertical(series),
             infinity: points(series).any(|point| point.mean.is_some_and(f64::is_infinite)),
+            counts: Vec::new(),
         },
         content: if points(series).any(|point| point.mean.is_some_and(|mean| !mean.is_nan())) {
             Ok(Box::new(
@@ -150,11 +150,7 @@ fn horizontal(history: &History) -> PlotAxis {
         true => "",
         false => "entry",
     };
-    let mut axis = PlotAxis::over(label, first - 0.5, last + 0.5, 12);
-    if axis.step.at(1) < 1.0 {
-        axis.step = Step::nice(1.0, 1);
-    }
-    axis
+    PlotAxis::over(label, first - 0.5, last + 0.5, 12).counting()
 }
 
 fn vertical(series: &[Series]) -> PlotAxis {

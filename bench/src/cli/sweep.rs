@@ -1,0 +1,154 @@
+//! `sweep RUN…`: scores against how far the camera moved.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::Args;
+use serde_json::json;
+use sharp_metrics::MetricKey;
+
+use super::report::warn_damaged;
+use super::{Outcome, output};
+use crate::evaluate::{Named, join};
+use crate::io::atomic_files::check_writable;
+use crate::pictures::keyed_scores::json_number;
+use crate::report::plots::bins::Binning;
+use crate::report::plots::style::FigureStyle;
+use crate::report::sweep::spec::Threshold;
+use crate::report::sweep::{Band, Motion, Split, Sweep, SweepSpec, files, table};
+
+/// Plot scores against how far the camera moved, with the table behind the plot
+///
+/// Pairs are put into bins; a bin has the mean of each method's scores, their standard deviation, and the 95 % interval of
+/// the mean over scenes, for pairs of one scene depend on each other. Neither a line nor a shade bridges a bin without pairs,
+/// and a single pair is a hollow point.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench sweep runs/first --out sweep
+  sharp-bench sweep runs/sharp runs/baselines --x overlap --bins quantile:8 --band ci95 --out sweep
+  sharp-bench sweep runs/first --bins 0.1 --metrics dists --threshold dists=0.2 --against sharp --out sweep
+
+Writes sweep-METRIC.svg, .png and .pdf, sweep.csv (dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high),
+sweep.tex, and with --threshold or --against crossings.csv. The paper's own plots: sharp-bench figure motion,
+figure motion-privileged.")]
+pub(super) struct SweepArgs {
+    /// Run folders or bundles
+    #[arg(required = true, value_name = "[NAME=]RUN")]
+    runs: Vec<Named>,
+    /// Where to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// What the pairs are told apart by
+    #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
+    x: Motion,
+    /// A width, 0.1; quantile:N for N bins of equally many pairs; or edges, 0,0.1,0.5. A bin holds its lower edge. Without
+    /// it at most ten bins of a round width
+    #[arg(long, value_name = "BINS")]
+    bins: Option<Binning>,
+    /// What is shaded around a mean
+    #[arg(long, value_enum, default_value_t)]
+    band: Band,
+    /// What panels are told apart by
+    #[arg(long, value_enum, default_value_t)]
+    split: Split,
+    /// Metrics of the runs, comma-separated; all without it
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    metrics: Vec<MetricKey>,
+    /// From where on each method's mean is worse than a value; repeatable
+    #[arg(long = "threshold", value_name = "METRIC=VALUE")]
+    thresholds: Vec<Threshold>,
+    /// From where on each method is worse than this one, over the pairs that both have
+    #[arg(long, value_name = "METHOD")]
+    against: Option<String>,
+    /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours
+    #[arg(long, value_name = "FILE")]
+    style: Option<PathBuf>,
+    /// Print JSON: the files written and the crossings
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
+    let style = style(args.style.as_ref())?;
+    let spec = SweepSpec {
+        x: args.x,
+        band: args.band,
+        split: args.split,
+        metrics: args.metrics.clone(),
+        thresholds: args.thresholds.clone(),
+        against: args.against.clone(),
+        binning: args.bins.clone().unwrap_or(SweepSpec::default().binning),
+        ..SweepSpec::default()
+    };
+    sweep(&args.runs, spec, &args.out, &style, args.json)
+}
+
+/// The style of a file, or what is usual without one.
+pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
+    let style = file.map_or_else(
+        || Ok(FigureStyle::default()),
+        |file| FigureStyle::read(file),
+    );
+    style.context("--style")
+}
+
+/// Makes a sweep, writes it and says what was found.
+pub(super) fn sweep(
+    runs: &[Named],
+    spec: SweepSpec,
+    out: &Path,
+    style: &FigureStyle,
+    as_json: bool,
+) -> anyhow::Result<Outcome> {
+    let results = join(runs)?;
+    check_writable(out)?;
+    let sweep = Sweep::of(&results, spec)?;
+    let files = files::write(&sweep, out, style)?;
+    if as_json {
+        let crossings = sweep.crossings.iter().map(|crossing| {
+            let interval = crossing.found.interval;
+            json!({
+                "dataset": crossing.dataset,
+                "method": crossing.method,
+                "split": crossing.split,
+                "metric": sweep.metrics[crossing.metric].key,
+                "rule": table::rule(crossing),
+                "x": json_number(crossing.found.x),
+                "ci_low": interval.map(|(low, _)| json_number(low)),
+                "ci_high": interval.map(|(_, high)| json_number(high)),
+                "clusters": crossing.found.clusters,
+            })
+        });
+        output::json(&json!({
+            "out": out.display().to_string(),
+            "files": files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>(),
+            "crossings": crossings.collect::<Vec<_>>(),
+        }))?;
+    } else {
+        for crossing in &sweep.crossings {
+            output::line(table::sentence(&sweep, crossing))?;
+        }
+        for file in &files {
+            output::line(format!("wrote {}", file.display()))?;
+        }
+    }
+    for panel in sweep.panels.iter().filter(|panel| panel.unplaced > 0) {
+        output::remark(format!(
+            "note: {}: {} of {} pairs have no known {}",
+            panel.split,
+            panel.unplaced,
+            panel.pairs,
+            sweep.spec.x.title()
+        ));
+    }
+    if sweep.panels.is_empty() {
+        output::remark(format!(
+            "warning: no pair has a score and a known {}",
+            sweep.spec.x.title()
+        ));
+    }
+    Ok(Outcome::of_problems(
+        warn_damaged(&results) || sweep.panels.is_empty(),
+    ))
+}

@@ -1,0 +1,179 @@
+//! Which pairs a figure shows.
+
+use crate::report::board::{Board, DatasetBoard, PairBoard};
+use crate::report::choice::by_badness;
+use crate::report::error::ReportError;
+use crate::report::input::Column;
+
+/// Of each dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Choice {
+    /// Pairs of median difficulty: by the mean over the ranked methods of the first metric
+    #[default]
+    Median,
+    /// The worst
+    Worst,
+    /// The best
+    Best,
+}
+
+/// A pair with its dataset.
+#[derive(Clone, Copy)]
+pub struct ChosenPair<'a> {
+    pub dataset: &'a DatasetBoard<'a>,
+    pub pair: &'a PairBoard<'a>,
+}
+
+/// The pairs of these ids, or so many of each dataset by choice.
+///
+/// # Errors
+/// When there is no pair of an id.
+pub fn chosen<'a>(
+    board: &'a Board<'a>,
+    metrics: &[Column],
+    ids: &[String],
+    (choice, count): (Choice, usize),
+) -> Result<Vec<ChosenPair<'a>>, ReportError> {
+    let all = || {
+        let datasets = board.datasets.iter();
+        datasets.flat_map(|dataset| {
+            dataset
+                .pairs
+                .iter()
+                .map(move |pair| ChosenPair { dataset, pair })
+        })
+    };
+    if !ids.is_empty() {
+        let of_id = |id: &String| {
+            let found = all().find(|chosen| chosen.pair.facts.pair_id == *id);
+            let known = all().map(|chosen| chosen.pair.facts.pair_id.as_str());
+            found.ok_or_else(|| ReportError::absent("pair", id, known))
+        };
+        return ids.iter().map(of_id).collect();
+    }
+    let chosen = board.datasets.iter().flat_map(|dataset| {
+        let worst_first = by_badness(board, &dataset.pairs, metrics);
+        let n = worst_first.len();
+        let count = count.min(n);
+        let first = match choice {
+            Choice::Worst => 0,
+            Choice::Best => n - count,
+            // Around the middle; of an even number the easier one.
+            Choice::Median => (n / 2)
+                .saturating_sub((count.max(1) - 1) / 2)
+                .min(n - count),
+        };
+        let pairs = worst_first.into_iter().skip(first).take(count);
+        pairs.map(move |pair| ChosenPair { dataset, pair })
+    });
+    Ok(chosen.collect())
+}
+
+/// The pairs of one source by growing baseline, at most `count` of them spread evenly from the nearest to the farthest; without
+/// an id those of the source with the most targets, the first one of several.
+///
+/// # Errors
+/// When no pair has a source of that id, `dataset/scene/view` as the pair's own id begins.
+pub fn along_path<'a>(
+    board: &'a Board<'a>,
+    source: Option<&str>,
+    count: usize,
+) -> Result<Vec<ChosenPair<'a>>, ReportError> {
+    let id = |pair: &PairBoard<'a>| -> &'a str {
+        let id = &pair.facts.pair_id;
+        id.split_once("__")
+            .map_or(id.as_str(), |(source, _)| source)
+    };
+    let mut sources: Vec<(&str, Vec<ChosenPair<'a>>)> = Vec::new();
+    for dataset in &board.datasets {
+        // Pairs are sorted by id, and with it by source.
+        for pairs in dataset.pairs.chunk_by(|one, other| id(one) == id(other)) {
+            let pairs_of = pairs.iter().map(|pair| ChosenPair { dataset, pair });
+            sources.push((id(&pairs[0]), pairs_of.collect()));
+        }
+    }
+    // Steps of a controlled sweep are scenes of one pair each, which share their cluster's source.
+    let found = match source {
+        Some(wanted) => sources.iter().position(|(id, _)| *id == wanted),
+        None => {
+            let most = sources.iter().map(|(_, pairs)| pairs.len()).max();
+            sources
+                .iter()
+                .position(|(_, pairs)| Some(pairs.len()) == most)
+        }
+    };
+    let known = sources.iter().map(|(id, _)| *id);
+    let Some(found) = found else {
+        return Err(ReportError::absent(
+            "source",
+            source.unwrap_or("any"),
+            known,
+        ));
+    };
+    let mut pairs = sources.swap_remove(found).1;
+    pairs.sort_by(|a, b| a.pair.facts.baseline_m.total_cmp(&b.pair.facts.baseline_m));
+    let (n, count) = (pairs.len(), count.clamp(1, pairs.len().max(1)));
+    let at = |k: usize| {
+        if count == 1 {
+            0
+        } else {
+            k * (n - 1) / (count - 1)
+        }
+    };
+    Ok((0..count).map(|k| pairs[at(k)]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use sharp_metrics::MetricKey;
+
+    use super::*;
+    use crate::evaluate::record::{Record, Score};
+    use crate::evaluate::test_records::record;
+
+    fn records() -> Vec<Record> {
+        let scored = |scene, number: usize, psnr: f64| Record {
+            baseline_m: 1.0 / (number + 1) as f64,
+            scores: [("psnr".to_owned(), Score::Value(psnr))].into(),
+            ..record("d", scene, number)
+        };
+        let mut records: Vec<Record> = (0..5).map(|i| scored(0, i, 10.0 + i as f64)).collect();
+        records.push(scored(1, 0, 30.0));
+        records
+    }
+
+    #[test]
+    fn worst_median_best_and_named() {
+        let records = records();
+        let board = Board::new(&records, &[], &[]).unwrap();
+        let metrics = [Column::from(MetricKey::PSNR)];
+        let ids = |ids: &[String], how| -> Vec<String> {
+            let found = chosen(&board, &metrics, ids, how).unwrap().into_iter();
+            found.map(|c| c.pair.facts.pair_id.clone()).collect()
+        };
+        assert_eq!(ids(&[], (Choice::Worst, 2)), ["d/0/s__0", "d/0/s__1"]);
+        assert_eq!(ids(&[], (Choice::Best, 1)), ["d/1/s__0"]);
+        assert_eq!(ids(&[], (Choice::Median, 1)), ["d/0/s__3"]);
+        assert_eq!(ids(&[], (Choice::Median, 99)).len(), 6);
+        let named = ["d/1/s__0".to_owned()];
+        assert_eq!(ids(&named, (Choice::Worst, 1)), named);
+        let wrong = chosen(&board, &metrics, &["x".to_owned()], (Choice::Worst, 1));
+        assert!(wrong.is_err());
+    }
+
+    #[test]
+    fn targets_of_a_source_by_growing_baseline() {
+        let records = records();
+        let board = Board::new(&records, &[], &[]).unwrap();
+        let targets = |source, count| -> Vec<String> {
+            let found = along_path(&board, source, count).unwrap().into_iter();
+            found.map(|c| c.pair.facts.target.clone()).collect()
+        };
+        assert_eq!(targets(None, 9), ["4", "3", "2", "1", "0"]);
+        assert_eq!(targets(None, 3), ["4", "2", "0"]);
+        assert_eq!(targets(Some("d/1/s"), 3), ["0"]);
+        assert!(along_path(&board, Some("d/2/s"), 3).is_err());
+        let none = Board::new(&[], &[], &[]).unwrap();
+        assert!(along_path(&none, None, 3).is_err());
+    }
+}

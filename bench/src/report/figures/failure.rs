@@ -1,0 +1,87 @@
+//! Where a method fails, and whether depth is why: input, view and inverse depth side by side.
+
+use std::path::Path;
+
+use image::RgbImage;
+use sharp_datasets::DepthMap;
+
+use super::choice::ChosenPair;
+use super::qualitative::Comparison;
+use super::sheet::{Sheet, Tile};
+use crate::pairs::depth::given::{find_map, read_metres};
+use crate::pairs::pair_id::path_of;
+use crate::pairs::valid_depth::is_valid_depth;
+use crate::report::error::MissingPicture;
+use crate::report::error_map::colour;
+
+/// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres), or
+/// without a folder from the dataset: of the target, or where that has none of the source.
+pub fn sheet(comparison: &Comparison<'_>, method: usize, depth: Option<&Path>) -> Sheet {
+    let rows = comparison.pairs.iter().map(|chosen| {
+        let found = match depth {
+            Some(folder) => of_pair(folder, chosen).map(|map| (map, "given")),
+            None => of_dataset(comparison, chosen),
+        };
+        let (picture, text) = match found {
+            Ok((map, whose)) => (Ok(inverse_depth(&map)), whose),
+            Err(reason) => (Err(reason), ""),
+        };
+        let tiles = vec![
+            comparison.input(chosen),
+            comparison.prediction(chosen, method),
+            Tile::new(picture, text),
+        ];
+        (String::new(), tiles)
+    });
+    let label = comparison.board.methods[method].label.clone();
+    Sheet {
+        heads: vec!["input".to_owned(), label, "inverse depth".to_owned()],
+        rows: rows.collect(),
+    }
+}
+
+/// Depth of the target, or where it has none of the source, and whose it is.
+fn of_dataset(
+    comparison: &Comparison<'_>,
+    chosen: &ChosenPair<'_>,
+) -> Result<(DepthMap, &'static str), MissingPicture> {
+    let facts = chosen.pair.facts;
+    if let Some(depth) = comparison.pictures.target_depth(facts)? {
+        return Ok((depth, "of the target"));
+    }
+    let depth = comparison.pictures.source_depth(facts)?;
+    let depth = depth.ok_or(MissingPicture::Without("depth"))?;
+    Ok((depth, "of the input"))
+}
+
+fn of_pair(folder: &Path, chosen: &ChosenPair<'_>) -> Result<DepthMap, MissingPicture> {
+    let unusable = |reason: String| MissingPicture::Unusable(reason);
+    let stem = folder.join(path_of(&chosen.pair.facts.pair_id));
+    let file = find_map(&stem).map_err(|error| unusable(error.to_string()))?;
+    let file = file.ok_or(MissingPicture::Without("depth map of this pair"))?;
+    read_metres(&file).map_err(|error| unusable(error.to_string()))
+}
+
+/// Inverse depth from the 0.1th to the 99.9th percentile in false colours, near is bright; grey without depth.
+pub(super) fn inverse_depth(depth: &DepthMap) -> RgbImage {
+    let valid = depth.iter().copied().filter(|z| is_valid_depth(*z));
+    let mut inverse: Vec<f32> = valid.map(|z| 1.0 / z).collect();
+    inverse.sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| {
+        let place = (share * inverse.len().saturating_sub(1) as f64).round() as usize;
+        inverse.get(place).copied().unwrap_or(0.0)
+    };
+    let (low, high) = (at(0.001), at(0.999));
+    let span = (high - low).max(f32::MIN_POSITIVE);
+    false_colours(depth, |z| is_valid_depth(z).then(|| (1.0 / z - low) / span))
+}
+
+/// A map in false colours by the share of their range; grey where there is none.
+pub(super) fn false_colours(map: &DepthMap, share: impl Fn(f32) -> Option<f32>) -> RgbImage {
+    RgbImage::from_fn(map.width(), map.height(), |x, y| {
+        match share(map.get_pixel(x, y).0[0]) {
+            Some(share) => colour(share),
+            None => image::Rgb([0xB8, 0xBE, 0xC6]),
+        }
+    })
+}

@@ -1,0 +1,15 @@
+//! Figures of a paper from runs, in print.
+//!
+//! * [`catalogue`]: which there are, what each shows and needs.
+//! * [`sheet`]: pictures in rows and columns with text below and parts of them enlarged; [`qualitative`]: predictions side by
+//!   side, as rows or as columns; [`choice`]: of which pairs; [`failure`]: view and inverse depth; [`uncertainty`]: depth
+//!   against that of the mirrored picture.
+//! * [`fidelity_time`]: scores against seconds a pair.
+
+pub mod catalogue;
+pub mod choice;
+pub mod failure;
+pub mod fidelity_time;
+pub mod qualitative;
+pub mod sheet;
+pub mod uncertainty;

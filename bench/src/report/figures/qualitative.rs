@@ -1,0 +1,153 @@
+//! Predictions side by side: pairs as rows as in comparisons, or as columns as in ablations and along a path.
+
+use super::choice::{Choice, ChosenPair, chosen};
+use super::sheet::{Sheet, SheetMedium, Tile};
+use crate::evaluate::record::{Record, Status};
+use crate::report::board::Board;
+use crate::report::error::{MissingPicture, ReportError};
+use crate::report::input::Column;
+use crate::report::pictures::ReportPictures;
+use crate::report::plots::png as png_file;
+use crate::scoring::Region;
+
+/// What is shown.
+pub struct Comparison<'a> {
+    pub board: &'a Board<'a>,
+    pub pairs: Vec<ChosenPair<'a>>,
+    /// Positions in the board.
+    pub methods: Vec<usize>,
+    /// Whose scores stand below predictions.
+    pub metrics: &'a [Column],
+    pub pictures: &'a dyn ReportPictures,
+    /// Of predictions and truth, in pixels of the target.
+    pub crops: Vec<Region>,
+}
+
+/// The pair of median difficulty of each dataset with the ranked methods, as PNG for a report. `None` without any picture.
+///
+/// # Errors
+/// When the figure cannot be encoded.
+pub fn figure(
+    board: &Board<'_>,
+    metrics: &[Column],
+    pictures: &dyn ReportPictures,
+) -> Result<Option<Vec<u8>>, ReportError> {
+    let methods = board.methods.iter().enumerate();
+    let ranked = methods.filter(|(_, method)| method.unranked.is_none());
+    let comparison = Comparison {
+        board,
+        pairs: chosen(board, metrics, &[], (Choice::Median, 1))?,
+        methods: ranked.map(|(i, _)| i).collect(),
+        metrics,
+        pictures,
+        crops: Vec::new(),
+    };
+    png(&comparison.pairs_as_rows(), &SheetMedium::screen())
+}
+
+/// A sheet as PNG; `None` without any picture.
+///
+/// # Errors
+/// When it cannot be encoded.
+pub fn png(sheet: &Sheet, medium: &SheetMedium) -> Result<Option<Vec<u8>>, ReportError> {
+    let Some(picture) = sheet.draw(medium) else {
+        return Ok(None);
+    };
+    let encoded = png_file::encode(&picture, medium.dpi);
+    let bytes = encoded.map_err(|error| ReportError::Plot {
+        plot: "a sheet of pictures".into(),
+        reason: error.to_string(),
+    })?;
+    Ok(Some(bytes))
+}
+
+impl Comparison<'_> {
+    /// Input, predictions, truth.
+    pub fn pairs_as_rows(&self) -> Sheet {
+        let labels = self
+            .methods
+            .iter()
+            .map(|m| self.board.methods[*m].label.clone());
+        let heads = std::iter::once("input".to_owned()).chain(labels);
+        let rows = self.pairs.iter().filter_map(|chosen| {
+            let mut tiles = vec![self.input(chosen)];
+            tiles.extend(self.methods.iter().map(|m| self.prediction(chosen, *m)));
+            tiles.push(self.truth(chosen));
+            // In a report, a dataset without pictures has no row.
+            let any = tiles.iter().any(|tile| tile.picture.is_ok());
+            any.then_some((String::new(), tiles))
+        });
+        Sheet {
+            heads: heads.chain(["truth".to_owned()]).collect(),
+            rows: rows.collect(),
+        }
+    }
+
+    /// A row a method, and below them the truth and, where it is asked for, the input.
+    pub fn pairs_as_columns(&self, with_input: bool) -> Sheet {
+        let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
+            (
+                label.to_owned(),
+                self.pairs.iter().map(tile).collect::<Vec<_>>(),
+            )
+        };
+        let mut rows: Vec<(String, Vec<Tile>)> = self
+            .methods
+            .iter()
+            .map(|m| {
+                row(&self.board.methods[*m].label, &|chosen| {
+                    self.prediction(chosen, *m)
+                })
+            })
+            .collect();
+        rows.push(row("truth", &|chosen| self.truth(chosen)));
+        if with_input {
+            rows.push(row("input", &|chosen| self.input(chosen)));
+        }
+        Sheet {
+            heads: Vec::new(),
+            rows,
+        }
+    }
+
+    pub(super) fn input(&self, chosen: &ChosenPair<'_>) -> Tile {
+        let facts = chosen.pair.facts;
+        let name = format!("{}, {}", chosen.dataset.dataset.title(), facts.scene);
+        Tile::new(self.pictures.source(facts), name)
+    }
+
+    fn truth(&self, chosen: &ChosenPair<'_>) -> Tile {
+        let facts = chosen.pair.facts;
+        let baseline = format!("baseline {:.3} m", facts.baseline_m).replace(' ', "\u{a0}");
+        Tile {
+            crops: self.crops.clone(),
+            ..Tile::new(self.pictures.target(facts), baseline)
+        }
+    }
+
+    pub(super) fn prediction(&self, chosen: &ChosenPair<'_>, method: usize) -> Tile {
+        let record = chosen.pair.by_method.get(method).copied().flatten();
+        match record {
+            None => Tile::new(Err(MissingPicture::Without("record")), ""),
+            Some(record) => match &record.status {
+                Status::Failed { reason } => {
+                    Tile::new(Err(MissingPicture::Failed(reason.clone())), "")
+                }
+                Status::Ok => Tile {
+                    crops: self.crops.clone(),
+                    ..Tile::new(self.pictures.prediction(record), self.scores(record))
+                },
+            },
+        }
+    }
+
+    fn scores(&self, record: &Record) -> String {
+        let named = self.metrics.iter().zip(Column::names(self.metrics));
+        let scores = named.filter_map(|(metric, name)| {
+            let value = record.scores.get(&metric.key)?.value()?;
+            // A name and its number stay on one line.
+            Some(format!("{name} {}", metric.shown(value)).replace(' ', "\u{a0}"))
+        });
+        scores.collect::<Vec<_>>().join(", ")
+    }
+}

@@ -1,0 +1,109 @@
+//! How far depth depends on which way round a picture is: the relative absolute difference |d − m| / d of a depth map d and
+//! that of the mirrored picture, mirrored back, m.
+
+use image::RgbImage;
+use image::imageops::flip_horizontal;
+use sharp_datasets::DepthMap;
+
+use super::failure::{false_colours, inverse_depth};
+use super::sheet::{Sheet, Tile};
+use crate::pairs::valid_depth::{is_valid_depth, median_of};
+
+/// From here on a difference has the brightest colour.
+const BRIGHTEST: f32 = 0.5;
+
+/// Depth of a picture and of the mirrored picture, the latter as it was predicted; of one size.
+pub struct Mirrored {
+    /// `layer 1`; empty for a map that has no layers.
+    pub name: String,
+    pub depth: DepthMap,
+    pub of_mirror: DepthMap,
+}
+
+impl Mirrored {
+    /// |d − m| / d; NaN where one of them has no depth.
+    ///
+    /// # Errors
+    /// When the sizes differ, in words.
+    pub fn difference(&self) -> Result<DepthMap, String> {
+        let (d, m) = (self.depth.dimensions(), self.of_mirror.dimensions());
+        if d != m {
+            return Err(format!(
+                "the depth map has {} × {} pixels, that of the mirrored picture {} × {}",
+                d.0, d.1, m.0, m.1
+            ));
+        }
+        let back = flip_horizontal(&self.of_mirror);
+        let of = |(d, m): (&f32, &f32)| match is_valid_depth(*d) && is_valid_depth(*m) {
+            true => (d - m).abs() / d,
+            false => f32::NAN,
+        };
+        let values = self.depth.iter().zip(back.iter()).map(of).collect();
+        DepthMap::from_vec(d.0, d.1, values).ok_or_else(|| "the map is empty".to_owned())
+    }
+}
+
+/// A row a pair of maps: picture, depth, that of the mirrored picture mirrored back, and their difference with its median.
+///
+/// # Errors
+/// When two maps are of different sizes, in words.
+pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, String> {
+    let heads = ["picture", "depth", "of the mirror image", "uncertainty"];
+    let mut rows = Vec::new();
+    for maps in maps {
+        let difference = maps.difference()?;
+        let known: Vec<f32> = difference.iter().copied().filter(|v| !v.is_nan()).collect();
+        let share = known.len() as f64 / difference.as_raw().len().max(1) as f64;
+        let text = match median_of(known) {
+            None => "no pixel has both depths".to_owned(),
+            Some(median) => format!(
+                "median {median:.3}; {:.1} % of pixels; brightest from {BRIGHTEST} on",
+                100.0 * share
+            ),
+        };
+        let colours = false_colours(&difference, |v| (!v.is_nan()).then_some(v / BRIGHTEST));
+        rows.push((
+            maps.name.clone(),
+            vec![
+                Tile::new(Ok(picture.clone()), ""),
+                Tile::new(Ok(inverse_depth(&maps.depth)), ""),
+                Tile::new(Ok(flip_horizontal(&inverse_depth(&maps.of_mirror))), ""),
+                Tile::new(Ok(colours), text),
+            ],
+        ));
+    }
+    Ok(Sheet {
+        heads: heads.map(str::to_owned).into(),
+        rows,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mirrored_map_is_mirrored_back() {
+        let map = |values: [f32; 3]| DepthMap::from_vec(3, 1, values.into()).unwrap();
+        let maps = Mirrored {
+            name: String::new(),
+            depth: map([2.0, 4.0, 0.0]),
+            of_mirror: map([5.0, 3.0, 2.0]),
+        };
+        let found = maps.difference().unwrap();
+        assert_eq!(found.as_raw()[..2], [0.0, 0.25]);
+        assert!(found.as_raw()[2].is_nan());
+        let sheet = sheet(&RgbImage::new(3, 1), &[maps]).unwrap();
+        let text = &sheet.rows[0].1[3].text;
+        assert_eq!(
+            text,
+            "median 0.125; 66.7 % of pixels; brightest from 0.5 on"
+        );
+        let other = Mirrored {
+            name: String::new(),
+            depth: DepthMap::new(2, 1),
+            of_mirror: DepthMap::new(1, 1),
+        };
+        assert!(other.difference().unwrap_err().contains("2 × 1"));
+    }
+}

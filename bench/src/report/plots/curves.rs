@@ -1,0 +1,155 @@
+//! Means of bins as lines, and what they vary by as a shade. Neither bridges an empty bin.
+
+use super::bins::{Bin, neighbours};
+use super::canvas::{Point, Surface};
+use super::palette::{Style, stroke};
+use super::panels::{PlotArea, PlotAxis, point};
+use crate::report::input::Column;
+
+/// A bin with what its shade covers, from low to high; none without.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Banded {
+    pub bin: Bin,
+    pub band: Option<(f64, f64)>,
+}
+
+impl Banded {
+    /// One standard deviation to either side.
+    pub fn deviation(bin: Bin) -> Self {
+        let band = bin.std.map(|std| (bin.mean - std, bin.mean + std));
+        Self { bin, band }
+    }
+}
+
+/// A vertical axis on which all finite means, bands and `others` have room.
+pub fn vertical<'a>(
+    bins: impl Iterator<Item = &'a Banded>,
+    others: &[f64],
+    metric: &Column,
+) -> PlotAxis {
+    let ends = bins.flat_map(|Banded { bin, band }| {
+        let (low, high) = band.unwrap_or((bin.mean, bin.mean));
+        [low, high, bin.mean]
+    });
+    let values = ends.chain(others.iter().copied()).filter(|v| v.is_finite());
+    let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    });
+    let (low, high) = if range.0 > range.1 { (0.0, 1.0) } else { range };
+    let room = (high - low) * 0.06;
+    PlotAxis::over(&metric.axis_label(), low - room, high + room, 6)
+}
+
+/// The shade over each run of neighbouring bins that have a band; a lone one becomes a bar.
+pub fn shade(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+    let runs = neighbours(bins, |banded| &banded.bin);
+    for run in runs.flat_map(|run| run.split(|banded| banded.band.is_none())) {
+        let half = if run.len() == 1 { 5.0 } else { 0.0 };
+        let edge = |banded: &Banded, side: f64, upper: bool| -> Point {
+            let (low, high) = banded.band.unwrap_or_default();
+            let value = if upper { high } else { low };
+            (
+                area.x.place(banded.bin.x) + side * half,
+                area.y.place(value),
+            )
+        };
+        let upper = run
+            .iter()
+            .flat_map(|b| [edge(b, -1.0, true), edge(b, 1.0, true)]);
+        let lower = run.iter().rev();
+        let lower = lower.flat_map(|b| [edge(b, 1.0, false), edge(b, -1.0, false)]);
+        let mut outline: Vec<Point> = upper.chain(lower).collect();
+        outline.dedup();
+        if !outline.is_empty() {
+            surface.polygon(&outline, style.ink.with_alpha(0.16));
+        }
+    }
+}
+
+/// The line through the finite means of neighbouring bins, and a marker a bin, hollow for a single sample.
+pub fn curve(surface: &mut dyn Surface, bins: &[Banded], area: &PlotArea, style: Style) {
+    let at = |banded: &Banded| -> Point {
+        let bin = &banded.bin;
+        (area.x.place(bin.x), area.height(bin.mean))
+    };
+    let runs = neighbours(bins, |banded| &banded.bin);
+    for run in runs.flat_map(|run| run.split(|banded| banded.bin.mean.is_infinite())) {
+        let points: Vec<Point> = run.iter().map(at).collect();
+        if points.len() > 1 {
+            stroke(surface, &points, 2.0, style);
+        }
+    }
+    for banded in bins {
+        point(surface, at(banded), style, banded.bin.n() == 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::plots::bins::{Binning, bins};
+    use crate::report::plots::canvas::{Ink, Lettering};
+    use crate::report::plots::palette::style;
+    use crate::report::plots::scale::Scale;
+
+    /// Notes what is drawn: points of lines, corners of polygons.
+    #[derive(Default)]
+    struct Drawn {
+        lines: Vec<Vec<Point>>,
+        polygons: Vec<Vec<Point>>,
+    }
+
+    impl Surface for Drawn {
+        fn line(&mut self, points: &[Point], _width: f64, _ink: Ink) {
+            self.lines.push(points.to_vec());
+        }
+
+        fn polygon(&mut self, points: &[Point], _ink: Ink) {
+            self.polygons.push(points.to_vec());
+        }
+
+        fn disc(&mut self, _centre: Point, _radius: f64, _ink: Ink) {}
+
+        fn text(&mut self, _text: &str, _at: Point, _lettering: Lettering) {}
+    }
+
+    #[test]
+    fn neither_line_nor_shade_bridges_an_empty_bin_an_infinite_one_or_a_single_sample() {
+        let mut samples = Vec::new();
+        for bin in [0.0, 1.0, 3.0, 4.0, 5.0, 6.0] {
+            samples.extend([(bin, 1.0), (bin, 3.0)]);
+        }
+        // A single sample has no deviation; the line goes through it, the shade does not.
+        samples.push((7.0, 2.0));
+        samples.extend([(8.0, 1.0), (8.0, f64::INFINITY), (9.0, 1.0), (9.0, 3.0)]);
+        let cuts = "1".parse::<Binning>().unwrap().cuts([], None);
+        let found = bins(&samples, &cuts).into_iter().map(Banded::deviation);
+        let found: Vec<Banded> = found.collect();
+        let same = |low, high, from, to| Scale {
+            low,
+            high,
+            from,
+            to,
+        };
+        let area = PlotArea {
+            x: same(0.0, 10.0, 0.0, 10.0),
+            y: same(0.0, 10.0, 0.0, 10.0),
+            infinity: 11.0,
+        };
+        let mut drawn = Drawn::default();
+        curve(&mut drawn, &found, &area, style(0));
+        let ends = |lines: &[Vec<Point>]| -> Vec<(f64, f64)> {
+            let xs = |line: &Vec<Point>| -> Vec<f64> { line.iter().map(|p| p.0).collect() };
+            let least = |v: &[f64]| v.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = |v: &[f64]| v.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            lines
+                .iter()
+                .map(|l| (least(&xs(l)), most(&xs(l))))
+                .collect()
+        };
+        assert_eq!(ends(&drawn.lines), [(0.0, 1.0), (3.0, 7.0)]);
+        let mut drawn = Drawn::default();
+        shade(&mut drawn, &found, &area, style(0));
+        assert_eq!(ends(&drawn.polygons), [(0.0, 1.0), (3.0, 6.0), (4.0, 14.0)]);
+    }
+}

@@ -1,0 +1,199 @@
+//! How large figures are and in which colours they are drawn: by default for the screen, in print as a file says.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Deserializer, de};
+
+use super::canvas::Ink;
+use super::palette::{COLOURS, Style, style_of};
+
+/// Font size of axis labels in units: what every length of a plot is relative to.
+const LABEL_UNITS: f64 = 12.5;
+const MM_PER_INCH: f64 = 25.4;
+
+/// From a drawing's units to what is seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Medium {
+    /// CSS pixels (1/96 inch) per unit.
+    pub zoom: f64,
+    /// Of the PNG, dots per inch.
+    pub dpi: f64,
+}
+
+impl Medium {
+    /// Units are CSS pixels; two dots each way per CSS pixel.
+    pub const SCREEN: Self = Self {
+        zoom: 1.0,
+        dpi: 192.0,
+    };
+}
+
+/// A figure in print. Every key of its file may be left out.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FigureStyle {
+    /// Of the whole figure, millimetres: by default a column of a two-column paper.
+    pub width_mm: f64,
+    /// Font size of labels, points of 1/72 inch; ticks and captions are a little smaller.
+    pub font_pt: f64,
+    /// Of PNG files, dots per inch.
+    pub dpi: f64,
+    /// Height of a panel over its width.
+    pub panel_aspect: f64,
+    /// Whether plots explain themselves in a line below.
+    pub caption: bool,
+    /// Of the methods in turn, `#RRGGBB`.
+    #[serde(deserialize_with = "inks")]
+    pub colours: Vec<Ink>,
+}
+
+impl Default for FigureStyle {
+    fn default() -> Self {
+        Self {
+            width_mm: 84.0,
+            font_pt: 8.0,
+            dpi: 300.0,
+            panel_aspect: 0.62,
+            caption: true,
+            colours: COLOURS.into(),
+        }
+    }
+}
+
+/// Why a style cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {reason}", path.display())]
+pub struct StyleError {
+    path: PathBuf,
+    reason: String,
+}
+
+impl FigureStyle {
+    /// Reads a TOML file.
+    ///
+    /// # Errors
+    /// Names the file with the key that is unknown or whose value is out of range.
+    pub fn read(path: &Path) -> Result<Self, StyleError> {
+        let wrong = |reason: String| StyleError {
+            path: path.to_owned(),
+            reason,
+        };
+        let text = sharp::files::read_text(path).map_err(|error| wrong(error.to_string()))?;
+        let style: Self = toml::from_str(&text).map_err(|error| {
+            let line = error.span().map_or(1, |span| {
+                1 + text[..span.start.min(text.len())].matches('\n').count()
+            });
+            wrong(format!(
+                "line {line}: {}",
+                error.message().replace('\n', " ")
+            ))
+        })?;
+        let ranges = [
+            ("width_mm", style.width_mm, 20.0, 1000.0),
+            ("font_pt", style.font_pt, 3.0, 40.0),
+            ("dpi", style.dpi, 50.0, 1200.0),
+            ("panel_aspect", style.panel_aspect, 0.1, 5.0),
+        ];
+        for (key, value, least, most) in ranges {
+            if !(least..=most).contains(&value) {
+                return Err(wrong(format!(
+                    "{key} = {value}: between {least} and {most}"
+                )));
+            }
+        }
+        if style.colours.is_empty() {
+            return Err(wrong("colours: at least one".to_owned()));
+        }
+        Ok(style)
+    }
+
+    /// How method number `index` looks.
+    pub fn of_method(&self, index: usize) -> Style {
+        style_of(&self.colours, index)
+    }
+
+    pub(super) fn medium(&self) -> Medium {
+        Medium {
+            zoom: self.font_pt * 96.0 / 72.0 / LABEL_UNITS,
+            dpi: self.dpi,
+        }
+    }
+
+    /// Width of the whole figure in units.
+    pub(super) fn units(&self) -> f64 {
+        self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
+    }
+
+    /// Width of the whole figure in pixels.
+    pub fn pixels(&self) -> u32 {
+        (self.width_mm / MM_PER_INCH * self.dpi).round() as u32
+    }
+
+    /// Font size in pixels.
+    pub fn font_pixels(&self) -> f64 {
+        self.font_pt / 72.0 * self.dpi
+    }
+}
+
+fn inks<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Ink>, D::Error> {
+    let texts = Vec::<String>::deserialize(deserializer)?;
+    let ink = |text: &String| {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6);
+        let hex = digits.filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
+        let value = hex.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+        let [_, r, g, b] = value.map(u32::to_be_bytes).ok_or_else(|| {
+            de::Error::custom(format!("colours: '{text}' is not of the form #RRGGBB"))
+        })?;
+        Ok(Ink::opaque(r, g, b))
+    };
+    texts.iter().map(ink).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<FigureStyle, String> {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("s.toml");
+        std::fs::write(&file, text).unwrap();
+        FigureStyle::read(&file).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_file_changes_what_it_names() {
+        let style = read("width_mm = 174\ncolours = [\"#0000ff\"]\n").unwrap();
+        let expected = FigureStyle {
+            width_mm: 174.0,
+            colours: vec![Ink::opaque(0, 0, 255)],
+            ..FigureStyle::default()
+        };
+        assert_eq!(style, expected);
+        assert_eq!(read("").unwrap(), FigureStyle::default());
+        // 174 mm at 300 dpi, 8 pt at 300 dpi.
+        assert_eq!(style.pixels(), 2055);
+        assert!((style.font_pixels() - 100.0 / 3.0).abs() < 1e-12);
+        // Labels of 12.5 units are 8 pt of 96/72 CSS pixels.
+        assert!((style.medium().zoom * 12.5 - 32.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_file() {
+        for (text, part) in [
+            ("widht_mm = 3", "line 1: unknown field `widht_mm`"),
+            ("\ndpi = 1", "dpi = 1: between 50 and 1200"),
+            ("font_pt = nan", "font_pt"),
+            ("colours = [\"red\"]", "'red' is not of the form #RRGGBB"),
+            ("colours = [\"#+12345\"]", "#RRGGBB"),
+            ("colours = []", "at least one"),
+            ("dpi = ", "line 1"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(
+                error.contains("s.toml: ") && error.contains(part),
+                "{error}"
+            );
+            assert!(!error.contains('\n'), "{error}");
+        }
+    }
+}

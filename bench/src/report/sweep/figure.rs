@@ -1,0 +1,205 @@
+//! A sweep as plots: one a metric, a panel a part of the sweep.
+
+use super::study::{Rule, Sweep, SweepBin, SweepPanel};
+use super::{Band, Motion};
+use crate::io::counts::counted;
+use crate::report::error::ReportError;
+use crate::report::input::Column;
+use crate::report::plots::canvas::{Figure, Ink, Surface};
+use crate::report::plots::curves::{Banded, curve, shade, vertical};
+use crate::report::plots::palette::{Marker, Style, stroke};
+use crate::report::plots::panels::{Count, Panel, PanelFrame, PlotArea, PlotAxis, draw};
+use crate::report::plots::style::FigureStyle;
+
+const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
+const MARK: f64 = 5.0;
+
+/// The plot of each metric that has a number.
+///
+/// # Errors
+/// When the drawing library refuses.
+pub fn figures(sweep: &Sweep, style: &FigureStyle) -> Result<Vec<(Column, Figure)>, ReportError> {
+    let mut figures = Vec::new();
+    for (k, metric) in sweep.metrics.iter().enumerate() {
+        if all(sweep, k).next().is_some() {
+            figures.push((metric.clone(), figure(sweep, k, metric, style)?));
+        }
+    }
+    Ok(figures)
+}
+
+fn all(sweep: &Sweep, metric: usize) -> impl Iterator<Item = &Banded> {
+    let lines = sweep.panels.iter().flat_map(|panel| &panel.lines);
+    let bins = lines.flat_map(move |line| &line.bins[metric]);
+    bins.map(|bin| &bin.banded)
+}
+
+fn figure(
+    sweep: &Sweep,
+    k: usize,
+    metric: &Column,
+    style: &FigureStyle,
+) -> Result<Figure, ReportError> {
+    let limits = sweep.spec.thresholds.iter();
+    let limits: Vec<f64> = limits
+        .filter(|limit| limit.metric.to_string() == metric.key)
+        .map(|limit| limit.value)
+        .collect();
+    let y = vertical(all(sweep, k), &limits, metric);
+    let infinity = all(sweep, k).any(|banded| banded.bin.mean.is_infinite());
+    let mut legend: Vec<(&str, Style)> = Vec::new();
+    for line in sweep.panels.iter().flat_map(|panel| &panel.lines) {
+        if !line.bins[k].is_empty() && !legend.iter().any(|(label, _)| *label == line.label) {
+            legend.push((&line.label, style.of_method(line.style)));
+        }
+    }
+    let shown = sweep.panels.iter().filter(|panel| has(panel, k));
+    let panels = shown.map(|panel| {
+        let limits = &limits;
+        Panel {
+            frame: PanelFrame {
+                title: panel.split.clone(),
+                remark: remark(panel),
+                x: horizontal(sweep.spec.x, panel, k),
+                y: y.clone(),
+                infinity,
+                counts: counts(panel, k),
+            },
+            content: Ok(Box::new(
+                move |surface: &mut dyn Surface, area: &PlotArea| {
+                    let lines = panel.lines.iter().map(|line| {
+                        let banded = line.bins[k].iter().map(|bin| bin.banded.clone());
+                        (banded.collect::<Vec<_>>(), style.of_method(line.style))
+                    });
+                    let lines: Vec<(Vec<Banded>, Style)> = lines.collect();
+                    for (bins, style) in &lines {
+                        shade(surface, bins, area, *style);
+                    }
+                    for limit in limits {
+                        let dashed = Style {
+                            ink: LIMIT,
+                            marker: Marker::Disc,
+                            dash: Some((4.0, 3.0)),
+                        };
+                        let height = area.y.place(*limit);
+                        let ends = [(area.x.from, height), (area.x.to, height)];
+                        stroke(surface, &ends, 1.0, dashed);
+                    }
+                    for (bins, style) in &lines {
+                        curve(surface, bins, area, *style);
+                    }
+                    for crossing in &sweep.crossings {
+                        let here = crossing.metric == k && crossing.split == panel.split;
+                        let mut of_panel = panel.lines.iter();
+                        let line = of_panel.find(|line| {
+                            (&line.dataset, &line.method) == (&crossing.dataset, &crossing.method)
+                        });
+                        if let (true, Some(line)) = (here && crossing.found.x.is_finite(), line) {
+                            let at = (area.x.place(crossing.found.x), area.y.from - MARK);
+                            let ink = style.of_method(line.style).ink;
+                            Marker::Down.draw(surface, at, MARK, ink);
+                        }
+                    }
+                },
+            )),
+        }
+    });
+    let panels: Vec<Panel<'_>> = panels.collect();
+    let title = format!("{} against {}", metric.label, sweep.spec.x.label());
+    draw(
+        &title,
+        &caption(sweep, k, metric),
+        &legend,
+        &panels,
+        Some(style),
+    )
+}
+
+fn has(panel: &SweepPanel, metric: usize) -> bool {
+    panel.lines.iter().any(|line| !line.bins[metric].is_empty())
+}
+
+fn remark(panel: &SweepPanel) -> String {
+    match panel.unplaced {
+        0 => counted(panel.pairs, "pair"),
+        unplaced => format!(
+            "{} of {}",
+            panel.pairs - unplaced,
+            counted(panel.pairs, "pair")
+        ),
+    }
+}
+
+fn bins_of(panel: &SweepPanel, metric: usize) -> impl Iterator<Item = &SweepBin> {
+    panel.lines.iter().flat_map(move |line| &line.bins[metric])
+}
+
+fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
+    let bins = || bins_of(panel, metric).map(|bin| &bin.banded.bin);
+    let low = bins().map(|bin| bin.low).fold(f64::INFINITY, f64::min);
+    let high = bins().map(|bin| bin.high).fold(f64::NEG_INFINITY, f64::max);
+    // From zero where that is not far.
+    let low = match x.start() {
+        Some(start) if low >= start && low - start < 0.5 * (high - start) => start,
+        _ => low,
+    };
+    PlotAxis::over(x.label(), low, high, 6)
+}
+
+/// Of every bin the fewest and the most samples that a line has there.
+fn counts(panel: &SweepPanel, metric: usize) -> Vec<Count> {
+    let mut counts: Vec<(i64, Count)> = Vec::new();
+    for bin in bins_of(panel, metric).map(|bin| &bin.banded.bin) {
+        let n = bin.n();
+        match counts.iter_mut().find(|(number, _)| *number == bin.number) {
+            Some((_, count)) => count.n = (count.n.0.min(n), count.n.1.max(n)),
+            None => counts.push((
+                bin.number,
+                Count {
+                    low: bin.low,
+                    high: bin.high,
+                    n: (n, n),
+                },
+            )),
+        }
+    }
+    counts.sort_by_key(|(number, _)| *number);
+    counts.into_iter().map(|(_, count)| count).collect()
+}
+
+/// What the plot of a metric shows, in sentences.
+fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
+    let spec = &sweep.spec;
+    let band = match spec.band {
+        Band::Sd => "shade: ± one sample standard deviation",
+        Band::Ci95 => "shade: 95 % interval of the mean over scenes, point by point",
+        Band::None => "no shade",
+    };
+    let mut sentences = vec![
+        format!("{}: {}.", column.label, column.direction_words()),
+        format!(
+            "Mean of each bin at its pairs' mean place, {}; {band}; hollow: a single pair; nothing is drawn over empty bins.",
+            spec.binning
+        ),
+        spec.x.definition().to_owned(),
+        "n: pairs of a bin.".to_owned(),
+    ];
+    let rules: Vec<&Rule> = sweep
+        .crossings
+        .iter()
+        .filter(|c| c.metric == metric && c.found.x.is_finite())
+        .map(|c| &c.rule)
+        .collect();
+    let behind = rules.iter().find_map(|rule| match rule {
+        Rule::Behind(name) => Some(format!("is behind {name}")),
+        Rule::Beyond(_) => None,
+    });
+    let beyond = rules.iter().any(|rule| matches!(rule, Rule::Beyond(_)));
+    let beyond = beyond.then(|| "is beyond the dashed line".to_owned());
+    let what: Vec<String> = behind.into_iter().chain(beyond).collect();
+    if !what.is_empty() {
+        let what = what.join(" or ");
+        sentences.push(format!("Triangles: from there on a method {what}."));
+    }
+    sentences.join(" ")
+}

@@ -1,0 +1,96 @@
+//! How far apart the two views of a pair are.
+
+use serde::Serialize;
+
+use crate::evaluate::record::Record;
+
+/// A quantity of a pair that does not depend on the method.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// Distance of the camera centres, metres
+    #[default]
+    #[value(name = "baseline_m")]
+    BaselineM,
+    /// Angle between the cameras, degrees
+    #[value(name = "rotation_deg")]
+    RotationDeg,
+    /// Share of the target's pixels with depth that the source sees, as the pair list measured it
+    #[value(name = "overlap")]
+    Overlap,
+    /// Baseline over the target's median depth (the source's where only that has depth)
+    #[value(name = "baseline/median_depth")]
+    RelativeMotion,
+    /// 1 − overlap: share of the target that the source does not see, hidden or outside its picture
+    #[value(name = "disoccluded")]
+    Disoccluded,
+}
+
+impl Motion {
+    /// Those that breakdowns divide pairs by; the share that is not seen divides them as overlap does.
+    pub const DIVIDING: [Self; 4] = [
+        Self::BaselineM,
+        Self::RotationDeg,
+        Self::Overlap,
+        Self::RelativeMotion,
+    ];
+
+    /// `None` where it is not known, or no number.
+    pub fn of(self, record: &Record) -> Option<f64> {
+        let value = match self {
+            Self::BaselineM => Some(record.baseline_m),
+            Self::RotationDeg => Some(record.rotation_deg),
+            Self::Overlap => record.overlap,
+            Self::RelativeMotion => record.median_depth_m.map(|depth| record.baseline_m / depth),
+            Self::Disoccluded => record.overlap.map(|overlap| 1.0 - overlap),
+        };
+        value.filter(|value| value.is_finite())
+    }
+
+    /// For headings.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::BaselineM => "baseline, m",
+            Self::RotationDeg => "rotation, degrees",
+            Self::Overlap => "overlap",
+            Self::RelativeMotion => "baseline / median depth",
+            Self::Disoccluded => "share not seen by the source",
+        }
+    }
+
+    /// For an axis.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::BaselineM => "camera baseline (m)",
+            Self::RotationDeg => "rotation (degrees)",
+            Self::Overlap => "overlap (share of the target seen by the source)",
+            Self::RelativeMotion => "baseline / median depth",
+            Self::Disoccluded => "share of the target not seen by the source",
+        }
+    }
+
+    /// What a caption has to add to the label.
+    pub fn definition(self) -> &'static str {
+        match self {
+            Self::BaselineM => "Baseline: distance of the camera centres.",
+            Self::RotationDeg => "Rotation: angle between the two cameras.",
+            Self::Overlap => {
+                "Overlap: share of the target's pixels with depth that the source sees, as the pair list measured it."
+            }
+            Self::RelativeMotion => {
+                "Median depth: the target's; the source's where only that has depth."
+            }
+            Self::Disoccluded => {
+                "Not seen: 1 − overlap, the share of the target's pixels with depth that are hidden from the source or \
+                 outside its picture."
+            }
+        }
+    }
+
+    /// Where its axis starts at the latest; `None` at the least value.
+    pub fn start(self) -> Option<f64> {
+        (self != Self::Overlap).then_some(0.0)
+    }
+}

@@ -1,0 +1,83 @@
+//! What is asked of a sweep.
+
+use std::str::FromStr;
+
+use sharp_metrics::MetricKey;
+
+use super::Motion;
+use crate::report::plots::bins::Binning;
+
+/// What the shade around a mean is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Band {
+    /// One sample standard deviation of the pairs, as the paper draws it
+    #[default]
+    Sd,
+    /// The 95 % interval of the mean, over scenes
+    Ci95,
+    /// None
+    None,
+}
+
+/// What panels are told apart by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Split {
+    /// A panel a dataset, a line a method, as in the paper
+    #[default]
+    Dataset,
+    /// A panel a method, a line a dataset
+    Method,
+    /// As dataset, methods that know the source's true depth or its scale in panels of their own
+    Privileged,
+}
+
+/// A value of a metric that a method is to keep to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Threshold {
+    pub metric: MetricKey,
+    pub value: f64,
+}
+
+impl FromStr for Threshold {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, value) = text.split_once('=').ok_or("it has the form METRIC=VALUE")?;
+        let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
+        let value = value.parse().ok().filter(|v: &f64| v.is_finite());
+        let value = value.ok_or("the value is a finite number")?;
+        Ok(Self { metric, value })
+    }
+}
+
+/// A sweep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepSpec {
+    pub x: Motion,
+    pub binning: Binning,
+    pub band: Band,
+    pub split: Split,
+    /// Those to show, of those that were computed; all without any.
+    pub metrics: Vec<MetricKey>,
+    /// Only methods that know of the source's true depth, or only the others.
+    pub privileged: Option<bool>,
+    pub thresholds: Vec<Threshold>,
+    /// The method that others may fall behind.
+    pub against: Option<String>,
+}
+
+impl Default for SweepSpec {
+    /// All metrics and methods against the baseline in at most ten bins, with deviations, a panel a dataset.
+    fn default() -> Self {
+        Self {
+            x: Motion::default(),
+            binning: Binning::Round(10),
+            band: Band::default(),
+            split: Split::default(),
+            metrics: Vec::new(),
+            privileged: None,
+            thresholds: Vec::new(),
+            against: None,
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! Means of bins by dataset and method, with what is known of them.
+
+use std::collections::BTreeSet;
+
+use sharp_metrics::Direction;
+use sharp_statistics::{Clusters, Resampling, infer};
+
+use super::crossing::{Crossing, Sample};
+use super::{Band, Split, SweepSpec};
+use crate::evaluate::Results;
+use crate::evaluate::record::{Record, Status};
+use crate::methods::Privilege;
+use crate::report::assemble;
+use crate::report::board::{Board, DatasetBoard};
+use crate::report::error::ReportError;
+use crate::report::input::Column;
+use crate::report::plots::bins::{Cuts, bins};
+use crate::report::plots::curves::Banded;
+
+/// Scores against a motion, ready to be drawn and written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sweep {
+    pub spec: SweepSpec,
+    pub metrics: Vec<Column>,
+    /// Without those that have no line.
+    pub panels: Vec<SweepPanel>,
+    /// In the order of the panels, their lines and the metrics.
+    pub crossings: Vec<FoundCrossing>,
+    pub resampling: Resampling,
+}
+
+/// Lines over one horizontal axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepPanel {
+    /// The dataset as tables name it, the method, or the dataset with what its methods know.
+    pub split: String,
+    /// Of its datasets.
+    pub pairs: usize,
+    /// Of these, such whose motion is not known.
+    pub unplaced: usize,
+    pub lines: Vec<SweepLine>,
+}
+
+/// A method on a dataset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepLine {
+    pub dataset: String,
+    pub method: String,
+    /// In the legend.
+    pub label: String,
+    /// Number of its style.
+    pub style: usize,
+    /// By metric, in the order of [`Sweep::metrics`].
+    pub bins: Vec<Vec<SweepBin>>,
+}
+
+/// The pairs of a bin that have a number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepBin {
+    pub banded: Banded,
+    /// 95 % interval of the mean over clusters; `None` where nothing bounds it, as with a single one.
+    pub interval: Option<(f64, f64)>,
+}
+
+/// From where on a method is worse than asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundCrossing {
+    pub dataset: String,
+    pub method: String,
+    pub split: String,
+    /// Position in [`Sweep::metrics`].
+    pub metric: usize,
+    pub rule: Rule,
+    pub found: Crossing,
+}
+
+/// What is asked of a method.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Rule {
+    /// Not to be worse than this method, pair by pair, in the mean.
+    Behind(String),
+    /// To have a mean no worse than this.
+    Beyond(f64),
+}
+
+impl Sweep {
+    /// The sweep of some results.
+    ///
+    /// # Errors
+    /// When they contradict each other, or lack a metric or method that was named.
+    pub fn of(results: &Results, spec: SweepSpec) -> Result<Self, ReportError> {
+        let input = assemble::input(
+            results,
+            &crate::report::NoPictures,
+            crate::report::PublishedNumbers::Never,
+        );
+        let board = Board::new(input.records, &input.datasets, &input.methods)?;
+        let privileged = results.manifest.methods.iter();
+        let privileged = privileged.filter(|m| m.privilege != Privilege::None);
+        let privileged = privileged.map(|m| m.label.as_str()).collect();
+        Self::new(&board, &input.metrics, &privileged, spec)
+    }
+
+    /// The sweep of a board whose methods of these labels are privileged.
+    ///
+    /// # Errors
+    /// When a metric or method that was named is not there.
+    pub fn new(
+        board: &Board<'_>,
+        metrics: &[Column],
+        privileged: &BTreeSet<&str>,
+        spec: SweepSpec,
+    ) -> Result<Self, ReportError> {
+        let metrics = Column::chosen(metrics, &spec.metrics)?;
+        for threshold in &spec.thresholds {
+            Column::chosen(&metrics, &[threshold.metric])?;
+        }
+        let labels = || board.methods.iter().map(|m| m.label.as_str());
+        if let Some(name) = &spec.against
+            && !labels().any(|label| label == name)
+        {
+            return Err(ReportError::absent("method", name, labels()));
+        }
+        let shown: Vec<usize> = (0..board.methods.len())
+            .filter(|m| {
+                let is = privileged.contains(board.methods[*m].label.as_str());
+                spec.privileged.is_none_or(|wanted| wanted == is)
+            })
+            .collect();
+        let all = || 0..board.datasets.len();
+        let plans: Vec<(String, Vec<usize>, Vec<usize>)> = match spec.split {
+            Split::Dataset => all()
+                .map(|d| (title(board, d), vec![d], shown.clone()))
+                .collect(),
+            Split::Method => shown
+                .iter()
+                .map(|m| (board.methods[*m].label.clone(), all().collect(), vec![*m]))
+                .collect(),
+            Split::Privileged => all()
+                .flat_map(|d| {
+                    let is = |m: &usize| privileged.contains(board.methods[*m].label.as_str());
+                    let (with, without): (Vec<usize>, Vec<usize>) =
+                        shown.iter().partition(|m| is(m));
+                    let name = title(board, d);
+                    [
+                        (format!("{name}, no depth given"), vec![d], without),
+                        (format!("{name}, privileged depth"), vec![d], with),
+                    ]
+                })
+                .collect(),
+        };
+        let mut sweep = Self {
+            metrics,
+            panels: Vec::new(),
+            crossings: Vec::new(),
+            resampling: Resampling::default(),
+            spec,
+        };
+        for (split, datasets, methods) in plans {
+            sweep.add_panel(board, split, &datasets, &methods);
+        }
+        Ok(sweep)
+    }
+
+    fn add_panel(
+        &mut self,
+        board: &Board<'_>,
+        split: String,
+        datasets: &[usize],
+        methods: &[usize],
+    ) {
+        let x = self.spec.x;
+        let of = |d: &usize| &board.datasets[*d];
+        let pairs = || datasets.iter().flat_map(|d| &of(d).pairs);
+        let places: Vec<f64> = pairs().filter_map(|pair| x.of(pair.facts)).collect();
+        let cuts = self.spec.binning.cuts(places.iter().copied(), x.start());
+        let mut panel = SweepPanel {
+            pairs: pairs().count(),
+            unplaced: pairs().count() - places.len(),
+            lines: Vec::new(),
+            split,
+        };
+        for &d in datasets {
+            for &m in methods {
+                let by_method = self.spec.split == Split::Method;
+                let line = SweepLine {
+                    dataset: of(&d).dataset.name.clone(),
+                    method: board.methods[m].label.clone(),
+                    label: match by_method {
+                        true => title(board, d),
+                        false => board.methods[m].label.clone(),
+                    },
+                    style: if by_method { d } else { m },
+                    bins: self
+                        .metrics
+                        .iter()
+                        .map(|metric| self.bins(of(&d), m, metric, &cuts))
+                        .collect(),
+                };
+                if line.bins.iter().all(Vec::is_empty) {
+                    continue;
+                }
+                let crossings = self.crossings_of(board, of(&d), m, &cuts).into_iter();
+                self.crossings
+                    .extend(crossings.map(|(metric, rule, found)| FoundCrossing {
+                        dataset: line.dataset.clone(),
+                        method: line.method.clone(),
+                        split: panel.split.clone(),
+                        metric,
+                        rule,
+                        found,
+                    }));
+                panel.lines.push(line);
+            }
+        }
+        if !panel.lines.is_empty() {
+            self.panels.push(panel);
+        }
+    }
+
+    fn bins(
+        &self,
+        dataset: &DatasetBoard<'_>,
+        method: usize,
+        metric: &Column,
+        cuts: &Cuts,
+    ) -> Vec<SweepBin> {
+        let records = dataset.records_of(method);
+        let samples: Vec<(&Record, f64, f64)> = records
+            .filter_map(|r| Some((r, self.spec.x.of(r)?, score(r, metric)?)))
+            .collect();
+        let values: Vec<(f64, f64)> = samples.iter().map(|(_, x, value)| (*x, *value)).collect();
+        let found = bins(&values, cuts).into_iter().map(|bin| {
+            let members = bin.members.iter().map(|i| &samples[*i]);
+            let scores = members.map(|(record, _, value)| (record.cluster.as_str(), [0.0, *value]));
+            let interval = mean_interval(&Clusters::new(scores), self.resampling);
+            let banded = match self.spec.band {
+                Band::Sd => Banded::deviation(bin),
+                Band::Ci95 => Banded {
+                    bin,
+                    band: interval,
+                },
+                Band::None => Banded { bin, band: None },
+            };
+            SweepBin { banded, interval }
+        });
+        found.collect()
+    }
+
+    /// With the position of their metric.
+    fn crossings_of(
+        &self,
+        board: &Board<'_>,
+        dataset: &DatasetBoard<'_>,
+        method: usize,
+        cuts: &Cuts,
+    ) -> Vec<(usize, Rule, Crossing)> {
+        let other = self.spec.against.as_ref().and_then(|name| {
+            let at = board.methods.iter().position(|m| m.label == *name)?;
+            (at != method).then_some((at, name))
+        });
+        let mut found = Vec::new();
+        for (k, metric) in self.metrics.iter().enumerate() {
+            let worse = match metric.direction {
+                Some(Direction::Higher) => -1.0,
+                _ => 1.0,
+            };
+            let limits = self.spec.thresholds.iter();
+            let limits = limits.filter(|threshold| threshold.metric.to_string() == metric.key);
+            let rules = limits.map(|threshold| (Rule::Beyond(threshold.value), None));
+            let behind = other.map(|(at, name)| (Rule::Behind(name.clone()), Some(at)));
+            for (rule, at) in rules.chain(behind) {
+                let pairs = dataset.pairs.iter().filter_map(|pair| {
+                    let record = pair.by_method[method]?;
+                    let value = score(record, metric)?;
+                    let limit = match (&rule, at) {
+                        (Rule::Beyond(limit), _) => *limit,
+                        (Rule::Behind(_), at) => score(pair.by_method[at?]?, metric)?,
+                    };
+                    let loss = if value == limit {
+                        0.0
+                    } else {
+                        (value - limit) * worse
+                    };
+                    Some(Sample {
+                        x: self.spec.x.of(record)?,
+                        value: loss,
+                        cluster: &record.cluster,
+                    })
+                });
+                let samples: Vec<Sample<'_>> = pairs.collect();
+                let crossing = Crossing::of(&samples, cuts, self.resampling);
+                found.extend(crossing.map(|crossing| (k, rule, crossing)));
+            }
+        }
+        found
+    }
+}
+
+fn title(board: &Board<'_>, dataset: usize) -> String {
+    board.datasets[dataset].dataset.title().to_owned()
+}
+
+fn score(record: &Record, metric: &Column) -> Option<f64> {
+    let score = (record.status == Status::Ok).then(|| record.scores.get(&metric.key))??;
+    score.value().filter(|value| !value.is_nan())
+}
+
+/// `None` where nothing bounds the mean: a single cluster, or a value that is infinite.
+fn mean_interval(sample: &Clusters, resampling: Resampling) -> Option<(f64, f64)> {
+    let (low, high) = infer(&[sample], resampling).ok()?.interval;
+    let bounded = sample.n_clusters() > 1 && low.is_finite() && high.is_finite();
+    bounded.then_some((low, high))
+}

@@ -1,0 +1,241 @@
+//! The numbers behind the plots.
+
+use std::fmt::Write as _;
+
+use super::Band;
+use super::study::{FoundCrossing, Rule, Sweep, SweepBin, SweepPanel};
+use crate::evaluate::results::number;
+use crate::io::text::csv_cell;
+use crate::report::input::Column;
+use crate::report::plots::bins::Bin;
+use crate::report::tables::latex::escape;
+
+/// The columns of the table of bins.
+pub(super) const COLUMNS: &str =
+    "dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high";
+/// And of that of crossings.
+pub(super) const CROSSINGS: &str =
+    "dataset,method,split,metric,rule,x,ci_low,ci_high,clusters,resamples,seed";
+
+/// The first line of the LaTeX.
+pub(super) const MARK: &str = "% by sharp-bench sweep";
+
+/// One row a bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation, `ci_low` and
+/// `ci_high` bound the mean at 95 % over clusters; what is not known is empty.
+///
+/// # Errors
+/// Those of the CSV writer, which only writes to memory here.
+pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
+    let mut out = ::csv::Writer::from_writer(Vec::new());
+    out.write_record(COLUMNS.split(','))?;
+    let optional = |value: Option<f64>| value.map_or_else(String::new, number);
+    for panel in &sweep.panels {
+        for line in &panel.lines {
+            for (metric, bins) in sweep.metrics.iter().zip(&line.bins) {
+                for SweepBin { banded, interval } in bins {
+                    let bin = &banded.bin;
+                    let texts = [&line.dataset, &line.method, &panel.split, &metric.key];
+                    let texts = texts.map(|text| csv_cell(text).into_owned());
+                    let numbers = [
+                        number(bin.x),
+                        number(bin.low),
+                        number(bin.high),
+                        bin.n().to_string(),
+                        number(bin.mean),
+                        optional(bin.std),
+                        optional(interval.map(|(low, _)| low)),
+                        optional(interval.map(|(_, high)| high)),
+                    ];
+                    out.write_record(texts.iter().chain(&numbers))?;
+                }
+            }
+        }
+    }
+    out.into_inner().map_err(|error| error.into_error().into())
+}
+
+/// One row a crossing; `-inf` is already so in the first bin, `inf` not so in the last.
+///
+/// # Errors
+/// Those of the CSV writer, which only writes to memory here.
+pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
+    let mut out = ::csv::Writer::from_writer(Vec::new());
+    out.write_record(CROSSINGS.split(','))?;
+    for crossing in &sweep.crossings {
+        let metric = &sweep.metrics[crossing.metric].key;
+        let rule = rule(crossing);
+        let texts = [
+            &crossing.dataset,
+            &crossing.method,
+            &crossing.split,
+            metric,
+            &rule,
+        ];
+        let texts = texts.map(|text| csv_cell(text).into_owned());
+        let interval = crossing.found.interval;
+        let end = |end: Option<f64>| end.map_or_else(String::new, number);
+        let numbers = [
+            number(crossing.found.x),
+            end(interval.map(|(low, _)| low)),
+            end(interval.map(|(_, high)| high)),
+            crossing.found.clusters.to_string(),
+            sweep.resampling.count.to_string(),
+            sweep.resampling.seed.to_string(),
+        ];
+        out.write_record(texts.iter().chain(&numbers))?;
+    }
+    out.into_inner().map_err(|error| error.into_error().into())
+}
+
+/// `behind METHOD`, `beyond VALUE`.
+pub fn rule(crossing: &FoundCrossing) -> String {
+    match &crossing.rule {
+        Rule::Behind(name) => format!("behind {name}"),
+        Rule::Beyond(limit) => format!("beyond {limit}"),
+    }
+}
+
+/// A crossing as a sentence.
+pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
+    let metric = &sweep.metrics[crossing.metric];
+    let place = |x: f64| match x {
+        f64::NEG_INFINITY => "the first bin".to_owned(),
+        f64::INFINITY => "nowhere in range".to_owned(),
+        x => short(x),
+    };
+    let known = match crossing.found.x {
+        f64::NEG_INFINITY => "in every bin".to_owned(),
+        f64::INFINITY => "not in the last bin".to_owned(),
+        x => format!("from {} on", short(x)),
+    };
+    let interval = match crossing.found.interval {
+        Some((low, high)) => format!(" (95 %: {} to {})", place(low), place(high)),
+        None => " (no interval: a single scene)".to_owned(),
+    };
+    format!(
+        "{}: {} is {} in {} {known}{interval}, {}",
+        crossing.split,
+        crossing.method,
+        rule(crossing),
+        metric.label,
+        sweep.spec.x.label(),
+    )
+}
+
+/// A `table` environment a metric: bins as rows, methods as columns.
+pub fn latex(sweep: &Sweep) -> String {
+    let mut out = format!("{MARK}\n% \\usepackage{{booktabs,graphicx}}\n");
+    for (k, metric) in sweep.metrics.iter().enumerate() {
+        let lines = sweep.panels.iter().flat_map(|panel| &panel.lines);
+        let mut labels: Vec<&str> = Vec::new();
+        for line in lines.filter(|line| !line.bins[k].is_empty()) {
+            if !labels.contains(&line.label.as_str()) {
+                labels.push(&line.label);
+            }
+        }
+        if !labels.is_empty() {
+            table(&mut out, sweep, k, metric, &labels);
+        }
+    }
+    out
+}
+
+fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) {
+    let note = format!(
+        "Places: {}, {}. {}",
+        sweep.spec.x.label(),
+        sweep.spec.binning,
+        sweep.spec.x.definition()
+    );
+    let spread = match sweep.spec.band {
+        Band::Sd => " Mean ± one sample standard deviation.",
+        Band::Ci95 => " Mean and its 95 % interval over scenes.",
+        Band::None => "",
+    };
+    let _ = write!(
+        out,
+        "\\begin{{table}}[!htbp]\n\\centering\n\\caption{{{} against {}.{}}}\n\\label{{tab:sweep-{}}}\n\
+         \\resizebox{{\\linewidth}}{{!}}{{%\n\\begin{{tabular}}{{lr{}}}\n\\toprule\n{} & $n$",
+        escape(&metric.label),
+        escape(sweep.spec.x.label()),
+        escape(spread),
+        metric.slug(),
+        "c".repeat(labels.len()),
+        escape(sweep.spec.x.title()),
+    );
+    for label in labels {
+        let _ = write!(out, " & {}", escape(label));
+    }
+    out.push_str(" \\\\\n");
+    for panel in &sweep.panels {
+        let mut rows: Vec<&Bin> = Vec::new();
+        for bin in panel.lines.iter().flat_map(|line| &line.bins[k]) {
+            let bin = &bin.banded.bin;
+            if !rows.iter().any(|row| row.number == bin.number) {
+                rows.push(bin);
+            }
+        }
+        rows.sort_by_key(|row| row.number);
+        if rows.is_empty() {
+            continue;
+        }
+        let _ = write!(
+            out,
+            "\\midrule\n\\multicolumn{{{}}}{{l}}{{\\emph{{{}}}}} \\\\\n",
+            labels.len() + 2,
+            escape(&panel.split)
+        );
+        for row in rows {
+            let range = format!("{}–{}", short(row.low), short(row.high));
+            let _ = write!(out, "{} & {}", escape(&range), count(panel, k, row.number));
+            for label in labels {
+                let line = panel.lines.iter().find(|line| line.label == *label);
+                let bins = line.and_then(|line| {
+                    let mut bins = line.bins[k].iter();
+                    bins.find(|bin| bin.banded.bin.number == row.number)
+                });
+                let cell =
+                    bins.map_or_else(|| "–".to_owned(), |bin| cell(bin, metric, sweep.spec.band));
+                let _ = write!(out, " & {}", escape(&cell));
+            }
+            out.push_str(" \\\\\n");
+        }
+    }
+    let _ = write!(
+        out,
+        "\\bottomrule\n\\end{{tabular}}%\n}}\n\n\\smallskip\\raggedright\\footnotesize\n{}: \\texttt{{{}}}. {}\n\\end{{table}}\n",
+        escape(&metric.label),
+        escape(&metric.key),
+        escape(&note),
+    );
+}
+
+fn cell(bin: &SweepBin, metric: &Column, band: Band) -> String {
+    let mean = metric.shown(bin.banded.bin.mean);
+    match (band, bin.banded.bin.std, bin.interval) {
+        (Band::Sd, Some(std), _) => format!("{mean} ± {}", metric.shown(std)),
+        (Band::Ci95, _, Some((low, high))) => {
+            format!("{mean} [{}, {}]", metric.shown(low), metric.shown(high))
+        }
+        _ => mean,
+    }
+}
+
+/// Fewest and most pairs that a line has in a bin.
+fn count(panel: &SweepPanel, metric: usize, number: i64) -> String {
+    let bins = panel.lines.iter().flat_map(|line| &line.bins[metric]);
+    let bins = bins.filter(|bin| bin.banded.bin.number == number);
+    let counts = bins.map(|bin| bin.banded.bin.n());
+    let (least, most) = counts.fold((usize::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
+    match least == most {
+        true => most.to_string(),
+        false => format!("{least}--{most}"),
+    }
+}
+
+/// Four digits, without zeros at the end.
+fn short(value: f64) -> String {
+    let text = format!("{value:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    text.to_owned()
+}

@@ -1,0 +1,274 @@
+//! Sweeps of a few records whose numbers are known by hand.
+
+use std::collections::BTreeSet;
+
+use sharp_metrics::MetricKey;
+
+use super::study::Rule;
+use super::*;
+use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::test_records::record;
+use crate::report::board::Board;
+use crate::report::input::{Column, ReportMethod};
+use crate::report::plots::style::FigureStyle;
+
+const DATASET: &str = "d_1 & co";
+const HOSTILE: &str = "<script>=100 %";
+
+fn scored(method: &str, pair: usize, baseline_m: f64, psnr: f64) -> Record {
+    Record {
+        method: method.into(),
+        baseline_m,
+        median_depth_m: Some(4.0),
+        overlap: (pair != 3).then_some(0.75),
+        scores: [("psnr".to_owned(), Score::Value(psnr))].into(),
+        ..record(DATASET, 0, pair)
+    }
+}
+
+/// Bins of half a metre: two pairs, one pair, none, an infinite one beside a finite one.
+fn records() -> Vec<Record> {
+    let mut records = vec![
+        scored("a", 0, 0.125, 20.0),
+        scored("a", 1, 0.375, 22.0),
+        scored("a", 2, 0.5, 10.0),
+        scored("a", 3, 1.5, f64::INFINITY),
+        scored("a", 4, 1.75, 30.0),
+        scored(HOSTILE, 0, 0.125, 24.0),
+        scored(HOSTILE, 1, 0.375, 26.0),
+        scored(HOSTILE, 2, 0.5, 6.0),
+        scored(HOSTILE, 3, 1.5, 1.0),
+    ];
+    // A failure has no place in any bin.
+    records.push(Record {
+        status: Status::Failed { reason: "x".into() },
+        ..scored(HOSTILE, 4, 1.75, 99.0)
+    });
+    records
+}
+
+fn sweep(records: &[Record], spec: SweepSpec) -> Sweep {
+    let board = Board::new(records, &[], &[ReportMethod::named("a")]).unwrap();
+    let metrics = [Column::from(MetricKey::PSNR)];
+    Sweep::new(&board, &metrics, &BTreeSet::from(["a"]), spec).unwrap()
+}
+
+fn halves() -> SweepSpec {
+    SweepSpec {
+        binning: "0.5".parse().unwrap(),
+        ..SweepSpec::default()
+    }
+}
+
+fn csv_of(sweep: &Sweep) -> String {
+    String::from_utf8(table::csv(sweep).unwrap()).unwrap()
+}
+
+#[test]
+fn the_table_as_csv() {
+    let sweep = sweep(&records(), halves());
+    let expected = "\
+dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high
+d_1 & co,a,d_1 & co,psnr,0.25,0,0.5,2,21,1.4142135623730951,,
+d_1 & co,a,d_1 & co,psnr,0.5,0.5,1,1,10,,,
+d_1 & co,a,d_1 & co,psnr,1.625,1.5,2,2,inf,,,
+d_1 & co,<script>=100 %,d_1 & co,psnr,0.25,0,0.5,2,25,1.4142135623730951,,
+d_1 & co,<script>=100 %,d_1 & co,psnr,0.5,0.5,1,1,6,,,
+d_1 & co,<script>=100 %,d_1 & co,psnr,1.5,1.5,2,1,1,,,
+";
+    assert_eq!(csv_of(&sweep), expected);
+}
+
+#[test]
+fn the_table_as_latex() {
+    let expected = "\
+% by sharp-bench sweep
+% \\usepackage{booktabs,graphicx}
+\\begin{table}[!htbp]
+\\centering
+\\caption{PSNR against camera baseline (m). Mean $\\pm$ one sample standard deviation.}
+\\label{tab:sweep-psnr}
+\\resizebox{\\linewidth}{!}{%
+\\begin{tabular}{lrcc}
+\\toprule
+baseline, m & $n$ & a & \\textless{}script\\textgreater{}=100 \\% \\\\
+\\midrule
+\\multicolumn{4}{l}{\\emph{d\\_1 \\& co}} \\\\
+0–0.5 & 2 & 21.00 $\\pm$ 1.41 & 25.00 $\\pm$ 1.41 \\\\
+0.5–1 & 1 & 10.00 & 6.00 \\\\
+1.5–2 & 1--2 & $\\infty$ & 1.00 \\\\
+\\bottomrule
+\\end{tabular}%
+}
+
+\\smallskip\\raggedright\\footnotesize
+PSNR: \\texttt{psnr}. Places: camera baseline (m), bins of width 0.5. Baseline: distance of the camera centres.
+\\end{table}
+";
+    assert_eq!(table::latex(&sweep(&records(), halves())), expected);
+}
+
+#[test]
+fn intervals_are_over_clusters() {
+    let mut records = vec![scored("a", 0, 0.1, 20.0), scored("a", 1, 0.1, 22.0)];
+    records[1].cluster = "another".into();
+    let sweep = sweep(&records, halves());
+    let bin = &sweep.panels[0].lines[0].bins[0][0];
+    // Standard error 1, and Student's t with one degree of freedom.
+    let (low, high) = bin.interval.unwrap();
+    assert!((low - (21.0 - 12.706_204_736_174_7)).abs() < 1e-8, "{low}");
+    assert!(
+        (high - (21.0 + 12.706_204_736_174_7)).abs() < 1e-8,
+        "{high}"
+    );
+}
+
+#[test]
+fn panels_by_method_and_by_privilege() {
+    let by = |split, privileged| {
+        let spec = SweepSpec {
+            split,
+            privileged,
+            ..halves()
+        };
+        let panels = sweep(&records(), spec).panels.into_iter().map(|panel| {
+            let labels = panel.lines.into_iter().map(|line| line.label);
+            format!("{}: {}", panel.split, labels.collect::<Vec<_>>().join("+"))
+        });
+        panels.collect::<Vec<_>>().join("; ")
+    };
+    assert_eq!(by(Split::Dataset, None), format!("{DATASET}: a+{HOSTILE}"));
+    assert_eq!(by(Split::Dataset, Some(true)), format!("{DATASET}: a"));
+    assert_eq!(
+        by(Split::Method, None),
+        format!("a: {DATASET}; {HOSTILE}: {DATASET}")
+    );
+    assert_eq!(
+        by(Split::Privileged, None),
+        format!("{DATASET}, no depth given: {HOSTILE}; {DATASET}, privileged depth: a")
+    );
+}
+
+#[test]
+fn every_motion_has_its_place_and_unknown_ones_are_counted() {
+    let first = |x| {
+        let spec = SweepSpec {
+            x,
+            ..SweepSpec::default()
+        };
+        let panel = sweep(&records(), spec).panels.remove(0);
+        (panel.lines[0].bins[0][0].banded.bin.x, panel.unplaced)
+    };
+    assert_eq!(first(Motion::BaselineM).0, 0.125);
+    assert_eq!(first(Motion::RotationDeg), (0.0, 0));
+    assert_eq!(first(Motion::RelativeMotion).0, 0.125 / 4.0);
+    assert_eq!(first(Motion::Overlap), (0.75, 1));
+    assert_eq!(first(Motion::Disoccluded), (0.25, 1));
+}
+
+#[test]
+fn a_method_falls_behind_and_below() {
+    let spec = SweepSpec {
+        against: Some("a".into()),
+        thresholds: vec!["psnr=15.5".parse().unwrap()],
+        ..halves()
+    };
+    let sweep = sweep(&records(), spec);
+    let found: Vec<(&str, &Rule, f64)> = sweep
+        .crossings
+        .iter()
+        .map(|c| (c.method.as_str(), &c.rule, c.found.x))
+        .collect();
+    // `a` is above the limit where it is infinite; the other loses 19 dB from 0.25 m to 0.5 m, half of which brings it to 15.5,
+    // and is 4 dB ahead and then behind by as much.
+    assert_eq!(
+        found,
+        [
+            ("a", &Rule::Beyond(15.5), f64::INFINITY),
+            (HOSTILE, &Rule::Beyond(15.5), 0.375),
+            (HOSTILE, &Rule::Behind("a".into()), 0.375),
+        ]
+    );
+    let text = table::sentence(&sweep, &sweep.crossings[2]);
+    assert_eq!(
+        text,
+        "d_1 & co: <script>=100 % is behind a in PSNR from 0.375 on (no interval: a single scene), camera baseline (m)"
+    );
+    let csv = String::from_utf8(table::crossings_csv(&sweep).unwrap()).unwrap();
+    let row = "d_1 & co,a,d_1 & co,psnr,beyond 15.5,inf,,,1,10000,0";
+    assert_eq!(csv.lines().nth(1), Some(row));
+}
+
+#[test]
+fn figures_escape_names_and_are_the_same_in_any_order() {
+    let mut reversed = records();
+    reversed.reverse();
+    let spec = || SweepSpec {
+        thresholds: vec!["psnr=15.5".parse().unwrap()],
+        ..halves()
+    };
+    let style = FigureStyle::default();
+    let one = figure::figures(&sweep(&records(), spec()), &style).unwrap();
+    assert_eq!(
+        one,
+        figure::figures(&sweep(&reversed, spec()), &style).unwrap()
+    );
+    let svg = &one[0].1.svg;
+    assert!(svg.contains("&lt;script&gt;") && !svg.contains("<script>"));
+    // 84 mm at 300 dpi.
+    let png = image::load_from_memory(&one[0].1.png).unwrap();
+    assert!((990..=994).contains(&png.width()), "{}", png.width());
+    assert!(
+        figure::figures(&sweep(&[], halves()), &style)
+            .unwrap()
+            .is_empty()
+    );
+}
+
+#[test]
+fn one_pair_and_none_are_sweeps_too() {
+    let one = [scored("a", 0, 0.125, 20.0)];
+    for binning in ["0.1", "quantile:8", "0,1"] {
+        let spec = SweepSpec {
+            binning: binning.parse().unwrap(),
+            band: Band::Ci95,
+            ..SweepSpec::default()
+        };
+        let sweep = sweep(&one, spec);
+        assert_eq!(csv_of(&sweep).lines().count(), 2, "{binning}");
+        assert_eq!(
+            figure::figures(&sweep, &FigureStyle::default())
+                .unwrap()
+                .len(),
+            1
+        );
+    }
+    assert_eq!(csv_of(&sweep(&[], halves())).lines().count(), 1);
+}
+
+#[test]
+fn names_that_are_not_there_are_named() {
+    let records = records();
+    let board = Board::new(&records, &[], &[]).unwrap();
+    let new = |spec| {
+        let metrics = [Column::from(MetricKey::PSNR)];
+        let error = Sweep::new(&board, &metrics, &BTreeSet::new(), spec).unwrap_err();
+        error.to_string()
+    };
+    let error = new(SweepSpec {
+        metrics: vec![MetricKey::SSIM],
+        ..halves()
+    });
+    assert_eq!(
+        error,
+        "metric 'ssim[gauss11,valid]' is not in these runs; they have psnr"
+    );
+    let error = new(SweepSpec {
+        against: Some("z".into()),
+        ..halves()
+    });
+    assert!(
+        error.contains("method 'z'") && error.contains("have <script>=100 %, a"),
+        "{error}"
+    );
+}

@@ -1,0 +1,216 @@
+//! Controlled sweeps: from one camera to others of which one thing differs, by more from step to step.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+use sharp::camera::RigidTransform;
+
+use super::arithmetic::unit_circle;
+use super::world::World;
+use super::{SyntheticScene, view_of};
+use crate::{DatasetError, DatasetSpec, Pairing, Scene};
+
+/// How far the target's camera of an occlusion sweep stands to the right, metres.
+const OCCLUSION_BASELINE_M: f64 = 0.1;
+/// Beyond this hardly anything of the source is left in the picture, degrees.
+const FARTHEST_TURN: f64 = 90.0;
+/// More would stand in each other's place.
+const MOST_POSTS: f64 = 15.0;
+
+/// What grows, and by how much a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SweepKind {
+    TranslationM(f64),
+    RotationDeg(f64),
+    Posts(usize),
+}
+
+impl SweepKind {
+    /// The sweep that a spec asks for; `None` for the rings.
+    ///
+    /// # Errors
+    /// [`DatasetError::Spec`] for a step that is none.
+    pub(super) fn of(spec: &DatasetSpec) -> Result<Option<Self>, DatasetError> {
+        let text = spec.setting("step");
+        let wrong = |reason: &str| spec.refused(format!("'step' cannot be '{text}': {reason}"));
+        let given = match text == "auto" {
+            true => None,
+            false => {
+                let step: Option<f64> = text
+                    .parse()
+                    .ok()
+                    .filter(|s: &f64| s.is_finite() && *s > 0.0);
+                Some(step.ok_or_else(|| wrong("it is a number above zero"))?)
+            }
+        };
+        Ok(Some(match spec.setting("sweep") {
+            "translation" => Self::TranslationM(given.unwrap_or(0.05)),
+            "rotation" => Self::RotationDeg(given.unwrap_or(2.0)),
+            "occlusion" => match given.unwrap_or(1.0) {
+                posts if posts.fract() == 0.0 && posts <= MOST_POSTS => Self::Posts(posts as usize),
+                _ => return Err(wrong("it is a whole number of posts")),
+            },
+            _ if given.is_some() => return Err(wrong("there is no sweep")),
+            _ => return Ok(None),
+        }))
+    }
+
+    /// One scene a step, all in the cluster of the seed.
+    ///
+    /// # Errors
+    /// [`DatasetError::Spec`] if the last step goes too far.
+    pub(super) fn scenes(
+        self,
+        rings: &SyntheticScene,
+        dataset: &str,
+    ) -> Result<Vec<Scene>, DatasetError> {
+        let refuse = |reason: String| DatasetError::Spec {
+            text: super::ENTRY.format.to_owned(),
+            reason,
+        };
+        let options = rings.options;
+        let lens = options.lens().map_err(|e| refuse(e.to_string()))?;
+        let source = rings.views[0].camera_from_world;
+        let cluster = rings.scene(dataset).cluster;
+        let last = (options.views - 1) as f64;
+        let (reach, most) = match self {
+            Self::TranslationM(_) => (0.0, 0.0),
+            Self::RotationDeg(step) => (step * last, FARTHEST_TURN),
+            Self::Posts(step) => (step as f64 * last, MOST_POSTS),
+        };
+        if reach > most {
+            return Err(refuse(format!(
+                "a sweep to {reach} is too far; up to {most} are possible: fewer views or a smaller step"
+            )));
+        }
+        let steps = 1..options.views;
+        let scene = |step: usize| {
+            let n = step as f64;
+            let (name, target, posts) = match self {
+                Self::TranslationM(metres) => {
+                    let to_right = moved(source, DVec3::X * (metres * n));
+                    (format!("translation-{step:02}"), to_right, 0)
+                }
+                Self::RotationDeg(degrees) => {
+                    let turned = turned(source, degrees * n / 360.0);
+                    (format!("rotation-{step:02}"), turned, 0)
+                }
+                Self::Posts(posts) => {
+                    let to_right = moved(source, DVec3::X * OCCLUSION_BASELINE_M);
+                    (format!("occlusion-{step:02}"), to_right, posts * step)
+                }
+            };
+            let world = match posts {
+                0 => Arc::clone(&rings.world),
+                posts => Arc::new(World::new(options.seed, posts)),
+            };
+            // The source of all steps but those with posts is one picture, computed once.
+            let from = match posts {
+                0 => rings.views[0].clone(),
+                _ => view_of(&world, rings.views[0].id.clone(), lens, source),
+            };
+            Scene {
+                dataset: dataset.to_owned(),
+                id: format!("{cluster}/{name}"),
+                cluster: cluster.clone(),
+                views: vec![from, view_of(&world, "view_01".to_owned(), lens, target)],
+                pairing: Pairing::Stereo {
+                    source: 0,
+                    target: 1,
+                },
+                notes: Vec::new(),
+            }
+        };
+        Ok(steps.map(scene).collect())
+    }
+}
+
+/// A camera moved along its own axes.
+fn moved(camera_from_world: RigidTransform, by: DVec3) -> RigidTransform {
+    RigidTransform {
+        translation: camera_from_world.translation - by,
+        ..camera_from_world
+    }
+}
+
+/// A camera turned to the right about its own centre, by a share of a full turn.
+fn turned(camera_from_world: RigidTransform, turns: f64) -> RigidTransform {
+    let (c, s) = unit_circle(turns);
+    // What was ahead is now to the left.
+    let turn = DMat3::from_cols(DVec3::new(c, 0.0, s), DVec3::Y, DVec3::new(-s, 0.0, c));
+    RigidTransform {
+        rotation: turn * camera_from_world.rotation,
+        translation: turn * camera_from_world.translation,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sharp::camera::baseline_m;
+
+    use super::*;
+
+    fn scenes(settings: &str) -> Vec<Scene> {
+        let text = format!("synthetic=size=96x72,views=6,{settings}");
+        crate::open(&DatasetSpec::parse(&text).unwrap()).unwrap()
+    }
+
+    /// Baseline, metres, and rotation, degrees.
+    fn motion(scene: &Scene) -> (f64, f64) {
+        let [a, b] = [0, 1].map(|i| scene.views[i].camera_from_world);
+        (baseline_m(&a, &b), b.after(&a.inverse()).rotation_deg())
+    }
+
+    #[test]
+    fn one_thing_grows_and_the_others_stay() {
+        for (step, scene) in (1..).zip(scenes("sweep=translation,step=0.1")) {
+            let (metres, degrees) = motion(&scene);
+            assert!((metres - 0.1 * f64::from(step)).abs() < 1e-12);
+            assert!(degrees < 1e-6, "{degrees}");
+        }
+        for (step, scene) in (1..).zip(scenes("sweep=rotation")) {
+            let (metres, degrees) = motion(&scene);
+            assert!(metres < 1e-12 && (degrees - 2.0 * f64::from(step)).abs() < 1e-6);
+        }
+        let steps = scenes("sweep=occlusion");
+        assert_eq!(steps.len(), 5);
+        for scene in &steps {
+            assert!((motion(scene).0 - 0.1).abs() < 1e-12);
+            assert_eq!((scene.cluster.as_str(), scene.views.len()), ("seed0", 2));
+        }
+    }
+
+    #[test]
+    fn a_camera_turned_to_the_right_sees_what_was_ahead_on_its_left() {
+        let scene = &scenes("sweep=rotation,step=10")[0];
+        let [a, b] = [0, 1].map(|i| scene.views[i].camera_from_world);
+        let ahead = a.inverse().apply(DVec3::Z);
+        let seen = b.apply(ahead);
+        // sin and cos of ten degrees.
+        assert!((seen.x + 0.173_648_177_666_930_35).abs() < 1e-12, "{seen}");
+        assert!((seen.z - 0.984_807_753_012_208).abs() < 1e-12);
+    }
+
+    #[test]
+    fn posts_hide_more_from_step_to_step_and_stay_where_they_were() {
+        let steps = scenes("sweep=occlusion");
+        let near = |scene: &Scene| {
+            let depth = scene.views[0].content.depth().unwrap().unwrap();
+            let posts = depth.iter().map(|z| (0.97..1.01).contains(z));
+            posts.collect::<Vec<bool>>()
+        };
+        let maps: Vec<Vec<bool>> = steps.iter().map(near).collect();
+        for two in maps.windows(2) {
+            assert!(
+                two[0]
+                    .iter()
+                    .zip(&two[1])
+                    .all(|(before, now)| !before || *now)
+            );
+            let count = |map: &[bool]| map.iter().filter(|is| **is).count();
+            // A post is 3 cm of the 111 cm that a picture shows a metre away.
+            let share = (count(&two[1]) - count(&two[0])) as f64 / (96.0 * 72.0);
+            assert!((0.01..0.05).contains(&share), "{share}");
+        }
+    }
+}
