@@ -44,7 +44,7 @@ pub fn figure(
     seconds: &Seconds,
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
-    let panels: Vec<_> = board
+    let panels: Vec<(&DatasetBoard<'_>, Vec<(usize, f64, f64)>)> = board
         .datasets
         .iter()
         .map(|dataset| {
