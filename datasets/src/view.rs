@@ -77,6 +77,8 @@ pub struct View {
 pub enum Pairing {
     /// Exactly one pair: the paper's stereo protocol, left to right.
     Stereo { source: usize, target: usize },
+    /// From one view to each of the others, whatever their overlap: a controlled sweep.
+    Star { source: usize },
     /// Pairs come from sets of consecutive views and their overlap.
     MultiView,
 }

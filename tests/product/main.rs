@@ -46,6 +46,8 @@ mod run_command;
 #[cfg(test)]
 mod support;
 #[cfg(test)]
+mod sweep_command;
+#[cfg(test)]
 mod tiny;
 #[cfg(test)]
 mod traced_models;

@@ -274,7 +274,18 @@ fn motion(args: &RunsArgs, privileged: bool) -> anyhow::Result<Outcome> {
         ..SweepSpec::default()
     };
     let style = style(args.out.style.as_ref())?;
-    sweep(&args.runs, spec, &args.out.out, &style, args.out.json)
+    let stem = if privileged {
+        "motion-privileged"
+    } else {
+        "motion"
+    };
+    sweep(
+        &args.runs,
+        spec,
+        (&args.out.out, stem),
+        &style,
+        args.out.json,
+    )
 }
 
 fn plots(

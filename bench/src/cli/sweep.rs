@@ -30,7 +30,7 @@ Examples:
   sharp-bench sweep runs/first --bins 0.1 --metrics dists --threshold dists=0.2 --against sharp --out sweep
 
 Writes sweep-METRIC.svg, .png and .pdf, sweep.csv (dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high),
-sweep.tex, and with --threshold or --against crossings.csv. The paper's own plots: sharp-bench figure motion,
+sweep.tex, and with --threshold or --against sweep-crossings.csv. The paper's own plots: sharp-bench figure motion,
 figure motion-privileged.")]
 pub(super) struct SweepArgs {
     /// Run folders or bundles
@@ -81,7 +81,7 @@ pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
         binning: args.bins.clone().unwrap_or(SweepSpec::default().binning),
         ..SweepSpec::default()
     };
-    sweep(&args.runs, spec, &args.out, &style, args.json)
+    sweep(&args.runs, spec, (&args.out, "sweep"), &style, args.json)
 }
 
 /// The style of a file, or what is usual without one.
@@ -97,14 +97,14 @@ pub(super) fn style(file: Option<&PathBuf>) -> anyhow::Result<FigureStyle> {
 pub(super) fn sweep(
     runs: &[Named],
     spec: SweepSpec,
-    out: &Path,
+    (out, stem): (&Path, &str),
     style: &FigureStyle,
     as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let results = join(runs)?;
     check_writable(out)?;
     let sweep = Sweep::of(&results, spec)?;
-    let files = files::write(&sweep, out, style)?;
+    let files = files::write(&sweep, out, stem, style)?;
     if as_json {
         let crossings = sweep.crossings.iter().map(|crossing| {
             let interval = crossing.found.interval;
@@ -113,7 +113,7 @@ pub(super) fn sweep(
                 "method": crossing.method,
                 "split": crossing.split,
                 "metric": sweep.metrics[crossing.metric].key,
-                "rule": table::rule(crossing),
+                "rule": table::rule(&sweep, crossing),
                 "x": json_number(crossing.found.x),
                 "ci_low": interval.map(|(low, _)| json_number(low)),
                 "ci_high": interval.map(|(_, high)| json_number(high)),

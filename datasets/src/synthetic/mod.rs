@@ -52,7 +52,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
         Setting::choice(
             "sweep",
-            "one thing alone, growing from step to step; a step is a scene with one pair, whose source is always the same camera",
+            "one thing alone, growing from target to target; the source is always the same camera",
             &[
                 choice(
                     "none",

@@ -55,7 +55,8 @@ impl SweepKind {
         }))
     }
 
-    /// One scene a step, all in the cluster of the seed.
+    /// One scene from the first camera to all others; with posts one scene a step, for each has its own. All are of the
+    /// cluster of the seed.
     ///
     /// # Errors
     /// [`DatasetError::Spec`] if the last step goes too far.
@@ -83,45 +84,40 @@ impl SweepKind {
                 "a sweep to {reach} is too far; up to {most} are possible: fewer views or a smaller step"
             )));
         }
-        let steps = 1..options.views;
-        let scene = |step: usize| {
+        let view = |world: &Arc<World>, step: usize, pose| {
+            view_of(world, format!("view_{step:02}"), lens, pose)
+        };
+        let target = |step: usize| {
             let n = step as f64;
-            let (name, target, posts) = match self {
-                Self::TranslationM(metres) => {
-                    let to_right = moved(source, DVec3::X * (metres * n));
-                    (format!("translation-{step:02}"), to_right, 0)
-                }
-                Self::RotationDeg(degrees) => {
-                    let turned = turned(source, degrees * n / 360.0);
-                    (format!("rotation-{step:02}"), turned, 0)
-                }
-                Self::Posts(posts) => {
-                    let to_right = moved(source, DVec3::X * OCCLUSION_BASELINE_M);
-                    (format!("occlusion-{step:02}"), to_right, posts * step)
-                }
-            };
-            let world = match posts {
-                0 => Arc::clone(&rings.world),
-                posts => Arc::new(World::new(options.seed, posts)),
-            };
-            // The source of all steps but those with posts is one picture, computed once.
-            let from = match posts {
-                0 => rings.views[0].clone(),
-                _ => view_of(&world, rings.views[0].id.clone(), lens, source),
-            };
-            Scene {
-                dataset: dataset.to_owned(),
-                id: format!("{cluster}/{name}"),
-                cluster: cluster.clone(),
-                views: vec![from, view_of(&world, "view_01".to_owned(), lens, target)],
-                pairing: Pairing::Stereo {
-                    source: 0,
-                    target: 1,
-                },
-                notes: Vec::new(),
+            match self {
+                Self::TranslationM(metres) => moved(source, DVec3::X * (metres * n)),
+                Self::RotationDeg(degrees) => turned(source, degrees * n / 360.0),
+                Self::Posts(_) => moved(source, DVec3::X * OCCLUSION_BASELINE_M),
             }
         };
-        Ok(steps.map(scene).collect())
+        let scene = |id: String, views| Scene {
+            dataset: dataset.to_owned(),
+            id,
+            cluster: cluster.clone(),
+            views,
+            pairing: Pairing::Star { source: 0 },
+            notes: Vec::new(),
+        };
+        let steps = 1..options.views;
+        Ok(match self {
+            Self::Posts(posts) => steps
+                .map(|step| {
+                    let world = Arc::new(World::new(options.seed, posts * step));
+                    let views = vec![view(&world, 0, source), view(&world, step, target(step))];
+                    scene(format!("{cluster}/{:02}-posts", posts * step), views)
+                })
+                .collect(),
+            _ => {
+                let targets = steps.map(|step| view(&rings.world, step, target(step)));
+                let first = std::iter::once(rings.views[0].clone());
+                vec![scene(cluster.clone(), first.chain(targets).collect())]
+            }
+        })
     }
 }
 
@@ -155,28 +151,36 @@ mod tests {
         crate::open(&DatasetSpec::parse(&text).unwrap()).unwrap()
     }
 
-    /// Baseline, metres, and rotation, degrees.
-    fn motion(scene: &Scene) -> (f64, f64) {
-        let [a, b] = [0, 1].map(|i| scene.views[i].camera_from_world);
-        (baseline_m(&a, &b), b.after(&a.inverse()).rotation_deg())
+    /// Baseline, metres, and rotation, degrees, of each view but the first.
+    fn motions(scene: &Scene) -> Vec<(f64, f64)> {
+        let poses = scene.views.iter().map(|view| view.camera_from_world);
+        let first = scene.views[0].camera_from_world;
+        let of = |b: RigidTransform| {
+            (
+                baseline_m(&first, &b),
+                b.after(&first.inverse()).rotation_deg(),
+            )
+        };
+        poses.skip(1).map(of).collect()
     }
 
     #[test]
     fn one_thing_grows_and_the_others_stay() {
-        for (step, scene) in (1..).zip(scenes("sweep=translation,step=0.1")) {
-            let (metres, degrees) = motion(&scene);
+        let translation = scenes("sweep=translation,step=0.1");
+        assert_eq!((translation.len(), translation[0].views.len()), (1, 6));
+        for (step, (metres, degrees)) in (1..).zip(motions(&translation[0])) {
             assert!((metres - 0.1 * f64::from(step)).abs() < 1e-12);
             assert!(degrees < 1e-6, "{degrees}");
         }
-        for (step, scene) in (1..).zip(scenes("sweep=rotation")) {
-            let (metres, degrees) = motion(&scene);
+        for (step, (metres, degrees)) in (1..).zip(motions(&scenes("sweep=rotation")[0])) {
             assert!(metres < 1e-12 && (degrees - 2.0 * f64::from(step)).abs() < 1e-6);
         }
         let steps = scenes("sweep=occlusion");
-        assert_eq!(steps.len(), 5);
+        assert_eq!((steps.len(), steps[4].id.as_str()), (5, "seed0/05-posts"));
         for scene in &steps {
-            assert!((motion(scene).0 - 0.1).abs() < 1e-12);
-            assert_eq!((scene.cluster.as_str(), scene.views.len()), ("seed0", 2));
+            assert_eq!(scene.views.len(), 2);
+            assert!((motions(scene)[0].0 - 0.1).abs() < 1e-12);
+            assert_eq!(scene.cluster, "seed0");
         }
     }
 

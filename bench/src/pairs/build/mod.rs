@@ -167,7 +167,11 @@ pub fn build_pairs(
     for (done, scene) in scenes.iter().enumerate() {
         let mut work = SceneWork::new(scene, options, context, &mut build);
         match scene.pairing {
-            Pairing::Stereo { source, target } => work.stereo(source, target),
+            Pairing::Stereo { source, target } => work.one_to_others(source, &[target]),
+            Pairing::Star { source } => {
+                let others: Vec<usize> = (0..scene.views.len()).filter(|i| *i != source).collect();
+                work.one_to_others(source, &others);
+            }
             Pairing::MultiView => work.multi_view(),
         }
         (context.progress)(done + 1, scenes.len());

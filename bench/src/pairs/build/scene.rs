@@ -72,19 +72,21 @@ impl<'a> SceneWork<'a> {
             .or_default()
     }
 
-    pub(super) fn stereo(&mut self, source: usize, target: usize) {
+    /// The pairs from one view to others, whatever their overlap.
+    pub(super) fn one_to_others(&mut self, source: usize, targets: &[usize]) {
         let views = self.scene.views.len();
         let counts = self.counts();
         counts.scenes += 1;
         counts.views += views;
         counts.sets += 1;
-        counts.considered += 1;
-        if !self.is_in_range(source, target) {
-            return;
+        counts.considered += targets.len();
+        for &target in targets {
+            if self.is_in_range(source, target) {
+                let (a, b) = (source.min(target), source.max(target));
+                self.measuring(|work, known| work.measure(&[a, b], known));
+                self.add(&[(source, target, None)]);
+            }
         }
-        let (a, b) = (source.min(target), source.max(target));
-        self.measuring(|work, known| work.measure(&[a, b], known));
-        self.add(&[(source, target, None)]);
     }
 
     /// The pairs within the sets of a multi-view scene.
@@ -201,7 +203,7 @@ impl<'a> SceneWork<'a> {
             let depth_of = |i| self.known.depths.get(&i).copied().flatten();
             let depth = match self.scene.pairing {
                 Pairing::Stereo { .. } => depth_of(target).or_else(|| depth_of(source)),
-                Pairing::MultiView => depth_of(target),
+                Pairing::Star { .. } | Pairing::MultiView => depth_of(target),
             };
             let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
             let pair = Pair {

@@ -18,6 +18,9 @@ use crate::report::statistics::of_metric;
 /// Seconds by label of the method and pair id.
 pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 
+/// A method by its position, its median seconds and its mean score.
+type Placed = (usize, f64, f64);
+
 /// What the predictions of some results took; nothing of bundles, which hold no times.
 ///
 /// # Errors
@@ -44,7 +47,7 @@ pub fn figure(
     seconds: &Seconds,
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
-    let panels: Vec<(&DatasetBoard<'_>, Vec<(usize, f64, f64)>)> = board
+    let panels: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
         .datasets
         .iter()
         .map(|dataset| {

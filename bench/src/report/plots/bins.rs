@@ -100,19 +100,24 @@ impl Binning {
     }
 }
 
+/// A place this share of a bin's width below an edge is at it: camera centres, and what is computed from them, are rounded.
+const ROUNDING: f64 = 1e-9;
+
 impl Cuts {
     /// Number, lower and upper edge of the bin of a place; `None` outside all edges.
     fn bin(&self, x: f64) -> Option<(i64, f64, f64)> {
         match self {
             Self::Steps(step) => {
-                let k = step.index(x);
+                let k = step.index(x + ROUNDING * step.at(1));
                 Some((k, step.at(k), step.at(k.saturating_add(1))))
             }
             Self::Edges(edges) => {
                 let (first, last) = edges.first().zip(edges.last())?;
-                if !(*first..=*last).contains(&x) {
+                let rounding = ROUNDING * (last - first);
+                if !(*first - rounding..=*last + rounding).contains(&x) {
                     return None;
                 }
+                let x = x + rounding;
                 // The last edge belongs to the bin below it; a single edge is a bin of its own.
                 let above = edges
                     .partition_point(|edge| *edge <= x)
@@ -221,6 +226,11 @@ mod tests {
                 (7, 0.7, 1, 5.0, None),
             ]
         );
+        // Rounding leaves this sum below 0.3.
+        let below = [(0.1 + 0.7 - 0.5, 1.0)];
+        assert!(below[0].0 < 0.3);
+        assert_eq!(cut("0.1", &below), [(0.3, 0.4, 1, 1.0)]);
+        assert_eq!(cut("0,0.3,1", &below), [(0.3, 1.0, 1, 1.0)]);
         assert_eq!(found[0].members, [0, 2]);
         assert_eq!(found[0].x, 0.0999 / 2.0);
         let runs: Vec<usize> = neighbours(&found, |bin| bin).map(<[_]>::len).collect();

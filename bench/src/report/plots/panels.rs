@@ -19,8 +19,10 @@ const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
 const TITLE_SIZE: f64 = 14.0;
 
-/// Share of its room that a line of an SVG may fill in the bundled font: systems without it show wider ones.
+/// Share of its room that a line of an SVG may fill in the bundled font on a screen, where systems without it show wider
+/// ones, and in print, which is for the PDF.
 const ROOM: f64 = 0.8;
+const PRINT_ROOM: f64 = 0.96;
 /// A panel in print is no narrower as long as the figure is wide enough for one.
 const NARROWEST: f64 = 170.0;
 /// Height of the strip of counts, and the size of its numbers.
@@ -181,6 +183,8 @@ struct PanelLayout {
     panel: (f64, f64),
     /// From a panel to what is below it.
     bottom: f64,
+    /// Share of its room that text may fill.
+    fill: f64,
     legend: Vec<Vec<usize>>,
     caption: Vec<String>,
 }
@@ -207,14 +211,15 @@ impl PanelLayout {
             rows: panels.div_ceil(columns).max(1),
             panel,
             bottom: BOTTOM,
+            fill: if print.is_some() { PRINT_ROOM } else { ROOM },
             legend: Vec::new(),
             caption: Vec::new(),
         };
         let room = grid.width() - LEFT - RIGHT;
-        grid.caption = wrapped(caption, TICK_SIZE, Weight::Regular, room * ROOM);
+        grid.caption = wrapped(caption, TICK_SIZE, Weight::Regular, room * grid.fill);
         let mut used = f64::INFINITY;
         for (i, label) in labels.iter().enumerate() {
-            let item = legend_width(label);
+            let item = grid.legend_width(label);
             if used + item > room {
                 grid.legend.push(Vec::new());
                 used = 0.0;
@@ -229,6 +234,10 @@ impl PanelLayout {
 
     fn width(&self) -> f64 {
         2.0 * MARGIN + self.columns as f64 * (LEFT + self.panel.0 + RIGHT)
+    }
+
+    fn legend_width(&self, label: &str) -> f64 {
+        33.0 + width(label, LABEL_SIZE, Weight::Regular) / self.fill + 12.0
     }
 
     fn head(&self) -> f64 {
@@ -256,7 +265,7 @@ impl PanelLayout {
                 style.marker.draw(surface, (x + 13.0, y), MARKER, style.ink);
                 let at = (x + 33.0, y + middle(LABEL_SIZE));
                 surface.text(label, at, lettering(LABEL_SIZE, INK, Anchor::Start));
-                x += legend_width(label);
+                x += self.legend_width(label);
             }
         }
         let small = lettering(TICK_SIZE, MUTED, Anchor::Start);
@@ -291,7 +300,7 @@ impl PanelLayout {
         };
         let remark = lettering(TICK_SIZE, MUTED, Anchor::End);
         surface.text(&frame.remark, (right, top - 12.0), remark);
-        let room = ROOM * w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
+        let room = self.fill * w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
         let title = Lettering {
             weight: Weight::Bold,
             ..lettering(TITLE_SIZE, INK, Anchor::Start)
@@ -332,7 +341,7 @@ impl PanelLayout {
             ..label
         };
         let at = (left - LEFT + 14.0, top + h / 2.0);
-        let label = fitted(&frame.y.label, LABEL_SIZE, Weight::Regular, ROOM * h);
+        let label = fitted(&frame.y.label, LABEL_SIZE, Weight::Regular, self.fill * h);
         surface.text(&label, at, upwards);
         place
     }
@@ -398,10 +407,6 @@ fn count_strip(surface: &mut dyn Surface, counts: &[Count], x: &Scale, foot: f64
     };
     let small = lettering(COUNT_SIZE, MUTED, Anchor::End);
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);
-}
-
-fn legend_width(label: &str) -> f64 {
-    33.0 + width(label, LABEL_SIZE, Weight::Regular) / ROOM + 12.0
 }
 
 /// From the middle of a capital to its baseline.

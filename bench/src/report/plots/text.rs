@@ -189,7 +189,7 @@ mod tests {
     fn the_bundled_fonts_have_every_sign_that_plots_use() {
         for weight in [Weight::Regular, Weight::Bold] {
             let font = font(weight).unwrap();
-            for c in "azAZ09.,:;()[]/%@=+-−±×÷→↑↓∞≥≤·σ…".chars() {
+            for c in "azAZ09.,:;()[]/%@=+-−–±×÷→↑↓∞≥≤·σ…".chars() {
                 assert_ne!(font.glyph_id(c).0, 0, "{c}");
             }
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use sharp_statistics::Resampling;
 
 use crate::report::plots::bins::{Bin, Cuts, bins};
@@ -50,7 +51,7 @@ impl Crossing {
         }
         let clusters: Vec<&Vec<(f64, f64)>> = sums.values().collect();
         let interval = (clusters.len() > 1).then(|| {
-            let places = (0..resampling.count.get()).map(|k| {
+            let places = (0..resampling.count.get()).into_par_iter().map(|k| {
                 let mut all = vec![(0.0, 0.0); bins.len()];
                 for cluster in resampling.drawn(k, clusters.len()) {
                     for (total, part) in all.iter_mut().zip(clusters[cluster]) {

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use sharp_metrics::Direction;
+
 use super::Band;
 use super::study::{FoundCrossing, Rule, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
@@ -63,7 +65,7 @@ pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     out.write_record(CROSSINGS.split(','))?;
     for crossing in &sweep.crossings {
         let metric = &sweep.metrics[crossing.metric].key;
-        let rule = rule(crossing);
+        let rule = rule(sweep, crossing);
         let texts = [
             &crossing.dataset,
             &crossing.method,
@@ -87,37 +89,41 @@ pub fn crossings_csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     out.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// `behind METHOD`, `beyond VALUE`.
-pub fn rule(crossing: &FoundCrossing) -> String {
+/// `behind METHOD`, `below VALUE` or `above VALUE`, whichever is worse.
+pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
+    let side = match sweep.metrics[crossing.metric].direction {
+        Some(Direction::Higher) => "below",
+        _ => "above",
+    };
     match &crossing.rule {
         Rule::Behind(name) => format!("behind {name}"),
-        Rule::Beyond(limit) => format!("beyond {limit}"),
+        Rule::Beyond(limit) => format!("{side} {limit}"),
     }
 }
 
 /// A crossing as a sentence.
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
+    let x = crossing.found.x;
     let place = |x: f64| match x {
-        f64::NEG_INFINITY => "the first bin".to_owned(),
-        f64::INFINITY => "nowhere in range".to_owned(),
-        x => short(x),
-    };
-    let known = match crossing.found.x {
         f64::NEG_INFINITY => "in every bin".to_owned(),
         f64::INFINITY => "not in the last bin".to_owned(),
         x => format!("from {} on", short(x)),
     };
     let interval = match crossing.found.interval {
+        Some((low, high)) if low == high && low == x => {
+            " (and so for 95 % of resampled scenes)".to_owned()
+        }
         Some((low, high)) => format!(" (95 %: {} to {})", place(low), place(high)),
         None => " (no interval: a single scene)".to_owned(),
     };
     format!(
-        "{}: {} is {} in {} {known}{interval}, {}",
+        "{}: {} is {} in {} {}{interval}; {}",
         crossing.split,
         crossing.method,
-        rule(crossing),
+        rule(sweep, crossing),
         metric.label,
+        place(x),
         sweep.spec.x.label(),
     )
 }

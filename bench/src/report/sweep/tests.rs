@@ -192,10 +192,10 @@ fn a_method_falls_behind_and_below() {
     let text = table::sentence(&sweep, &sweep.crossings[2]);
     assert_eq!(
         text,
-        "d_1 & co: <script>=100 % is behind a in PSNR from 0.375 on (no interval: a single scene), camera baseline (m)"
+        "d_1 & co: <script>=100 % is behind a in PSNR from 0.375 on (no interval: a single scene); camera baseline (m)"
     );
     let csv = String::from_utf8(table::crossings_csv(&sweep).unwrap()).unwrap();
-    let row = "d_1 & co,a,d_1 & co,psnr,beyond 15.5,inf,,,1,10000,0";
+    let row = "d_1 & co,a,d_1 & co,psnr,below 15.5,inf,,,1,10000,0";
     assert_eq!(csv.lines().nth(1), Some(row));
 }
 

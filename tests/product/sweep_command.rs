@@ -1,0 +1,159 @@
+//! `sharp-bench sweep` and `figure` as people run them.
+
+use std::path::Path;
+
+use crate::support::{read, sharp_bench};
+
+/// Runs of a controlled sweep: two scenes, three steps of 5 cm each.
+fn folder() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let args = [
+        "run",
+        "--dataset",
+        "S:synthetic=sweep=translation,size=48x36,views=4,scenes=2",
+        "--method",
+        "copy",
+        "--method",
+        "mean",
+        "--metrics",
+        "psnr",
+        "--out",
+        "run",
+    ];
+    sharp_bench(dir.path(), &args).ends_with(0);
+    dir
+}
+
+fn is_there(dir: &Path, name: &str) {
+    assert!(dir.join(name).is_file(), "{name}");
+}
+
+#[test]
+fn a_controlled_sweep_from_pictures_to_tables() {
+    let dir = folder();
+    let args = [
+        "sweep",
+        "run",
+        "--bins",
+        "0.05",
+        "--threshold",
+        "psnr=99",
+        "--against",
+        "copy",
+        "--out",
+        "out",
+        "--json",
+    ];
+    let said = sharp_bench(dir.path(), &args).ends_with(0).json();
+    assert_eq!(said["crossings"][0]["rule"], "below 99");
+    assert_eq!(said["crossings"][0]["x"], "-inf");
+    assert_eq!(said["crossings"].as_array().unwrap().len(), 3);
+    for name in ["psnr.svg", "psnr.png", "psnr.pdf"] {
+        is_there(dir.path(), &format!("out/sweep-{name}"));
+    }
+    let csv = read(dir.path().join("out/sweep.csv"));
+    let of_copy: Vec<Vec<&str>> = csv
+        .lines()
+        .filter(|line| line.starts_with("S,copy,"))
+        .map(|line| line.split(',').collect())
+        .collect();
+    let edges: Vec<(&str, &str, &str)> = of_copy.iter().map(|r| (r[5], r[6], r[7])).collect();
+    // A step a bin, two scenes each.
+    assert_eq!(
+        edges,
+        [
+            ("0.05", "0.1", "2"),
+            ("0.1", "0.15", "2"),
+            ("0.15", "0.2", "2")
+        ]
+    );
+    let tex = read(dir.path().join("out/sweep.tex"));
+    assert!(tex.contains("\\toprule") && tex.contains("0.05–0.1 & 2 &"));
+    assert!(
+        read(dir.path().join("out/sweep-crossings.csv")).contains("S,mean,S,psnr,behind copy,")
+    );
+
+    // The same again is the same, and takes the place of what was there.
+    let before = std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap();
+    sharp_bench(dir.path(), &args).ends_with(0);
+    assert!(before == std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap());
+    // What is somebody else's stays.
+    std::fs::write(dir.path().join("out/sweep.csv"), "mine\n").unwrap();
+    sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "something else"]);
+    assert_eq!(read(dir.path().join("out/sweep.csv")), "mine\n");
+}
+
+#[test]
+fn figures_of_runs() {
+    let dir = folder();
+    std::fs::write(dir.path().join("style.toml"), "width_mm = 60\ndpi = 100\n").unwrap();
+    let figure = |name: &str, more: &[&str]| {
+        let common = ["figure", name, "run", "--out", "f", "--style", "style.toml"];
+        sharp_bench(dir.path(), &[&common, more].concat())
+    };
+    for name in ["baselines", "fidelity-time"] {
+        let more: &[&str] = if name == "baselines" {
+            &[]
+        } else {
+            &["--metric", "psnr"]
+        };
+        figure(name, more).ends_with(0);
+        is_there(dir.path(), &format!("f/{name}.pdf"));
+    }
+    for name in ["qualitative", "ablation", "extended-motion"] {
+        figure(name, &["--crop", "4,4,12,9"]).ends_with(0);
+        let png = image::open(dir.path().join(format!("f/{name}.png"))).unwrap();
+        // 60 mm at 100 dpi, less what columns leave.
+        assert!(
+            (230..=236).contains(&png.width()),
+            "{name}: {}",
+            png.width()
+        );
+    }
+    figure("failure", &["--method", "copy"]).ends_with(0);
+    figure("failure", &[]).is_usage_error_with(&["--method"]);
+    figure("motion", &[]).is_error_with(&["metric 'dists' is not in these runs", "psnr"]);
+    figure("qualitative", &["--pair", "x"]).is_error_with(&["pair 'x'", "S/seed0/"]);
+    figure("qualitative", &["--crop", "1,2"]).is_usage_error_with(&["X,Y,WIDTH,HEIGHT"]);
+    let list = sharp_bench(dir.path(), &["figure", "list", "--json"])
+        .ends_with(0)
+        .json();
+    assert!(
+        list.as_array()
+            .unwrap()
+            .iter()
+            .any(|f| f["name"] == "motion-privileged")
+    );
+
+    std::fs::write(dir.path().join("style.toml"), "font = 3\n").unwrap();
+    figure("baselines", &[]).is_error_with(&["style.toml: line 1", "font"]);
+}
+
+#[test]
+fn depth_against_that_of_the_mirrored_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    image::RgbImage::new(8, 6).save(path("p.png")).unwrap();
+    let depth = |name: &str, ahead: u16| {
+        let map = image::ImageBuffer::from_fn(8, 6, |x, _| image::Luma([ahead + 100 * x as u16]));
+        map.save(path(name)).unwrap();
+    };
+    depth("d.png", 1000);
+    depth("m.png", 2000);
+    let args = [
+        "figure",
+        "uncertainty",
+        "--picture",
+        "p.png",
+        "--depth",
+        "d.png",
+        "--mirrored",
+        "m.png",
+        "--out",
+        "f",
+    ];
+    sharp_bench(dir.path(), &args).ends_with(0);
+    is_there(dir.path(), "f/uncertainty.png");
+    let without = ["figure", "uncertainty", "--picture", "p.png", "--out", "f"];
+    sharp_bench(dir.path(), &without).is_usage_error_with(&["--checkpoint"]);
+}
