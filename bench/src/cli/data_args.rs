@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
-use sharp_metrics::{Device, MetricRegion, Scorer, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
 use super::output;
@@ -35,15 +35,9 @@ impl MetricArgs {
         Selection::parse(&self.metrics).with_context(|| format!("--metrics {}", self.metrics))
     }
 
-    /// The metrics of a run. Its mask is the view-frustum mask of a pair.
+    /// The metrics of a run.
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
         let selection = self.selection()?;
-        if let Some(key) = selection
-            .keys()
-            .find(|key| key.region() == MetricRegion::Given)
-        {
-            bail!("--metrics {key}: masks are handed in with `sharp-bench metrics --mask` only");
-        }
         let (weights, options) = (self.weights()?, self.options()?);
         Ok(Scoring::with_options(&selection, &weights, options)?)
     }
