@@ -17,6 +17,7 @@ mod model;
 mod outcome;
 mod output;
 mod pairs;
+mod protocols;
 mod render;
 mod rendering_args;
 mod report;
@@ -63,6 +64,7 @@ enum CliCommand {
     Gate(gate::GateArgs),
     History(history::HistoryArgs),
     Pairs(pairs::PairsArgs),
+    Protocols(protocols::ProtocolsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
     Metrics(metrics::MetricsArgs),
@@ -98,6 +100,7 @@ impl Cli {
             CliCommand::Gate(args) => gate::execute(&args),
             CliCommand::History(args) => history::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
+            CliCommand::Protocols(args) => protocols::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),
             CliCommand::Metrics(args) => metrics::execute(&args),

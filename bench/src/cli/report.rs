@@ -8,7 +8,7 @@ use serde_json::json;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::evaluate::{Named, Results, UnitCounts, join};
+use crate::evaluate::{Aggregation, Named, Results, UnitCounts, join_under};
 use crate::report::{PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
@@ -35,13 +35,17 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers stand beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
+    /// What means are means of, whatever the runs' own rule: over pairs, over scenes of means over pairs, or over source
+    /// views of means over targets
+    #[arg(long, value_enum, value_name = "OVER")]
+    aggregate: Option<Aggregation>,
     /// Print JSON: the files written
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
-    let results = join(&args.runs)?;
+    let results = join_under(&args.runs, args.aggregate)?;
     let out = match (&args.out, args.runs.as_slice()) {
         (Some(out), _) => out.clone(),
         (None, [run]) if run.path.is_dir() => run.path.join("report"),
