@@ -15,6 +15,7 @@
 //! * [`ambiguity`]: how far the open choices move the pairs.
 //! * [`sampling`]: which qualified pairs are evaluated.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
+//! * [`foreign`]: other people's lists.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
 //! * [`valid_depth`]: which depths count, their median and share.
 
@@ -26,6 +27,7 @@ pub mod dataset;
 pub mod depth;
 pub mod description;
 pub mod error;
+pub mod foreign;
 pub mod frame;
 pub mod options;
 pub mod overlap;

@@ -216,21 +216,21 @@ impl Protocol {
 
     /// The specs, each with the protocol's frame.
     fn framed(&self, specs: &[String]) -> Result<Vec<String>, ProtocolError> {
-        let Some(frame) = self.frame else {
-            return Ok(specs.to_vec());
-        };
         let framed = specs.iter().map(|spec| {
-            let own = spec
-                .split(',')
-                .find_map(|part| part.trim().strip_prefix("frame="));
-            match own {
-                None => Ok(format!("{spec},frame={frame}")),
-                Some(own) if own.parse::<Frame>() == frame.parse::<Frame>() => Ok(spec.clone()),
-                Some(own) => Err(self.contradicted(
-                    format!("sees pictures as frame={frame}"),
-                    format!("--dataset …,frame={own}"),
-                )),
-            }
+            let mut parts = spec.split(',');
+            let own = parts.find_map(|part| part.trim().strip_prefix("frame="));
+            let seen = match (self.frame, own) {
+                (Some(frame), None) => return Ok(format!("{spec},frame={frame}")),
+                (Some(frame), Some(own)) if own.parse::<Frame>() != frame.parse::<Frame>() => {
+                    format!("sees pictures as frame={frame}")
+                }
+                (None, Some(_)) if !matches!(self.pairs, PairRule::NoSource(_)) => {
+                    "sees pictures as they are".to_owned()
+                }
+                _ => return Ok(spec.clone()),
+            };
+            let own = own.unwrap_or_default();
+            Err(self.contradicted(seen, format!("--dataset …,frame={own}")))
         });
         framed.collect()
     }
@@ -405,6 +405,11 @@ mod tests {
                     ..asked(&plain)
                 },
                 ["as the paper says", "threshold=0.5"],
+            ),
+            (
+                "sharp",
+                asked(&datasets),
+                ["sees pictures as they are", "frame=width:100:area"],
             ),
             (
                 "3dgs",
