@@ -66,6 +66,22 @@ fn import(dir: &Path) {
     with(&["--out", "theirs.json"]).is_usage_error_with(&["not written over"]);
 }
 
+/// A method's score on the first pair.
+fn scored(dir: &Path, folder: &str, method: &str, metric: &str) -> f64 {
+    let mut rows = csv::Reader::from_path(dir.join(folder).join("scores.csv")).unwrap();
+    let column = rows
+        .headers()
+        .unwrap()
+        .iter()
+        .position(|name| name == metric)
+        .unwrap();
+    let mut of_method = rows
+        .records()
+        .map(Result::unwrap)
+        .filter(|row| &row[5] == method);
+    of_method.next().unwrap()[column].parse().unwrap()
+}
+
 #[test]
 fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     let dir = tempfile::tempdir().unwrap();
@@ -88,11 +104,8 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     for key in ["psnr[floor=1e-8]@mask", "ssim[gauss11,zero,eps=1e-8]@mask"] {
         assert!(header.contains(key), "{header}");
     }
-    let target = scores.lines().find(|row| row.contains(",target,")).unwrap();
-    assert!(
-        target.contains(",80,") || target.contains(",80.0,"),
-        "{target}"
-    );
+    assert_eq!(scored(dir, "u", "target", "psnr[floor=1e-8]@mask"), 80.0);
+    assert!(scored(dir, "u", "copy", "lpips[alex,v0.1,box-paste]@mask") > 0.0);
     sharp_bench(dir, &["report", "u"]).ends_with(0);
     let report = read(&dir.join("u/report/report.md"));
     for part in [
@@ -105,21 +118,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     // More metrics later, under the same rules.
     sharp_bench(dir, &["score", "u", "--metrics", "psnr@mask"]).ends_with(0);
     with_list(&["--metrics", "psnr@mask", "--out", "plain"]).ends_with(0);
-    let masked = |folder: &str| {
-        let scores = read(&dir.join(folder).join("scores.csv"));
-        let column = scores
-            .lines()
-            .next()
-            .unwrap()
-            .split(',')
-            .position(|c| c == "psnr@mask");
-        let row = scores
-            .lines()
-            .find(|row| row.contains(",copy,"))
-            .unwrap()
-            .to_owned();
-        row.split(',').nth(column.unwrap()).unwrap().to_owned()
-    };
+    let masked = |folder: &str| scored(dir, folder, "copy", "psnr@mask");
     assert_ne!(masked("u"), masked("plain"), "the masks differ");
     let join = ["report", "plain", "u", "--out", "both"];
     sharp_bench(dir, &join).is_error_with(&["the protocol", "unisharp"]);
