@@ -30,6 +30,8 @@ const READING: &[&str] = &[
     "sharp/src/camera.rs",
     "sharp/src/image_file",
     "sharp/src/random.rs",
+    "bench/src/pairs/frame.rs",
+    "metrics/src/resize",
 ];
 /// From layers and colours to Gaussians.
 const COMPOSING: &[&str] = &[

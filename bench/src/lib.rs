@@ -8,6 +8,7 @@
 //! * [`scoring`]: predictions against the truth.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`evaluate`]: the core: prepare, run, read results.
+//! * [`protocols`]: other people's evaluations by name.
 //! * [`report`]: tables, plots and a browsable page from results.
 //! * [`track`]: two runs compared, a gate between them, and runs over time.
 //! * [`export`]: what foreign methods are given, as files.
@@ -23,6 +24,7 @@ pub mod io;
 pub mod methods;
 pub mod pairs;
 pub mod pictures;
+pub mod protocols;
 pub mod rendering;
 pub mod report;
 pub mod scoring;

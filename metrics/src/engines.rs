@@ -32,9 +32,10 @@ pub(crate) struct Engines {
 /// The input range of a variant, which each take a pass of the network, and where its ε stands.
 fn convention(variant: LpipsVariant) -> (InputRange, Epsilon) {
     match variant {
-        LpipsVariant::Official => (InputRange::Signed, Epsilon::OutsideRoot),
-        LpipsVariant::Unscaled => (InputRange::Unit, Epsilon::OutsideRoot),
-        LpipsVariant::TorchmetricsEps => (InputRange::Signed, Epsilon::InsideRoot),
+        LpipsVariant::Official | LpipsVariant::BoxPaste => (InputRange::Signed, Epsilon::Outside),
+        LpipsVariant::LayerMask => (InputRange::Signed, Epsilon::LargerOutside),
+        LpipsVariant::Unscaled => (InputRange::Unit, Epsilon::Outside),
+        LpipsVariant::TorchmetricsEps => (InputRange::Signed, Epsilon::Inside),
     }
 }
 
@@ -84,7 +85,25 @@ impl Engines {
         Ok(engines)
     }
 
-    /// Runs the learned metrics among `keys`: the results of each prediction. The target is the
+    /// The published LPIPS of the box around a mask, the prediction replaced by the target outside the mask.
+    pub(crate) fn box_pasted(
+        &self,
+        net: LpipsNet,
+        prediction: &Picture,
+        target: &Picture,
+        mask: &Mask,
+    ) -> Result<f64, Unavailable> {
+        let bounds = mask.bounds().ok_or(Unavailable::EmptyMask)?;
+        let pasted = prediction.pasted(target, mask, bounds);
+        let target = target.pasted(target, mask, bounds);
+        let official = MetricKey::whole(Metric::Lpips(net, LpipsVariant::Official));
+        let learned = self.run(&[&target, &pasted], &[official], false);
+        let learned = learned.first().ok_or(Unavailable::EmptyMask)?;
+        let distance = learned.lpips(net, LpipsVariant::Official)?;
+        Ok(distance.layers.iter().sum())
+    }
+
+    /// Runs the learned metrics among `keys` that are of whole pictures: the results of each prediction. The target is the
     /// first of `pictures`, which are of one size. Maps are kept if asked for and for masked keys.
     pub(crate) fn run(
         &self,
@@ -110,6 +129,7 @@ impl Engines {
                 for key in keys {
                     if let Metric::Lpips(n, variant) = key.metric()
                         && n == net
+                        && variant != LpipsVariant::BoxPaste
                         && convention(variant).0 == range
                     {
                         *variants.entry(variant).or_insert(with_maps) |= key.is_masked();

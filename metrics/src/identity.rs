@@ -8,6 +8,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::ssim::SsimVariant;
+
 /// A metric family: variants of one idea whose values must not be mixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -28,55 +30,6 @@ impl Family {
             Self::Ssim => "ssim",
             Self::Lpips => "lpips",
             Self::Dists => "dists",
-        }
-    }
-}
-
-/// Window, border and covariance of an SSIM.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SsimVariant {
-    /// Gaussian 11 taps, σ 1.5, only windows inside the picture, population covariance.
-    Gauss11Valid,
-    /// The same window over a picture continued by five zeros on each side.
-    Gauss11Zero,
-    /// The same window over a picture mirrored at its border without repeating the edge.
-    Gauss11Reflect,
-    /// 7×7 box, only windows inside the picture, sample covariance (factor 49/48).
-    Uniform7Sample,
-    /// 7×7 box, only windows inside the picture, population covariance.
-    Uniform7Population,
-    /// As [`Self::Gauss11Valid`] with sample covariance (factor 121/120).
-    Gauss11ValidSample,
-    /// As [`Self::Gauss11Valid`] on luma 0.299 R + 0.587 G + 0.114 B.
-    Gauss11ValidGray,
-    /// As [`Self::Gauss11Reflect`] with the data range taken from the pictures themselves.
-    Gauss11ReflectDataRange,
-}
-
-impl SsimVariant {
-    /// All variants, the default first.
-    pub const ALL: [Self; 8] = [
-        Self::Gauss11Valid,
-        Self::Gauss11Zero,
-        Self::Gauss11Reflect,
-        Self::Uniform7Sample,
-        Self::Uniform7Population,
-        Self::Gauss11ValidSample,
-        Self::Gauss11ValidGray,
-        Self::Gauss11ReflectDataRange,
-    ];
-
-    /// What stands between the brackets of the key.
-    fn text(self) -> &'static str {
-        match self {
-            Self::Gauss11Valid => "gauss11,valid",
-            Self::Gauss11Zero => "gauss11,zero",
-            Self::Gauss11Reflect => "gauss11,reflect",
-            Self::Uniform7Sample => "uniform7,sample",
-            Self::Uniform7Population => "uniform7,population",
-            Self::Gauss11ValidSample => "gauss11,valid,sample",
-            Self::Gauss11ValidGray => "gauss11,valid,gray",
-            Self::Gauss11ReflectDataRange => "gauss11,reflect,range=data",
         }
     }
 }
@@ -111,10 +64,29 @@ impl LpipsNet {
 pub enum LpipsVariant {
     /// As published: pictures scaled to −1..1, ε = 1e-10 added to the norm.
     Official,
-    /// Pictures left in 0..1, as 3D Gaussian Splatting's evaluation does (with VGG only).
+    /// Pictures left in 0..1: 3D Gaussian Splatting's evaluation with VGG, nerfstudio's surface models with AlexNet.
     Unscaled,
     /// ε = 1e-8 under the root, as torchmetrics does.
     TorchmetricsEps,
+    /// As published, over the box around the mask, the prediction replaced by the target outside the mask: UniSHARP's
+    /// masked form.
+    BoxPaste,
+    /// At each layer the mean over the positions that no pixel outside the mask has reached, ε = 1e-8 added to the
+    /// norm: the masked form of ScanNet++'s toolbox.
+    LayerMask,
+}
+
+impl LpipsVariant {
+    /// What follows the version in a key.
+    fn suffix(self) -> &'static str {
+        match self {
+            Self::Official => "",
+            Self::Unscaled => ",unscaled",
+            Self::TorchmetricsEps => ",eps=tm",
+            Self::BoxPaste => ",box-paste",
+            Self::LayerMask => ",layer-mask",
+        }
+    }
 }
 
 /// A metric, before the choice of the pixels that count.
@@ -122,6 +94,8 @@ pub enum LpipsVariant {
 pub enum Metric {
     /// Peak signal-to-noise ratio of one picture, dB.
     Psnr,
+    /// The same with a mean squared error of at least 1e-8: at most 80 dB.
+    PsnrFloored,
     Ssim(SsimVariant),
     /// LPIPS with the linear weights of version 0.1.
     Lpips(LpipsNet, LpipsVariant),
@@ -131,6 +105,37 @@ pub enum Metric {
     DistsResize256,
 }
 
+impl Metric {
+    /// Every metric, in no particular order.
+    fn all() -> Vec<Self> {
+        use LpipsVariant::{BoxPaste, LayerMask, Official, TorchmetricsEps, Unscaled};
+        let mut metrics = vec![Self::Psnr, Self::PsnrFloored];
+        metrics.extend(SsimVariant::ALL.map(Self::Ssim));
+        metrics.extend(LpipsNet::ALL.map(|net| Self::Lpips(net, Official)));
+        metrics.extend(LpipsNet::ALL.map(|net| Self::Lpips(net, TorchmetricsEps)));
+        metrics.extend([
+            Self::Lpips(LpipsNet::Alex, Unscaled),
+            Self::Lpips(LpipsNet::Vgg, Unscaled),
+            Self::Lpips(LpipsNet::Alex, BoxPaste),
+            Self::Lpips(LpipsNet::Vgg, LayerMask),
+            Self::Dists,
+            Self::DistsResize256,
+        ]);
+        metrics
+    }
+
+    /// Whether the metric says what becomes of a mask, and nothing without one.
+    fn needs_mask(self) -> bool {
+        match self {
+            Self::Ssim(variant) => variant == SsimVariant::Gauss11ValidWholeWindow,
+            Self::Lpips(_, variant) => {
+                matches!(variant, LpipsVariant::BoxPaste | LpipsVariant::LayerMask)
+            }
+            _ => false,
+        }
+    }
+}
+
 /// Which pixels count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -138,7 +143,7 @@ pub enum MetricRegion {
     Whole,
     /// Those inside the view-frustum mask of a pair of views: suffix `@frustum`.
     Frustum,
-    /// Those inside a mask that was handed in: suffix `@mask`.
+    /// Those inside a mask that was handed in, or that a run's dataset or protocol has: suffix `@mask`.
     #[serde(rename = "mask")]
     Given,
 }
@@ -182,8 +187,8 @@ pub struct MetricKey {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentityError {
     #[error(
-        "unknown metric '{name}'; keys, each also without brackets (lpips-vgg): {}",
-        MetricKey::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
+        "unknown metric '{name}'; keys, each also without brackets (lpips-vgg): {}; with a mask only: {}",
+        listed(&MetricKey::all()), listed(&MetricKey::with_mask_only())
     )]
     Unknown { name: String },
     #[error(
@@ -192,10 +197,29 @@ pub enum IdentityError {
     )]
     LpipsVersion0 { name: String },
     #[error(
+        "'{name}' is a form of a masked metric and nothing without a mask: '{name}@mask' or '{name}@frustum'"
+    )]
+    NeedsMask { name: String },
+    #[error(
+        "'{name}' is 'psnr' here: every picture lies in 0..1 before it is scored, so that clipping changes nothing"
+    )]
+    ClippedPsnr { name: String },
+    #[error(
+        "'{name}' is refused: LPIPS under autocast to bfloat16 keeps 8 bits of each feature and depends on which layers \
+         the framework's version casts, so that no such value can be computed again; compare with 'lpips[vgg,v0.1]' and \
+         expect to differ in the third decimal"
+    )]
+    Bfloat16 { name: String },
+    #[error(
         "'{name}': DISTS has no masked form; it compares moments over the whole picture, not a \
          map of local values"
     )]
     MaskedDists { name: String },
+}
+
+fn listed(keys: &[MetricKey]) -> String {
+    let names: Vec<_> = keys.iter().map(ToString::to_string).collect();
+    names.join(" ")
 }
 
 impl MetricKey {
@@ -216,10 +240,14 @@ impl MetricKey {
         }
     }
 
-    /// The same metric over a region; `None` for DISTS, which has no masked form.
+    /// The same metric over a region; `None` for DISTS over a mask, which it has no form for, and for what is a form
+    /// of a masked metric over the whole picture.
     pub fn inside(self, region: MetricRegion) -> Option<Self> {
-        let whole = region == MetricRegion::Whole;
-        (whole || self.family() != Family::Dists).then_some(Self {
+        let exists = match region {
+            MetricRegion::Whole => !self.metric.needs_mask(),
+            _ => self.family() != Family::Dists,
+        };
+        exists.then_some(Self {
             region,
             metric: self.metric,
         })
@@ -227,14 +255,21 @@ impl MetricKey {
 
     /// Every key over the whole picture, in order.
     pub fn all() -> Vec<Self> {
-        let mut metrics = vec![Metric::Psnr];
-        metrics.extend(SsimVariant::ALL.map(Metric::Ssim));
-        metrics.extend(LpipsNet::ALL.map(|net| Metric::Lpips(net, LpipsVariant::Official)));
-        metrics.push(Metric::Lpips(LpipsNet::Vgg, LpipsVariant::Unscaled));
-        metrics.extend(LpipsNet::ALL.map(|net| Metric::Lpips(net, LpipsVariant::TorchmetricsEps)));
-        metrics.extend([Metric::Dists, Metric::DistsResize256]);
-        let mut keys: Vec<_> = metrics.into_iter().map(Self::whole).collect();
+        Self::all_inside(MetricRegion::Whole)
+    }
+
+    /// Every key of a region, in order.
+    pub fn all_inside(region: MetricRegion) -> Vec<Self> {
+        let keys = Metric::all().into_iter().map(Self::whole);
+        let mut keys: Vec<_> = keys.filter_map(|key| key.inside(region)).collect();
         keys.sort();
+        keys
+    }
+
+    /// The keys inside a mask that was handed in which have no form over the whole picture.
+    fn with_mask_only() -> Vec<Self> {
+        let mut keys = Self::all_inside(MetricRegion::Given);
+        keys.retain(|key| key.metric.needs_mask());
         keys
     }
 
@@ -254,7 +289,7 @@ impl MetricKey {
 
     pub fn family(self) -> Family {
         match self.metric {
-            Metric::Psnr => Family::Psnr,
+            Metric::Psnr | Metric::PsnrFloored => Family::Psnr,
             Metric::Ssim(_) => Family::Ssim,
             Metric::Lpips(..) => Family::Lpips,
             Metric::Dists | Metric::DistsResize256 => Family::Dists,
@@ -266,14 +301,10 @@ impl MetricKey {
     pub fn label(self) -> String {
         let base = match self.metric {
             Metric::Psnr => "PSNR".to_owned(),
+            Metric::PsnrFloored => "PSNR floor 1e-8".to_owned(),
             Metric::Ssim(variant) => format!("SSIM {}", variant.text().replace(',', " ")),
             Metric::Lpips(net, variant) => {
-                let suffix = match variant {
-                    LpipsVariant::Official => "",
-                    LpipsVariant::Unscaled => " unscaled",
-                    LpipsVariant::TorchmetricsEps => " eps=tm",
-                };
-                format!("LPIPS {}{suffix}", net.name())
+                format!("LPIPS {}{}", net.name(), variant.suffix().replace(',', " "))
             }
             Metric::Dists => "DISTS".to_owned(),
             Metric::DistsResize256 => "DISTS resize256".to_owned(),
@@ -300,14 +331,10 @@ impl MetricKey {
     fn canonical_base(self) -> String {
         match self.metric {
             Metric::Psnr => "psnr".to_owned(),
+            Metric::PsnrFloored => "psnr[floor=1e-8]".to_owned(),
             Metric::Ssim(variant) => format!("ssim[{}]", variant.text()),
             Metric::Lpips(net, variant) => {
-                let suffix = match variant {
-                    LpipsVariant::Official => "",
-                    LpipsVariant::Unscaled => ",unscaled",
-                    LpipsVariant::TorchmetricsEps => ",eps=tm",
-                };
-                format!("lpips[{},v0.1{suffix}]", net.name())
+                format!("lpips[{},v0.1{}]", net.name(), variant.suffix())
             }
             Metric::Dists => "dists".to_owned(),
             Metric::DistsResize256 => "dists[resize256]".to_owned(),
@@ -344,17 +371,26 @@ impl FromStr for MetricKey {
         if base.starts_with("lpips") && base.contains("v0.0") {
             return Err(IdentityError::LpipsVersion0 { name: name() });
         }
+        if base.starts_with("lpips") && base.contains("bf16") {
+            return Err(IdentityError::Bfloat16 { name: name() });
+        }
+        if ["psnr[clip]", "psnr-clip"].contains(&base) {
+            return Err(IdentityError::ClippedPsnr { name: name() });
+        }
         let default = match base {
             "ssim" => Some(Self::SSIM),
             "lpips" => Some(Self::LPIPS),
             _ => None,
         };
         let named = |key: &Self| key.canonical_base() == base || key.alias() == base;
+        let all = || Metric::all().into_iter().map(Self::whole);
         let key = default
-            .or_else(|| Self::all().into_iter().find(named))
+            .or_else(|| all().find(named))
             .ok_or_else(|| IdentityError::Unknown { name: name() })?;
-        key.inside(region)
-            .ok_or_else(|| IdentityError::MaskedDists { name: name() })
+        key.inside(region).ok_or_else(|| match region {
+            MetricRegion::Whole => IdentityError::NeedsMask { name: name() },
+            _ => IdentityError::MaskedDists { name: name() },
+        })
     }
 }
 
@@ -369,6 +405,7 @@ mod tests {
             keys,
             [
                 "psnr",
+                "psnr[floor=1e-8]",
                 "ssim[gauss11,valid]",
                 "ssim[gauss11,zero]",
                 "ssim[gauss11,reflect]",
@@ -377,7 +414,11 @@ mod tests {
                 "ssim[gauss11,valid,sample]",
                 "ssim[gauss11,valid,gray]",
                 "ssim[gauss11,reflect,range=data]",
+                "ssim[gauss11,valid,range=data]",
+                "ssim[gauss11,valid,cov=bounded]",
+                "ssim[gauss11,zero,eps=1e-8]",
                 "lpips[alex,v0.1]",
+                "lpips[alex,v0.1,unscaled]",
                 "lpips[alex,v0.1,eps=tm]",
                 "lpips[vgg,v0.1]",
                 "lpips[vgg,v0.1,unscaled]",
@@ -393,14 +434,27 @@ mod tests {
     #[test]
     fn every_name_reads_back_and_is_unique() {
         let mut names = std::collections::BTreeSet::new();
-        for key in MetricKey::all() {
-            for key in MetricRegion::ALL.into_iter().filter_map(|r| key.inside(r)) {
-                assert_eq!(key.to_string().parse::<MetricKey>(), Ok(key));
-                assert_eq!(key.alias().parse::<MetricKey>(), Ok(key));
-                assert!(names.insert(key.alias()), "{key}");
-                assert!(!key.alias().contains(['[', ']', ',', '=']));
-            }
+        for key in MetricRegion::ALL
+            .into_iter()
+            .flat_map(MetricKey::all_inside)
+        {
+            assert_eq!(key.to_string().parse::<MetricKey>(), Ok(key));
+            assert_eq!(key.alias().parse::<MetricKey>(), Ok(key));
+            assert!(names.insert(key.alias()), "{key}");
+            assert!(!key.alias().contains(['[', ']', ',', '=']));
         }
+        let masked: Vec<_> = MetricKey::with_mask_only()
+            .iter()
+            .map(|k| k.to_string())
+            .collect();
+        assert_eq!(
+            masked,
+            [
+                "ssim[gauss11,valid,mask=window]@mask",
+                "lpips[alex,v0.1,box-paste]@mask",
+                "lpips[vgg,v0.1,layer-mask]@mask",
+            ]
+        );
         assert_eq!(MetricKey::LPIPS.alias(), "lpips-alex");
         assert_eq!(MetricKey::SSIM.alias(), "ssim-gauss11-valid");
         let inside = |region| MetricKey::PSNR.inside(region).unwrap().to_string();
@@ -417,6 +471,15 @@ mod tests {
         assert!(error("dists[resize256]@frustum").contains("no masked form"));
         assert!(error("dists@mask").contains("no masked form"));
         assert!(error("msssim").contains("unknown metric 'msssim'"));
+        assert!(error("lpips[vgg,v0.1,bf16]").contains("autocast to bfloat16"));
+        assert!(error("psnr[clip]").contains("is 'psnr' here"));
+        for name in [
+            "lpips[alex,v0.1,box-paste]",
+            "lpips-vgg-layer-mask",
+            "ssim[gauss11,valid,mask=window]",
+        ] {
+            assert!(error(name).contains(&format!("'{name}@mask'")), "{name}");
+        }
     }
 
     #[test]

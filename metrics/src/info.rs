@@ -5,9 +5,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::identity::{
-    Family, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion, SsimVariant,
-};
+use crate::identity::{Family, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion};
+use crate::ssim::SsimVariant;
 use crate::weights::{Backbone, WeightsSource, WeightsUsed};
 
 /// Everything about one metric column. Nothing about its values has to be parsed out of a sentence.
@@ -118,8 +117,10 @@ impl MetricInfo {
         const NETWORK: &str = "features f32, everything after them f64";
         let metric = key.metric();
         let (input_range, precision) = match metric {
-            Metric::Psnr => ("0..1", "exact integers for 8-bit pictures, else f64"),
-            Metric::Ssim(SsimVariant::Gauss11ReflectDataRange) => {
+            Metric::Psnr | Metric::PsnrFloored => {
+                ("0..1", "exact integers for 8-bit pictures, else f64")
+            }
+            Metric::Ssim(variant) if variant.form().range_of_data => {
                 ("0..1, constants scaled by the pictures' own range", "f64")
             }
             Metric::Ssim(_) => ("0..1", "f64"),
@@ -215,7 +216,7 @@ impl fmt::Display for BackboneInfo {
 
 fn own_weights(metric: Metric) -> Option<OwnWeights> {
     let (package, file, sha256) = match metric {
-        Metric::Psnr | Metric::Ssim(_) => return None,
+        Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => return None,
         Metric::Lpips(LpipsNet::Alex, _) => (
             "lpips 0.1.4",
             "weights/v0.1/alex.pth",
@@ -249,6 +250,7 @@ fn convention(key: MetricKey, unpublished: bool) -> String {
     let same = |text: &'static str| if unpublished { UNPUBLISHED } else { text };
     let base = match key.metric() {
         Metric::Psnr => PSNR.to_owned(),
+        Metric::PsnrFloored => format!("{PSNR} {PSNR_FLOOR}"),
         Metric::Ssim(variant) => format!("{SSIM} {}", ssim(variant)),
         Metric::Lpips(net, variant) => {
             let (how, as_whom) = lpips_variant(variant);
@@ -260,10 +262,21 @@ fn convention(key: MetricKey, unpublished: bool) -> String {
     let mask = match key.region() {
         MetricRegion::Whole => return base,
         MetricRegion::Frustum => "the view-frustum mask",
-        MetricRegion::Given => "the mask that was handed in (levels of 128 and more)",
+        MetricRegion::Given => {
+            "the mask that was handed in (levels of 128 and more); in a run, the protocol's or \
+             that of the pixels which the dataset does not exclude"
+        }
     };
     let masked = match key.metric() {
-        Metric::Psnr => format!("Only pixels inside {mask} enter the mean squared error."),
+        Metric::Psnr | Metric::PsnrFloored => {
+            format!("Only pixels inside {mask} enter the mean squared error.")
+        }
+        Metric::Ssim(SsimVariant::Gauss11ValidWholeWindow) => {
+            format!("The mean of the SSIM map over the windows that lie inside {mask} as a whole.")
+        }
+        Metric::Lpips(_, LpipsVariant::BoxPaste | LpipsVariant::LayerMask) => {
+            format!("The mask is {mask}.")
+        }
         Metric::Ssim(_) => format!(
             "The mean of the SSIM map over the window centres inside {mask}; windows may reach out \
              of the mask."
@@ -282,6 +295,9 @@ const PSNR: &str = "-10 log10 of the mean squared error over all pixels and chan
      pictures. Same as scikit-image's peak_signal_noise_ratio on 8-bit pictures, the 3D Gaussian \
      Splatting and nerfbaselines evaluations, and OpenCV's PSNR. Not the same as torchmetrics' \
      PeakSignalNoiseRatio object, which pools the squared error over pictures.";
+
+const PSNR_FLOOR: &str = "The mean squared error is at least 1e-8, so that the value is at most \
+     80 dB and that of identical pictures too: what UniSHARP's evaluation computes.";
 
 const SSIM: &str = "Mean structural similarity with K1 0.01 and K2 0.03, in f64, averaged over \
      pixels and channels.";
@@ -331,6 +347,25 @@ fn ssim(variant: SsimVariant) -> &'static str {
              minus minimum. Same as torchmetrics since September 2024 without data_range, which \
              is how nerfstudio calls it. Undefined for two constant pictures."
         }
+        SsimVariant::Gauss11ValidDataRange => {
+            "As ssim[gauss11,valid], but the range is the larger of the two pictures' maximum \
+             minus minimum. Same as torchmetrics before September 2024 without data_range, which \
+             is how nerfstudio called it. Undefined for two constant pictures."
+        }
+        SsimVariant::Gauss11ValidBounded => {
+            "As ssim[gauss11,valid], with variances of at least 1.4e-14 and covariances of at most \
+             the geometric mean of the variances. Same as dm_pix, multinerf and nerfbaselines. In \
+             exact arithmetic the bound never acts, and here the value lies within 1e-9 of that of \
+             ssim[gauss11,valid]; dm_pix in f32 may lie further off."
+        }
+        SsimVariant::Gauss11ZeroGuarded => {
+            "As ssim[gauss11,zero], with 1e-8 added to the denominator, which is 9e-8 where both \
+             pictures are black: such areas have 0.9 even if equal. Same as UniSHARP's evaluation."
+        }
+        SsimVariant::Gauss11ValidWholeWindow => {
+            "As ssim[gauss11,valid], inside a mask only. Same as the masked form of ScanNet++'s \
+             toolbox."
+        }
     }
 }
 
@@ -362,8 +397,22 @@ fn lpips_variant(variant: LpipsVariant) -> (&'static str, &'static str) {
         LpipsVariant::Unscaled => (
             "Pictures in 0..1 are passed to a network that expects -1..1, which makes differences \
              look smaller.",
-            "Same as the metrics script of 3D Gaussian Splatting and torchmetrics with \
-             net_type='vgg' and normalize=False on pictures in 0..1, as gsplat calls it.",
+            "With VGG16 the same as the metrics script of 3D Gaussian Splatting and torchmetrics \
+             with net_type='vgg' and normalize=False on pictures in 0..1, as gsplat calls it; with \
+             AlexNet up to torchmetrics' place of epsilon what nerfstudio's surface models report.",
+        ),
+        LpipsVariant::BoxPaste => (
+            "Computed over the smallest box around the mask, in which the prediction is replaced \
+             by the target wherever the mask is not; pictures scaled to -1..1, 1e-10 added to the \
+             norm.",
+            "Same as UniSHARP's masked evaluation where it has the package lpips.",
+        ),
+        LpipsVariant::LayerMask => (
+            "At each layer the mean over the positions that no pixel outside the mask has reached: \
+             squares of 5, 5, 7, 7 and 7 positions have to lie inside, and four positions make one \
+             of the next layer only together; beyond the picture's border all is inside. Pictures \
+             scaled to -1..1, 1e-8 added to the norm.",
+            "Same as the masked form of ScanNet++'s toolbox.",
         ),
         LpipsVariant::TorchmetricsEps => (
             "Pictures scaled to -1..1, 1e-8 added to the squared norm before the root.",
@@ -390,7 +439,7 @@ const DISTS_256_SAME: &str = "Same as the reference script's prepare_image with 
 /// network, for DISTS the picture itself before them. Empty for metrics that are not split.
 pub fn term_names(metric: Metric) -> &'static [&'static str] {
     match metric {
-        Metric::Psnr | Metric::Ssim(_) => &[],
+        Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => &[],
         Metric::Lpips(LpipsNet::Alex, _) => &["relu1", "relu2", "relu3", "relu4", "relu5"],
         Metric::Lpips(LpipsNet::Vgg, _) => &["relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3"],
         Metric::Lpips(LpipsNet::Squeeze, _) => &[
@@ -410,7 +459,8 @@ mod tests {
 
     #[test]
     fn every_learned_metric_names_its_weights_and_all_its_layers() {
-        for key in MetricKey::all() {
+        let regions = [MetricRegion::Whole, MetricRegion::Given];
+        for key in regions.into_iter().flat_map(MetricKey::all_inside) {
             let info = MetricInfo::new(key, &[]);
             assert!(info.convention.len() > 80, "{key}");
             let names = term_names(key.metric());

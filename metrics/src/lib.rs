@@ -13,7 +13,7 @@
 //! * [`mod@resize`]: the resizing functions of torch, PIL and OpenCV, by name.
 //! * [`scorer`]: all selected metrics of predictions and their target; `unavailable`: why there is no value.
 //! * [`options`]: where and how the networks are computed.
-//! * `psnr`, `ssim`, `lpips`, `dists`: the metrics themselves; `maps`: their local values.
+//! * [`mod@psnr`], `ssim`, `lpips`, `dists`: the metrics themselves; `maps`: their local values.
 //! * `engines`: the learned metrics that a scorer needs, each pass of a network made once.
 //! * `backbone`: the networks behind them, streamed in row strips.
 //! * [`weights`]: which network weights a metric needs and where they come from.
@@ -27,7 +27,7 @@ mod lpips;
 mod maps;
 pub mod options;
 pub mod picture;
-mod psnr;
+pub mod psnr;
 pub mod resize;
 pub mod scorer;
 pub mod selection;
@@ -37,7 +37,7 @@ mod unavailable;
 pub mod weights;
 
 pub use identity::{
-    Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion, SsimVariant,
+    Family, IdentityError, LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion,
 };
 pub use info::{BackboneInfo, Direction, MetricInfo, OwnWeights, term_names};
 pub use maps::ScoreMap;
@@ -48,5 +48,6 @@ pub use resize::{ResizeKernel, resize};
 pub use scorer::{AllTerms, Examined, Maps, Scorer, Scores, Terms};
 pub use selection::{Selected, Selection, SelectionError};
 pub use sharp_kernels::{Algorithm, InstructionSet, Simd};
+pub use ssim::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 pub use unavailable::{ScoreError, Unavailable};
 pub use weights::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};

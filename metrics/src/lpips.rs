@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::backbone::{Extractor, Taps};
 use crate::maps::TapMap;
-use crate::picture::{Normalization, Picture};
+use crate::picture::{Mask, Normalization, Picture};
 use crate::simd::with_widest_vectors;
 use crate::unavailable::Unavailable;
 
@@ -18,16 +18,19 @@ use crate::unavailable::Unavailable;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Epsilon {
     /// `f / (√Σf² + 1e-10)`, as published.
-    OutsideRoot,
+    Outside,
+    /// `f / (√Σf² + 1e-8)`, as ScanNet++'s toolbox computes it.
+    LargerOutside,
     /// `f / √(1e-8 + Σf²)`, as torchmetrics computes it.
-    InsideRoot,
+    Inside,
 }
 
 impl Epsilon {
     fn reciprocal_length(self, squares: f64) -> f64 {
         match self {
-            Self::OutsideRoot => 1.0 / (squares.sqrt() + 1e-10),
-            Self::InsideRoot => 1.0 / (1e-8 + squares).sqrt(),
+            Self::Outside => 1.0 / (squares.sqrt() + 1e-10),
+            Self::LargerOutside => 1.0 / (squares.sqrt() + 1e-8),
+            Self::Inside => 1.0 / (1e-8 + squares).sqrt(),
         }
     }
 }
@@ -63,6 +66,31 @@ pub(crate) struct Distance {
     pub(crate) layers: Vec<f64>,
     /// Each layer's local distances, if asked for.
     pub(crate) maps: Vec<TapMap>,
+}
+
+/// Half the side, rounded down, of the square of pixels that VGG16's convolutions before each of its taps see around one
+/// position of the tap before.
+const VGG_REACH: [usize; 5] = [2, 2, 3, 3, 3];
+
+impl Distance {
+    /// The sum over VGG16's layers of the mean over the positions that see no pixel outside the mask; what lies beyond the
+    /// picture's border is inside. Needs maps.
+    pub(crate) fn inside_layers(&self, mask: &Mask) -> Result<f64, Unavailable> {
+        let mut reached = mask.clone();
+        let mut distance = 0.0;
+        for (map, reach) in self.maps.iter().zip(VGG_REACH) {
+            let inside = reached.eroded(reach, true);
+            let values = map.values.iter().zip(inside.values());
+            let values = values.filter(|(_, inside)| **inside);
+            let sum: f64 = values.map(|(value, _)| f64::from(*value)).sum();
+            match inside.count() {
+                0 => return Err(Unavailable::EmptyMask),
+                count => distance += sum / count as f64,
+            }
+            reached = inside.halved();
+        }
+        Ok(distance)
+    }
 }
 
 /// LPIPS with one network.

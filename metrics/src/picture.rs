@@ -73,6 +73,23 @@ impl Picture {
         }
     }
 
+    /// The part inside a box (left, top, right, bottom), with `other`'s pixels where a mask is false. The pictures and
+    /// the mask are of one size.
+    pub(crate) fn pasted(&self, other: &Self, mask: &Mask, [l, t, r, b]: [u32; 4]) -> Self {
+        let inside = |x: u32, y: u32| mask.row((y + t) as usize)[(x + l) as usize];
+        match (self, other) {
+            (Self::Rgb8(own), Self::Rgb8(others)) => {
+                Self::Rgb8(RgbImage::from_fn(r - l, b - t, |x, y| {
+                    *if inside(x, y) { own } else { others }.get_pixel(x + l, y + t)
+                }))
+            }
+            _ => Self::RgbF32(Rgb32FImage::from_fn(r - l, b - t, |x, y| {
+                let picture = if inside(x, y) { self } else { other };
+                Rgb([0, 1, 2].map(|c| picture.value(x + l, y + t, c) as f32))
+            })),
+        }
+    }
+
     /// Checks that there are pixels and that all of them are finite and in 0..1.
     ///
     /// # Errors
@@ -244,6 +261,63 @@ impl Mask {
         self.inside.iter().filter(|&&inside| inside).count()
     }
 
+    /// The pixels around which a square of 2 × `radius` + 1 pixels lies inside; beyond the picture's border all pixels
+    /// are, or none.
+    pub(crate) fn eroded(&self, radius: usize, beyond: bool) -> Self {
+        let (width, height) = (self.width as usize, self.height as usize);
+        // One axis, then the other: a pixel stays if no run of pixels outside ends within its reach.
+        let along = |values: &[bool], n: usize, stride: usize, lines: usize, step: usize| {
+            let mut out = vec![false; values.len()];
+            for line in 0..lines {
+                let at = |i: usize| line * step + i * stride;
+                let mut outside = vec![0_usize; n + 1];
+                for i in 0..n {
+                    outside[i + 1] = outside[i] + usize::from(!values[at(i)]);
+                }
+                for i in 0..n {
+                    let (first, end) = (i.saturating_sub(radius), (i + radius + 1).min(n));
+                    let reaches_beyond = i < radius || i + radius >= n;
+                    out[at(i)] = outside[end] == outside[first] && (beyond || !reaches_beyond);
+                }
+            }
+            out
+        };
+        let across = along(&self.inside, width, 1, height, width);
+        Self {
+            inside: along(&across, height, width, width, 1),
+            ..*self
+        }
+    }
+
+    /// Half the size, odd remainders dropped: a pixel is inside where all four are that it is made of.
+    pub(crate) fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let rows = (0..height as usize).flat_map(|y| {
+            let (upper, lower) = (self.row(2 * y), self.row(2 * y + 1));
+            (0..2 * width as usize)
+                .step_by(2)
+                .map(|x| upper[x] && upper[x + 1] && lower[x] && lower[x + 1])
+        });
+        Self {
+            inside: rows.collect(),
+            width,
+            height,
+        }
+    }
+
+    /// Left, top, right and bottom (the last two exclusive) of the smallest box around the pixels inside; `None` of none.
+    pub(crate) fn bounds(&self) -> Option<[u32; 4]> {
+        let rows = (0..self.height).filter(|&y| self.row(y as usize).contains(&true));
+        let (top, bottom) = (rows.clone().min()?, rows.max()? + 1);
+        let columns = |y: u32| {
+            let inside = self.row(y as usize).iter().enumerate();
+            inside.filter(|(_, inside)| **inside).map(|(x, _)| x as u32)
+        };
+        let columns = (top..bottom).flat_map(columns);
+        let (left, right) = columns.fold((u32::MAX, 0), |(l, r), x| (l.min(x), r.max(x + 1)));
+        Some([left, top, right, bottom])
+    }
+
     /// The values of row `y`.
     pub(crate) fn row(&self, y: usize) -> &[bool] {
         let width = self.width as usize;
@@ -285,6 +359,26 @@ mod tests {
             picture,
             Picture::Rgb8(RgbImage::from_pixel(2, 1, Rgb([9; 3])))
         );
+    }
+
+    #[test]
+    fn masks_shrink_by_whole_squares() {
+        let mask = |rows: [&str; 4]| {
+            let inside = rows.iter().flat_map(|row| row.bytes().map(|b| b == b'#'));
+            Mask::new(6, 4, inside.collect()).unwrap()
+        };
+        let one_hole = mask(["######", "######", "####.#", "######"]);
+        let within = mask(["......", ".##...", ".##...", "......"]);
+        assert_eq!(one_hole.eroded(1, false), within);
+        let beyond = mask(["######", "###...", "###...", "###..."]);
+        assert_eq!(one_hole.eroded(1, true), beyond);
+        assert_eq!(
+            one_hole.halved().values(),
+            [true, true, true, true, true, false]
+        );
+        assert_eq!(within.bounds(), Some([1, 1, 3, 3]));
+        assert_eq!(within.eroded(1, false).bounds(), None);
+        assert_eq!(within.eroded(9, true).count(), 0);
     }
 
     #[test]

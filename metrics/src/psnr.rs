@@ -5,6 +5,11 @@ use rayon::prelude::*;
 use crate::picture::{Mask, Picture};
 use crate::unavailable::Unavailable;
 
+/// A PSNR (dB) as one whose mean squared error is at least 1e-8: at most 80.
+pub fn floored(psnr: f64) -> f64 {
+    psnr.min(80.0)
+}
+
 /// −10 log₁₀ of the mean squared error over all pixels and channels, range 1, dB; infinity for
 /// identical pictures. With a mask only the pixels inside count.
 ///
@@ -122,6 +127,24 @@ mod tests {
         let expected = 20.0 * 255.0_f64.log10();
         assert!((psnr(&a, &b, None).unwrap() - expected).abs() < 1e-12);
         assert_eq!(psnr(&a, &a, None), Ok(f64::INFINITY));
+    }
+
+    #[test]
+    fn the_floor_is_80_db() {
+        use crate::{Scorer, Selection, Weights};
+        let selection = Selection::parse("psnr[floor=1e-8],psnr").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+        let flat = |value: f32| Picture::from(Rgb32FImage::from_pixel(4, 4, Rgb([value; 3])));
+        let scores = |a: f32, b: f32| {
+            let scores = scorer.score(&flat(a), &flat(b), None).unwrap();
+            [0, 1].map(|i: usize| scores[i].1.clone().unwrap())
+        };
+        assert_eq!(scores(0.5, 0.5), [80.0, f64::INFINITY]);
+        // A difference of 2^-14: an error of 3.7e-9, 84.3 dB.
+        let [floored, plain] = scores(0.5, 0.500_061_04);
+        assert!(floored == 80.0 && (plain - 84.288).abs() < 1e-3, "{plain}");
+        let [floored, plain] = scores(0.5, 0.75);
+        assert!(floored == plain && (plain - 12.0412).abs() < 1e-4);
     }
 
     #[test]

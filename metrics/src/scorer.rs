@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::engines::{Engines, Learned, Resolution};
-use crate::identity::{Metric, MetricKey, MetricRegion};
+use crate::identity::{LpipsVariant, Metric, MetricKey, MetricRegion};
 use crate::info::MetricInfo;
 use crate::maps::ScoreMap;
 use crate::options::ScorerOptions;
@@ -222,10 +222,18 @@ impl Scorer {
             };
             match key.metric() {
                 Metric::Psnr => psnr::psnr(prediction, target, mask),
+                Metric::PsnrFloored => psnr::psnr(prediction, target, mask).map(psnr::floored),
                 Metric::Ssim(variant) => ssim::ssim(variant, prediction, target, mask),
+                Metric::Lpips(net, LpipsVariant::BoxPaste) => {
+                    let mask = mask.ok_or(Unavailable::NoMask)?;
+                    self.engines.box_pasted(net, prediction, target, mask)
+                }
                 Metric::Lpips(net, variant) => {
                     let distance = learned.lpips(net, variant)?;
                     match mask {
+                        Some(mask) if variant == LpipsVariant::LayerMask => {
+                            distance.inside_layers(mask)
+                        }
                         Some(mask) => learned.masked(distance, mask),
                         None => Ok(distance.layers.iter().sum()),
                     }
@@ -245,7 +253,7 @@ fn maps_of(keys: &[MetricKey], [prediction, target]: [&Picture; 2], learned: &Le
             let distance = learned.lpips(net, variant);
             Some((key, distance.map(|distance| learned.map(distance))))
         }
-        Metric::Psnr | Metric::Dists | Metric::DistsResize256 => None,
+        Metric::Psnr | Metric::PsnrFloored | Metric::Dists | Metric::DistsResize256 => None,
     };
     keys.iter().filter_map(map).collect()
 }
@@ -258,7 +266,7 @@ fn terms_of(keys: &[MetricKey], learned: &Learned) -> AllTerms {
         })
     };
     let terms = |&key: &MetricKey| match key.metric() {
-        Metric::Psnr | Metric::Ssim(_) => None,
+        Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => None,
         Metric::Lpips(net, variant) => {
             let distance = learned.lpips(net, variant);
             let layers = |distance: &Distance| distance.layers.clone();
@@ -363,6 +371,88 @@ mod tests {
         let empty = Mask::new(50, 40, vec![false; 2000]).unwrap();
         let scores = scorer.score(&a, &b, Some(&empty)).unwrap();
         assert_eq!(scores[1].1, Err(Unavailable::EmptyMask));
+    }
+
+    #[test]
+    fn box_and_paste_is_lpips_of_the_box_with_the_target_around_the_mask() {
+        let selection = Selection::parse("lpips-alex-box-paste@mask,lpips-alex,psnr@mask").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let (a, b) = (texture(1), texture(90));
+        // A corner of the box is outside the mask.
+        let is_inside =
+            |x: u32, y: u32| (3..45).contains(&x) && (2..38).contains(&y) && (x > 20 || y > 9);
+        let inside = (0..50 * 40).map(|i| is_inside(i % 50, i / 50)).collect();
+        let mask = Mask::new(50, 40, inside).unwrap();
+        let boxed = |picture: &Picture, outside: &Picture| {
+            Picture::from(RgbImage::from_fn(42, 36, |x, y| {
+                let from = if is_inside(x + 3, y + 2) {
+                    picture
+                } else {
+                    outside
+                };
+                Rgb([0, 1, 2].map(|c| (from.value(x + 3, y + 2, c) * 255.0).round() as u8))
+            }))
+        };
+        let expected = scorer.restricted(&[MetricKey::LPIPS]);
+        let expected = expected
+            .score(&boxed(&a, &b), &boxed(&b, &b), None)
+            .unwrap();
+        let found = scorer.score(&a, &b, Some(&mask)).unwrap();
+        assert_eq!(found[0].1, expected[0].1);
+        assert_ne!(found[0].1, found[1].1);
+        let small = Mask::new(50, 40, (0..2000).map(|i| i == 77).collect()).unwrap();
+        let found = scorer.score(&a, &b, Some(&small)).unwrap();
+        assert!(matches!(found[0].1, Err(Unavailable::TooSmall { .. })));
+        assert!(found[2].1.is_ok());
+    }
+
+    #[test]
+    fn a_full_layer_mask_is_none_and_a_hole_spreads_by_the_reach_of_each_layer() {
+        let selection = Selection::parse("lpips-vgg,lpips-vgg-layer-mask@mask").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
+        let noise = |seed: u32| {
+            Picture::from(RgbImage::from_fn(128, 128, |x, y| {
+                let v = (x * 73 + y * 151 + x * y + seed).wrapping_mul(2_654_435_761) >> 20;
+                Rgb([(v & 255) as u8, (x * 5 + seed) as u8, (v >> 4) as u8])
+            }))
+        };
+        let (a, b) = (noise(1), noise(90));
+        let masked = |inside: &dyn Fn(i64, i64) -> bool| {
+            let inside = (0..128 * 128).map(|i| inside(i % 128, i / 128)).collect();
+            let mask = Mask::new(128, 128, inside).unwrap();
+            let scores = scorer.score(&a, &b, Some(&mask)).unwrap();
+            (scores[0].1.clone().unwrap(), scores[1].1.clone())
+        };
+        let (whole, full) = masked(&|_, _| true);
+        assert!((whole - full.unwrap()).abs() < 1e-6);
+        // Columns 0 and 1 are outside. At the first layer 4 columns are reached; halved that is 2, and 4 with the
+        // second layer's reach of 2; then 2 + 3, 3 + 3 and 3 + 3 of 32, 16 and 8.
+        let engine = scorer
+            .engines
+            .run(&[&b, &a], &[MetricKey::LPIPS, scorer.keys()[0]], true);
+        let maps = &engine[0]
+            .lpips(crate::LpipsNet::Vgg, LpipsVariant::Official)
+            .unwrap()
+            .maps;
+        let reached = [4, 4, 5, 6, 6];
+        let expected: f64 = maps
+            .iter()
+            .zip(reached)
+            .map(|(map, reached)| {
+                let rows = map
+                    .values
+                    .chunks_exact(map.width)
+                    .flat_map(|row| &row[reached..]);
+                let (sum, count) = rows.fold((0.0, 0), |(s, n), v| (s + f64::from(*v), n + 1));
+                sum / f64::from(count)
+            })
+            .sum();
+        let (_, found) = masked(&|x, _| x > 1);
+        let found = found.unwrap();
+        assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        // Half the picture leaves no position of the last layers.
+        let (_, nothing) = masked(&|x, _| x > 100);
+        assert_eq!(nothing, Err(Unavailable::EmptyMask));
     }
 
     #[test]

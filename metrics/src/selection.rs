@@ -60,10 +60,10 @@ impl Selection {
             let (base, region) = MetricRegion::split(name);
             let (group, explicit) = match base {
                 "paper" => (PAPER.to_vec(), false),
-                "all" => (MetricKey::all(), false),
-                "ssim-all" => (family(Family::Ssim), true),
-                "lpips-all" => (family(Family::Lpips), true),
-                "dists-all" => (family(Family::Dists), true),
+                "all" => (MetricKey::all_inside(region), false),
+                "ssim-all" => (family(Family::Ssim, region), true),
+                "lpips-all" => (family(Family::Lpips, region), true),
+                "dists-all" => (family(Family::Dists, region), true),
                 _ => {
                     selection.extend([name.parse()?], true);
                     continue;
@@ -147,8 +147,8 @@ const PAPER: [MetricKey; 4] = [
     MetricKey::SSIM,
 ];
 
-fn family(family: Family) -> Vec<MetricKey> {
-    let mut keys = MetricKey::all();
+fn family(family: Family, region: MetricRegion) -> Vec<MetricKey> {
+    let mut keys = MetricKey::all_inside(region);
     keys.retain(|key| key.family() == family);
     keys
 }
@@ -202,8 +202,10 @@ mod tests {
 
     #[test]
     fn families_and_groups() {
-        assert_eq!(keys("ssim-all").len(), 8);
-        assert_eq!(keys("lpips-all").len(), 7);
+        assert_eq!(keys("ssim-all").len(), 11);
+        assert_eq!(keys("ssim-all@mask").len(), 12);
+        assert_eq!(keys("lpips-all").len(), 8);
+        assert_eq!(keys("lpips-all@mask").len(), 10);
         assert_eq!(keys("dists-all").len(), 2);
         assert_eq!(
             keys("ssim,lpips,dists,ssim@frustum"),

@@ -38,6 +38,8 @@ mod pairs_command;
 #[cfg(test)]
 mod photographs;
 #[cfg(test)]
+mod protocols_command;
+#[cfg(test)]
 mod render_command;
 #[cfg(test)]
 mod render_scene;

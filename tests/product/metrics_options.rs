@@ -372,7 +372,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
     let said = metrics(dir.path(), args).ends_with(0);
     assert!(!said.out.contains("Same as") && said.out.contains("not those torchvision published"));
     let keys = metrics(dir.path(), "--explain --metrics all --json").json();
-    assert_eq!(keys.as_array().unwrap().len(), 18);
+    assert_eq!(keys.as_array().unwrap().len(), 23);
     let args = "--methods-text --metrics lpips-alex,psnr --weights alexnet=alexnet.safetensors";
     let said = metrics(dir.path(), args).ends_with(0);
     let file = std::fs::read(dir.path().join("alexnet.safetensors")).unwrap();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
-use sharp_metrics::{Device, MetricRegion, Scorer, ScorerOptions, Selection, Unavailable, Weights};
+use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
 use super::output;
@@ -18,9 +18,9 @@ use crate::scoring::{ScaleChooser, Scoring};
 #[derive(Debug, Args)]
 pub(super) struct MetricArgs {
     /// Metrics, comma-separated: keys or aliases; ssim, lpips, dists (their default variants) or ssim-all, lpips-all,
-    /// dists-all; `paper` (dists, lpips, psnr, ssim) or `all`
-    #[arg(long, value_name = "LIST", default_value = "paper")]
-    pub(super) metrics: String,
+    /// dists-all; `paper` (dists, lpips, psnr, ssim) or `all` [default: paper]
+    #[arg(long, value_name = "LIST")]
+    pub(super) metrics: Option<String>,
     /// A backbone's weights file: alexnet=FILE, vgg16=FILE or squeezenet1_1=FILE; repeatable
     #[arg(long, value_name = "NAME=FILE")]
     pub(super) weights: Vec<String>,
@@ -32,20 +32,25 @@ pub(super) struct MetricArgs {
 
 impl MetricArgs {
     pub(super) fn selection(&self) -> anyhow::Result<Selection> {
-        Selection::parse(&self.metrics).with_context(|| format!("--metrics {}", self.metrics))
+        Ok(self.asked()?.unwrap_or_default())
     }
 
-    /// The metrics of a run. Its mask is the view-frustum mask of a pair.
+    /// The metrics that were asked for; `None` where none were.
+    pub(super) fn asked(&self) -> anyhow::Result<Option<Selection>> {
+        let list = self.metrics.as_ref();
+        let parsed =
+            list.map(|list| Selection::parse(list).with_context(|| format!("--metrics {list}")));
+        parsed.transpose()
+    }
+
+    /// The metrics of a run.
     pub(super) fn scoring(&self) -> anyhow::Result<Scoring> {
-        let selection = self.selection()?;
-        if let Some(key) = selection
-            .keys()
-            .find(|key| key.region() == MetricRegion::Given)
-        {
-            bail!("--metrics {key}: masks are handed in with `sharp-bench metrics --mask` only");
-        }
+        self.scoring_of(&self.selection()?)
+    }
+
+    fn scoring_of(&self, selection: &Selection) -> anyhow::Result<Scoring> {
         let (weights, options) = (self.weights()?, self.options()?);
-        Ok(Scoring::with_options(&selection, &weights, options)?)
+        Ok(Scoring::with_options(selection, &weights, options)?)
     }
 
     /// How the networks are computed: by default, but for the device.
@@ -63,9 +68,9 @@ impl MetricArgs {
 
     /// As [`scoring`](Self::scoring), for long-running work: missing weights of a metric that was named explicitly are an error
     /// before anything is computed, not an empty column after hours.
-    pub(super) fn complete_scoring(&self) -> anyhow::Result<Scoring> {
-        let scoring = self.scoring()?;
-        demand_weights(&self.selection()?, &scoring.scorer)?;
+    pub(super) fn complete_scoring(&self, selection: &Selection) -> anyhow::Result<Scoring> {
+        let scoring = self.scoring_of(selection)?;
+        demand_weights(selection, &scoring.scorer)?;
         Ok(scoring)
     }
 
@@ -121,7 +126,12 @@ pub(super) struct DatasetArgs {
 impl DatasetArgs {
     /// Opens them and says which scenes are left out.
     pub(super) fn open(&self) -> Result<Vec<OpenDataset>, PairError> {
-        let datasets = OpenDataset::open_all(&self.datasets, self.scenes.as_deref())?;
+        self.open_specs(&self.datasets)
+    }
+
+    /// As [`open`](Self::open), of specs that a protocol changed.
+    pub(super) fn open_specs(&self, specs: &[String]) -> Result<Vec<OpenDataset>, PairError> {
+        let datasets = OpenDataset::open_all(specs, self.scenes.as_deref())?;
         for dataset in &datasets {
             for group in &dataset.left_out {
                 let kind = if group.by_choice { "note" } else { "warning" };
@@ -184,11 +194,11 @@ pub(super) struct PairArgs {
         value_name = "FILE",
         conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
     )]
-    pairs: Option<PathBuf>,
+    pub(super) pairs: Option<PathBuf>,
     /// Choices that the paper leaves open, key=value,…; see `pairs --help`. A dataset changes them for itself by
     /// --dataset SPEC,pairs.key=value
     #[arg(long, value_name = "LIST")]
-    pair_options: Option<PairOptions>,
+    pub(super) pair_options: Option<PairOptions>,
     #[command(flatten)]
     overlap: OverlapArgs,
 }

@@ -19,6 +19,7 @@ mod model;
 mod outcome;
 mod output;
 mod pairs;
+mod protocols;
 mod render;
 mod rendering_args;
 mod report;
@@ -73,6 +74,7 @@ enum CliCommand {
     Gate(gate::GateArgs),
     History(history::HistoryArgs),
     Pairs(pairs::PairsArgs),
+    Protocols(protocols::ProtocolsArgs),
     Cameras(cameras::CamerasArgs),
     Datasets(datasets::DatasetsArgs),
     Metrics(metrics::MetricsArgs),
@@ -113,6 +115,7 @@ impl Cli {
             CliCommand::Gate(args) => gate::execute(&args),
             CliCommand::History(args) => history::execute(&args),
             CliCommand::Pairs(args) => pairs::execute(&args),
+            CliCommand::Protocols(args) => protocols::execute(&args),
             CliCommand::Cameras(args) => cameras::execute(&args),
             CliCommand::Datasets(args) => datasets::execute(&args),
             CliCommand::Metrics(args) => metrics::execute(&args),

@@ -9,7 +9,7 @@ use super::metrics::describe;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::{Outcome, output};
-use crate::evaluate::{Named, Results, UnitCounts, join};
+use crate::evaluate::{Aggregation, Named, Results, UnitCounts, join_under};
 use crate::report::{self, Layout, PublishedNumbers, ReportOptions, assemble};
 
 /// Write tables, plots and a browsable page from runs
@@ -38,6 +38,10 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers stand beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
+    /// What means are means of, whatever the runs' own rule: over pairs, over scenes of means over pairs, or over source
+    /// views of means over targets
+    #[arg(long, value_enum, value_name = "OVER")]
+    aggregate: Option<Aggregation>,
     /// Where the page's pictures are; without it, in the page for up to 24 pairs, else beside it
     #[arg(long, value_enum)]
     layout: Option<Layout>,
@@ -54,7 +58,7 @@ pub(super) struct ReportArgs {
 }
 
 pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
-    let results = join(&args.runs)?;
+    let results = join_under(&args.runs, args.aggregate)?;
     if args.methods_text {
         return methods_text(&results, args);
     }

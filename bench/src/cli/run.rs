@@ -14,10 +14,13 @@ use super::rendering_args::RenderingArgs;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::{
-    Estimate, EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages, prepare,
+    Aggregation, Estimate, EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages,
+    prepare,
 };
 use crate::io::counts::counted;
 use crate::methods::{self, KINDS, MethodSpec};
+use crate::protocols::{Asked, Followed, Protocol, ProtocolError};
+use crate::scoring::ScoringRules;
 
 /// Evaluate methods on datasets into a run folder
 ///
@@ -34,6 +37,10 @@ pub(super) struct RunArgs {
     methods: Vec<String>,
     #[command(flatten)]
     metrics: MetricArgs,
+    /// Follow someone's evaluation: pair source, size, metrics, masks, 8 bit, means (`sharp-bench protocols` lists them).
+    /// An option that contradicts it is an error; what cannot be done as there is said in the report
+    #[arg(long, value_name = "NAME")]
+    protocol: Option<String>,
     #[command(flatten)]
     pairs: PairArgs,
     /// Evaluate at most this many pairs, spread over datasets and scenes; those of a smaller N are among those of a larger
@@ -143,23 +150,39 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     if args.limit == Some(0) {
         return Err(UsageError("--limit 0: no pair to evaluate".to_owned()).into());
     }
-    let scoring = args.metrics.complete_scoring()?;
+    let followed = args.protocol.as_ref().map(|name| follow(name, args));
+    let followed = followed.transpose()?;
+    let selection = match followed.as_ref().and_then(|f| f.metrics.clone()) {
+        Some(selection) => selection,
+        None => args.metrics.selection()?,
+    };
+    let scoring = args.metrics.complete_scoring(&selection)?;
     let chooser = args
         .scale_sweep
         .then(|| args.metrics.scale_chooser())
         .transpose()?;
     let methods = build_methods(&args.methods, chooser.as_ref())?;
     let terminal = Terminal::default();
+    let mut rendering = args.rendering.settings();
+    let (mut datasets, mut rules) = (args.datasets.datasets.clone(), ScoringRules::default());
+    let (mut aggregation, mut protocol) = (Aggregation::default(), None);
+    if let Some(followed) = followed {
+        rendering.quantization = followed.quantization.unwrap_or(rendering.quantization);
+        (datasets, rules) = (followed.datasets, followed.rules);
+        (aggregation, protocol) = (followed.aggregation, Some(followed.record));
+    }
     let request = Request {
-        datasets: args.datasets.open()?,
+        datasets: args.datasets.open_specs(&datasets)?,
         only_scenes: args.datasets.scenes.clone(),
         pairs: args.pairs.origin()?,
         limit: args.limit,
         methods,
-        scoring,
+        scoring: scoring.under(rules),
         common_region: args.common_region,
+        aggregation,
+        protocol,
         backend,
-        rendering: args.rendering.settings(),
+        rendering,
     };
     let complete = Outcome::Done.with_scenes_of(&request.datasets);
     let evaluation = prepare(request, &terminal)?;
@@ -216,6 +239,24 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         ))?;
     }
     Ok(outcome)
+}
+
+/// What the command line becomes under a protocol.
+fn follow(name: &str, args: &RunArgs) -> anyhow::Result<Followed> {
+    let metrics = args.metrics.asked()?;
+    let usage = |error: ProtocolError| UsageError(error.to_string());
+    let followed = Protocol::named(name).map_err(usage)?.follow(Asked {
+        datasets: &args.datasets.datasets,
+        has_pair_list: args.pairs.pairs.is_some(),
+        pair_options: args.pairs.pair_options.as_ref(),
+        metrics: metrics.as_ref(),
+        quantization: args.rendering.quantise.map(Into::into),
+    });
+    let followed = followed.map_err(usage)?;
+    for departure in &followed.record.departures {
+        output::remark(format!("note: not as in {name}: {departure}"));
+    }
+    Ok(followed)
 }
 
 fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {

@@ -32,7 +32,7 @@ pub(super) struct ScoreArgs {
 
 pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
-    let scoring = args.metrics.complete_scoring()?;
+    let scoring = args.metrics.complete_scoring(&args.metrics.selection()?)?;
     let (counts, results) = rescore(&args.run, &scoring, &Terminal::default())?;
     if args.json {
         output::json(&json!({

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use super::folder::{RunFolder, RunPlan};
 use super::manifest::Manifest;
@@ -47,9 +48,26 @@ impl std::str::FromStr for Named {
 /// # Errors
 /// When one cannot be read, or two of them contradict each other.
 pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
+    join_under(folders, None)
+}
+
+/// As [`join`], with the means of all of them taken alike where that is asked for.
+///
+/// # Errors
+/// As [`join`].
+pub fn join_under(
+    folders: &[Named],
+    aggregation: Option<Aggregation>,
+) -> Result<Results, EvaluateError> {
     let read: Result<Vec<_>, EvaluateError> = folders
         .iter()
-        .map(|folder| Ok((folder.clone(), Results::read(&folder.path)?)))
+        .map(|folder| {
+            let mut results = Results::read(&folder.path)?;
+            if let Some(aggregation) = aggregation {
+                results.manifest.aggregate(aggregation);
+            }
+            Ok((folder.clone(), results))
+        })
         .collect();
     join_results(read?)
 }
@@ -179,6 +197,11 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
             &b.metric_networks.device.to_string(),
         )?;
     }
+    let followed = [&a, &b].map(|manifest| {
+        let name = manifest.protocol.as_ref().map(|p| p.name.clone());
+        name.unwrap_or_else(|| "none".to_owned())
+    });
+    differs("the protocol", &followed[0], &followed[1])?;
     // A version that did not state a rule yet had the same one.
     for (rule, text) in b.scoring {
         let before = a.scoring.entry(rule.clone()).or_insert(text.clone());

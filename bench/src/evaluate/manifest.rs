@@ -12,12 +12,13 @@ use sharp_datasets::left_out::LeftOutScenes;
 use sharp_metrics::options::Arithmetic;
 use sharp_metrics::{InstructionSet, MetricInfo};
 
+use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
 use crate::rendering::{RenderSettings, SharedRenderer};
-use crate::scoring::Scoring;
+use crate::scoring::{Scoring, ScoringRules};
 
 /// Version of a run folder's layout: manifest, units and plan.
 pub const FORMAT: u32 = 2;
@@ -44,6 +45,15 @@ pub struct Manifest {
     /// Whether all methods of a pair are scored on the part of the target that all of them predict.
     #[serde(default)]
     pub common_region: bool,
+    /// What the means of its tables are means of.
+    #[serde(default)]
+    pub aggregation: Aggregation,
+    /// Which pixels are compared.
+    #[serde(default)]
+    pub rules: ScoringRules,
+    /// Whose evaluation it follows (`--protocol`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<ProtocolRecord>,
     /// In the order given.
     pub datasets: Vec<DatasetRecord>,
     /// The pair lists.
@@ -52,6 +62,21 @@ pub struct Manifest {
     pub methods: Vec<MethodRecord>,
     /// In the order of the columns.
     pub metrics: Vec<MetricRecord>,
+}
+
+/// Someone else's evaluation that a run follows, and where it does not.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ProtocolRecord {
+    /// As in `--protocol`.
+    pub name: String,
+    /// Repository and commit that its rules are from.
+    pub source: String,
+    /// What becomes of a target that fails there; here it is a recorded failure, and tables say what they cover.
+    pub failures: String,
+    /// Rules that mislead, kept as they are.
+    pub traps: Vec<String>,
+    /// Where this harness does otherwise.
+    pub departures: Vec<String>,
 }
 
 /// Who renders, with every setting that decides pixels.
@@ -226,6 +251,13 @@ pub struct MetricRecord {
 }
 
 impl Manifest {
+    /// The same results under other means: a report may take them as its reader asks.
+    pub fn aggregate(&mut self, aggregation: Aggregation) {
+        self.aggregation = aggregation;
+        let text = aggregation_convention(aggregation);
+        self.scoring.insert(AGGREGATION.to_owned(), text);
+    }
+
     /// Metric keys with their identities, in the order of the columns.
     pub fn metric_identities(&self) -> Vec<(String, String)> {
         let metrics = self.metrics.iter();
@@ -265,6 +297,16 @@ impl Manifest {
             self.kernels.name(),
             new.kernels.name(),
         )?;
+        differs(
+            "aggregation",
+            &self.aggregation.to_string(),
+            &new.aggregation.to_string(),
+        )?;
+        let followed = |manifest: &Self| match &manifest.protocol {
+            Some(protocol) => protocol.name.clone(),
+            None => "none".to_owned(),
+        };
+        differs("protocol", &followed(&self), &followed(&new))?;
         let mut replaced = Vec::new();
         let mut merged = new;
         merged.datasets = union(
@@ -347,8 +389,21 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
         .collect()
 }
 
+/// The convention that says what means are means of.
+const AGGREGATION: &str = "aggregation";
+
+fn aggregation_convention(aggregation: Aggregation) -> String {
+    format!("{aggregation}; a mean that holds inf is inf")
+}
+
 /// What decides how predictions become scored pictures, in words; `renderings` is how those become 8 bit.
-pub(super) fn scoring_conventions(renderings: Quantization) -> BTreeMap<String, String> {
+pub(super) fn scoring_conventions(
+    renderings: Quantization,
+    rules: ScoringRules,
+    aggregation: Aggregation,
+) -> BTreeMap<String, String> {
+    let aggregation = aggregation_convention(aggregation);
+    let (border, mask) = (rules.border.to_string(), rules.mask.to_string());
     [
         (
             "prediction",
@@ -373,10 +428,9 @@ pub(super) fn scoring_conventions(renderings: Quantization) -> BTreeMap<String, 
             "median",
             "of an even count the mean of the middle two (torch.median takes the lower)",
         ),
-        (
-            "aggregation",
-            "mean over pairs; a mean that holds inf is inf",
-        ),
+        (AGGREGATION, aggregation.as_str()),
+        ("border", border.as_str()),
+        ("mask", mask.as_str()),
         (
             "excluded pixels",
             "where the dataset's mask excludes pixels of the target, both pictures take the mean colour of its other \

@@ -55,7 +55,7 @@ pub use bundle::{Bundle, Occasion, write_bundle};
 pub use error::EvaluateError;
 pub use estimate::Estimate;
 pub use folder::RunFolder;
-pub use join::{Named, join, merge};
+pub use join::{Named, join, join_under, merge};
 pub use manifest::Manifest;
 pub use pipeline::{Keep, RunOptions, Stages, UnitCounts};
 pub use prepare::{Evaluation, Finished, PairOrigin, Request, RunStatus, prepare};

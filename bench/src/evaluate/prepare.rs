@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use sharp::render::Backend;
 use sharp_datasets::Scene;
 
+use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use super::folder::{PlanBlock, RunFolder};
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
-    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, RendererRecord,
-    metric_records, scoring_conventions,
+    DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
+    RendererRecord, metric_records, scoring_conventions,
 };
 use super::pipeline::{Job, Keep, RunOptions, Stages, UnitCounts, run as run_pipeline};
 use super::record::Status;
@@ -61,6 +62,10 @@ pub struct Request {
     pub scoring: Scoring,
     /// Score all methods of a pair on the part of the target that all of them predict.
     pub common_region: bool,
+    /// What the means of its tables are means of.
+    pub aggregation: Aggregation,
+    /// Whose evaluation it follows, for the record.
+    pub protocol: Option<ProtocolRecord>,
     /// Who renders.
     pub backend: Backend,
     /// And how.
@@ -86,6 +91,8 @@ impl Request {
             methods: methods.map(|method| (String::new(), method)).collect(),
             scoring,
             common_region: false,
+            aggregation: Aggregation::default(),
+            protocol: None,
             backend: Backend::Cpu,
             rendering: RenderSettings::default(),
         }
@@ -105,6 +112,8 @@ pub struct Evaluation {
     pub(super) methods: Vec<Box<dyn Method>>,
     scoring: Scoring,
     common_region: bool,
+    aggregation: Aggregation,
+    protocol: Option<ProtocolRecord>,
     pub(super) renderer: SharedRenderer,
 }
 
@@ -192,6 +201,8 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         methods,
         scoring: request.scoring,
         common_region: request.common_region,
+        aggregation: request.aggregation,
+        protocol: request.protocol,
         renderer: SharedRenderer::open(&request.backend, request.rendering)?,
     };
     if evaluation.pairs()?.is_empty() {
@@ -306,8 +317,15 @@ impl Evaluation {
             renderer: RendererRecord::of(&self.renderer),
             kernels: self.scoring.scorer.options().simd.instruction_set(),
             metric_networks: self.scoring.scorer.options().arithmetic(),
-            scoring: scoring_conventions(self.renderer.settings().quantization),
+            scoring: scoring_conventions(
+                self.renderer.settings().quantization,
+                self.scoring.rules,
+                self.aggregation,
+            ),
             common_region: self.common_region,
+            aggregation: self.aggregation,
+            rules: self.scoring.rules,
+            protocol: self.protocol.clone(),
             datasets: self.datasets.iter().map(dataset).collect(),
             pairs: PairsRecord {
                 sha256: self.list.sha256.clone(),

@@ -20,12 +20,11 @@ use crate::io::observer::Observer;
 use crate::io::pictures::{LinearPicture, read_linear, read_rgb8, to_rgb8};
 use crate::pairs::PairList;
 use crate::pairs::dataset::scenes_of;
+use crate::scoring::rules::{Border, ScoringRules};
 use crate::scoring::{Region, Scoring};
 
 /// Alpha below which a colour is divided by this instead, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
-/// Share of each side that a border crop takes away, as in Flash3D's evaluation.
-const BORDER: f64 = 0.05;
 
 /// How a prediction becomes the picture that is scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -38,7 +37,7 @@ pub enum PictureReading {
     Truncated,
     /// Linear colour divided by alpha, so that holes take the colour of what partly covers them; rounded to 8 bit.
     AlphaDivided,
-    /// The picture without 5 % at each border, and the target likewise.
+    /// As scored, without a twentieth of each side at the border ([`Border::Twentieth`]).
     BorderCropped,
 }
 
@@ -58,7 +57,7 @@ impl PictureReading {
             Self::Unrounded => "not rounded",
             Self::Truncated => "truncated",
             Self::AlphaDivided => "divided by alpha",
-            Self::BorderCropped => "border 5 % cropped",
+            Self::BorderCropped => "border cropped",
         }
     }
 
@@ -169,30 +168,41 @@ fn score_unit(
         false => Err("only renderings of a run with --keep float have it".to_owned()),
     };
     let region = record.crop.map(|crop| crop.region);
-    let mut pictures: Vec<(PictureReading, Picture, Option<Region>)> = Vec::new();
+    let mut pictures: Vec<(PictureReading, Picture)> = Vec::new();
     for reading in PictureReading::ALL {
         let made = match (&linear, reading.needs_float()) {
             (Err(reason), true) => Err(reason.clone()),
-            (Ok(linear), true) => {
-                from_linear(linear, reading, manifest).map(|picture| (picture, region))
-            }
-            (_, false) => from_kept(&kept, reading, region),
+            (Ok(linear), true) => from_linear(linear, reading, manifest),
+            (_, false) => Ok(Picture::Rgb8(kept.clone())),
         };
         match made {
-            Ok((picture, region)) => pictures.push((reading, picture, region)),
+            Ok(picture) => pictures.push((reading, picture)),
             Err(reason) => readings.lacks(reading.name(), &reason),
         }
     }
-    let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().map(|(_, p, r)| (p, *r)).collect();
-    let mask = match scoring.needs_mask() {
-        true => truth.mask(),
-        false => Ok(None),
-    };
-    let scored = match (truth.get(), mask) {
-        (Ok(truth), Ok(mask)) => truth.score(&scoring.scorer, &shown, mask.as_ref()),
-        (Err(reason), _) | (_, Err(reason)) => return readings.lacks("every reading", &reason),
-    };
-    for ((reading, ..), scores) in pictures.iter().zip(scored) {
+    let (cropped, others): (Vec<_>, Vec<_>) = pictures
+        .iter()
+        .partition(|(reading, _)| *reading == PictureReading::BorderCropped);
+    let mut scored = Vec::new();
+    for (border, group) in [
+        (manifest.rules.border, others),
+        (Border::Twentieth, cropped),
+    ] {
+        let masks = truth.masks(&scoring.under(ScoringRules {
+            border,
+            ..manifest.rules
+        }));
+        let shown: Vec<(&Picture, Option<Region>)> =
+            group.iter().map(|(_, picture)| (picture, region)).collect();
+        match (truth.get(), masks) {
+            (Ok(truth), Ok(masks)) => {
+                let scores = truth.score(&scoring.scorer, &shown, &masks);
+                scored.extend(group.iter().map(|(reading, _)| *reading).zip(scores));
+            }
+            (Err(reason), _) | (_, Err(reason)) => return readings.lacks("every reading", &reason),
+        }
+    }
+    for (reading, scores) in scored {
         let scores = match scores {
             Ok(scores) => scores,
             Err(reason) => {
@@ -208,12 +218,12 @@ fn score_unit(
                         .get(&key.to_string())
                         .and_then(|score| score.value());
                     let moved = before.is_some_and(|before| before.to_bits() != value.to_bits());
-                    readings.changed += usize::from(*reading == PictureReading::AsScored && moved);
-                    let values = readings.scores.entry((*reading, key)).or_default();
+                    readings.changed += usize::from(reading == PictureReading::AsScored && moved);
+                    let values = readings.scores.entry((reading, key)).or_default();
                     values.resize(at, None);
                     values.push(Some(value));
                 }
-                Err(reason) if *reading == PictureReading::AsScored => {
+                Err(reason) if reading == PictureReading::AsScored => {
                     readings.lacks(&key.to_string(), &reason.to_string());
                 }
                 Err(_) => {}
@@ -241,42 +251,6 @@ impl Readings {
             .map(|record| record.dataset.as_str())
             .collect()
     }
-}
-
-/// A kept picture, or the middle of it with its place in the target.
-fn from_kept(
-    kept: &RgbImage,
-    reading: PictureReading,
-    region: Option<Region>,
-) -> Result<(Picture, Option<Region>), String> {
-    let picture = Picture::Rgb8(kept.clone());
-    if reading == PictureReading::AsScored {
-        return Ok((picture, region));
-    }
-    if region.is_some() {
-        return Err("the prediction is cropped already".to_owned());
-    }
-    let inner = inner(kept.dimensions()).ok_or("the picture is too small")?;
-    Ok((inner.crop(&picture).into_owned(), Some(inner)))
-}
-
-/// Rows from ⌈0.05 h⌉ to before ⌊0.95 h⌋, columns likewise.
-fn inner((width, height): (u32, u32)) -> Option<Region> {
-    let span = |side: u32| {
-        let side = f64::from(side);
-        let (first, end) = (
-            (BORDER * side).ceil() as u32,
-            ((1.0 - BORDER) * side).floor() as u32,
-        );
-        Some((first, end.checked_sub(first)?))
-    };
-    let ((x, width), (y, height)) = (span(width)?, span(height)?);
-    (width > 0 && height > 0).then_some(Region {
-        x,
-        y,
-        width,
-        height,
-    })
 }
 
 /// A rendering that becomes sRGB in another way.
@@ -313,25 +287,4 @@ fn from_linear(
         })),
         _ => Picture::Rgb8(to_rgb8(&encoded)),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn borders_are_flash3ds() {
-        // 256 × 384 becomes 230 × 344.
-        let region = inner((384, 256)).unwrap();
-        assert_eq!(
-            region,
-            Region {
-                x: 20,
-                y: 13,
-                width: 344,
-                height: 230
-            }
-        );
-        assert_eq!(inner((1, 1)), None);
-    }
 }

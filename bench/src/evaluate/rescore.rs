@@ -38,6 +38,7 @@ pub fn rescore(
     let folder = RunFolder::create(root)?;
     let current = Current::read(&folder)?;
     let mut manifest = current.manifest;
+    let scoring = &scoring.under(manifest.rules);
     let mut new = manifest.clone();
     new.metrics = metric_records(scoring);
     new.metric_networks = scoring.scorer.options().arithmetic();

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use image::RgbImage;
-use sharp_metrics::{Mask, MetricKey, Picture};
+use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
@@ -15,9 +15,13 @@ use super::unit::{StoredScore, Unit};
 use crate::io::text::reason_line;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::pair_list::ResolvedPair;
-use crate::scoring::frustum_mask::{FrustumMaskOptions, frustum_mask};
+use crate::scoring::frustum_mask::{
+    FrustumMask, FrustumMaskOptions, frustum_mask, source_bounds_mask,
+};
+use crate::scoring::ground_truth::PairMasks;
 use crate::scoring::metrics::ScoredMetric;
-use crate::scoring::{GroundTruth, Region, Scoring};
+use crate::scoring::rules::{LEAST_PIXELS, PairMask};
+use crate::scoring::{GroundTruth, Region, Scoring, ScoringRules};
 
 /// The truth of a pair, read when it is first needed.
 pub(super) struct PairTruth<'a> {
@@ -44,22 +48,42 @@ impl<'a> PairTruth<'a> {
         self.truth.get_or_init(read).as_ref().map_err(Clone::clone)
     }
 
-    /// The view-frustum mask of the target; `None` where it has no depth.
-    pub(super) fn mask(&self) -> Result<Option<Mask>, String> {
+    /// The masks of the pair that metrics need; none where the target has no depth.
+    pub(super) fn masks(&self, scoring: &Scoring) -> Result<PairMasks, String> {
+        let ScoringRules { mask, border } = scoring.rules;
+        let mut masks = PairMasks {
+            border,
+            ..PairMasks::default()
+        };
+        let with_frustum = scoring.needs(MetricRegion::Frustum);
+        let with_given = scoring.needs(MetricRegion::Given) && mask == PairMask::SourceBounds;
+        if !with_frustum && !with_given {
+            return Ok(masks);
+        }
         let ResolvedPair { source, target, .. } = self.planned;
         let depth = target.content.depth();
-        let Some(depth) = depth.map_err(|error| error.to_string())? else {
-            return Ok(None);
+        let depth = depth.map_err(|error| error.to_string())?;
+        let posed = depth.map(|depth| PosedDepth::of_view(target, depth));
+        let posed = posed.transpose().map_err(|error| error.to_string())?;
+        let (camera, pose) = (&source.intrinsics, &source.camera_from_world);
+        let mask = |of: &dyn Fn(&PosedDepth) -> FrustumMask| {
+            let mask = of(posed.as_ref()?);
+            let inside = mask.as_raw().iter().map(|&v| v != 0).collect();
+            Mask::new(mask.width(), mask.height(), inside)
         };
-        let posed = PosedDepth::of_view(target, depth).map_err(|error| error.to_string())?;
-        let mask = frustum_mask(
-            &posed,
-            &source.intrinsics,
-            &source.camera_from_world,
-            &FrustumMaskOptions::default(),
-        );
-        let inside = mask.as_raw().iter().map(|&v| v != 0).collect();
-        Ok(Mask::new(mask.width(), mask.height(), inside))
+        if with_frustum {
+            let options = FrustumMaskOptions::default();
+            masks.frustum = mask(&|posed| frustum_mask(posed, camera, pose, &options));
+        }
+        if with_given {
+            let bounds = mask(&|posed| source_bounds_mask(posed, camera, pose));
+            let size = (target.intrinsics.width, target.intrinsics.height);
+            // Without depth, and of too few pixels, nothing is inside.
+            let enough = bounds.filter(|mask| mask.count() >= LEAST_PIXELS);
+            let nothing = || Mask::new(size.0, size.1, vec![false; Region::whole(size).area()]);
+            masks.given = enough.or_else(nothing);
+        }
+        Ok(masks)
     }
 }
 
@@ -101,11 +125,7 @@ pub(super) fn score_pair(
 ) -> Result<Vec<Unit>, EvaluateError> {
     let started = Instant::now();
     let count = unscored.len().max(1) as f64;
-    let mask = if scoring.needs_mask() {
-        truth.mask()
-    } else {
-        Ok(None)
-    };
+    let masks = truth.masks(scoring);
     let mut groups: BTreeMap<Vec<MetricKey>, Vec<Unscored>> = BTreeMap::new();
     for item in unscored {
         let missing = missing(&item.unit, scoring, keys, &truth.planned);
@@ -114,10 +134,10 @@ pub(super) fn score_pair(
     }
     let mut scored = Vec::new();
     for (metrics, group) in groups {
-        let read = match (truth.get(), &mask) {
+        let read = match (truth.get(), &masks) {
             (Err(reason), _) => Err(reason),
             (_, Err(reason)) => Err(reason.clone()),
-            (Ok(truth), Ok(mask)) => Ok((truth, mask)),
+            (Ok(truth), Ok(masks)) => Ok((truth, masks)),
         };
         let (units, pictures): (Vec<Unit>, Vec<Picture>) = group
             .into_iter()
@@ -129,9 +149,7 @@ pub(super) fn score_pair(
         let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().zip(regions).collect();
         let results = match read {
             Err(reason) => vec![Err(reason); units.len()],
-            Ok((truth, mask)) => {
-                truth.score(&scoring.scorer.restricted(&metrics), &shown, mask.as_ref())
-            }
+            Ok((truth, masks)) => truth.score(&scoring.scorer.restricted(&metrics), &shown, masks),
         };
         let changed = keys.changed(None, &truth.planned);
         for (mut unit, result) in units.into_iter().zip(results) {

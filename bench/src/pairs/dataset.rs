@@ -9,12 +9,16 @@ use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 use sharp_datasets::{DatasetSpec, Scene};
 
 use super::error::PairError;
+use super::frame::Frame;
 
 /// The name of what several datasets say together, which no dataset can have.
 pub const ALL_DATASETS: &str = "all";
 
 /// Starts a key of a dataset that is a pair option, so that it cannot collide with a reading.
 const PAIR_OPTION: &str = "pairs.";
+
+/// Starts the setting of a dataset that is a [`Frame`].
+const FRAME: &str = "frame=";
 
 #[derive(Debug, Clone)]
 pub struct OpenDataset {
@@ -87,8 +91,17 @@ impl OpenDataset {
         recorded: &[DatasetReading],
         scenes: Option<&str>,
     ) -> Result<Self, PairError> {
-        let (plain, pair_options) = split_pair_options(text);
-        let given = DatasetSpec::parse(&plain)?;
+        let (plain, pair_options) = split_off(text, PAIR_OPTION);
+        let (of_reader, frames) = split_off(&plain, FRAME);
+        let refused = |reason: String| PairError::DatasetSpec {
+            spec: text.to_owned(),
+            reason,
+        };
+        let frame: Option<Frame> = match frames.is_empty() {
+            true => None,
+            false => Some(frames.parse().map_err(refused)?),
+        };
+        let given = DatasetSpec::parse(&of_reader)?;
         let mut spec = given.clone();
         for reading in recorded.iter().filter(|r| given.setting(&r.key) != r.value) {
             let mut settings = spec.entry.settings.iter();
@@ -109,18 +122,34 @@ impl OpenDataset {
             true => found.all()?,
             false => found.scenes,
         };
+        let mut settings = format!("{} {:?}", given.entry.format, given.settings);
         let readings = spec.readings().into_iter();
+        let mut readings: Vec<DatasetReading> = readings
+            .map(|setting| DatasetReading {
+                key: setting.key.to_owned(),
+                value: setting.value,
+                proxy: setting.proxy,
+                open: setting.open,
+            })
+            .collect();
+        let mut scenes = scenes;
+        if let Some(frame) = frame {
+            settings += &format!(" {FRAME}{frame}");
+            readings.push(DatasetReading {
+                key: "frame".to_owned(),
+                value: frame.to_string(),
+                // The paper scores at full resolution.
+                proxy: true,
+                open: false,
+            });
+            for view in scenes.iter_mut().flat_map(|scene| &mut scene.views) {
+                *view = frame.apply(view).map_err(refused)?;
+            }
+        }
         Ok(Self {
             format: spec.entry.format,
-            settings: format!("{} {:?}", given.entry.format, given.settings),
-            readings: readings
-                .map(|setting| DatasetReading {
-                    key: setting.key.to_owned(),
-                    value: setting.value,
-                    proxy: setting.proxy,
-                    open: setting.open,
-                })
-                .collect(),
+            settings,
+            readings,
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
             name: spec.name,
             spec: plain,
@@ -187,12 +216,12 @@ fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
     }
 }
 
-/// `eth3d=PATH,pairs.overlap=given` into `eth3d=PATH` and `overlap=given`.
-fn split_pair_options(text: &str) -> (String, String) {
+/// `eth3d=PATH,pairs.overlap=given` into `eth3d=PATH` and `overlap=given`, where the start is `pairs.`.
+fn split_off(text: &str, start: &str) -> (String, String) {
     let (options, plain): (Vec<&str>, Vec<&str>) = text
         .split(',')
-        .partition(|part| part.trim_start().starts_with(PAIR_OPTION));
-    let bare = |option: &&str| option.trim_start()[PAIR_OPTION.len()..].to_owned();
+        .partition(|part| part.trim_start().starts_with(start));
+    let bare = |option: &&str| option.trim_start()[start.len()..].to_owned();
     let options: Vec<String> = options.iter().map(bare).collect();
     (plain.join(","), options.join(","))
 }
@@ -260,8 +289,9 @@ mod tests {
 
     #[test]
     fn pair_options_of_a_dataset_are_told_from_its_readings() {
-        let (plain, options) = split_pair_options(
+        let (plain, options) = split_off(
             "E:eth3d=a/b,pairs.overlap=given,depth=points,pairs.overlap-depth=d",
+            PAIR_OPTION,
         );
         assert_eq!(plain, "E:eth3d=a/b,depth=points");
         assert_eq!(options, "overlap=given,overlap-depth=d");
@@ -269,5 +299,28 @@ mod tests {
         let open = OpenDataset::open_all(&[text], None).unwrap();
         assert_eq!(open[0].spec, "S:synthetic=size=48x36,views=4");
         assert_eq!(open[0].pair_options, "threshold=0.5");
+    }
+
+    #[test]
+    fn a_frame_is_a_reading_and_part_of_the_identity() {
+        let open = |text: &str| OpenDataset::open_recorded(text, &[], None);
+        let plain = open("synthetic=size=48x36,views=2").unwrap();
+        let text = "S:synthetic=size=48x36,views=2,frame=cover:24x24:area,pairs.order=once";
+        let framed = open(text).unwrap();
+        assert_ne!(framed.settings, plain.settings);
+        let reading = framed.readings.last().unwrap();
+        assert_eq!(
+            (reading.key.as_str(), reading.value.as_str()),
+            ("frame", "cover:24x24:area")
+        );
+        let view = &framed.scenes[0].views[0];
+        assert_eq!(view.content.image().unwrap().dimensions(), (24, 24));
+        // What a manifest records opens the same.
+        let again = OpenDataset::open_recorded(&framed.spec, &framed.readings, None).unwrap();
+        assert_eq!(again.settings, framed.settings);
+        for (frame, reason) in [("cover:64x64:area", "48x36"), ("cover", "WxH")] {
+            let error = open(&format!("synthetic=size=48x36,views=2,frame={frame}")).unwrap_err();
+            assert!(error.to_string().contains(reason), "{error}");
+        }
     }
 }

@@ -8,13 +8,14 @@
 //! * [`overlap`]: how much of one view another one sees; [`overlap_cache`]: what was measured before.
 //! * [`options`]: every open choice, with its default and its text form.
 //! * [`pair_id`]: `dataset/scene/source__target`, encoded so that it can be decoded.
-//! * [`dataset`]: datasets as they were opened, with the pair options given for each.
+//! * [`dataset`]: datasets as they were opened, with the pair options given for each; [`frame`]: at another size.
 //! * [`build`]: scenes into pairs; [`recipe`]: the choices and files behind a list; [`advice`]: why there is no pair.
 //! * [`description`]: one pair in JSON, and the cameras of its views.
 //! * [`provenance`]: how a list came about, for manifests.
 //! * [`ambiguity`]: how far the open choices move the pairs.
 //! * [`sampling`]: which qualified pairs are evaluated.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
+//! * [`foreign`]: other people's lists.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
 //! * [`valid_depth`]: which depths count, their median and share.
 
@@ -26,6 +27,8 @@ pub mod dataset;
 pub mod depth;
 pub mod description;
 pub mod error;
+pub mod foreign;
+pub mod frame;
 pub mod options;
 pub mod overlap;
 pub mod overlap_cache;

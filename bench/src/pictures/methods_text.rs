@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use sharp_metrics::weights::Published;
 use sharp_metrics::{
     Backbone, LpipsNet, LpipsVariant, Metric, MetricInfo, MetricKey, MetricRegion, OwnWeights,
-    SsimVariant, WeightsUsed,
+    SsimBorder, SsimCovariance, SsimVariant, SsimWindow, WeightsUsed,
 };
 
 use crate::io::atomic_files::{FileError, write_over_own};
@@ -85,10 +85,15 @@ impl MethodsText {
 fn sentence(info: &MetricInfo) -> String {
     let metric = info.key.metric();
     let text = match metric {
-        Metric::Psnr => {
-            "PSNR is $-10\\log_{10}$ of the mean squared error over all pixels and channels of values in $[0,1]$, per \
-             image and not pooled"
-                .to_owned()
+        Metric::Psnr | Metric::PsnrFloored => {
+            let floor = match metric {
+                Metric::PsnrFloored => " (at least $10^{-8}$)",
+                _ => "",
+            };
+            format!(
+                "PSNR is $-10\\log_{{10}}$ of the mean squared error{floor} over all pixels and channels of values in \
+                 $[0,1]$, per image and not pooled"
+            )
         }
         Metric::Ssim(variant) => format!("SSIM~\\cite{{wang2004image}} uses {}", ssim(variant)),
         Metric::Lpips(net, variant) => lpips(info, net, variant),
@@ -100,7 +105,13 @@ fn sentence(info: &MetricInfo) -> String {
         MetricRegion::Given => Some("the given mask"),
     };
     let inside = mask.map(|mask| match metric {
-        Metric::Psnr => format!(", over the pixels inside {mask}"),
+        Metric::Psnr | Metric::PsnrFloored => format!(", over the pixels inside {mask}"),
+        Metric::Ssim(SsimVariant::Gauss11ValidWholeWindow) => {
+            format!(", averaged over the windows that lie inside {mask} as a whole")
+        }
+        Metric::Lpips(_, LpipsVariant::BoxPaste | LpipsVariant::LayerMask) => {
+            format!("; the mask is {mask}")
+        }
         Metric::Ssim(_) => format!(", averaged over the window centres inside {mask}"),
         _ => format!(", averaged over the spatial map inside {mask}"),
     });
@@ -110,39 +121,42 @@ fn sentence(info: &MetricInfo) -> String {
 
 /// Window, constants, covariance, border and channels.
 fn ssim(variant: SsimVariant) -> String {
-    use SsimVariant::{
-        Gauss11Reflect, Gauss11ReflectDataRange, Gauss11Valid, Gauss11ValidGray,
-        Gauss11ValidSample, Gauss11Zero, Uniform7Population, Uniform7Sample,
+    let form = variant.form();
+    let window = match form.window {
+        SsimWindow::Uniform7 => "a $7\\times7$ uniform window",
+        SsimWindow::Gauss11 => "an $11\\times11$ Gaussian window ($\\sigma=1.5$)",
     };
-    let window = match variant {
-        Uniform7Sample | Uniform7Population => "a $7\\times7$ uniform window",
-        _ => "an $11\\times11$ Gaussian window ($\\sigma=1.5$)",
+    let range = match form.range_of_data {
+        true => " scaled by the larger data range of the two images",
+        false => "",
     };
-    let range = match variant {
-        Gauss11ReflectDataRange => " scaled by the larger data range of the two images",
-        _ => "",
+    let covariance = match form.covariance {
+        SsimCovariance::Sample => "sample covariance",
+        SsimCovariance::Population => "population covariance",
+        SsimCovariance::Bounded => {
+            "population covariance bounded by the geometric mean of the variances"
+        }
     };
-    let covariance = match variant {
-        Uniform7Sample | Gauss11ValidSample => "sample",
-        _ => "population",
+    let border = match form.border {
+        SsimBorder::Zero => "zero padding",
+        SsimBorder::Reflect => "reflected borders",
+        SsimBorder::Valid => "only windows inside the image",
     };
-    let border = match variant {
-        Gauss11Zero => "zero padding",
-        Gauss11Reflect | Gauss11ReflectDataRange => "reflected borders",
-        Gauss11Valid | Gauss11ValidSample | Gauss11ValidGray | Uniform7Sample
-        | Uniform7Population => "only windows inside the image",
+    let guard = match form.guarded {
+        true => " and $10^{-8}$ added to the denominator",
+        false => "",
     };
     let channels = match variant {
-        Gauss11ValidGray => "on luma $0.299R+0.587G+0.114B$",
-        Gauss11Zero => {
+        _ if form.gray => "on luma $0.299R+0.587G+0.114B$",
+        SsimVariant::Gauss11Zero => {
             "averaged over the RGB channels, as in the evaluation of 3D Gaussian Splatting"
         }
-        Uniform7Sample => "averaged over the RGB channels (the defaults of scikit-image)",
+        SsimVariant::Uniform7Sample => {
+            "averaged over the RGB channels (the defaults of scikit-image)"
+        }
         _ => "averaged over the RGB channels",
     };
-    format!(
-        "{window}, $K_1=0.01$, $K_2=0.03${range}, {covariance} covariance and {border}, {channels}"
-    )
+    format!("{window}, $K_1=0.01$, $K_2=0.03${range}, {covariance} and {border}{guard}, {channels}")
 }
 
 fn lpips(info: &MetricInfo, net: LpipsNet, variant: LpipsVariant) -> String {
@@ -158,6 +172,14 @@ fn lpips(info: &MetricInfo, net: LpipsNet, variant: LpipsVariant) -> String {
         LpipsVariant::Unscaled => {
             "on inputs left in $[0,1]$ where the network expects $[-1,1]$, without resizing, as in the evaluation of \
              3D Gaussian Splatting"
+        }
+        LpipsVariant::BoxPaste => {
+            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-10}$ added to feature norms, on the box around \
+             the mask with the prediction replaced by the ground truth outside the mask"
+        }
+        LpipsVariant::LayerMask => {
+            "on inputs scaled to $[-1,1]$ without resizing, with $10^{-8}$ added to feature norms, each layer averaged \
+             over the positions that no pixel outside the mask has reached"
         }
         LpipsVariant::TorchmetricsEps => {
             "on inputs scaled to $[-1,1]$ without resizing, with $10^{-8}$ added to squared feature norms as \
@@ -267,25 +289,23 @@ mod tests {
 
     #[test]
     fn every_key_has_a_sentence_and_everything_cited_has_an_entry() {
-        for key in MetricKey::all() {
-            for key in MetricRegion::ALL
-                .into_iter()
-                .filter_map(|region| key.inside(region))
-            {
-                let text = MethodsText::new(&[key], &[]);
-                let key = key.to_string();
-                assert!(
-                    text.latex.contains(&format!("\\texttt{{{key}}}")),
-                    "{}",
-                    text.latex
-                );
-                for cite in text.latex.split("\\cite{").skip(1) {
-                    let name = cite.split('}').next().unwrap();
-                    assert!(text.bibtex.contains(&format!("{{{name},")), "{name}");
-                }
-                let opened = text.latex.matches('{').count();
-                assert_eq!(opened, text.latex.matches('}').count(), "{}", text.latex);
+        for key in MetricRegion::ALL
+            .into_iter()
+            .flat_map(MetricKey::all_inside)
+        {
+            let text = MethodsText::new(&[key], &[]);
+            let key = key.to_string();
+            assert!(
+                text.latex.contains(&format!("\\texttt{{{key}}}")),
+                "{}",
+                text.latex
+            );
+            for cite in text.latex.split("\\cite{").skip(1) {
+                let name = cite.split('}').next().unwrap();
+                assert!(text.bibtex.contains(&format!("{{{name},")), "{name}");
             }
+            let opened = text.latex.matches('{').count();
+            assert_eq!(opened, text.latex.matches('}').count(), "{}", text.latex);
         }
     }
 

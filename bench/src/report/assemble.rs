@@ -14,7 +14,9 @@ use super::input::{
 use super::pictures::{NoPictures, ReportPictures};
 use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
 use crate::evaluate::Results;
-use crate::evaluate::manifest::{DatasetRecord, ListRecord, Manifest, MethodRecord};
+use crate::evaluate::manifest::{
+    DatasetRecord, ListRecord, Manifest, MethodRecord, ProtocolRecord,
+};
 use crate::evaluate::record::Record;
 use crate::evaluate::results::KeptPicture;
 use crate::evaluate::source_check::doubt;
@@ -141,6 +143,7 @@ pub(crate) fn input<'a>(
                 format: Some(dataset.format.clone()),
                 proxies: proxies(manifest, dataset, records),
                 common_region: manifest.common_region,
+                aggregation: manifest.aggregation,
                 ..ReportDataset::named(&dataset.name)
             })
             .collect(),
@@ -301,6 +304,9 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     }
     scoring.sort();
     groups.push(group("Scoring", scoring));
+    if let Some(protocol) = &manifest.protocol {
+        groups.push(group("Protocol", protocol_facts(protocol)));
+    }
     for list in &manifest.pairs.lists {
         groups.push(group("Pair list", list_facts(list)));
     }
@@ -312,6 +318,23 @@ fn facts(manifest: &Manifest) -> Vec<FactGroup> {
     ];
     groups.push(group("Build", build));
     groups
+}
+
+fn protocol_facts(protocol: &ProtocolRecord) -> Vec<(String, String)> {
+    let mut facts = vec![
+        fact("name", &protocol.name),
+        fact("source", &protocol.source),
+    ];
+    facts.push(fact("failures", &protocol.failures));
+    facts.extend(
+        protocol
+            .traps
+            .iter()
+            .map(|trap| fact("kept as it is", trap)),
+    );
+    let departures = protocol.departures.iter();
+    facts.extend(departures.map(|departure| fact("not as theirs", departure)));
+    facts
 }
 
 fn choice_facts(choices: &PairProvenance) -> Vec<(String, String)> {

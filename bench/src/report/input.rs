@@ -7,6 +7,7 @@ use sharp_datasets::entry::ENTRIES;
 use sharp_metrics::identity::MetricRegion;
 use sharp_metrics::{Direction, MetricInfo, MetricKey};
 
+use crate::evaluate::Aggregation;
 use crate::evaluate::record::Record;
 
 use super::error::ReportError;
@@ -186,6 +187,8 @@ pub struct ReportDataset {
     pub proxies: Vec<String>,
     /// Whether scores are taken on the part of each target that all methods predict.
     pub common_region: bool,
+    /// What its means are means of.
+    pub aggregation: Aggregation,
 }
 
 impl ReportDataset {

@@ -11,13 +11,14 @@ pub struct CellStatistics {
     pub n: usize,
     /// Pairs of the dataset.
     pub total: usize,
-    /// Mean over the pairs with a number, in the order of their ids; infinite as soon as one is.
+    /// Mean over the pairs with a number as the dataset's [`Aggregation`](crate::evaluate::Aggregation) takes it, in the
+    /// order of their ids; infinite as soon as one is.
     pub mean: Option<f64>,
-    /// Sample standard deviation (divisor n − 1); `None` for fewer than two numbers or an infinite one.
+    /// Sample standard deviation over pairs (divisor n − 1); `None` for fewer than two numbers or an infinite one.
     pub std: Option<f64>,
     /// How many of the numbers are infinite.
     pub infinite: usize,
-    /// Mean over the finite numbers; `None` when there is none.
+    /// The same over the finite numbers; `None` when there is none.
     pub finite_mean: Option<f64>,
     /// Why predictions failed, each reason once with its count, in the order met.
     pub failures: Vec<(String, usize)>,
@@ -62,7 +63,10 @@ fn gather(
             None => Err((false, "no record of this pair".to_owned())),
             Some(record) => match &record.status {
                 Status::Failed { reason } => Err((true, reason.clone())),
-                Status::Ok => value(record).map_err(|reason| (false, reason)),
+                Status::Ok => match value(record) {
+                    Ok(value) => Ok((record, value)),
+                    Err(reason) => Err((false, reason)),
+                },
             },
         };
         match outcome {
@@ -83,11 +87,12 @@ fn gather(
         }
     }
     cell.n = values.len();
-    cell.infinite = values.iter().filter(|v| v.is_infinite()).count();
-    cell.mean = mean(&values);
-    cell.std = sample_std(&values);
-    let finite: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    cell.finite_mean = mean(&finite);
+    let aggregation = dataset.dataset.aggregation;
+    cell.infinite = values.iter().filter(|(_, v)| v.is_infinite()).count();
+    cell.mean = aggregation.of(values.iter().copied());
+    let numbers: Vec<f64> = values.iter().map(|(_, v)| *v).collect();
+    cell.std = sample_std(&numbers);
+    cell.finite_mean = aggregation.of(values.into_iter().filter(|(_, v)| v.is_finite()));
     cell
 }
 

@@ -53,22 +53,51 @@ pub fn frustum_mask(
     source_from_world: &RigidTransform,
     options: &FrustumMaskOptions,
 ) -> FrustumMask {
+    let ndc = source.ndc_from_camera();
+    mask_of(
+        target,
+        ndc,
+        source_from_world,
+        options.infinite_depth,
+        |p| p.z > 0.0 && (p.x / p.z).abs() <= options.margin && (p.y / p.z).abs() <= options.margin,
+    )
+}
+
+/// The same where the pixel's centre lands at 0 ≤ u < width and 0 ≤ v < height of the source, both counted from the
+/// centre of its first pixel: the mask of UniSHARP's evaluation.
+pub fn source_bounds_mask(
+    target: &PosedDepth,
+    source: &Intrinsics,
+    source_from_world: &RigidTransform,
+) -> FrustumMask {
+    let (width, height) = (f64::from(source.width), f64::from(source.height));
+    let infinite = InfiniteDepth::Invalid;
+    mask_of(target, source.matrix(), source_from_world, infinite, |p| {
+        let inside = |at: f64, side: f64| (0.5..side + 0.5).contains(&at);
+        p.z > 0.0 && inside(p.x / p.z, width) && inside(p.y / p.z, height)
+    })
+}
+
+/// 1 where `inside` holds of a target pixel's point, brought into the source's camera and through `projection`.
+fn mask_of(
+    target: &PosedDepth,
+    projection: DMat3,
+    source_from_world: &RigidTransform,
+    infinite_depth: InfiniteDepth,
+    inside: impl Fn(DVec3) -> bool + Sync,
+) -> FrustumMask {
     let (width, height) = target.depth().dimensions();
     let source_from_target = source_from_world.after(&target.camera_from_world().inverse());
-    let ndc_from_source = source.ndc_from_camera();
     let rotation: DMat3 =
-        ndc_from_source * source_from_target.rotation * target.intrinsics().matrix().inverse();
-    let translation = ndc_from_source * source_from_target.translation;
+        projection * source_from_target.rotation * target.intrinsics().matrix().inverse();
+    let translation = projection * source_from_target.translation;
     let inside = |x: usize, y: usize, depth: f32| {
         let ray = rotation * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
-        let p = if is_valid_depth(depth) {
-            ray * f64::from(depth) + translation
-        } else if depth == f32::INFINITY && options.infinite_depth == InfiniteDepth::Direction {
-            ray
+        if is_valid_depth(depth) {
+            inside(ray * f64::from(depth) + translation)
         } else {
-            return false;
-        };
-        p.z > 0.0 && (p.x / p.z).abs() <= options.margin && (p.y / p.z).abs() <= options.margin
+            depth == f32::INFINITY && infinite_depth == InfiniteDepth::Direction && inside(ray)
+        }
     };
     let mut mask = FrustumMask::new(width, height);
     if width > 0 {
@@ -125,6 +154,21 @@ mod tests {
         };
         assert_eq!(count(0.9375), 16);
         assert_eq!(count(0.9374), 4);
+    }
+
+    #[test]
+    fn the_sources_bounds_are_counted_from_its_first_pixels_centre() {
+        // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1, so that the first column's centre lands at
+        // -0.5, outside, and all others inside.
+        let target = view(DepthMap::from_pixel(4, 4, Luma([2.0])));
+        let mask = |x: f64| source_bounds_mask(&target, &camera(4), &shifted(x, 0.0));
+        let columns = |mask: FrustumMask| -> Vec<u8> { mask.as_raw()[..4].to_vec() };
+        assert_eq!(columns(mask(-1.0)), [0, 1, 1, 1]);
+        // The last column lands at 4.5 - 0.5 = 4, which is not below 4.
+        assert_eq!(columns(mask(1.0)), [1, 1, 1, 0]);
+        assert_eq!(columns(mask(0.0)), [1; 4]);
+        let behind = source_bounds_mask(&target, &camera(4), &shifted(0.0, -3.0));
+        assert!(behind.iter().all(|&m| m == 0));
     }
 
     #[test]

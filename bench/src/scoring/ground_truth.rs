@@ -3,16 +3,28 @@
 use std::borrow::Cow;
 
 use image::{GrayImage, Rgb, Rgb32FImage, RgbImage};
-use sharp_metrics::identity::Family;
-use sharp_metrics::{Maps, Mask, Picture, Scorer, Scores};
+use sharp_metrics::{
+    Maps, Mask, Metric, MetricKey, MetricRegion, Picture, Scorer, Scores, Unavailable,
+};
 
 use super::Region;
+use super::rules::Border;
 
 /// A target's photograph and which of its pixels count.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundTruth {
     image: RgbImage,
     valid: Option<Mask>,
+}
+
+/// What else decides which pixels of a pair count.
+#[derive(Debug, Default)]
+pub(crate) struct PairMasks {
+    /// For metrics `@frustum`.
+    pub(crate) frustum: Option<Mask>,
+    /// For metrics `@mask`; without it, the pixels that the dataset does not exclude.
+    pub(crate) given: Option<Mask>,
+    pub(crate) border: Border,
 }
 
 impl GroundTruth {
@@ -50,14 +62,16 @@ impl GroundTruth {
     }
 
     /// Scores pictures, each of a region or of the whole target, against that part of the truth, in one pass of each
-    /// network over the truth for all that show the same part. Pixels that the dataset excludes do not count, by the
-    /// rule of ScanNet++'s evaluation: both pictures take the mean colour of the region's valid target pixels there,
-    /// and PSNR is that of the valid pixels. An error concerns its picture alone; it is the bare reason.
+    /// network over the truth for all that show the same part. An error concerns its picture alone; it is the bare reason.
+    ///
+    /// Pixels that the dataset excludes do not count: both pictures take the mean colour of the region's valid target
+    /// pixels there, and PSNR is that of the valid pixels. Metrics `@mask` see the pictures as they are, and count inside
+    /// the mask that is given, or else the pixels that are not excluded.
     pub(crate) fn score(
         &self,
         scorer: &Scorer,
         pictures: &[(&Picture, Option<Region>)],
-        frustum: Option<&Mask>,
+        masks: &PairMasks,
     ) -> Vec<Result<Scores, String>> {
         let size = self.dimensions();
         let mut scored: Vec<Option<Result<Scores, String>>> = vec![None; pictures.len()];
@@ -71,7 +85,7 @@ impl GroundTruth {
                 continue;
             }
             let of_region: Vec<&Picture> = same.iter().map(|&i| pictures[i].0).collect();
-            let results = self.score_region(scorer, region, &of_region, frustum);
+            let results = self.score_region(scorer, region, &of_region, masks);
             for (i, result) in same.into_iter().zip(results) {
                 scored[i] = Some(result);
             }
@@ -84,23 +98,66 @@ impl GroundTruth {
         scorer: &Scorer,
         region: Region,
         pictures: &[&Picture],
-        frustum: Option<&Mask>,
+        masks: &PairMasks,
     ) -> Vec<Result<Scores, String>> {
-        let shown = match self.shown(region) {
+        let border = masks.border.kept(self.dimensions());
+        let compared = region.intersection(&border);
+        let Some(compared) = compared.filter(|_| border.fits(self.dimensions())) else {
+            let reason = "nothing is left inside the cropped border".to_owned();
+            return vec![Err(reason); pictures.len()];
+        };
+        // A picture of another size stays whole; the scorer says so, with both sizes.
+        let pictures: Vec<Cow<'_, Picture>> = pictures
+            .iter()
+            .map(|picture| match compared.within(&region) {
+                Some(part) if picture.dimensions() == region.size() => part.crop(picture),
+                _ => Cow::Borrowed(*picture),
+            })
+            .collect();
+        let shown = match self.shown(compared) {
             Ok(shown) => shown,
             Err(reason) => return vec![Err(reason); pictures.len()],
         };
-        let frustum = frustum.and_then(|mask| region.crop_mask(mask));
-        let pictures: Vec<Cow<'_, Picture>> = pictures.iter().map(|p| shown.seen(p)).collect();
-        let pictures: Vec<&Picture> = pictures.iter().map(AsRef::as_ref).collect();
-        let results = scored(scorer, &shown.truth, &pictures, frustum.as_deref());
-        let share = shown.excluding.as_ref().and_then(|(valid, _)| share(valid));
-        let over_valid = |scores| match share {
-            None => scores,
-            Some(share) => over_valid(scores, share),
-        };
-        let results = results.into_iter();
-        results.map(|result| result.map(over_valid)).collect()
+        let is_given = |key: &MetricKey| key.region() == MetricRegion::Given;
+        let (given, others): (Vec<MetricKey>, Vec<MetricKey>) =
+            scorer.keys().iter().partition(|key| is_given(key));
+        let frustum = masks.frustum.as_ref();
+        let frustum = frustum.and_then(|mask| compared.crop_mask(mask));
+        let seen: Vec<Cow<'_, Picture>> = pictures.iter().map(|p| shown.seen(p)).collect();
+        let seen: Vec<&Picture> = seen.iter().map(AsRef::as_ref).collect();
+        let others = scorer.restricted(&others);
+        let mut results = scored(&others, &shown.truth, &seen, frustum.as_deref());
+        if let Some((valid, _)) = &shown.excluding {
+            for (result, picture) in results.iter_mut().zip(&seen) {
+                for (key, score) in result.iter_mut().flatten() {
+                    over_valid(*key, score, picture, &shown.truth, valid);
+                }
+            }
+        }
+        if !given.is_empty() {
+            let all = Mask::new(compared.width, compared.height, vec![true; compared.area()]);
+            let mask = masks.given.as_ref().or(self.valid.as_ref());
+            let mask = mask.and_then(|mask| compared.crop_mask(mask));
+            let mask = mask.or(all.map(Cow::Owned));
+            let truth = compared
+                .crop(&Picture::Rgb8(self.image.clone()))
+                .into_owned();
+            let pictures: Vec<&Picture> = pictures.iter().map(AsRef::as_ref).collect();
+            let inside = scored(
+                &scorer.restricted(&given),
+                &truth,
+                &pictures,
+                mask.as_deref(),
+            );
+            let place = |key: &MetricKey| scorer.keys().iter().position(|k| k == key);
+            for (result, inside) in results.iter_mut().zip(inside) {
+                if let (Ok(scores), Ok(inside)) = (result, inside) {
+                    scores.extend(inside);
+                    scores.sort_by_key(|(key, _)| place(key));
+                }
+            }
+        }
+        results
     }
 
     /// The maps of SSIM and LPIPS of a picture of a region or of the whole target, by the same rules.
@@ -207,20 +264,21 @@ fn filled(picture: &Picture, valid: &Mask, colour: [f32; 3]) -> Picture {
     }))
 }
 
-/// PSNR over the valid pixels: the excluded ones are equal in both pictures, so that they only add to the number of
-/// pixels.
-fn over_valid(scores: Scores, share: f64) -> Scores {
-    let gain = 10.0 * share.log10();
-    let over_valid = |(key, score): (sharp_metrics::MetricKey, Result<f64, _>)| {
-        let counts_all = key.family() == Family::Psnr && !key.is_masked();
-        let score = if counts_all {
-            score.map(|value| value + gain)
-        } else {
-            score
-        };
-        (key, score)
-    };
-    scores.into_iter().map(over_valid).collect()
+/// PSNR counts the valid pixels only.
+fn over_valid(
+    key: MetricKey,
+    score: &mut Result<f64, Unavailable>,
+    picture: &Picture,
+    truth: &Picture,
+    valid: &Mask,
+) {
+    let psnr = || sharp_metrics::psnr(picture, truth, Some(valid));
+    match key.metric() {
+        _ if key.is_masked() => {}
+        Metric::Psnr => *score = psnr(),
+        Metric::PsnrFloored => *score = psnr().map(sharp_metrics::psnr::floored),
+        _ => {}
+    }
 }
 
 #[cfg(test)]
@@ -251,7 +309,7 @@ mod tests {
         let selection = Selection::parse("psnr,ssim-all").unwrap();
         let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
         let picture = Picture::Rgb8(prediction.clone());
-        let mut scores = truth.score(&scorer, &[(&picture, None)], None);
+        let mut scores = truth.score(&scorer, &[(&picture, None)], &PairMasks::default());
         scores
             .remove(0)
             .unwrap()
@@ -298,7 +356,63 @@ mod tests {
         // The target is equal to itself whatever it is filled with.
         let perfect = scores(&truth, truth.image());
         assert_eq!(perfect[0], f64::INFINITY);
-        assert!(perfect[1..].iter().all(|ssim| *ssim == 1.0), "{perfect:?}");
+        let close = |score: &f64| *score > 80.0 - 1e-9 || (score - 1.0).abs() < 1e-4;
+        assert!(perfect[1..].iter().all(close), "{perfect:?}");
+    }
+
+    #[test]
+    fn the_mask_of_a_run_is_the_datasets_unless_one_is_given() {
+        let selection = Selection::parse("psnr@mask,psnr,ssim-gauss11-zero@mask").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+        let prediction = Picture::Rgb8(picture(2));
+        let score = |truth: &GroundTruth, masks: &PairMasks| -> Vec<f64> {
+            let mut found = truth.score(&scorer, &[(&prediction, None)], masks);
+            let found = found.remove(0).unwrap().into_iter();
+            found.map(|(_, score)| score.unwrap()).collect()
+        };
+        let (valid, none) = (valid(), PairMasks::default());
+        let of_dataset = score(&GroundTruth::of(picture(1), Some(&valid)), &none);
+        assert!(
+            (of_dataset[0] - of_dataset[1]).abs() < 1e-6,
+            "{of_dataset:?}"
+        );
+        let given = PairMasks {
+            given: Mask::new(40, 30, valid.iter().map(|v| *v == 255).collect()),
+            ..PairMasks::default()
+        };
+        let whole = score(&GroundTruth::whole(picture(1)), &given);
+        assert_eq!((whole[0], whole[2]), (of_dataset[0], of_dataset[2]));
+        assert_ne!(whole[1], of_dataset[1]);
+        let unmasked = score(&GroundTruth::whole(picture(1)), &none);
+        assert_eq!(unmasked[0], unmasked[1]);
+    }
+
+    #[test]
+    fn a_cropped_border_is_no_part_of_either_picture() {
+        let selection = Selection::parse("psnr,ssim").unwrap();
+        let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
+        let masks = PairMasks {
+            border: Border::Twentieth,
+            ..PairMasks::default()
+        };
+        let inner = Border::Twentieth.kept((40, 30));
+        let cut = |seed| inner.crop(&Picture::Rgb8(picture(seed))).into_owned();
+        let Picture::Rgb8(truth) = cut(1) else {
+            panic!()
+        };
+        let expected = GroundTruth::whole(truth);
+        let expected = expected.score(&scorer, &[(&cut(2), None)], &PairMasks::default());
+        let right = Region {
+            x: 20,
+            ..Region::whole((20, 30))
+        };
+        let half = right.crop(&Picture::Rgb8(picture(2))).into_owned();
+        let whole = Picture::Rgb8(picture(2));
+        let pictures = [(&whole, None), (&half, Some(right)), (&half, None)];
+        let found = GroundTruth::whole(picture(1)).score(&scorer, &pictures, &masks);
+        assert_eq!(found[0], expected[0]);
+        assert!(found[1].is_ok() && found[1] != found[0]);
+        assert!(found[2].as_ref().unwrap_err().contains("20x30"));
     }
 
     #[test]
@@ -314,16 +428,20 @@ mod tests {
         let selection = Selection::parse("psnr").unwrap();
         let scorer = Scorer::new(&selection, &Weights::none()).unwrap();
         let picture = Picture::Rgb8(picture(2));
-        let mut error = truth.score(&scorer, &[(&picture, None)], None);
+        let mut error = truth.score(&scorer, &[(&picture, None)], &PairMasks::default());
         assert!(error.remove(0).unwrap_err().contains("no pixel to score"));
     }
 
     #[test]
     fn predictions_scored_together_have_the_bits_of_each_alone() {
-        let selection = Selection::parse("psnr,ssim-all,lpips-alex,dists,psnr@frustum").unwrap();
+        let selection =
+            Selection::parse("psnr,psnr@mask,ssim-all,lpips-alex,dists,psnr@frustum").unwrap();
         let scorer = Scorer::new(&selection, &Weights::deterministic("")).unwrap();
         let truth = GroundTruth::of(picture(1), Some(&valid()));
-        let frustum = Mask::new(40, 30, (0..1200).map(|i| i % 40 > 10).collect()).unwrap();
+        let masks = PairMasks {
+            frustum: Mask::new(40, 30, (0..1200).map(|i| i % 40 > 10).collect()),
+            ..PairMasks::default()
+        };
         let region = Region {
             x: 4,
             y: 2,
@@ -339,9 +457,9 @@ mod tests {
             (crop(5), Some(region)),
         ];
         let refs: Vec<_> = pictures.iter().map(|(p, region)| (p, *region)).collect();
-        let together = truth.score(&scorer, &refs, Some(&frustum));
+        let together = truth.score(&scorer, &refs, &masks);
         for (result, one) in together.iter().zip(&refs) {
-            let alone = truth.score(&scorer, &[*one], Some(&frustum)).remove(0);
+            let alone = truth.score(&scorer, &[*one], &masks).remove(0);
             assert_eq!(*result, alone);
         }
         assert!(together[2].as_ref().unwrap_err().contains("5x5"));

@@ -1,9 +1,11 @@
 //! The metrics of a run, with the weights that decide their values.
 
 use sharp_metrics::{
-    Backbone, MetricInfo, MetricKey, Scorer, ScorerOptions, Selection, Weights, WeightsError,
+    Backbone, MetricInfo, MetricKey, MetricRegion, Scorer, ScorerOptions, Selection, Weights,
+    WeightsError,
 };
 
+use super::rules::ScoringRules;
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 
@@ -14,6 +16,8 @@ pub struct Scoring {
     pub scorer: Scorer,
     /// The columns, in the order given.
     pub metrics: Vec<ScoredMetric>,
+    /// Which pixels they compare.
+    pub rules: ScoringRules,
 }
 
 /// One column.
@@ -67,7 +71,37 @@ impl Scoring {
         Ok(Self {
             metrics: scorer.keys().iter().map(metric).collect(),
             scorer,
+            rules: ScoringRules::default(),
         })
+    }
+
+    /// The same metrics on the pixels that other rules say; the networks are shared.
+    #[must_use]
+    pub fn under(&self, rules: ScoringRules) -> Self {
+        let of = |metric: &ScoredMetric| {
+            let mut identity = StableHasher::default();
+            identity.add("metric", &metric.identity);
+            let usual = ScoringRules::default();
+            if rules.border != usual.border {
+                identity.add("border", &rules.border.to_string());
+            }
+            if metric.key.region() == MetricRegion::Given && rules.mask != usual.mask {
+                identity.add("mask", &rules.mask.to_string());
+            }
+            ScoredMetric {
+                identity: identity.finish(),
+                ..metric.clone()
+            }
+        };
+        let metrics = match rules == self.rules {
+            true => self.metrics.clone(),
+            false => self.metrics.iter().map(of).collect(),
+        };
+        Self {
+            scorer: self.scorer.restricted(self.scorer.keys()),
+            metrics,
+            rules,
+        }
     }
 
     /// The keys as text, in order.
@@ -75,8 +109,10 @@ impl Scoring {
         self.metrics.iter().map(|m| m.key.to_string()).collect()
     }
 
-    /// True if a metric needs the view-frustum mask of a pair.
-    pub fn needs_mask(&self) -> bool {
-        self.metrics.iter().any(|metric| metric.key.is_masked())
+    /// True if a metric needs the mask of a region.
+    pub fn needs(&self, region: MetricRegion) -> bool {
+        self.metrics
+            .iter()
+            .any(|metric| metric.key.region() == region)
     }
 }

@@ -60,6 +60,11 @@ impl Region {
         (self.width, self.height)
     }
 
+    /// Number of pixels.
+    pub fn area(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
     /// True if it has a pixel and lies inside a picture of this size.
     pub fn fits(&self, (width, height): (u32, u32)) -> bool {
         let inside = |start: u32, length: u32, side: u32| {

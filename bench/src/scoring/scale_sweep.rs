@@ -6,7 +6,7 @@
 
 use sharp_metrics::{MetricKey, Picture, Scorer, ScorerOptions, Selection, Weights, WeightsError};
 
-use super::ground_truth::GroundTruth;
+use super::ground_truth::{GroundTruth, PairMasks};
 use super::metrics::Scoring;
 use super::region::Region;
 
@@ -56,7 +56,7 @@ impl ScaleChooser {
             .map(|(_, p, region)| (*p, *region))
             .collect();
         let mut best: Option<(f64, usize)> = None;
-        let scores = truth.score(&self.scorer, &pictures, None);
+        let scores = truth.score(&self.scorer, &pictures, &PairMasks::default());
         for (at, (scores, (scale, ..))) in scores.into_iter().zip(candidates).enumerate() {
             let wrong = |reason: String| format!("scale {scale}: {reason}");
             let distance = match scores.map_err(wrong)?.into_iter().next() {

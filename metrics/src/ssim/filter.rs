@@ -4,8 +4,10 @@ use crate::simd::with_widest_vectors;
 
 /// Elements that the inner loops take at once; row buffers are padded to a multiple of it.
 const BLOCK: usize = 32;
-/// Filtered quantities: a, b, a² + b², a b.
-pub(super) const QUANTITIES: usize = 4;
+/// Filtered quantities: a, b, a² + b², a b, and where the covariance is bounded a².
+pub(super) const QUANTITIES: usize = 5;
+/// The least variance of dm_pix: f32's ε squared.
+const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
 /// What the similarity is formed with.
 #[derive(Clone, Copy)]
@@ -16,6 +18,10 @@ pub(super) struct Constants {
     pub(super) c2: f64,
     /// Factor that turns population into sample covariance, or 1.
     pub(super) covariance: f64,
+    /// Whether the covariance is bounded by the variances.
+    pub(super) bounded: bool,
+    /// Added to the denominator.
+    pub(super) guard: f64,
 }
 
 /// Length of a row buffer that holds `n` elements.
@@ -43,7 +49,7 @@ fn filter_along_x_body(input: &[f64], half: &[f64], channels: usize, out: &mut [
     }
 }
 
-/// The same along y for the four quantities, and the similarity that follows from them.
+/// The same along y for the quantities, and the similarity that follows from them.
 pub(super) fn filter_along_y(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]) {
     with_widest_vectors!(filter_along_y_body(rows, half, constants, out):
         fn(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]));
@@ -55,21 +61,30 @@ fn filter_along_y_body(rows: &[&[f64]], half: &[f64], constants: Constants, out:
     let length = out.len();
     for (block, out) in out.chunks_exact_mut(BLOCK).enumerate() {
         let mut filtered = [[0.0; BLOCK]; QUANTITIES];
-        for (quantity, sum) in filtered.iter_mut().enumerate() {
+        let quantities = rows[0].len() / length;
+        for (quantity, sum) in filtered.iter_mut().take(quantities).enumerate() {
             let tap = |k: usize| &rows[k][quantity * length + block * BLOCK..][..BLOCK];
             for k in 0..radius {
                 add_pair(sum, half[k], tap(k), tap(2 * radius - k));
             }
             add_single(sum, half[radius], tap(radius));
         }
-        let [mean_a, mean_b, squares, products] = &filtered;
+        let [mean_a, mean_b, squares, products, squares_a] = &filtered;
         for i in 0..BLOCK {
             let (a, b) = (mean_a[i], mean_b[i]);
             let (ab, aa_bb) = (a * b, a * a + b * b);
-            let variances = constants.covariance * (squares[i] - aa_bb);
-            let covariance = constants.covariance * (products[i] - ab);
+            let mut variances = constants.covariance * (squares[i] - aa_bb);
+            let mut covariance = constants.covariance * (products[i] - ab);
+            if constants.bounded {
+                let of_a = squares_a[i] - a * a;
+                let of_b = (variances - of_a).max(LEAST_VARIANCE);
+                let of_a = of_a.max(LEAST_VARIANCE);
+                variances = of_a + of_b;
+                let bound = (of_a * of_b).sqrt();
+                covariance = covariance.clamp(-bound, bound);
+            }
             out[i] = (2.0 * ab + constants.c1) * (2.0 * covariance + constants.c2)
-                / ((aa_bb + constants.c1) * (variances + constants.c2));
+                / ((aa_bb + constants.c1) * (variances + constants.c2) + constants.guard);
         }
     }
 }

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::filter::Constants;
 use super::strip::Strip;
-use super::variant::SsimSpec;
+use super::variant::{SsimCovariance, SsimSpec};
 use crate::picture::Picture;
 use crate::unavailable::Unavailable;
 
@@ -22,7 +22,7 @@ pub(super) fn map_rows<T: Send>(
     each: impl Fn(usize, &[f64]) -> T + Sync,
 ) -> Result<Vec<T>, Unavailable> {
     let (map_width, map_height) = form.map_size(prediction.dimensions())?;
-    let range = if form.range_of_data {
+    let range = if form.form.range_of_data {
         let range = data_range(prediction).max(data_range(target));
         if range == 0.0 {
             let [a, b] = [prediction, target].map(|picture| picture.value(0, 0, 0));
@@ -40,7 +40,9 @@ pub(super) fn map_rows<T: Send>(
     let constants = Constants {
         c1: (0.01 * range) * (0.01 * range),
         c2: (0.03 * range) * (0.03 * range),
-        covariance: form.covariance,
+        covariance: form.covariance(),
+        bounded: form.form.covariance == SsimCovariance::Bounded,
+        guard: if form.form.guarded { 1e-8 } else { 0.0 },
     };
     let tasks: Vec<usize> = (0..map_height).step_by(ROWS_PER_TASK).collect();
     let results: Vec<Vec<T>> = tasks

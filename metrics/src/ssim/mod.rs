@@ -18,15 +18,15 @@ mod variant;
 
 use image::{ImageBuffer, Luma};
 
-use crate::identity::SsimVariant;
 use crate::maps::ScoreMap;
 use crate::picture::{Mask, Picture};
 use crate::unavailable::Unavailable;
 use map::map_rows;
 use variant::SsimSpec;
+pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
 
-/// The mean of the SSIM map, with a mask the mean over the window centres inside it. The pictures
-/// (and the mask) are of one size.
+/// The mean of the SSIM map; with a mask the mean over the windows whose centre is inside it, or where the form says so
+/// over those that lie inside as a whole. The pictures (and the mask) are of one size.
 pub(crate) fn ssim(
     variant: SsimVariant,
     prediction: &Picture,
@@ -36,6 +36,14 @@ pub(crate) fn ssim(
     let form = SsimSpec::of(variant);
     let channels = form.channels();
     let origin = form.origin();
+    let eroded;
+    let mask = match mask {
+        Some(mask) if form.form.whole_windows => {
+            eroded = mask.eroded(form.radius, false);
+            Some(&eroded)
+        }
+        mask => mask,
+    };
     let rows = map_rows(&form, prediction, target, |y, row| {
         let Some(mask) = mask else {
             return (sum_in_lanes(row), row.len());

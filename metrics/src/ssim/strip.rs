@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::filter::{Constants, QUANTITIES, filter_along_x, filter_along_y, padded};
-use super::variant::{Border, SsimSpec};
+use super::variant::{SsimBorder, SsimSpec};
 use crate::picture::Picture;
 
 /// The last 2 × radius + 1 rows of some columns, filtered along x, as one task walks down the
@@ -23,9 +23,9 @@ pub(super) struct Strip<'a> {
     values: usize,
     /// Length of a filtered row: that, padded.
     length: usize,
-    /// 2 × radius + 1 slots of `QUANTITIES` rows.
+    /// 2 × radius + 1 slots of as many rows as there are quantities.
     ring: Vec<f64>,
-    /// The four quantities of one row before filtering, border included.
+    /// The quantities of one row before filtering, border included.
     quantities: [Vec<f64>; QUANTITIES],
     /// A row as it comes from the picture.
     rgb: Vec<f64>,
@@ -58,14 +58,14 @@ impl<'a> Strip<'a> {
             inside,
             values,
             length,
-            ring: vec![0.0; (2 * form.radius + 1) * QUANTITIES * length],
+            ring: vec![0.0; (2 * form.radius + 1) * form.quantities() * length],
             quantities: std::array::from_fn(|_| vec![0.0; unfiltered]),
             row: vec![0.0; length],
         }
     }
 
     fn slot(&self, row: usize) -> Range<usize> {
-        let size = QUANTITIES * self.length;
+        let size = self.form.quantities() * self.length;
         let slot = row % (2 * self.form.radius + 1);
         slot * size..(slot + 1) * size
     }
@@ -74,9 +74,9 @@ impl<'a> Strip<'a> {
     pub(super) fn push(&mut self, row: usize) {
         let slot = self.slot(row);
         let margin = self.form.margin();
-        let source = match (row.checked_sub(margin), self.form.border) {
+        let source = match (row.checked_sub(margin), self.form.form.border) {
             (Some(y), _) if y < self.height => y,
-            (_, Border::Zero) => {
+            (_, SsimBorder::Zero) => {
                 self.ring[slot].fill(0.0);
                 return;
             }
@@ -88,14 +88,14 @@ impl<'a> Strip<'a> {
         for (picture, row) in self.pictures.into_iter().zip(&mut self.quantities) {
             picture.row_f64(self.first + start - margin, source, &mut self.rgb);
             let inner = &mut row[start * channels..end * channels];
-            if self.form.gray {
+            if self.form.form.gray {
                 for (gray, rgb) in inner.iter_mut().zip(self.rgb.chunks_exact(3)) {
                     *gray = 0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2];
                 }
             } else {
                 inner.copy_from_slice(&self.rgb);
             }
-            if self.form.border == Border::Reflect {
+            if self.form.form.border == SsimBorder::Reflect {
                 let all = self.values / channels + 2 * margin;
                 let pixel = |x: usize| x * channels..(x + 1) * channels;
                 for x in 0..start {
@@ -106,10 +106,15 @@ impl<'a> Strip<'a> {
                 }
             }
         }
-        let [a, b, squares, products] = &mut self.quantities;
+        let [a, b, squares, products, squares_a] = &mut self.quantities;
         for (((a, b), square), product) in a.iter().zip(b.iter()).zip(squares).zip(products) {
             *square = a * a + b * b;
             *product = a * b;
+        }
+        if self.form.quantities() == QUANTITIES {
+            for (a, square) in a.iter().zip(squares_a) {
+                *square = a * a;
+            }
         }
         let slot = &mut self.ring[slot];
         for (quantity, out) in self
@@ -123,7 +128,10 @@ impl<'a> Strip<'a> {
 
     /// Filters along y and forms the map's row `y`; rows `y` to `y + 2 radius` have been pushed.
     pub(super) fn map_row(&mut self, y: usize, constants: Constants) -> &[f64] {
-        let (taps, size) = (2 * self.form.radius + 1, QUANTITIES * self.length);
+        let (taps, size) = (
+            2 * self.form.radius + 1,
+            self.form.quantities() * self.length,
+        );
         let slots: Vec<&[f64]> = self.ring.chunks_exact(size).collect();
         let rows: Vec<&[f64]> = (y..y + taps).map(|row| slots[row % taps]).collect();
         filter_along_y(&rows, &self.form.half, constants, &mut self.row);

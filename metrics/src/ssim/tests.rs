@@ -3,7 +3,7 @@
 use image::{Rgb, RgbImage};
 
 use super::map::map_rows;
-use super::variant::{Border, SsimSpec};
+use super::variant::{SsimBorder, SsimCovariance, SsimSpec};
 use super::*;
 
 fn texture(width: u32, height: u32, seed: u32) -> Picture {
@@ -28,7 +28,7 @@ fn brute_force(form: &SsimSpec, a: &Picture, b: &Picture, x: i64, y: i64, c: usi
             }
         };
         let outside = x < 0 || y < 0 || x >= i64::from(width) || y >= i64::from(height);
-        if outside && form.border == Border::Zero {
+        if outside && form.form.border == SsimBorder::Zero {
             return 0.0;
         }
         let (x, y) = (fold(x, width.into()) as u32, fold(y, height.into()) as u32);
@@ -45,12 +45,22 @@ fn brute_force(form: &SsimSpec, a: &Picture, b: &Picture, x: i64, y: i64, c: usi
             }
         }
     }
-    let k = form.covariance;
-    let (vp, vq) = (k * (m[2] - m[0] * m[0]), k * (m[3] - m[1] * m[1]));
-    let cov = k * (m[4] - m[0] * m[1]);
+    let k = match (form.form.covariance, form.radius) {
+        (SsimCovariance::Sample, 3) => 49.0 / 48.0,
+        (SsimCovariance::Sample, _) => 121.0 / 120.0,
+        _ => 1.0,
+    };
+    let (mut vp, mut vq) = (k * (m[2] - m[0] * m[0]), k * (m[3] - m[1] * m[1]));
+    let mut cov = k * (m[4] - m[0] * m[1]);
+    if form.form.covariance == SsimCovariance::Bounded {
+        let least = 1.192_092_9e-7_f64 * 1.192_092_9e-7;
+        (vp, vq) = (vp.max(least), vq.max(least));
+        cov = cov.signum() * cov.abs().min((vp * vq).sqrt());
+    }
     let (c1, c2) = (1e-4, 9e-4);
+    let guard = if form.form.guarded { 1e-8 } else { 0.0 };
     (2.0 * m[0] * m[1] + c1) * (2.0 * cov + c2)
-        / ((m[0] * m[0] + m[1] * m[1] + c1) * (vp + vq + c2))
+        / ((m[0] * m[0] + m[1] * m[1] + c1) * (vp + vq + c2) + guard)
 }
 
 #[test]
@@ -58,7 +68,7 @@ fn rows_follow_the_definition_at_every_border() {
     let (a, b) = (texture(41, 79, 3), texture(41, 79, 500));
     for variant in SsimVariant::ALL {
         let form = SsimSpec::of(variant);
-        if form.gray || form.range_of_data {
+        if form.form.gray || form.form.range_of_data {
             continue;
         }
         let rows = map_rows(&form, &a, &b, |_, row| row.to_vec()).unwrap();
@@ -95,7 +105,8 @@ fn taps_are_the_published_ones() {
 #[test]
 fn the_mask_selects_window_centres() {
     let (a, b) = (texture(30, 24, 3), texture(30, 24, 77));
-    for variant in SsimVariant::ALL {
+    let centred = SsimVariant::ALL.into_iter();
+    for variant in centred.filter(|variant| !variant.form().whole_windows) {
         let ScoreMap { values, origin } = ssim_map(variant, &a, &b).unwrap();
         let mut inside = vec![false; 30 * 24];
         inside[12 * 30 + 17] = true;
@@ -165,4 +176,70 @@ fn constant_pictures_have_no_data_range() {
     let white = Picture::from(RgbImage::from_pixel(20, 20, Rgb([255; 3])));
     let score = ssim(SsimVariant::Gauss11ReflectDataRange, &black, &white, None);
     assert_eq!(score, Ok(0.0));
+}
+
+/// Flat pictures, where the bound and the guard act: the bound on what rounding leaves of a covariance (at most 1e-9),
+/// the guard on black.
+#[test]
+fn flat_areas_under_a_bound_and_a_guard() {
+    let flat = |level: u8| Picture::from(RgbImage::from_pixel(12, 12, Rgb([level; 3])));
+    let score = |variant, a: u8, b: u8| ssim(variant, &flat(a), &flat(b), None).unwrap();
+    for (a, b) in [(0, 0), (77, 77), (3, 250)] {
+        let plain = score(SsimVariant::Gauss11Valid, a, b);
+        let bounded = score(SsimVariant::Gauss11ValidBounded, a, b);
+        assert!((bounded - plain).abs() < 1e-9, "{bounded} {plain}");
+    }
+    assert_eq!(score(SsimVariant::Gauss11Zero, 0, 0), 1.0);
+    let guarded = score(SsimVariant::Gauss11ZeroGuarded, 0, 0);
+    assert!((guarded - 0.9).abs() < 1e-12, "{guarded}");
+}
+
+#[test]
+fn the_range_of_the_data_scales_both_constants() {
+    // Half the contrast with constants of half the range is the same similarity.
+    let full = |seed| texture(30, 24, seed);
+    let Picture::Rgb8(image) = full(3) else {
+        panic!()
+    };
+    let half = |image: &RgbImage| {
+        Picture::from(image::Rgb32FImage::from_fn(30, 24, |x, y| {
+            Rgb(image.get_pixel(x, y).0.map(|v| f32::from(v) / 510.0))
+        }))
+    };
+    let other = RgbImage::from_fn(30, 24, |x, y| {
+        Rgb([(x * 8) as u8, (y * 10) as u8, 255 * (x as u8 & 1)])
+    });
+    let spans = image.iter().max().unwrap() - image.iter().min().unwrap();
+    assert!(spans < 255 || other.iter().max() == Some(&255));
+    let variant = SsimVariant::Gauss11ValidDataRange;
+    let score = |a: &Picture, b: &Picture| ssim(variant, a, b, None).unwrap();
+    let other_full = Picture::from(other.clone());
+    let whole = score(&full(3), &other_full);
+    assert!((whole - score(&half(&image), &half(&other))).abs() < 1e-6);
+    // The other picture has black and white: its range is 1, as in the plain form.
+    let plain = ssim(SsimVariant::Gauss11Valid, &full(3), &other_full, None).unwrap();
+    assert!((whole - plain).abs() < 1e-12);
+}
+
+#[test]
+fn whole_windows_are_those_without_a_pixel_outside() {
+    let (a, b) = (texture(30, 24, 3), texture(30, 24, 77));
+    let hole = |x: i64, y: i64| (16..18).contains(&x) && y == 20;
+    let inside = (0..30 * 24).map(|i| !hole(i % 30, i / 30)).collect();
+    let mask = Mask::new(30, 24, inside).unwrap();
+    let ScoreMap { values, origin } = ssim_map(SsimVariant::Gauss11Valid, &a, &b).unwrap();
+    let (mut sum, mut count) = (0.0, 0);
+    for (x, y, value) in values.enumerate_pixels() {
+        let (x, y) = (i64::from(x + origin), i64::from(y + origin));
+        let touched = (-5..=5).any(|dy| (-5..=5).any(|dx| hole(x + dx, y + dy)));
+        if !touched {
+            sum += f64::from(value.0[0]);
+            count += 1;
+        }
+    }
+    let variant = SsimVariant::Gauss11ValidWholeWindow;
+    let found = ssim(variant, &a, &b, Some(&mask)).unwrap();
+    assert!((found - sum / f64::from(count)).abs() < 1e-6);
+    let by_centre = ssim(SsimVariant::Gauss11Valid, &a, &b, Some(&mask)).unwrap();
+    assert!((found - by_centre).abs() > 1e-4);
 }

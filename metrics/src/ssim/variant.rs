@@ -1,11 +1,54 @@
-//! The variants taken apart: window, border, covariance, channels and range.
+//! The variants, and each taken apart: window, border, covariance, channels and range.
 
-use crate::identity::SsimVariant;
+use super::filter::QUANTITIES;
 use crate::unavailable::Unavailable;
+
+/// Which SSIM: each name stands for one [`SsimForm`] that public code computes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SsimVariant {
+    Gauss11Valid,
+    Gauss11Zero,
+    Gauss11Reflect,
+    Uniform7Sample,
+    Uniform7Population,
+    Gauss11ValidSample,
+    Gauss11ValidGray,
+    Gauss11ReflectDataRange,
+    Gauss11ValidDataRange,
+    Gauss11ValidBounded,
+    Gauss11ZeroGuarded,
+    /// Has a value inside a mask only.
+    Gauss11ValidWholeWindow,
+}
+
+/// What an SSIM is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SsimForm {
+    pub window: SsimWindow,
+    pub border: SsimBorder,
+    pub covariance: SsimCovariance,
+    /// On luma 0.299 R + 0.587 G + 0.114 B instead of each channel.
+    pub gray: bool,
+    /// The data range is the larger of the two pictures' maximum minus minimum, not 1.
+    pub range_of_data: bool,
+    /// 1e-8 is added to the denominator, whose least value is 9e-8: dark flat areas lose a tenth.
+    pub guarded: bool,
+    /// Inside a mask, windows count that lie in it as a whole, not those whose centre does.
+    pub whole_windows: bool,
+}
+
+/// Weights of the pixels around a centre.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SsimWindow {
+    /// Gaussian, 11 taps, σ 1.5.
+    Gauss11,
+    /// 7×7 box.
+    Uniform7,
+}
 
 /// What happens where the window reaches beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Border {
+pub enum SsimBorder {
     /// Such windows do not count: the map is smaller than the picture by a radius on each side.
     Valid,
     /// The picture goes on with zeros.
@@ -14,53 +57,145 @@ pub(super) enum Border {
     Reflect,
 }
 
-/// A variant taken apart.
+/// How variances and covariances follow from the window's moments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SsimCovariance {
+    Population,
+    /// Times n / (n − 1) for the n pixels of the window.
+    Sample,
+    /// Population; variances of at least f32's ε squared, covariances of at most √(σₐ² σᵦ²): dm_pix.
+    Bounded,
+}
+
+impl SsimVariant {
+    /// All variants, the default first.
+    pub const ALL: [Self; 12] = [
+        Self::Gauss11Valid,
+        Self::Gauss11Zero,
+        Self::Gauss11Reflect,
+        Self::Uniform7Sample,
+        Self::Uniform7Population,
+        Self::Gauss11ValidSample,
+        Self::Gauss11ValidGray,
+        Self::Gauss11ReflectDataRange,
+        Self::Gauss11ValidDataRange,
+        Self::Gauss11ValidBounded,
+        Self::Gauss11ZeroGuarded,
+        Self::Gauss11ValidWholeWindow,
+    ];
+
+    pub fn form(self) -> SsimForm {
+        let mut form = SsimForm {
+            window: SsimWindow::Gauss11,
+            border: SsimBorder::Valid,
+            covariance: SsimCovariance::Population,
+            gray: false,
+            range_of_data: false,
+            guarded: false,
+            whole_windows: false,
+        };
+        match self {
+            Self::Gauss11Valid => {}
+            Self::Gauss11Zero => form.border = SsimBorder::Zero,
+            Self::Gauss11Reflect => form.border = SsimBorder::Reflect,
+            Self::Uniform7Sample => {
+                form.window = SsimWindow::Uniform7;
+                form.covariance = SsimCovariance::Sample;
+            }
+            Self::Uniform7Population => form.window = SsimWindow::Uniform7,
+            Self::Gauss11ValidSample => form.covariance = SsimCovariance::Sample,
+            Self::Gauss11ValidGray => form.gray = true,
+            Self::Gauss11ReflectDataRange => {
+                form.border = SsimBorder::Reflect;
+                form.range_of_data = true;
+            }
+            Self::Gauss11ValidDataRange => form.range_of_data = true,
+            Self::Gauss11ValidBounded => form.covariance = SsimCovariance::Bounded,
+            Self::Gauss11ZeroGuarded => {
+                form.border = SsimBorder::Zero;
+                form.guarded = true;
+            }
+            Self::Gauss11ValidWholeWindow => form.whole_windows = true,
+        }
+        form
+    }
+
+    /// What stands between the brackets of the key: the border of Gaussian windows, the covariance where it is not
+    /// understood, and what else is not as usual.
+    pub(crate) fn text(self) -> String {
+        let form = self.form();
+        let mut parts = match (form.window, form.covariance) {
+            (SsimWindow::Uniform7, SsimCovariance::Population) => vec!["uniform7", "population"],
+            (SsimWindow::Uniform7, _) => vec!["uniform7"],
+            (SsimWindow::Gauss11, _) => vec![
+                "gauss11",
+                match form.border {
+                    SsimBorder::Valid => "valid",
+                    SsimBorder::Zero => "zero",
+                    SsimBorder::Reflect => "reflect",
+                },
+            ],
+        };
+        let rest = [
+            (form.covariance == SsimCovariance::Sample, "sample"),
+            (form.covariance == SsimCovariance::Bounded, "cov=bounded"),
+            (form.gray, "gray"),
+            (form.range_of_data, "range=data"),
+            (form.guarded, "eps=1e-8"),
+            (form.whole_windows, "mask=window"),
+        ];
+        parts.extend(rest.into_iter().filter(|(is, _)| *is).map(|(_, text)| text));
+        parts.join(",")
+    }
+}
+
+/// A form with its window's weights.
 pub(super) struct SsimSpec {
+    pub(super) form: SsimForm,
     pub(super) radius: usize,
     /// Weight of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
     pub(super) half: Vec<f64>,
-    pub(super) border: Border,
-    /// Factor that turns population into sample covariance, or 1.
-    pub(super) covariance: f64,
-    pub(super) gray: bool,
-    pub(super) range_of_data: bool,
 }
 
 impl SsimSpec {
     pub(super) fn of(variant: SsimVariant) -> Self {
-        use SsimVariant as V;
-        let uniform = matches!(variant, V::Uniform7Sample | V::Uniform7Population);
-        let border = match variant {
-            V::Gauss11Zero => Border::Zero,
-            V::Gauss11Reflect | V::Gauss11ReflectDataRange => Border::Reflect,
-            _ => Border::Valid,
-        };
-        let covariance = match variant {
-            V::Uniform7Sample => 49.0 / 48.0,
-            V::Gauss11ValidSample => 121.0 / 120.0,
-            _ => 1.0,
-        };
-        let half = if uniform {
-            vec![1.0 / 7.0; 4]
-        } else {
-            let weights: Vec<f64> = (0..=5)
-                .map(|i| (-f64::from((5 - i) * (5 - i)) / (2.0 * 1.5 * 1.5)).exp())
-                .collect();
-            let sum = 2.0 * weights[..5].iter().sum::<f64>() + weights[5];
-            weights.iter().map(|weight| weight / sum).collect()
+        let form = variant.form();
+        let half = match form.window {
+            SsimWindow::Uniform7 => vec![1.0 / 7.0; 4],
+            SsimWindow::Gauss11 => {
+                let weights: Vec<f64> = (0..=5)
+                    .map(|i| (-f64::from((5 - i) * (5 - i)) / (2.0 * 1.5 * 1.5)).exp())
+                    .collect();
+                let sum = 2.0 * weights[..5].iter().sum::<f64>() + weights[5];
+                weights.iter().map(|weight| weight / sum).collect()
+            }
         };
         Self {
             radius: half.len() - 1,
             half,
-            border,
-            covariance,
-            gray: variant == V::Gauss11ValidGray,
-            range_of_data: variant == V::Gauss11ReflectDataRange,
+            form,
+        }
+    }
+
+    /// What variances and covariances are multiplied by.
+    pub(super) fn covariance(&self) -> f64 {
+        let side = (2 * self.radius + 1) as f64;
+        match self.form.covariance {
+            SsimCovariance::Sample => side * side / (side * side - 1.0),
+            SsimCovariance::Population | SsimCovariance::Bounded => 1.0,
+        }
+    }
+
+    /// What is gathered under the windows; see [`QUANTITIES`].
+    pub(super) fn quantities(&self) -> usize {
+        match self.form.covariance {
+            SsimCovariance::Bounded => QUANTITIES,
+            _ => QUANTITIES - 1,
         }
     }
 
     pub(super) fn channels(&self) -> usize {
-        if self.gray { 1 } else { 3 }
+        if self.form.gray { 1 } else { 3 }
     }
 
     /// Width and height of the map.
@@ -68,10 +203,10 @@ impl SsimSpec {
         &self,
         (width, height): (u32, u32),
     ) -> Result<(usize, usize), Unavailable> {
-        let smallest = match self.border {
-            Border::Valid => 2 * self.radius + 1,
-            Border::Zero => 1,
-            Border::Reflect => self.radius + 1,
+        let smallest = match self.form.border {
+            SsimBorder::Valid => 2 * self.radius + 1,
+            SsimBorder::Zero => 1,
+            SsimBorder::Reflect => self.radius + 1,
         };
         let (w, h) = (width as usize, height as usize);
         if w.min(h) < smallest {
@@ -81,26 +216,26 @@ impl SsimSpec {
                 smallest: smallest as u32,
             });
         }
-        Ok(match self.border {
-            Border::Valid => (w - 2 * self.radius, h - 2 * self.radius),
-            Border::Zero | Border::Reflect => (w, h),
+        Ok(match self.form.border {
+            SsimBorder::Valid => (w - 2 * self.radius, h - 2 * self.radius),
+            SsimBorder::Zero | SsimBorder::Reflect => (w, h),
         })
     }
 
     /// Pixels by which the picture is continued on each side.
     pub(super) fn margin(&self) -> usize {
-        match self.border {
-            Border::Valid => 0,
-            Border::Zero | Border::Reflect => self.radius,
+        match self.form.border {
+            SsimBorder::Valid => 0,
+            SsimBorder::Zero | SsimBorder::Reflect => self.radius,
         }
     }
 
     /// Distance of the map's origin from the picture's, both axes: a value of the map belongs to
     /// the pixel at its window's centre.
     pub(super) fn origin(&self) -> usize {
-        match self.border {
-            Border::Valid => self.radius,
-            Border::Zero | Border::Reflect => 0,
+        match self.form.border {
+            SsimBorder::Valid => self.radius,
+            SsimBorder::Zero | SsimBorder::Reflect => 0,
         }
     }
 }

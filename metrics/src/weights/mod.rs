@@ -90,7 +90,7 @@ impl Backbone {
     /// The network that a metric needs; `None` for PSNR and SSIM.
     pub fn of(metric: Metric) -> Option<Self> {
         match metric {
-            Metric::Psnr | Metric::Ssim(_) => None,
+            Metric::Psnr | Metric::PsnrFloored | Metric::Ssim(_) => None,
             Metric::Lpips(net, _) => Some(Self::of_lpips(net)),
             Metric::Dists | Metric::DistsResize256 => Some(Self::Vgg16),
         }

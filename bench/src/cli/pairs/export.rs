@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use sharp_datasets::Scene;
@@ -15,6 +16,7 @@ use crate::io::atomic_files::write_atomic;
 use crate::io::counts::counted;
 use crate::methods::sweep_scales;
 use crate::pairs::PairList;
+use crate::pairs::foreign::{Form, written};
 use crate::pairs::sampling::spread;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
@@ -47,8 +49,11 @@ pub(super) struct ExportArgs {
     /// Cameras for a sweep over scales too, such as 0.5,1,2: the translation times each, for methods without metric scale
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     scales: Vec<String>,
-    /// The folder to write
-    #[arg(long, value_name = "DIR")]
+    /// Write the list alone, in someone else's form, to the file OUT
+    #[arg(long, value_enum, value_name = "FORM", conflicts_with_all = ["with", "scales"])]
+    form: Option<Form>,
+    /// The folder to write, or with --form the file
+    #[arg(long, value_name = "PATH")]
     out: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -87,6 +92,27 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
         "{}: no pair of the list is selected (--all exports the others too)",
         list.path.display()
     );
+    if let Some(form) = args.form {
+        let written = written(&pairs, form);
+        let bytes = written.map_err(|reason| anyhow!("{}: {reason}", list.path.display()))?;
+        if args.out == list.path {
+            let reason = "--out is the list itself, which is not written over";
+            return Err(UsageError(reason.to_owned()).into());
+        }
+        write_atomic(&args.out, &bytes)?;
+        match args.json {
+            true => output::json(&json!({
+                "out": args.out.display().to_string(),
+                "pairs": pairs.len(),
+            }))?,
+            false => output::line(format!(
+                "{} in {}",
+                counted(pairs.len(), "pair"),
+                args.out.display()
+            ))?,
+        }
+        return Ok(Outcome::Done);
+    }
     let found = list.verify(&scenes);
     if let Some(first) = found.different.first() {
         output::remark(format!(

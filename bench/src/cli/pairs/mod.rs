@@ -1,8 +1,9 @@
-//! `pairs`: lists of pairs as files: built, compared, checked, exported.
+//! `pairs`: lists of pairs as files: built, compared, checked, exported, imported.
 
 mod build;
 mod compare;
 mod export;
+mod import;
 
 use clap::{Args, Subcommand};
 
@@ -10,7 +11,7 @@ use super::Outcome;
 use super::data_args;
 use crate::pairs::PairOptions;
 
-/// Build, compare, check and export lists of pairs
+/// Build, compare, check, export and import lists of pairs
 ///
 /// The list is an artifact: CSV with a sha256, to be published, compared and evaluated with `run --pairs`. A list without
 /// a single selected pair is written, too, with a warning that says why; the exit code then is 4.
@@ -28,6 +29,7 @@ enum PairsCommand {
     Diff(compare::DiffArgs),
     Verify(compare::VerifyArgs),
     Export(export::ExportArgs),
+    Import(import::ImportArgs),
 }
 
 /// Where the dataset's depth is too sparse for an overlap pixel by pixel.
@@ -53,6 +55,7 @@ fn help() -> String {
          sharp-bench pairs --dataset synthetic --ambiguity\n  \
          sharp-bench pairs diff pairs.csv theirs.csv\n  \
          sharp-bench pairs verify theirs.csv --dataset synthetic\n  \
+         sharp-bench pairs import theirs.json --form index --dataset synthetic --out pairs.csv\n  \
          sharp-bench pairs export --pairs pairs.csv --dataset synthetic --out for-others --with target,depth",
         PairOptions::help(),
         data_args::formats_help()
@@ -65,5 +68,6 @@ pub(super) fn execute(args: &PairsArgs) -> anyhow::Result<Outcome> {
         Some(PairsCommand::Diff(args)) => compare::diff(args),
         Some(PairsCommand::Verify(args)) => compare::verify(args),
         Some(PairsCommand::Export(args)) => export::execute(args),
+        Some(PairsCommand::Import(args)) => import::execute(args),
     }
 }

@@ -1,7 +1,7 @@
 //! Scenes into pairs.
 
 mod measure;
-mod scene;
+pub(super) mod scene;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

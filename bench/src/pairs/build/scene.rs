@@ -192,13 +192,6 @@ impl<'a> SceneWork<'a> {
         }
         let root = self.context.roots.get(&self.scene.dataset);
         for &(source, target, set) in qualified {
-            let (s, t) = (&self.scene.views[source], &self.scene.views[target]);
-            let name = PairName {
-                dataset: self.scene.dataset.clone(),
-                scene: self.scene.id.clone(),
-                source: s.id.clone(),
-                target: t.id.clone(),
-            };
             let overlaps = self.known.overlaps(source, target);
             let depth_of = |i| self.known.depths.get(&i).copied().flatten();
             let depth = match self.scene.pairing {
@@ -207,25 +200,13 @@ impl<'a> SceneWork<'a> {
             };
             let hash = |i| sha256.get(&i).cloned().unwrap_or_default();
             let pair = Pair {
-                pair_id: name.encode(),
-                dataset: name.dataset,
-                scene: name.scene,
                 set,
-                source: name.source,
-                target: name.target,
-                source_file: relative_file(s, root),
-                target_file: relative_file(t, root),
                 source_sha256: hash(source),
                 target_sha256: hash(target),
-                baseline_m: self.baseline(source, target),
-                rotation_deg: t
-                    .camera_from_world
-                    .after(&s.camera_from_world.inverse())
-                    .rotation_deg(),
                 median_depth_m: depth.map(|depth| depth.median_m),
                 overlap: overlaps.map(|(overlap, _)| overlap),
                 overlap_source_to_target: overlaps.map(|(_, reverse)| reverse),
-                selected: false,
+                ..row(self.scene, source, target, root)
             };
             self.build.pairs.push(pair);
         }
@@ -241,6 +222,41 @@ impl<'a> SceneWork<'a> {
         if !self.build.problems.contains(&problem) {
             self.build.problems.push(problem);
         }
+    }
+}
+
+/// Two views of a scene as a row that is not selected; nothing of it is measured, and no photograph read.
+pub(in crate::pairs) fn row(
+    scene: &Scene,
+    source: usize,
+    target: usize,
+    root: Option<&PathBuf>,
+) -> Pair {
+    let (s, t) = (&scene.views[source], &scene.views[target]);
+    let (from, to) = (&s.camera_from_world, &t.camera_from_world);
+    let name = PairName {
+        dataset: scene.dataset.clone(),
+        scene: scene.id.clone(),
+        source: s.id.clone(),
+        target: t.id.clone(),
+    };
+    Pair {
+        pair_id: name.encode(),
+        dataset: name.dataset,
+        scene: name.scene,
+        set: None,
+        source: name.source,
+        target: name.target,
+        source_file: relative_file(s, root),
+        target_file: relative_file(t, root),
+        source_sha256: String::new(),
+        target_sha256: String::new(),
+        baseline_m: baseline_m(from, to),
+        rotation_deg: to.after(&from.inverse()).rotation_deg(),
+        median_depth_m: None,
+        overlap: None,
+        overlap_source_to_target: None,
+        selected: false,
     }
 }
 

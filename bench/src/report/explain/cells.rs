@@ -85,7 +85,7 @@ pub struct CellExplanation {
     /// The metric as published.
     pub metric: Column,
     pub published: f64,
-    /// The run's own number: default variant, mean over all pairs.
+    /// The run's own number: default variant, its own mean over all pairs.
     pub as_scored: Option<f64>,
     /// Every reading, that of the run first.
     pub readings: Vec<ReadingValue>,
@@ -136,13 +136,14 @@ impl CellExplanation {
     }
 }
 
-/// The readings of a dataset for a column of the paper.
+/// The readings of a dataset for a column of the paper; `aggregation` is the run's own.
 pub(super) fn cell(
     readings: &Readings,
     dataset: &str,
     column: &'static str,
     metric: &Column,
     published: f64,
+    aggregation: Aggregation,
 ) -> CellExplanation {
     let of_metric = |key: &MetricKey| key.family().name() == metric.family();
     let records: Vec<(usize, &Record)> = readings
@@ -200,7 +201,12 @@ pub(super) fn cell(
     }
     // The run's own reading first: the default variant, then as typed.
     let default: Option<MetricKey> = metric.family().parse().ok();
-    values.sort_by_key(|value| (Some(value.reading.key) != default, value.reading));
+    let own_mean = Averaging::Of(aggregation);
+    values.sort_by_key(|value| {
+        let reading = value.reading;
+        let foreign = (Some(reading.key) != default, reading.averaging != own_mean);
+        (foreign, reading)
+    });
     let own = values.first().filter(|value| {
         let reading = value.reading;
         Some(reading.key) == default && reading.picture == PictureReading::AsScored

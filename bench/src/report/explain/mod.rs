@@ -62,7 +62,8 @@ pub fn explain(
         };
         for (metric, shown) in table.metrics.iter().zip(&columns) {
             if let Some(published) = table.number(row, column, metric) {
-                cells.push(cell(readings, dataset, column, shown, published));
+                let own = manifest.aggregation;
+                cells.push(cell(readings, dataset, column, shown, published, own));
             }
         }
         absent.extend(

@@ -46,7 +46,14 @@ fn readings() -> Readings {
 fn explained(family: Family, decimals: usize, published: f64) -> super::CellExplanation {
     let mut column = metric(family);
     column.decimals = decimals;
-    cell(&readings(), "eth3d", "ETH3D", &column, published)
+    cell(
+        &readings(),
+        "eth3d",
+        "ETH3D",
+        &column,
+        published,
+        Aggregation::Pairs,
+    )
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use sharp_datasets::entry::{ENTRIES, PaperOverlap};
 
+use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::{Manifest, MethodRecord};
 use crate::evaluate::record::{Record, Status};
 use crate::io::counts::counted;
@@ -205,11 +206,7 @@ fn identity(column: &Column) -> Check {
 }
 
 fn aggregation(compared: &Compared<'_>) -> Check {
-    let rule = compared
-        .manifest
-        .scoring
-        .get("aggregation")
-        .map_or("", String::as_str);
+    let aggregation = compared.manifest.aggregation;
     let whole = !compared.manifest.common_region;
     let region = if whole {
         ""
@@ -217,8 +214,10 @@ fn aggregation(compared: &Compared<'_>) -> Check {
         ", each on the part that all methods predict"
     };
     check(
-        whole && rule.starts_with("mean over pairs"),
-        format!("Numbers are the {rule}{region}; the paper's are the mean over all test samples."),
+        whole && aggregation == Aggregation::Pairs,
+        format!(
+            "Numbers are the {aggregation}{region}; the paper's are the mean over all test samples."
+        ),
     )
 }
 

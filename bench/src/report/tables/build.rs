@@ -110,7 +110,7 @@ pub(in crate::report) fn table(
             let ranks = ranks(&candidates, column.direction, column.decimals);
             for (method, (cell, rank)) in cells.iter().zip(ranks).enumerate() {
                 let row = &mut rows[method];
-                let mut texts = cell_notes(&row.label, dataset.dataset.title(), column, cell);
+                let mut texts = cell_notes(&row.label, &dataset.dataset, column, cell);
                 if column.direction.is_some() && cell.n > 0 {
                     texts.extend(feature_mark(column));
                     texts.extend(prediction_marks(dataset, method, &board.methods[method]));

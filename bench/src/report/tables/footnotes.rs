@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::evaluate::Aggregation;
 use crate::evaluate::record::{Record, Status};
 use crate::report::board::DatasetBoard;
 use crate::report::input::{Column, ReportDataset, ReportMethod};
@@ -94,12 +95,18 @@ pub(super) fn prediction_marks(
 /// What a reader must know about a cell besides its number.
 pub(super) fn cell_notes(
     method: &str,
-    dataset: &str,
+    dataset: &ReportDataset,
     column: &Column,
     cell: &CellStatistics,
 ) -> Vec<String> {
     let CellStatistics { n, total, .. } = *cell;
+    let (aggregation, dataset) = (dataset.aggregation, dataset.title());
     let mut notes = Vec::new();
+    if aggregation != Aggregation::Pairs && n > 0 {
+        notes.push(format!(
+            "{dataset}: {aggregation}; standard deviations are over pairs."
+        ));
+    }
     if total == 0 {
         notes.push(format!("{dataset} has no pairs."));
     } else if n == 0 {

@@ -3,6 +3,7 @@
 use crate::report::tables::{csv, html as html_table, latex, markdown, text};
 
 use super::*;
+use crate::evaluate::Aggregation;
 use crate::evaluate::record::{ChosenScale, Crop};
 use crate::scoring::Region;
 
@@ -426,4 +427,52 @@ fn numbers_from_features_that_are_not_the_published_ones_are_marked() {
         "{marked:?}"
     );
     assert!(notes(MetricKey::DISTS.into()).is_empty());
+}
+
+#[test]
+fn means_over_scenes_or_sources_are_said_to_be_so() {
+    let of = |pair: &str, scene: &str, source: &str, value: f64| Record {
+        scene: scene.into(),
+        source: source.into(),
+        ..record("d", pair, "a", 0.1, &[("psnr", value)])
+    };
+    let records = [
+        of("1", "x", "0", 10.0),
+        of("2", "x", "0", 20.0),
+        of("3", "x", "1", 30.0),
+        of("4", "y", "0", 40.0),
+    ];
+    let table = |aggregation: Aggregation| {
+        let dataset = ReportDataset {
+            aggregation,
+            ..ReportDataset::named("d")
+        };
+        let board = Board::new(&records, &[dataset], &[]).unwrap();
+        build::of_scores(&board, &[MetricKey::PSNR.into()]).remove(0)
+    };
+    // (10 + 20 + 30) / 3 and 40; 15, 30 and 40.
+    for (aggregation, mean, said) in [
+        (Aggregation::Pairs, 25.0, None),
+        (
+            Aggregation::Scenes,
+            30.0,
+            Some("mean over scenes of means over pairs"),
+        ),
+        (
+            Aggregation::Sources,
+            85.0 / 3.0,
+            Some("mean over source views of means over targets"),
+        ),
+    ] {
+        let table = table(aggregation);
+        assert_eq!(table.rows[0].cells[0].value, Some(mean));
+        let csv = csv::csv(&table);
+        match said {
+            None => assert!(table.notes.is_empty(), "{:?}", table.notes),
+            Some(said) => {
+                assert!(markdown::markdown(&table).contains(said));
+                assert!(csv.contains(said), "{csv}");
+            }
+        }
+    }
 }

@@ -1,0 +1,117 @@
+//! `pairs import`: someone else's list, as it is or as one of ours.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::super::data_args::DatasetArgs;
+use super::super::outcome::UsageError;
+use super::super::{Outcome, output};
+use crate::io::atomic_files::write_atomic;
+use crate::io::counts::counted;
+use crate::pairs::foreign::{Context, ForeignList, Form, Slot};
+
+/// Read someone else's list of pairs: count it, write it again, or turn it into one of ours
+///
+/// With --dataset the list is matched with the dataset's scenes and views and --out is a list for `run --pairs`; scenes
+/// that are not there are left out, with exit code 4. Without, --out is the list in its own form.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench pairs import evaluation_index_re10k.json --form index
+  sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
+  sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
+pub(super) struct ImportArgs {
+    /// Their list
+    #[arg(value_name = "FILE")]
+    list: PathBuf,
+    /// Whose form it has
+    #[arg(long, value_enum, value_name = "FORM")]
+    form: Form,
+    /// Which of several inputs is the source
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
+    context: Context,
+    /// Which target of Flash3D's and MINE's lines
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
+    slot: Slot,
+    /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
+    #[arg(long = "dataset", value_name = "SPEC")]
+    datasets: Vec<String>,
+    /// Only scenes whose id matches; `*` and `?` are wildcards
+    #[arg(long, value_name = "GLOB", requires = "datasets")]
+    scenes: Option<String>,
+    /// What to write
+    #[arg(long, value_name = "FILE", required_unless_present = "json")]
+    out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Absent scenes that are named.
+const NAMED: usize = 5;
+
+pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
+    let list = ForeignList::read(&args.list, args.form)?;
+    let counts = list.counts();
+    let mut said = json!({ "list": args.list.display().to_string(), "counts": counts });
+    let mut outcome = Outcome::Done;
+    let mut summary = format!(
+        "{}, {} with pairs: {}, of which {} inputs, too",
+        counted(counts.entries, "entry"),
+        counts.with_pairs,
+        counted(counts.targets, "target"),
+        counts.targets_that_are_inputs
+    );
+    let bytes = if args.datasets.is_empty() {
+        list.bytes()
+    } else {
+        let datasets = DatasetArgs {
+            datasets: args.datasets.clone(),
+            scenes: args.scenes.clone(),
+        };
+        let datasets = datasets.open()?;
+        let imported = list.import(args.context, args.slot, &datasets)?;
+        if imported.pairs.is_empty() {
+            let reason = "none of its scenes is in the datasets";
+            anyhow::bail!("{}: {reason}", args.list.display());
+        }
+        if !imported.absent.is_empty() {
+            let named: Vec<&str> = imported
+                .absent
+                .iter()
+                .take(NAMED)
+                .map(String::as_str)
+                .collect();
+            output::remark(format!(
+                "warning: {} of the list not in the datasets, such as {}",
+                counted(imported.absent.len(), "scene"),
+                named.join(", ")
+            ));
+            outcome = Outcome::RecordedFailures;
+        }
+        said["absent"] = json!(imported.absent);
+        said["pairs"] = json!(imported.pairs.len());
+        summary += &format!(
+            "; {} of the datasets",
+            counted(imported.pairs.len(), "pair")
+        );
+        let ours = imported.list(args.out.as_deref().unwrap_or(&args.list));
+        said["sha256"] = json!(ours.sha256);
+        ours.bytes().to_vec()
+    };
+    if let Some(out) = &args.out {
+        if *out == args.list {
+            let reason = "--out is the list itself, which is not written over";
+            return Err(UsageError(reason.to_owned()).into());
+        }
+        write_atomic(out, &bytes)?;
+        said["out"] = json!(out.display().to_string());
+    }
+    match args.json {
+        true => output::json(&said)?,
+        false => output::line(summary)?,
+    }
+    Ok(outcome)
+}

@@ -1,0 +1,275 @@
+//! Other people's pair lists, read, written back byte for byte where their form has one spelling, and matched with a
+//! dataset that a reader here has.
+//!
+//! * `forms`: what each form holds; `python_json`: JSON as Python spells it; `ours`: a list of ours in their form.
+
+mod forms;
+mod ours;
+mod python_json;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use serde::Serialize;
+use sharp_datasets::{Scene, View};
+
+use self::forms::Content;
+pub use self::ours::written;
+use super::build::Pair;
+use super::build::scene::row;
+use super::dataset::OpenDataset;
+use super::error::PairError;
+use super::pair_list::PairList;
+use crate::io::atomic_files::FileError;
+
+/// Whose form a list has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Form {
+    /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON, scene to context and target positions, or null
+    Index,
+    /// Flash3D: `key source +5 +10 random` a line, positions
+    Flash3d,
+    /// MINE: a JSON object a line, frames by their time stamps
+    Mine,
+    /// UniSHARP: `scene|source|target,…` a line, with one or two fields more in some datasets
+    Unisharp,
+    /// Stable Virtual Camera: JSON with train_ids and test_ids of one scene, positions
+    Seva,
+}
+
+/// Which view of several is the source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Context {
+    /// The first
+    #[default]
+    #[value(name = "0")]
+    First,
+    /// The second
+    #[value(name = "1")]
+    Second,
+    /// For each target the one at the nearest position, the first of equally near ones
+    Nearest,
+}
+
+/// Which target of a line that has three.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Slot {
+    /// Five frames on
+    #[default]
+    #[value(name = "5")]
+    Five,
+    /// Ten frames on
+    #[value(name = "10")]
+    Ten,
+    /// A random one
+    Random,
+}
+
+/// The name of a choice on the command line.
+fn shown<T: ValueEnum>(value: &T, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let named = value.to_possible_value();
+    f.write_str(named.as_ref().map_or("", |named| named.get_name()))
+}
+
+impl fmt::Display for Context {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        shown(self, f)
+    }
+}
+
+impl fmt::Display for Slot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        shown(self, f)
+    }
+}
+
+/// A list of theirs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForeignList {
+    path: PathBuf,
+    content: Content,
+}
+
+/// A view as a list names it.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::pairs) enum FrameName {
+    /// Counted from 0 in the scene's frames.
+    Position(u32),
+    /// A file's stem, a file's name, a frame's number or a time stamp.
+    Name(String),
+}
+
+/// What a list holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct ForeignCounts {
+    /// Scenes or lines.
+    pub entries: usize,
+    /// Of these, with pairs.
+    pub with_pairs: usize,
+    pub targets: usize,
+    /// Of these, views that are inputs, too.
+    pub targets_that_are_inputs: usize,
+}
+
+/// A list of theirs as rows of ours.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Imported {
+    pub pairs: Vec<Pair>,
+    /// Scenes of the list that the datasets do not have, each once.
+    pub absent: Vec<String>,
+}
+
+impl ForeignList {
+    /// # Errors
+    /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong.
+    pub fn read(path: &Path, form: Form) -> Result<Self, PairError> {
+        let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
+        let content = Content::parse(form, &bytes);
+        let content = content.map_err(|(line, reason)| PairError::List {
+            path: path.to_owned(),
+            line,
+            reason,
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            content,
+        })
+    }
+
+    /// The list in its own form.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.content.bytes()
+    }
+
+    pub fn counts(&self) -> ForeignCounts {
+        self.content.counts()
+    }
+
+    /// The list's pairs among the scenes of datasets. A scene is found by its id, or by the end of it after a `/`; pairs
+    /// that occur several times come once. All are selected; overlaps and depths are not measured.
+    ///
+    /// # Errors
+    /// [`PairError::List`] where the list names a view that its scene lacks, or several scenes match.
+    pub fn import(
+        &self,
+        context: Context,
+        slot: Slot,
+        datasets: &[OpenDataset],
+    ) -> Result<Imported, PairError> {
+        let wrong = |line: u64, reason: String| PairError::List {
+            path: self.path.clone(),
+            line,
+            reason,
+        };
+        let mut by_key: BTreeMap<&str, Vec<(&OpenDataset, &Scene)>> = BTreeMap::new();
+        for dataset in datasets {
+            for scene in &dataset.scenes {
+                let ends = scene
+                    .id
+                    .match_indices('/')
+                    .map(|(at, _)| &scene.id[at + 1..]);
+                for key in std::iter::once(scene.id.as_str()).chain(ends) {
+                    by_key.entry(key).or_default().push((dataset, scene));
+                }
+            }
+        }
+        let only: Vec<(&OpenDataset, &Scene)> = datasets
+            .iter()
+            .flat_map(|dataset| dataset.scenes.iter().map(move |scene| (dataset, scene)))
+            .collect();
+        let mut pairs: BTreeMap<String, Pair> = BTreeMap::new();
+        let mut absent = BTreeSet::new();
+        let mut hashes = BTreeMap::new();
+        let mut sha256 = |view: &View, key: (&str, &str)| -> String {
+            let key = (key.0.to_owned(), key.1.to_owned(), view.id.clone());
+            let hash = hashes.entry(key);
+            hash.or_insert_with(|| view.content.image_sha256().unwrap_or_default())
+                .clone()
+        };
+        for pair in self
+            .content
+            .pairs(context, slot)
+            .map_err(|(line, reason)| wrong(line, reason))?
+        {
+            let matching = match &pair.scene {
+                Some(key) => by_key.get(key.as_str()).map_or(&[][..], Vec::as_slice),
+                None => &only,
+            };
+            let (dataset, scene) = match (matching, &pair.scene) {
+                ([one], _) => *one,
+                ([], Some(key)) => {
+                    absent.insert(key.clone());
+                    continue;
+                }
+                (several, key) => {
+                    let reason = format!(
+                        "{} matches {} scenes of the datasets; --scenes chooses",
+                        key.as_ref()
+                            .map_or("the list, which names no scene,".to_owned(), |key| format!(
+                                "'{key}'"
+                            )),
+                        several.len()
+                    );
+                    return Err(wrong(pair.line, reason));
+                }
+            };
+            let place = |frame: &FrameName| {
+                let found = found(scene, frame);
+                found.map_err(|reason| wrong(pair.line, format!("scene '{}': {reason}", scene.id)))
+            };
+            let (source, target) = (place(&pair.source)?, place(&pair.target)?);
+            let (s, t) = (&scene.views[source], &scene.views[target]);
+            let named = (scene.dataset.as_str(), scene.id.as_str());
+            let row = Pair {
+                source_sha256: sha256(s, named),
+                target_sha256: sha256(t, named),
+                selected: true,
+                ..row(scene, source, target, dataset.root.as_ref())
+            };
+            pairs.insert(row.pair_id.clone(), row);
+        }
+        Ok(Imported {
+            pairs: pairs.into_values().collect(),
+            absent: absent.into_iter().collect(),
+        })
+    }
+}
+
+impl Imported {
+    /// As a list that will be written to `path`.
+    pub fn list(self, path: &Path) -> PairList {
+        PairList::new(path, self.pairs)
+    }
+}
+
+/// The view's place in its scene. The error is the bare reason.
+fn found(scene: &Scene, frame: &FrameName) -> Result<usize, String> {
+    let count = scene.views.len();
+    match frame {
+        FrameName::Position(at) => match (*at as usize) < count {
+            true => Ok(*at as usize),
+            false => Err(format!("position {at} of {count} views")),
+        },
+        FrameName::Name(name) => {
+            let stem = name
+                .rsplit_once('.')
+                .map_or(name.as_str(), |(stem, _)| stem);
+            let number = |text: &str| -> Option<u64> {
+                let digits = text.trim_start_matches(|c: char| !c.is_ascii_digit());
+                digits.parse().ok()
+            };
+            let tests: [&dyn Fn(&View) -> bool; 3] =
+                [&|view| view.id == *name, &|view| view.id == stem, &|view| {
+                    stem.bytes().all(|b| b.is_ascii_digit()) && number(&view.id) == number(stem)
+                }];
+            let views = scene.views.iter();
+            let mut found = tests.iter().filter_map(|test| views.clone().position(test));
+            found.next().ok_or_else(|| format!("no view '{name}'"))
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! Invented lists in every form.
+
+use super::*;
+
+const INDEX: &str = r#"{"apple": {"context": [4, 0], "target": [1, 2, 4]}, "b/cup": null}"#;
+const FLASH3D: &str = "apple 1 4 5 3\ncup 0 2 2 2\n";
+const MANIFEST: &str = "S/apple|view_002|view_000,view_004\n/x/c.torch|apple|1|3\n";
+const SPLIT: &str = r#"{"train_ids": [3], "test_ids": [0, 1]}"#;
+
+fn list(text: &str, form: Form) -> Result<ForeignList, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("list");
+    std::fs::write(&path, text).unwrap();
+    let shown = format!("{}:", path.display());
+    let list = ForeignList::read(&path, form);
+    list.map_err(|error| error.to_string().replace(&shown, ""))
+}
+
+fn mine(stamp: u32) -> String {
+    let frame = |stamp: u32| {
+        format!(
+            r#"{{"sequence_id": "apple", "camera_intrinsics": [0.5, 0.9, 0.5, 0.5], "camera_pose": [1.0, 0.0, -2.5e-05, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0], "frame_ts": "{stamp}"}}"#
+        )
+    };
+    let names = [
+        "src_img_obj",
+        "tgt_img_obj_5_frames",
+        "tgt_img_obj_10_frames",
+        "tgt_img_obj_random",
+    ];
+    let frames = (stamp..)
+        .zip(names)
+        .map(|(stamp, name)| format!(r#""{name}": {}"#, frame(stamp)));
+    let frames: Vec<String> = frames.collect();
+    format!("{{\"sequence_id\": \"apple\", {}}}\n", frames.join(", "))
+}
+
+#[test]
+fn what_is_read_is_written_byte_for_byte() {
+    for (text, form, counts) in [
+        (INDEX.to_owned(), Form::Index, [2, 1, 3, 1]),
+        (FLASH3D.to_owned(), Form::Flash3d, [2, 2, 6, 0]),
+        (MANIFEST.to_owned(), Form::Unisharp, [2, 2, 3, 0]),
+        (SPLIT.to_owned(), Form::Seva, [1, 1, 2, 0]),
+        (mine(0) + &mine(1), Form::Mine, [2, 2, 6, 0]),
+    ] {
+        let list = list(&text, form).unwrap();
+        assert_eq!(String::from_utf8(list.bytes()).unwrap(), text);
+        let ForeignCounts {
+            entries,
+            with_pairs,
+            targets,
+            targets_that_are_inputs,
+        } = list.counts();
+        assert_eq!(
+            [entries, with_pairs, targets, targets_that_are_inputs],
+            counts,
+            "{form:?}"
+        );
+    }
+}
+
+/// One scene of six views, `view_000` on, under a key that lists name by its end.
+fn dataset() -> OpenDataset {
+    let text = "S:synthetic=size=24x18,views=6,scenes=1".to_owned();
+    let mut dataset = OpenDataset::open_all(&[text], None).unwrap().remove(0);
+    dataset.scenes[0].id = "S/apple".to_owned();
+    for (i, view) in dataset.scenes[0].views.iter_mut().enumerate() {
+        view.id = format!("view_{i:03}");
+    }
+    dataset
+}
+
+#[test]
+fn lists_become_pairs_of_the_dataset() {
+    let dataset = dataset();
+    let pairs = |text: &str, form: Form, context: Context, slot: Slot| -> Vec<String> {
+        let imported = list(text, form).unwrap();
+        let imported = imported
+            .import(context, slot, std::slice::from_ref(&dataset))
+            .unwrap();
+        let numbers = imported.pairs.iter().map(|pair| {
+            assert!(pair.selected && pair.source_sha256.len() == 64);
+            format!("{}{}", &pair.source[7..], &pair.target[7..])
+        });
+        numbers.collect()
+    };
+    let index = |context| pairs(INDEX, Form::Index, context, Slot::Five);
+    assert_eq!(index(Context::First), ["41", "42", "44"]);
+    assert_eq!(index(Context::Second), ["01", "02", "04"]);
+    // 2 lies as near to 4 as to 0: the first context view.
+    assert_eq!(index(Context::Nearest), ["01", "42", "44"]);
+    let flash3d = |slot| pairs(FLASH3D, Form::Flash3d, Context::First, slot);
+    assert_eq!(
+        [
+            flash3d(Slot::Five),
+            flash3d(Slot::Ten),
+            flash3d(Slot::Random)
+        ],
+        [["14"], ["15"], ["13"]]
+    );
+    let manifest = pairs(MANIFEST, Form::Unisharp, Context::First, Slot::Five);
+    assert_eq!(manifest, ["13", "20", "24"]);
+    assert_eq!(
+        pairs(SPLIT, Form::Seva, Context::First, Slot::Five),
+        ["30", "31"]
+    );
+    assert_eq!(
+        pairs(&mine(2), Form::Mine, Context::First, Slot::Random),
+        ["25"]
+    );
+    let all = list(FLASH3D, Form::Flash3d).unwrap();
+    let all = all
+        .import(Context::First, Slot::Five, &[dataset.clone()])
+        .unwrap();
+    assert_eq!(all.absent, ["cup"]);
+    let beyond = list("apple 6 1 1 1", Form::Flash3d).unwrap();
+    let error = beyond
+        .import(Context::First, Slot::Five, &[dataset])
+        .unwrap_err();
+    assert!(
+        error.to_string().contains("position 6 of 6 views"),
+        "{error}"
+    );
+}
+
+#[test]
+fn ours_is_written_in_their_form_and_read_back() {
+    let dataset = dataset();
+    let pairs = |text: &str| {
+        let list = list(text, Form::Flash3d).unwrap();
+        let datasets = std::slice::from_ref(&dataset);
+        list.import(Context::First, Slot::Five, datasets)
+            .unwrap()
+            .list(Path::new("p.csv"))
+    };
+    let (one, two) = (
+        pairs("apple 1 4 0 0\napple 1 2 0 0"),
+        pairs("apple 1 4 0 0\napple 2 0 0 0"),
+    );
+    let scenes = &dataset.scenes;
+    let write = |list: &PairList, form| {
+        let bytes = written(&list.resolve(scenes).unwrap(), form)?;
+        Ok::<_, String>(String::from_utf8(bytes).unwrap())
+    };
+    let index = write(&one, Form::Index).unwrap();
+    assert_eq!(index, r#"{"S/apple": {"context": [1], "target": [2, 4]}}"#);
+    assert_eq!(
+        write(&one, Form::Seva).unwrap(),
+        r#"{"train_ids": [1], "test_ids": [2, 4]}"#
+    );
+    let manifest = write(&two, Form::Unisharp).unwrap();
+    assert_eq!(
+        manifest,
+        "S/apple|view_001|view_004\nS/apple|view_002|view_000\n"
+    );
+    for (list, form) in [
+        (&one, Form::Index),
+        (&two, Form::Unisharp),
+        (&two, Form::Flash3d),
+        (&one, Form::Seva),
+    ] {
+        let text = write(list, form).unwrap();
+        let again = self::list(&text, form).unwrap();
+        let again = again
+            .import(Context::First, Slot::Five, std::slice::from_ref(&dataset))
+            .unwrap();
+        assert_eq!(again.pairs, list.pairs, "{form:?}");
+    }
+    assert!(
+        write(&two, Form::Index)
+            .unwrap_err()
+            .contains("several sources")
+    );
+    assert!(write(&one, Form::Mine).unwrap_err().contains("time stamps"));
+}
+
+#[test]
+fn hostile_lists_are_one_clear_error() {
+    for (form, text, reason) in [
+        (
+            Form::Index,
+            r#"{"a": {"context": [0, 99999999999999999999], "target": []}}"#,
+            "1: ",
+        ),
+        (
+            Form::Index,
+            r#"{"a": {"context": [0, -1], "target": []}}"#,
+            "u32",
+        ),
+        (
+            Form::Index,
+            r#"{"a": {"context": [0.5], "target": []}}"#,
+            "u32",
+        ),
+        (
+            Form::Index,
+            r#"{"a": {"context": [], "target": [1]}}"#,
+            "no context view",
+        ),
+        (
+            Form::Index,
+            r#"{"a": {"context": "0", "target": []}}"#,
+            "sequence",
+        ),
+        (
+            Form::Index,
+            "{\"a\": null,\n\"a\": null}",
+            "2: scene 'a' is given twice",
+        ),
+        (Form::Index, r#"{"/etc": null}"#, "no scene's name"),
+        (Form::Index, r#"{"C:\\x": null}"#, "no scene's name"),
+        (Form::Index, r#"{"a/../b": null}"#, "no scene's name"),
+        (Form::Index, "[1]", "object of scenes"),
+        (Form::Index, "{}", "empty"),
+        (Form::Index, "", "EOF"),
+        (Form::Seva, r#"{"train_ids": [1]}"#, "test_ids"),
+        (Form::Flash3d, "ok 1 2 3 4\nkey 1 2 3", "2: 'key source"),
+        (Form::Flash3d, "key 1 2 3 -4", "positions"),
+        (Form::Flash3d, "../key 1 2 3 4", "no scene's name"),
+        (Form::Unisharp, "a|1", "2 fields"),
+        (Form::Unisharp, "a|b|c|1|2", "5 fields"),
+        (Form::Unisharp, "/data/a|1|2", "no scene's name"),
+        (Form::Unisharp, "a|1|../../2", "no view's name"),
+        (Form::Unisharp, "a|1|2,,3", "no view's name"),
+        (Form::Mine, r#"{"sequence_id": 5}"#, "string"),
+        (Form::Mine, "{\"sequence_id\": \"a\"\u{1}}", "1: "),
+    ] {
+        let error = list(text, form).unwrap_err();
+        assert!(
+            error.contains(reason) && !error.contains('\n'),
+            "{text}: {error}"
+        );
+    }
+}

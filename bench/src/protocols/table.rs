@@ -1,0 +1,299 @@
+//! The presets. Facts are those of the code at the commits named, read and not copied.
+
+use super::{Border, PairMask, PairRule, Protocol, Quantised};
+use crate::evaluate::Aggregation;
+
+const EVERY_8TH: &str =
+    "the images of sorted names with index % 8 == 0 are tested, each made from all others";
+const RE10K_INDEX: &str =
+    "an evaluation index (JSON), of which one context view becomes the source";
+const OUR_CAMERAS: &str = "cameras: the principal point follows the crop; theirs stays in the middle, off by half a \
+    pixel where an odd number of columns is cut";
+const CUDA_MESSAGE: &str =
+    "missing scenes and frames are skipped silently, exceptions drop their batch into a CSV";
+
+const PLAIN: Protocol = Protocol {
+    name: "",
+    source: "",
+    pairs: PairRule::Paper,
+    frame: None,
+    border: Border::Kept,
+    quantised: Quantised::Round,
+    metrics: &[],
+    aggregation: Aggregation::Pairs,
+    mask: PairMask::NotExcluded,
+    failures: "raises",
+    traps: &[],
+    departures: &[],
+};
+
+const PIXELSPLAT: Protocol = Protocol {
+    name: "pixelsplat",
+    source: "dcharatan/pixelsplat 32b1b662bbba8c6a2b598433e4872f0d36639e43",
+    pairs: PairRule::List(RE10K_INDEX),
+    frame: Some("cover:256x256:lanczos"),
+    quantised: Quantised::Truncate,
+    metrics: &["psnr", "ssim[gauss11,valid,sample]", "lpips[vgg,v0.1]"],
+    aggregation: Aggregation::Scenes,
+    failures: "prints and skips a scene as soon as one compared method lacks a file of it",
+    traps: &[
+        "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
+        "predictions are truncated to 8 bit, half a level darker on average than rounded ones",
+        "scenes wider than 100 degrees, of another shape than 3x360x640 or with a baseline below 1e-3 are not evaluated",
+    ],
+    departures: &[
+        "pairs: one context view is the source; theirs sees two",
+        OUR_CAMERAS,
+        "scenes: nothing is skipped by field of view, shape or baseline",
+    ],
+    ..PLAIN
+};
+
+const MVSPLAT: Protocol = Protocol {
+    name: "mvsplat",
+    source: "donydchen/mvsplat 175b17a636a081455c46b309eccacedd626a7d59",
+    quantised: Quantised::Float,
+    failures: "skips scenes as pixelSplat does; an index that is missing crashes",
+    traps: &[
+        "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
+        "scenes wider than 100 degrees or of another shape than 3x360x640 are not evaluated",
+    ],
+    departures: &[
+        "pairs: one context view is the source; theirs sees two or three",
+        OUR_CAMERAS,
+        "scenes: nothing is skipped by field of view or shape",
+    ],
+    ..PIXELSPLAT
+};
+
+/// By name.
+pub const PROTOCOLS: [Protocol; 15] = [
+    Protocol {
+        name: "sharp",
+        source: "the SHARP paper; what it leaves open is an option (`pairs --help`)",
+        metrics: &["dists", "lpips[alex,v0.1]", "psnr", "ssim[gauss11,valid]"],
+        failures: "not stated",
+        departures: &[
+            "metrics: the paper states neither the network of LPIPS nor the window of SSIM",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "unisharp",
+        source: "Insta360-Research-Team/UniSHARP 5263322553d3e6eff405976dc900bc5de36b7ba8",
+        pairs: PairRule::List("a manifest (fields between |), a source and its targets a line"),
+        quantised: Quantised::Float,
+        metrics: &[
+            "psnr[floor=1e-8]@mask",
+            "ssim[gauss11,zero,eps=1e-8]@mask",
+            "lpips[alex,v0.1,box-paste]@mask",
+        ],
+        aggregation: Aggregation::Sources,
+        mask: PairMask::SourceBounds,
+        failures: CUDA_MESSAGE,
+        traps: &[
+            "PSNR is at most 80 dB, so that identical pictures count as 80",
+            "1e-8 in SSIM's denominator takes a tenth off black areas, equal ones included",
+            "LPIPS of the pasted box counts pixels of the truth as agreement: a small mask in a wide box is nearly perfect",
+            "manifest lines of another field count are dropped without a word and still use up a group number",
+            "the launcher's default skips LPIPS, and without its package L1 stands in the same column",
+        ],
+        departures: &[
+            "mask: without depth of the target there is no number; theirs goes on with cached masks, then with the depth \
+             that was predicted, then without a mask",
+            "renderings: blended over black as they are; theirs are divided by alpha before sRGB",
+            "aggregation: by source view; theirs by manifest line, the same unless two lines share a source",
+            "datasets: Tanks and Temples and DL3DV there are their images_4, and panoramas and fisheyes have masks of their own",
+        ],
+        ..PLAIN
+    },
+    PIXELSPLAT,
+    MVSPLAT,
+    Protocol {
+        name: "depthsplat",
+        source: "cvg/depthsplat 2dad25a7b9ba7c5537aba08463ef88d8511a06be",
+        ..MVSPLAT
+    },
+    Protocol {
+        name: "lvsm",
+        source: "Haian-Jin/LVSM 2fea9242a941072c6263b96eb1b52f2a80503ce3",
+        frame: Some("cover8:256x256:lanczos"),
+        failures: "scenes without a metrics file are skipped; a distributed sampler drops or repeats scenes",
+        traps: &[
+            "583 of the 19422 pairs of the RealEstate10K index predict a context view itself",
+            "the width is rounded to a multiple of 8, so that the pixels are not pixelSplat's: 456 columns, cropped from \
+             column 100",
+        ],
+        departures: &[
+            "LPIPS: in f32; theirs inside bfloat16 autocast, which differs in the third decimal and is refused here",
+            "pairs: one context view is the source; theirs sees two",
+        ],
+        ..MVSPLAT
+    },
+    Protocol {
+        name: "seva",
+        source: "Stability-AI/stable-virtual-camera fe19948e9b7bea261ab2db780a59656131404a83",
+        pairs: PairRule::List("a split (JSON with train_ids and test_ids) beside transforms.json"),
+        frame: Some("cover:576x576:area"),
+        quantised: Quantised::Unpublished,
+        failures: "not published",
+        traps: &[
+            "inputs of one view are rendered at 20 scales of the scene; which of them is scored is not published",
+        ],
+        departures: &[
+            "metrics and aggregation: none are published; those of the command line are this harness's",
+            "resize: OpenCV's INTER_AREA; theirs is torch's `area`, means over whole pixels",
+            "size: 576x576; their RealEstate10K outputs are reduced to 256 afterwards, ViewCrafter's splits crop otherwise",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "flash3d",
+        source: "eldar/flash3d a71c9b92b07a76cf944f2ed894f384f0891a1960",
+        pairs: PairRule::List(
+            "a split (text): key, source and three target slots a line; one slot at a time",
+        ),
+        frame: Some("stretch:384x256:lanczos"),
+        border: Border::Twentieth,
+        quantised: Quantised::Float,
+        metrics: &[
+            "psnr",
+            "ssim[gauss11,valid]",
+            "ssim[gauss11,reflect]",
+            "lpips[vgg,v0.1,eps=tm]",
+        ],
+        traps: &[
+            "the printed mean is over source, +5, +10 and random slots: the source view itself counts a quarter",
+            "the version of torchmetrics is not pinned: SSIM is one of the two columns, valid before 1.4.2, reflect since",
+            "pictures are stretched to 3:2, so that PSNR weighs both axes differently",
+        ],
+        departures: &[
+            "scale: theirs fits a scale of translations between predicted and COLMAP depth by unseeded RANSAC; here cameras \
+             are the dataset's",
+            "PSNR: theirs does not clip; pictures here lie in 0..1",
+            "size: 384x256 as for RealEstate10K; their KITTI is 384x128, its border unrecorded",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "splatter",
+        source: "szymanowiczs/splatter-image 98b465731c3273bf8f42a747d1b6ce1a93faf3d6",
+        pairs: PairRule::Refused(
+            "SRN and CO3D have no reader here (source view 64 of 251, or the first; all other views are targets, all-black \
+             ones left out; 128x128; psnr, ssim[gauss11,zero], lpips[vgg,v0.1]; means of objects)",
+        ),
+        quantised: Quantised::Float,
+        metrics: &["psnr", "ssim[gauss11,zero]", "lpips[vgg,v0.1]"],
+        aggregation: Aggregation::Scenes,
+        ..PLAIN
+    },
+    Protocol {
+        name: "3dgs",
+        source: "graphdeco-inria/gaussian-splatting 15d64e67814605c4d5b24a326aad29da74898acc",
+        pairs: PairRule::NoSource(EVERY_8TH),
+        frame: Some("width:1600:bicubic"),
+        metrics: &["psnr", "ssim[gauss11,zero]", "lpips[vgg,v0.1,unscaled]"],
+        failures: "raises; reduced-3dgs goes on with the next scene",
+        traps: &[
+            "LPIPS gets pictures in 0..1 where its network expects -1..1: values are lower than everyone else's",
+            "zero padding makes SSIM's border of the picture alike",
+        ],
+        departures: &[
+            "size: of the pictures given; theirs takes images_4 outdoors and images_2 indoors",
+            "aggregation: over all images of a dataset; theirs is per scene, and the paper's means are over scenes",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "splatfacto",
+        source: "nerfstudio-project/nerfstudio 50e0e3c70c775e89333256213363badbf074f29d",
+        pairs: PairRule::NoSource(
+            "the nerfstudio parser tests what an evenly spaced choice of 90 % leaves, the COLMAP parser index % 8 == 0",
+        ),
+        quantised: Quantised::Float,
+        metrics: &["psnr", "ssim[gauss11,valid]", "lpips[alex,v0.1,eps=tm]"],
+        departures: &[
+            "size: of the pictures given; theirs halves them until no side exceeds 1600, with files made by other programs",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "nerfacto",
+        source: "nerfstudio-project/nerfstudio 50e0e3c70c775e89333256213363badbf074f29d",
+        pairs: PairRule::NoSource(
+            "the nerfstudio parser tests what an evenly spaced choice of 90 % leaves, the COLMAP parser index % 8 == 0",
+        ),
+        quantised: Quantised::Float,
+        metrics: &[
+            "psnr",
+            "ssim[gauss11,reflect,range=data]",
+            "ssim[gauss11,valid,range=data]",
+            "lpips[alex,v0.1,eps=tm]",
+        ],
+        traps: &[
+            "SSIM's range is that of the pictures: dull ones have a lower value, two black ones none",
+            "the version of torchmetrics is not pinned: SSIM is one of the two columns, valid before 1.4.2, reflect since",
+            "surface models hand LPIPS pictures in 0..1 (lpips[alex,v0.1,unscaled])",
+        ],
+        departures: &[
+            "size: of the pictures given; theirs halves them until no side exceeds 1600, with files made by other programs",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "nerfbaselines",
+        source: "nerfbaselines/nerfbaselines cde53bda36e65985ca15c79957725a9054fb55b4",
+        pairs: PairRule::NoSource(EVERY_8TH),
+        quantised: Quantised::Truncate,
+        metrics: &[
+            "psnr",
+            "ssim[gauss11,valid,cov=bounded]",
+            "lpips[alex,v0.1]",
+            "lpips[vgg,v0.1]",
+        ],
+        traps: &[
+            "both pictures are truncated to 8 bit; the truth, which is 8 bit already, does not change",
+        ],
+        departures: &[
+            "mask: excluded pixels do not count; theirs are multiplied by the mask and count as equal black ones, which raises \
+             PSNR",
+            "LPIPS: both networks; theirs adds vgg for mip-NeRF 360 only",
+            "size: of the pictures given; theirs has a factor for each scene",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "multinerf",
+        source: "google-research/multinerf 5b4d4f64608ec8077222c52fdf814d40acc10bc1",
+        pairs: PairRule::NoSource(EVERY_8TH),
+        metrics: &["psnr", "ssim[gauss11,valid,cov=bounded]"],
+        failures: "not handled",
+        departures: &[
+            "colour: no second set of numbers after their quadratic colour correction of each picture",
+            "LPIPS: its code is not published there",
+        ],
+        ..PLAIN
+    },
+    Protocol {
+        name: "scannetpp",
+        source: "scannetpp/scannetpp f3b4712697184fe0b83ab28d273b85e5f011361a",
+        pairs: PairRule::NoSource(
+            "test_frames of dslr/nerfstudio/transforms.json, each made from all training frames",
+        ),
+        metrics: &[
+            "psnr@mask",
+            "ssim[gauss11,valid,mask=window]@mask",
+            "lpips[vgg,v0.1,layer-mask]@mask",
+        ],
+        failures: "a missing picture or mask ends the evaluation",
+        traps: &[
+            "a scene with many test images counts more: the mean is over all images of all scenes",
+            "LPIPS has a mean of its own at each layer, so that deep layers weigh what is far from a mask",
+        ],
+        departures: &[
+            "pictures: undistorted to a pinhole camera, with their masks; theirs are the fisheye pictures as stored",
+            "size: predictions of another size need `resize=bicubic`; theirs are resized without asking",
+        ],
+        ..PLAIN
+    },
+];

@@ -1,0 +1,104 @@
+//! What a protocol may change about how pictures are scored, besides the metrics.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::Region;
+
+/// Which pixels are compared; part of the identity of every number that it changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct ScoringRules {
+    /// What `@mask` means.
+    pub mask: PairMask,
+    /// What is left out at the border.
+    pub border: Border,
+}
+
+/// The mask of a pair that metrics `@mask` count inside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PairMask {
+    /// The target's pixels that the dataset does not exclude.
+    #[default]
+    NotExcluded,
+    /// Target pixels with depth whose point projects into the source; nothing tests for occlusion. Fewer than
+    /// [`LEAST_PIXELS`] are none.
+    SourceBounds,
+}
+
+/// Pixels inside [`PairMask::SourceBounds`] without which there is no number: UniSHARP's rule.
+pub const LEAST_PIXELS: usize = 8;
+
+/// The part of pictures near their border that is not compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Border {
+    /// None.
+    #[default]
+    Kept,
+    /// A twentieth of each side: from ⌈side / 20⌉ to ⌊19 side / 20⌋, as Flash3D crops.
+    Twentieth,
+}
+
+impl Border {
+    /// What is compared of a picture of this size.
+    pub fn kept(self, (width, height): (u32, u32)) -> Region {
+        let cut = |side: u32| {
+            let start = side.div_ceil(20);
+            let end = (u64::from(side) * 19 / 20) as u32;
+            (start, end.saturating_sub(start))
+        };
+        match self {
+            Self::Kept => Region::whole((width, height)),
+            Self::Twentieth => {
+                let ((x, width), (y, height)) = (cut(width), cut(height));
+                Region {
+                    x,
+                    y,
+                    width,
+                    height,
+                }
+            }
+        }
+    }
+}
+
+impl fmt::Display for PairMask {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotExcluded => {
+                f.write_str("the target's pixels that the dataset does not exclude")
+            }
+            Self::SourceBounds => write!(
+                f,
+                "target pixels with depth whose point lies inside the source's picture, occluded or not; fewer than \
+                 {LEAST_PIXELS} are no number"
+            ),
+        }
+    }
+}
+
+impl fmt::Display for Border {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Kept => "compared",
+            Self::Twentieth => "a twentieth of each side is cropped from both pictures",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_twentieth_is_flash3ds_crop() {
+        let kept = Border::Twentieth.kept((384, 256));
+        // Columns 20 to 364, rows 13 to 243.
+        assert_eq!((kept.x, kept.y, kept.size()), (20, 13, (344, 230)));
+        let kept = Border::Twentieth.kept((1, 1));
+        assert!(!kept.fits((1, 1)), "nothing is left");
+    }
+}

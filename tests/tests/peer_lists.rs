@@ -1,0 +1,77 @@
+//! Other people's pair lists as they published them: what they hold, and that they are written as they were read. They
+//! may not be part of this repository; without the folder that `SHARP_BENCH_SHARED` names the tests are reported as
+//! ignored.
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use sharp_bench::pairs::foreign::{ForeignCounts, ForeignList, Form};
+
+/// Entries, entries with pairs, targets, and targets that are inputs, too.
+const LISTS: [(&str, Form, [usize; 4]); 8] = [
+    (
+        "pixelsplat/evaluation_index_re10k.json",
+        Form::Index,
+        [7194, 6474, 19422, 583],
+    ),
+    (
+        "pixelsplat/evaluation_index_acid.json",
+        Form::Index,
+        [1848, 1595, 4785, 135],
+    ),
+    (
+        "mvsplat/evaluation_index_dtu_nctx2.json",
+        Form::Index,
+        [64, 64, 64, 0],
+    ),
+    (
+        "mvsplat/evaluation_index_dtu_nctx3.json",
+        Form::Index,
+        [64, 64, 64, 0],
+    ),
+    (
+        "depthsplat/dl3dv_start_0_distance_10_ctx_2v_tgt_4v.json",
+        Form::Index,
+        [140, 140, 560, 0],
+    ),
+    (
+        "depthsplat/dl3dv_start_0_distance_50_ctx_2v_video_0_50.json",
+        Form::Index,
+        [140, 140, 7000, 280],
+    ),
+    (
+        "depthsplat/dl3dv_start_0_distance_100_ctx_12v_video.json",
+        Form::Index,
+        [140, 140, 13734, 1680],
+    ),
+    (
+        "mine/input_pipelines__realestate10k__test_data_jsons__validation_pairs.json",
+        Form::Mine,
+        [250, 250, 750, 0],
+    ),
+];
+
+fn main() {
+    let folder = sharp_tests::shared_data().join("samples/peer-index");
+    let trials = LISTS.map(|(name, form, expected)| {
+        let path = folder.join(name);
+        let absent = !path.is_file();
+        let check = move || {
+            let list = ForeignList::read(&path, form)?;
+            let ForeignCounts {
+                entries,
+                with_pairs,
+                targets,
+                targets_that_are_inputs,
+            } = list.counts();
+            let found = [entries, with_pairs, targets, targets_that_are_inputs];
+            if found != expected {
+                return Err(Failed::from(format!("{found:?}, not {expected:?}")));
+            }
+            match list.bytes() == std::fs::read(&path)? {
+                true => Ok(()),
+                false => Err(Failed::from("written otherwise than it was read")),
+            }
+        };
+        Trial::test(name, check).with_ignored_flag(absent)
+    });
+    libtest_mimic::run(&Arguments::from_args(), trials.into()).exit();
+}
