@@ -25,7 +25,7 @@ fn import(dir: &Path) {
         "threshold=0",
     ];
     sharp_bench(dir, &[&args[..], &["--out", "all.csv"]].concat()).ends_with(0);
-    let list = read(&dir.join("all.csv"));
+    let list = read(dir.join("all.csv"));
     let scenes: std::collections::BTreeSet<&str> = list
         .lines()
         .skip(1)
@@ -39,7 +39,7 @@ fn import(dir: &Path) {
     let import = ["pairs", "import", "theirs.json", "--form", "index"];
     let with = |more: &[&str]| sharp_bench(dir, &[&import[..], more].concat());
     with(&["--out", "same.json"]).ends_with(0);
-    assert_eq!(read(&dir.join("same.json")), theirs);
+    assert_eq!(read(dir.join("same.json")), theirs);
     let said = with(&["--dataset", DATASET, "--out", "pairs.csv", "--json"])
         .ends_with(0)
         .json();
@@ -62,7 +62,7 @@ fn import(dir: &Path) {
     .ends_with(0);
     let first = scenes.first().unwrap();
     let entry = format!(r#""{first}": {{"context": [0], "target": [1, 2]}}"#);
-    assert!(read(&dir.join("ours.json")).contains(&entry));
+    assert!(read(dir.join("ours.json")).contains(&entry));
     with(&["--out", "theirs.json"]).is_usage_error_with(&["not written over"]);
 }
 
@@ -95,11 +95,11 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
         "{}",
         said.err
     );
-    let manifest: Value = serde_json::from_str(&read(&dir.join("u/manifest.json"))).unwrap();
+    let manifest: Value = serde_json::from_str(&read(dir.join("u/manifest.json"))).unwrap();
     assert_eq!(manifest["aggregation"], "sources");
     assert_eq!(manifest["rules"]["mask"], "source_bounds");
     assert_eq!(manifest["protocol"]["name"], "unisharp");
-    let scores = read(&dir.join("u/scores.csv"));
+    let scores = read(dir.join("u/scores.csv"));
     let header = scores.lines().next().unwrap();
     for key in ["psnr[floor=1e-8]@mask", "ssim[gauss11,zero,eps=1e-8]@mask"] {
         assert!(header.contains(key), "{header}");
@@ -107,7 +107,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     assert_eq!(scored(dir, "u", "target", "psnr[floor=1e-8]@mask"), 80.0);
     assert!(scored(dir, "u", "copy", "lpips[alex,v0.1,box-paste]@mask") > 0.0);
     sharp_bench(dir, &["report", "u"]).ends_with(0);
-    let report = read(&dir.join("u/report/report.md"));
+    let report = read(dir.join("u/report/report.md"));
     for part in [
         "mean over source views of means over targets",
         "1e-8 in SSIM's denominator",
@@ -127,7 +127,7 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     // The report's reader may ask for other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];
     sharp_bench(dir, &over).ends_with(0);
-    assert!(read(&dir.join("over/report.md")).contains("mean over scenes of means over pairs"));
+    assert!(read(dir.join("over/report.md")).contains("mean over scenes of means over pairs"));
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn pictures_are_seen_at_the_protocols_size() {
     ];
     let methods = ["--method", "copy", "--method", "target", "--out", "r"];
     sharp_bench(dir, &[&args[..], &methods].concat()).ends_with(0);
-    let manifest: Value = serde_json::from_str(&read(&dir.join("r/manifest.json"))).unwrap();
+    let manifest: Value = serde_json::from_str(&read(dir.join("r/manifest.json"))).unwrap();
     assert_eq!(manifest["datasets"][0]["spec"], framed.as_str());
     let mut sizes = walk(&dir.join("r"));
     sizes.dedup();

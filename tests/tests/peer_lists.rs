@@ -45,7 +45,7 @@ const LISTS: [(&str, Form, [usize; 4]); 8] = [
     (
         "mine/input_pipelines__realestate10k__test_data_jsons__validation_pairs.json",
         Form::Mine,
-        [250, 250, 750, 0],
+        [250, 250, 750, 9],
     ),
 ];
 

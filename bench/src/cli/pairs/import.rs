@@ -58,8 +58,8 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
     let mut said = json!({ "list": args.list.display().to_string(), "counts": counts });
     let mut outcome = Outcome::Done;
     let mut summary = format!(
-        "{}, {} with pairs: {}, of which {} inputs, too",
-        counted(counts.entries, "entry"),
+        "{} scenes or lines, {} with pairs: {}, {} of which are inputs, too",
+        counts.entries,
         counts.with_pairs,
         counted(counts.targets, "target"),
         counts.targets_that_are_inputs

@@ -111,7 +111,7 @@ fn lists_become_pairs_of_the_dataset() {
     );
     let all = list(FLASH3D, Form::Flash3d).unwrap();
     let all = all
-        .import(Context::First, Slot::Five, &[dataset.clone()])
+        .import(Context::First, Slot::Five, std::slice::from_ref(&dataset))
         .unwrap();
     assert_eq!(all.absent, ["cup"]);
     let beyond = list("apple 6 1 1 1", Form::Flash3d).unwrap();
