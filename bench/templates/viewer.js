@@ -1,4 +1,4 @@
-  // The large view. Its pictures are those that the run kept, where they are in place, else those of the page.
+  // The large view. Its pictures are those of run and dataset, where they are in place, else those of the page.
   var viewer = one('#viewer'), stage = one('.stage', viewer), pan = one('#v-pan'), under = one('#v-under'), over = one('#v-over'), bar = one('#v-bar');
   var now = { pair: null, method: null, view: 'prediction', split: 0.5, zoom: 1, x: 0, y: 0 };
   function clamp(value, low, high) { return Math.min(high, Math.max(low, value)); }
@@ -17,7 +17,7 @@
     var holder = ofPair !== undefined ? now.pair : now.pair.methods[method === undefined ? now.method : method];
     var found = holder && holder.pictures[kind];
     if (!found || typeof found === 'string') { return { absent: found || '' }; }
-    return { small: found[0], full: kind === 'target' || kind === 'prediction' ? holder.full : null };
+    return { small: found[0], full: holder === now.pair ? now.pair.full[kind] : kind === 'prediction' ? holder.full : null };
   }
   function put(element, shown) {
     var wanted = shown.full || shown.small;

@@ -27,18 +27,18 @@ fn main() -> ExitCode {
     } else {
         ""
     };
-    let tests: [(&str, fn(&str)); 2] = [
-        ("a report is sorted, filtered and looked through", report),
-        ("a comparison shows both sides", comparison),
-    ];
-    let trials = tests.map(|(name, test)| {
+    let trial = |name: &str, test: fn(&str)| {
         let run = move || {
             browser.map(test);
             Ok(())
         };
         Trial::test(format!("{name}{missing}"), run).with_ignored_flag(browser.is_none())
-    });
-    libtest_mimic::run(&arguments, trials.into()).exit_code()
+    };
+    let trials = vec![
+        trial("a report is sorted, filtered and looked through", report),
+        trial("a comparison shows both sides", comparison),
+    ];
+    libtest_mimic::run(&arguments, trials).exit_code()
 }
 
 /// What a person does, as functions for the scripts below; what is `said` comes back.

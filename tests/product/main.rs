@@ -46,6 +46,8 @@ mod render_scene;
 #[cfg(test)]
 mod run_command;
 #[cfg(test)]
+mod speed_command;
+#[cfg(test)]
 mod support;
 #[cfg(test)]
 mod sweep_command;

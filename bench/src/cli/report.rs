@@ -102,7 +102,7 @@ pub(super) fn execute(args: &ReportArgs) -> anyhow::Result<Outcome> {
     } else {
         let pictures = match files.layout {
             Layout::File => "one file",
-            Layout::Folder => "with the pictures in thumbs/ beside it",
+            Layout::Folder => "its pictures beside it, in thumbs/",
         };
         output::line(format!("report  {}  ({pictures})", files.html.display()))?;
     }

@@ -490,6 +490,18 @@ impl ReportPictures for RunPictures<'_> {
         self.kept_file(record).ok()
     }
 
+    fn photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
+        [&record.source, &record.target].map(|id| {
+            let content = &self.view(record, id).ok()?.content;
+            let processing = content.processing();
+            let is_stored = processing.undistorted.is_none() && !processing.masked;
+            content
+                .image_file()
+                .filter(|_| is_stored)
+                .map(Path::to_owned)
+        })
+    }
+
     /// A cropped prediction where it belongs in its target, black around it: for the eye only.
     fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
         let picture = read_rgb8(&self.kept_file(record)?)

@@ -109,23 +109,29 @@ impl Page<'_> {
         self.gallery.has(kind)
     }
 
-    /// Where the full prediction lies, relative to the page, with `/`: where both are below one folder. A crop is not
-    /// linked: the page shows it in its place.
+    /// Where the full prediction lies. A crop is not linked: the page shows it in its place.
     pub(super) fn full_path(&self, record: &Record) -> Option<String> {
         let kept = self.pictures.kept(record);
-        let path = absolute(kept.filter(|_| record.crop.is_none())?).ok()?;
-        relative(&path, &absolute(self.out).ok()?)
+        self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
-    /// Where the full target lies: the self-test, which is not ranked, keeps it as its prediction.
-    pub(super) fn full_target(&self, pair: &PairBoard<'_>) -> Option<String> {
+    /// Where the full source and target lie: as the self-test, which is not ranked, kept the target, else in the dataset.
+    pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);
         let itself = records.find(|(_, method)| method.unranked.is_some());
-        self.full_path(itself?.0.as_ref()?)
+        let itself = itself.and_then(|(record, _)| self.full_path(record.as_ref()?));
+        let [source, target] = self.pictures.photographs(pair.facts);
+        let target = itself.or_else(|| self.link(&target?));
+        [source.and_then(|source| self.link(&source)), target]
+    }
+
+    /// Relative to the page, with `/`, where both are below one folder.
+    fn link(&self, file: &Path) -> Option<String> {
+        relative(&absolute(file).ok()?, &absolute(self.out).ok()?)
     }
 
     /// The terms of a dataset.
-    fn terms(&self, dataset: &&ReportDataset) -> &'static str {
+    fn terms(&self, dataset: &ReportDataset) -> &'static str {
         dataset.entry().map_or("terms unknown", |entry| entry.terms)
     }
 

@@ -56,6 +56,7 @@ fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
         }
         Some(data)
     });
+    let [source, target] = page.full_views(shown.pair);
     json!({
         "id": visible_line(&facts.pair_id),
         "dataset": shown.dataset,
@@ -66,7 +67,7 @@ fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
         "facts": facts_of(facts),
         "losses": losses(page, facts),
         "pictures": pictures(page, at, None, &shown.views),
-        "full": page.full_target(shown.pair),
+        "full": {"source": source, "target": target},
         "methods": methods.collect::<Vec<_>>(),
     })
 }

@@ -15,7 +15,7 @@ use crate::io::pictures::Alpha;
 use super::error::MissingPicture;
 
 /// Where the pictures of a record come from: sRGB, 8 bit. Called from several threads, and only for what the gallery
-/// shows; the source and the target once per pair.
+/// shows; of a few pairs more than once, to choose how large pictures can be.
 pub trait ReportPictures: Sync {
     /// The photograph that the method was given.
     ///
@@ -77,6 +77,11 @@ pub trait ReportPictures: Sync {
     fn kept(&self, _record: &Record) -> Option<PathBuf> {
         None
     }
+
+    /// The files of [`Self::source`] and [`Self::target`], where these are what is in them.
+    fn photographs(&self, _record: &Record) -> [Option<PathBuf>; 2] {
+        [None, None]
+    }
 }
 
 /// The same pictures but for those of some datasets, which are not for the public.
@@ -126,6 +131,11 @@ impl ReportPictures for Withheld<'_> {
 
     fn kept(&self, record: &Record) -> Option<PathBuf> {
         self.allowed(record).ok()?.kept(record)
+    }
+
+    fn photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
+        let allowed = self.allowed(record);
+        allowed.map_or([None, None], |pictures| pictures.photographs(record))
     }
 }
 

@@ -332,6 +332,7 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
     let (all, public) = (page(false), page(true));
     assert_eq!((count(&all), count(&public)), ([12, 3], [4, 1]));
     assert!(!all.contains("class=\"withheld\""));
+    assert!(public.contains("Terms of the pictures shown: middlebury: free to use and publish"));
     let notice = "the pictures of anyone&#39;s (terms unknown), booster (research use; do not redistribute).";
     assert!(public.contains(notice), "{public}");
 }
