@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::support::{read, sharp_bench};
+use crate::tiny::{recorded_input, tiny};
 
 /// Runs of a controlled sweep: two scenes, three steps of 5 cm each.
 fn folder() -> tempfile::TempDir {
@@ -114,7 +115,8 @@ fn figures_of_runs() {
     figure("failure", &[]).is_usage_error_with(&["--method"]);
     figure("motion", &[]).is_error_with(&["metric 'dists' is not in these runs", "psnr"]);
     figure("qualitative", &["--pair", "x"]).is_error_with(&["pair 'x'", "S/seed0/"]);
-    figure("qualitative", &["--crop", "1,2"]).is_usage_error_with(&["X,Y,WIDTH,HEIGHT"]);
+    let said = figure("qualitative", &["--crop", "1,2"]).ends_with(2);
+    assert!(said.err.contains("X,Y,WIDTH,HEIGHT"), "{}", said.err);
     let list = sharp_bench(dir.path(), &["figure", "list", "--json"])
         .ends_with(0)
         .json();
@@ -154,6 +156,16 @@ fn depth_against_that_of_the_mirrored_picture() {
     ];
     sharp_bench(dir.path(), &args).ends_with(0);
     is_there(dir.path(), "f/uncertainty.png");
+    // Both layers of a network, a row each.
+    let (photo, _) = recorded_input();
+    let mut args = vec!["figure", "uncertainty", "--picture", &photo, "--out", "n"];
+    let network = tiny();
+    args.extend(network.iter().map(String::as_str));
+    sharp_bench(dir.path(), &args).ends_with(0);
+    let size = |file: &str| image::open(path(file)).unwrap().height();
+    assert!(size("n/uncertainty.png") > 2 * size("f/uncertainty.png"));
+
     let without = ["figure", "uncertainty", "--picture", "p.png", "--out", "f"];
-    sharp_bench(dir.path(), &without).is_usage_error_with(&["--checkpoint"]);
+    let said = sharp_bench(dir.path(), &without).ends_with(2);
+    assert!(said.err.contains("--checkpoint"), "{}", said.err);
 }

@@ -1,12 +1,10 @@
 //! `figure NAME RUN…`: figures of a paper.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use serde_json::json;
-use sharp::model::{ModelConfig, NetworkSpec, Predictor};
-use sharp_datasets::DepthMap;
 use sharp_metrics::MetricKey;
 
 use super::outcome::UsageError;
@@ -367,45 +365,14 @@ fn of_depth(args: &UncertaintyArgs) -> anyhow::Result<Outcome> {
             depth: read_metres(depth)?,
             of_mirror: read_metres(mirrored)?,
         }],
-        (.., Some(checkpoint)) => by_network(&picture, checkpoint, args.config.as_deref())?,
+        (.., Some(checkpoint)) => {
+            uncertainty::by_network(&picture, checkpoint, args.config.as_deref())?
+        }
         _ => return Err(UsageError("--depth and --mirrored, or --checkpoint".to_owned()).into()),
     };
     let sheet = uncertainty::sheet(&picture, &maps).map_err(|reason| anyhow!(reason))?;
     write_sheet(&sheet, "uncertainty", &args.out, &style)?;
     Ok(Outcome::Done)
-}
-
-/// Both layers of a network, for a picture and its mirror image. The focal length scales both depths alike and leaves their
-/// relative difference as it is, so that it is not asked for.
-fn by_network(
-    picture: &image::RgbImage,
-    checkpoint: &Path,
-    config: Option<&str>,
-) -> anyhow::Result<Vec<Mirrored>> {
-    let network = NetworkSpec {
-        config: config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
-        ..NetworkSpec::release(checkpoint)
-    };
-    let predictor = Predictor::open(&network)?;
-    let predict = |picture: &image::RgbImage| predictor.predict_rgb8(picture, 1.0);
-    let (whole, mirror) = (
-        predict(picture)?,
-        predict(&image::imageops::flip_horizontal(picture))?,
-    );
-    let side = u32::try_from(whole.resolution)?;
-    let layers = |depth: &[f32]| -> Vec<DepthMap> {
-        let layers = depth.chunks_exact(whole.resolution * whole.resolution);
-        layers
-            .filter_map(|layer| DepthMap::from_vec(side, side, layer.to_vec()))
-            .collect()
-    };
-    let both = layers(&whole.depth).into_iter().zip(layers(&mirror.depth));
-    let named = both.enumerate().map(|(i, (depth, of_mirror))| Mirrored {
-        name: format!("layer {}", i + 1),
-        depth,
-        of_mirror,
-    });
-    Ok(named.collect())
 }
 
 fn write_sheet(

@@ -70,7 +70,7 @@ pub struct Record {
     pub baseline_m: f64,
     /// Angle between the two cameras, degrees.
     pub rotation_deg: f64,
-    /// Median ground-truth depth of the target view, metres.
+    /// Median ground-truth depth of the target view, metres; of a stereo pair whose target has none, that of its source.
     pub median_depth_m: Option<f64>,
     /// Share of the target's valid-depth pixels that the source sees, 0..1.
     pub overlap: Option<f64>,

@@ -83,27 +83,24 @@ impl Comparison<'_> {
         }
     }
 
-    /// A row a method, and below them the truth and, where it is asked for, the input.
-    pub fn pairs_as_columns(&self, with_input: bool) -> Sheet {
+    /// A row a method, and below them the truth; above them the input, where it is the same for all pairs.
+    pub fn pairs_as_columns(&self, one_source: bool) -> Sheet {
         let row = |label: &str, tile: &dyn Fn(&ChosenPair<'_>) -> Tile| {
             (
                 label.to_owned(),
                 self.pairs.iter().map(tile).collect::<Vec<_>>(),
             )
         };
-        let mut rows: Vec<(String, Vec<Tile>)> = self
-            .methods
-            .iter()
-            .map(|m| {
-                row(&self.board.methods[*m].label, &|chosen| {
-                    self.prediction(chosen, *m)
-                })
-            })
-            .collect();
-        rows.push(row("truth", &|chosen| self.truth(chosen)));
-        if with_input {
-            rows.push(row("input", &|chosen| self.input(chosen)));
+        let mut rows = Vec::new();
+        if let Some(first) = self.pairs.first().filter(|_| one_source) {
+            rows.push(("input".to_owned(), vec![self.input(first)]));
         }
+        rows.extend(self.methods.iter().map(|m| {
+            row(&self.board.methods[*m].label, &|chosen| {
+                self.prediction(chosen, *m)
+            })
+        }));
+        rows.push(row("truth", &|chosen| self.truth(chosen)));
         Sheet {
             heads: Vec::new(),
             rows,

@@ -1,8 +1,11 @@
 //! How far depth depends on which way round a picture is: the relative absolute difference |d − m| / d of a depth map d and
 //! that of the mirrored picture, mirrored back, m.
 
+use std::path::Path;
+
 use image::RgbImage;
 use image::imageops::flip_horizontal;
+use sharp::model::{ModelConfig, ModelError, NetworkSpec, Predictor};
 use sharp_datasets::DepthMap;
 
 use super::failure::{false_colours, inverse_depth};
@@ -41,6 +44,40 @@ impl Mirrored {
         let values = self.depth.iter().zip(back.iter()).map(of).collect();
         DepthMap::from_vec(d.0, d.1, values).ok_or_else(|| "the map is empty".to_owned())
     }
+}
+
+/// Both layers of a SHARP checkpoint, for a picture and its mirror image; `config` is the architecture, `FILE.json#NAME`, where
+/// it is not the release's. The focal length scales both depths alike and leaves their relative difference as it is, so that
+/// it is not asked for.
+///
+/// # Errors
+/// When the network cannot be read or does not take the picture.
+pub fn by_network(
+    picture: &RgbImage,
+    checkpoint: &Path,
+    config: Option<&str>,
+) -> Result<Vec<Mirrored>, ModelError> {
+    let network = NetworkSpec {
+        config: config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
+        ..NetworkSpec::release(checkpoint)
+    };
+    let predictor = Predictor::open(&network)?;
+    let whole = predictor.predict_rgb8(picture, 1.0)?;
+    let mirror = predictor.predict_rgb8(&flip_horizontal(picture), 1.0)?;
+    let side = whole.resolution;
+    let layers = |depth: &[f32]| -> Vec<DepthMap> {
+        let layers = depth.chunks_exact(side * side);
+        let maps =
+            layers.filter_map(|layer| DepthMap::from_vec(side as u32, side as u32, layer.to_vec()));
+        maps.collect()
+    };
+    let both = layers(&whole.depth).into_iter().zip(layers(&mirror.depth));
+    let named = both.enumerate().map(|(i, (depth, of_mirror))| Mirrored {
+        name: format!("layer {}", i + 1),
+        depth,
+        of_mirror,
+    });
+    Ok(named.collect())
 }
 
 /// A row a pair of maps: picture, depth, that of the mirrored picture mirrored back, and their difference with its median.

@@ -201,5 +201,6 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
         let what = what.join(" or ");
         sentences.push(format!("Triangles: from there on a method {what}."));
     }
-    sentences.join(" ")
+    // A number and its unit stay on one line.
+    sentences.join(" ").replace(" %", "\u{a0}%")
 }

@@ -105,16 +105,21 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
     let x = crossing.found.x;
-    let place = |x: f64| match x {
+    let known = match x {
         f64::NEG_INFINITY => "in every bin".to_owned(),
         f64::INFINITY => "not in the last bin".to_owned(),
         x => format!("from {} on", short(x)),
+    };
+    let end = |x: f64| match x {
+        f64::NEG_INFINITY => "the first bin".to_owned(),
+        f64::INFINITY => "none".to_owned(),
+        x => short(x),
     };
     let interval = match crossing.found.interval {
         Some((low, high)) if low == high && low == x => {
             " (and so for 95 % of resampled scenes)".to_owned()
         }
-        Some((low, high)) => format!(" (95 %: {} to {})", place(low), place(high)),
+        Some((low, high)) => format!(" (95 %: from {} to {})", end(low), end(high)),
         None => " (no interval: a single scene)".to_owned(),
     };
     format!(
@@ -123,7 +128,7 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
         crossing.method,
         rule(sweep, crossing),
         metric.label,
-        place(x),
+        known,
         sweep.spec.x.label(),
     )
 }
