@@ -52,6 +52,8 @@ mod support;
 #[cfg(test)]
 mod sweep_command;
 #[cfg(test)]
+mod table_command;
+#[cfg(test)]
 mod tiny;
 #[cfg(test)]
 mod traced_models;

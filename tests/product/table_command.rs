@@ -1,1 +1,305 @@
-//! `table` as a user runs it.
+//! The paper's tables with rows of one's own, and why they differ.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::support::sharp_bench;
+
+/// Motorcycle of Middlebury, quarter size.
+fn middlebury() -> String {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/middeval3");
+    format!("M:middlebury={}", data.display())
+}
+
+fn run(dir: &Path, out: &str, args: &[&str]) {
+    let dataset = middlebury();
+    let always = ["run", "--dataset", &dataset, "--out", out];
+    sharp_bench(dir, &[&always[..], args].concat()).ends_with(0);
+}
+
+/// A label that means something to every form.
+const ODD: &str = "<b>a_1 & 5 %</b>";
+
+#[test]
+fn rows_of_ones_own_stand_below_the_published_ones() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let methods = [
+        "--method",
+        "copy",
+        "--method",
+        "mean",
+        "--metrics",
+        "psnr,ssim",
+    ];
+    run(dir, "run", &methods);
+    let rows = [
+        format!("{ODD}=run:copy"),
+        "=run:mean".replacen('=', "mean=", 1),
+    ];
+    let table = |extra: &[&str]| {
+        let args = ["table", "psnr-ssim", "--row", &rows[0], "--row", &rows[1]];
+        sharp_bench(dir, &[&args[..], extra].concat())
+    };
+    let json = table(&["--json", "--out", "out"]).ends_with(0).json();
+    let cells = json["cells"].as_array().unwrap();
+    // Seven published rows and two of one's own, six datasets, two metrics.
+    assert_eq!(cells.len(), 9 * 12);
+    let cell = |row: &str, dataset: &str, metric: &str| {
+        let found = cells.iter().find(|cell| {
+            cell["row"] == row && cell["dataset"] == dataset && cell["metric"] == metric
+        });
+        found.unwrap_or_else(|| panic!("{row} {dataset} {metric}"))
+    };
+    let published = cell("SHARP (published)", "Middlebury", "psnr[unstated]");
+    assert_eq!(
+        (&published["value"], &published["rank"]),
+        (&17.12.into(), &1.into())
+    );
+    let own = cell(ODD, "Middlebury", "psnr");
+    assert_eq!((&own["origin"], &own["n"]), (&"measured".into(), &1.into()));
+    // Of two rows of one's own one is the best, whatever the published ones are.
+    let ranks = [own, cell("mean", "Middlebury", "psnr")].map(|cell| cell["rank"].as_u64());
+    assert!(
+        ranks.contains(&Some(1)) && ranks.contains(&Some(2)),
+        "{ranks:?}"
+    );
+    assert!(cell(ODD, "ETH3D", "psnr")["value"].is_null());
+    let checks = json["checklist"].as_array().unwrap();
+    let unmet = |text: &str| {
+        checks
+            .iter()
+            .any(|c| c["met"] == false && c["text"].as_str().unwrap().contains(text))
+    };
+    assert!(
+        unmet("ssim[gauss11,valid]") && unmet("Middlebury: 1 pair here"),
+        "{checks:?}"
+    );
+
+    let read = |name: &str| std::fs::read_to_string(dir.join("out").join(name)).unwrap();
+    let html = read("psnr-ssim.html");
+    assert!(
+        !html.contains("<b>a") && html.contains("&#60;b&#62;a_1 &#38; 5 %"),
+        "{html}"
+    );
+    let tex = read("psnr-ssim.tex");
+    assert!(
+        tex.contains(r"\textless{}b\textgreater{}a\_1 \& 5 \%"),
+        "{tex}"
+    );
+    assert!(tex.matches("\\midrule").count() == 2, "{tex}");
+    let csv = read("psnr-ssim.csv");
+    assert!(
+        csv.starts_with("row,origin,dataset,metric,value,n,total,rank\n"),
+        "{csv}"
+    );
+    assert!(
+        csv.contains("SHARP (published),published,Middlebury,psnr[unstated],17.12,,,1\n"),
+        "{csv}"
+    );
+    let md = read("psnr-ssim.md");
+    assert!(
+        md.contains("| SHARP (published)† |") && md.contains("| *measured:* |"),
+        "{md}"
+    );
+    assert!(md.contains("- [ ] Middlebury: 1 pair here"), "{md}");
+
+    // Only what was measured, and the same again over it.
+    let narrow = table(&["--only-measured", "--json", "--out", "out"])
+        .ends_with(0)
+        .json();
+    assert_eq!(narrow["cells"].as_array().unwrap().len(), 9 * 2);
+    std::fs::write(dir.join("out/psnr-ssim.md"), "mine").unwrap();
+    table(&["--out", "out"]).is_error_with(&["psnr-ssim.md", "not written over"]);
+
+    for (args, said) in [
+        (["nope", "--row", "a=run:copy"], "no table 'nope'"),
+        (["psnr-ssim", "--row", "run"], "LABEL=RUN"),
+    ] {
+        sharp_bench(dir, &[&["table"], &args[..]].concat()).is_usage_error_with(&[said]);
+    }
+    for (args, said) in [
+        (["psnr-ssim", "--row", "a=run"], "the methods copy, mean"),
+        (["psnr-ssim", "--row", "a=nowhere"], "nowhere"),
+        (["timing-comparison", "--row", "a=run"], "speed.csv"),
+        (["metrics_comparison", "--row", "a=run"], "translation.csv"),
+        (["param-count", "--row", "a=run/scores.csv"], "scores.csv"),
+    ] {
+        sharp_bench(dir, &[&["table"], &args[..]].concat()).is_error_with(&[said]);
+    }
+}
+
+#[test]
+fn tables_that_are_no_scores_take_rows_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let list = sharp_bench(dir, &["table", "list", "--json"])
+        .ends_with(0)
+        .json();
+    assert_eq!(list.as_array().unwrap().len(), 15);
+
+    let picture = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../tests/fixtures/middeval3/trainingQ/Motorcycle/im0.png");
+    let picture = picture.display().to_string();
+    let args = [
+        "analyze",
+        "translation",
+        &picture,
+        "--metrics",
+        "paper",
+        "--out",
+        "moved",
+    ];
+    sharp_bench(dir, &args).ends_with(0);
+    let args = [
+        "table",
+        "metrics_comparison",
+        "--row",
+        "here=moved",
+        "--json",
+    ];
+    let json = sharp_bench(dir, &args).ends_with(0).json();
+    let cells = json["cells"].as_array().unwrap();
+    assert_eq!(cells.len(), 8 * 4);
+    let moved = cells
+        .iter()
+        .find(|c| c["row"] == "here: Mean image" && c["metric"] == "psnr")
+        .unwrap();
+    assert!(moved["value"].as_f64().unwrap() > 5.0, "{moved}");
+
+    let head = "method,dataset,format,quantity,n,median,first_quartile,third_quartile,least,most\n";
+    let lines = "m,M,middlebury,inference_secs,15,0.5,0.4,0.6,0.3,0.9\nm,M,middlebury,render_secs,15,0.02,0.01,0.03,0.01,0.04\n";
+    std::fs::create_dir(dir.join("speed")).unwrap();
+    std::fs::write(dir.join("speed/speed.csv"), format!("{head}{lines}")).unwrap();
+    let args = [
+        "table",
+        "timing-comparison",
+        "--row",
+        "mine=speed",
+        "--json",
+    ];
+    let json = sharp_bench(dir, &args).ends_with(0).json();
+    let mine = json["cells"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|c| c["row"] == "mine" && !c["value"].is_null());
+    let mine: Vec<f64> = mine.map(|c| c["value"].as_f64().unwrap()).collect();
+    assert_eq!(mine, [0.5, 0.02]);
+}
+
+/// With a TeX at hand.
+#[test]
+#[ignore = "needs pdflatex; .ci/run runs it where there is one"]
+fn tables_compile_by_themselves() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "run", &["--method", "copy", "--metrics", "psnr,ssim"]);
+    let row = format!("{ODD}=run");
+    sharp_bench(dir, &["table", "psnr-ssim", "--row", &row, "--out", "out"]).ends_with(0);
+    sharp_bench(dir, &["table", "ablation_loss", "--out", "out"]).ends_with(0);
+    for name in ["psnr-ssim", "ablation_loss"] {
+        let mut tex = Command::new("pdflatex");
+        tex.args(["-interaction=nonstopmode", "-halt-on-error"]);
+        let output = tex
+            .arg(format!("{name}-document.tex"))
+            .current_dir(dir.join("out"))
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{said}");
+    }
+}
+
+#[test]
+fn a_number_is_explained_by_the_readings_of_its_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(
+        dir,
+        "run",
+        &[
+            "--method",
+            "depth-splat:resolution=256",
+            "--metrics",
+            "psnr",
+            "--keep",
+            "float",
+        ],
+    );
+    let explain = |args: &[&str]| {
+        sharp_bench(
+            dir,
+            &[
+                &["explain", "psnr-ssim", "run", "--metrics", "psnr,ssim-all"],
+                args,
+            ]
+            .concat(),
+        )
+    };
+    let json = explain(&["--json", "--out", "why"]).ends_with(0).json();
+    let run = &json["runs"][0];
+    let readings = run["readings"].as_array().unwrap();
+    let of = |key: &str, picture: &str, averaging: &str| {
+        let found = readings
+            .iter()
+            .find(|r| r["key"] == key && r["picture"] == picture && r["averaging"] == averaging);
+        found.unwrap_or_else(|| panic!("{key} {picture} {averaging}"))["value"]
+            .as_f64()
+            .unwrap()
+    };
+    let pairs = "mean over pairs";
+    // What the run scored.
+    let scores = std::fs::read_to_string(dir.join("run/scores.csv")).unwrap();
+    let at = scores
+        .lines()
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|head| head == "psnr")
+        .unwrap();
+    let scored: f64 = scores
+        .lines()
+        .nth(1)
+        .unwrap()
+        .split(',')
+        .nth(at)
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert_eq!(of("psnr", "as scored", pairs), scored);
+    assert_eq!(run["cells"][0]["here"].as_f64(), Some(scored));
+    // Of one pair every mean is the number itself.
+    assert!((of("psnr", "as scored", "PSNR of the mean squared error") - scored).abs() < 1e-9);
+    // Rounding moves it by less than truncation; holes that take a colour are no longer black.
+    let moved = |picture: &str| (of("psnr", picture, pairs) - scored).abs();
+    assert!(
+        moved("not rounded") < moved("truncated"),
+        "{} {}",
+        moved("not rounded"),
+        moved("truncated")
+    );
+    assert!(of("psnr", "divided by alpha", pairs) > scored);
+    assert_ne!(of("psnr", "border cropped", pairs), scored);
+    assert_eq!(run["cells"].as_array().unwrap().len(), 2);
+    let text = explain(&[]).ends_with(0).out;
+    assert!(
+        text.contains("right=im1E") && text.contains("verdict"),
+        "{text}"
+    );
+    // The folder is as it was, and so are the files of a second time.
+    let before = std::fs::read(dir.join("why/readings.csv")).unwrap();
+    explain(&["--out", "why"]).ends_with(0);
+    assert_eq!(std::fs::read(dir.join("why/readings.csv")).unwrap(), before);
+    assert_eq!(
+        std::fs::read_to_string(dir.join("run/scores.csv")).unwrap(),
+        scores
+    );
+
+    explain(&["--row", "Nobody"]).is_usage_error_with(&["--row Nobody", "Flash3D"]);
+    sharp_bench(dir, &["explain", "param-count", "run"])
+        .is_usage_error_with(&["no table of scores"]);
+    sharp_bench(dir, &["bundle", "run", "--out", "run.zip"]).ends_with(0);
+    sharp_bench(dir, &["explain", "psnr-ssim", "run.zip"])
+        .is_error_with(&["run.zip", "no pictures"]);
+}
