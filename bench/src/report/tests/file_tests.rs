@@ -252,9 +252,10 @@ fn kept_pictures_are_linked_where_they_lie_beside_the_report() {
         |input: &ReportInput<'_>| String::from_utf8(files(input)["index.html"].clone()).unwrap();
     let html = page(&input);
     assert!(html.contains("\"full\":\"../run/a%201.png\"") && html.contains("\"id\":\"d/p 1\""));
+    assert!(html.contains("\"full\":{\"source\":null,\"target\":\"../run/im%201.png\"}"));
     let elsewhere = HalfMasked(PathBuf::from("/elsewhere"));
     input.pictures = &elsewhere;
-    assert!(!page(&input).contains("a%201.png"));
+    assert!(!page(&input).contains("%201.png"));
 }
 
 #[test]
@@ -322,15 +323,15 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
         input.options.public = public;
         String::from_utf8(files(&input)["index.html"].clone()).unwrap()
     };
-    // Target, mask, prediction and error of a pair, and a link.
+    // Target, mask, prediction and error of a pair, and links to prediction and target.
     let count = |html: &str| {
         [
             html.matches("base64,").count(),
-            html.matches("a%201.png").count(),
+            html.matches("%201.png").count(),
         ]
     };
     let (all, public) = (page(false), page(true));
-    assert_eq!((count(&all), count(&public)), ([12, 3], [4, 1]));
+    assert_eq!((count(&all), count(&public)), ([12, 6], [4, 2]));
     assert!(!all.contains("class=\"withheld\""));
     assert!(public.contains("Terms of the pictures shown: middlebury: free to use and publish"));
     let notice = "the pictures of anyone&#39;s (terms unknown), booster (research use; do not redistribute).";

@@ -139,6 +139,10 @@ impl ReportPictures for HalfMasked {
     fn kept(&self, record: &Record) -> Option<PathBuf> {
         Some(self.0.join(format!("{} 1.png", record.method)))
     }
+
+    fn photographs(&self, _record: &Record) -> [Option<PathBuf>; 2] {
+        [None, Some(self.0.join("im 1.png"))]
+    }
 }
 
 impl ReportPictures for Plain {
