@@ -11,6 +11,7 @@ use crate::report::board::{Board, DatasetBoard};
 use crate::report::input::Column;
 use crate::report::tables::Check;
 
+use super::column;
 use super::published::{MadeBy, PublishedTable};
 
 /// Pairs that the paper evaluates of a multi-view dataset at most.
@@ -78,7 +79,7 @@ fn coverage(compared: &Compared<'_>) -> Check {
                 .filter(|r| r.status == Status::Ok)
                 .count();
             if done < dataset.pairs.len() {
-                let title = dataset.dataset.title();
+                let title = title(dataset);
                 partial.push(format!(
                     "{} {done} of {} on {title}",
                     method.label,
@@ -103,9 +104,14 @@ fn coverage(compared: &Compared<'_>) -> Check {
     }
 }
 
+/// The paper's name of a dataset.
+fn title<'a>(dataset: &'a DatasetBoard<'_>) -> &'a str {
+    column(&dataset.dataset).unwrap_or(dataset.dataset.title())
+}
+
 /// The pairs of a dataset.
 fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
-    let title = dataset.dataset.title();
+    let title = title(dataset);
     let n = dataset.pairs.len();
     let lists = compared.manifest.pairs.lists.iter();
     let lists = lists
@@ -136,7 +142,7 @@ fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
 
 /// How a dataset was read and its pairs chosen.
 fn readings(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
-    let title = dataset.dataset.title();
+    let title = title(dataset);
     let records = compared.manifest.datasets.iter();
     let record = records
         .into_iter()
