@@ -6,6 +6,7 @@ use std::path::Path;
 use image::RgbImage;
 use image::imageops::flip_horizontal;
 use sharp::model::{ModelConfig, ModelError, NetworkSpec, Predictor};
+use sharp::resize::nearest;
 use sharp_datasets::DepthMap;
 
 use super::failure::{false_colours, inverse_depth};
@@ -67,8 +68,12 @@ pub fn by_network(
     let side = whole.resolution;
     let layers = |depth: &[f32]| -> Vec<DepthMap> {
         let layers = depth.chunks_exact(side * side);
-        let maps =
-            layers.filter_map(|layer| DepthMap::from_vec(side as u32, side as u32, layer.to_vec()));
+        let size = (picture.width() as usize, picture.height() as usize);
+        // From the network's square back to the picture's shape.
+        let maps = layers.filter_map(|layer| {
+            let values = nearest(layer, (side, side), size);
+            DepthMap::from_vec(picture.width(), picture.height(), values)
+        });
         maps.collect()
     };
     let both = layers(&whole.depth).into_iter().zip(layers(&mirror.depth));
