@@ -1,13 +1,15 @@
 //! `table`: the paper's tables with rows of one's own.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use clap::Args;
 use serde_json::{Value, json};
-use sharp_metrics::Selection;
+use sharp_metrics::{Backbone, MetricKey, Selection, Weights};
 
 use super::outcome::UsageError;
 use super::{Outcome, output};
+use crate::io::checkpoint::find_checkpoint;
 use crate::report::paper::published::MadeBy;
 use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
@@ -108,6 +110,31 @@ fn made_by(table: &PublishedTable) -> (&'static str, &'static str) {
     }
 }
 
+/// What rows of yours would need besides, as far as this machine has it.
+fn at_hand(table: &PublishedTable) -> String {
+    let weights = Weights::at_hand();
+    match table.made_by {
+        MadeBy::Checkpoint => find_checkpoint().map_or_else(
+            |_| "no checkpoint of the release".to_owned(),
+            |path| path.display().to_string(),
+        ),
+        MadeBy::Speed => "the cpu renderer; for GPUs see `doctor`".to_owned(),
+        MadeBy::Run | MadeBy::PrivilegedRun | MadeBy::Translation => {
+            let keys = table
+                .metrics
+                .iter()
+                .filter_map(|name| name.to_lowercase().parse().ok());
+            let networks = keys.filter_map(|key: MetricKey| Backbone::of(key.metric()));
+            let lacking = networks.filter(|network| weights.source(*network).is_none());
+            let lacking: BTreeSet<&str> = lacking.map(Backbone::name).collect();
+            match lacking.is_empty() {
+                true => "its metrics".to_owned(),
+                false => format!("not the weights of {}", Vec::from_iter(lacking).join(", ")),
+            }
+        }
+    }
+}
+
 fn list(json: bool) -> anyhow::Result<Outcome> {
     if json {
         let tables = TABLES.iter().map(|table| {
@@ -121,6 +148,7 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
                 "published_rows": table.rows.iter().map(|(label, _)| label).collect::<Vec<_>>(),
                 "made_by": made_by,
                 "needs": needs,
+                "at_hand": at_hand(table),
             })
         });
         return output::json(&tables.collect::<Vec<_>>()).map(|()| Outcome::Done);
@@ -132,13 +160,21 @@ fn list(json: bool) -> anyhow::Result<Outcome> {
         let words = [table.name, table.title, made_by, needs];
         let mut row: Vec<GridCell> = words.into_iter().map(GridCell::words).collect();
         row.insert(2, GridCell::number(numbers.to_string(), numbers as f64));
+        row.push(GridCell::words(at_hand(table)));
         row
     });
     let grid = TextGrid {
-        title: "Tables of the SHARP paper; all published numbers are at hand".to_owned(),
-        heads: ["name", "shows", "numbers", "rows of yours by", "needs"]
-            .map(str::to_owned)
-            .into(),
+        title: "Tables of the SHARP paper, with all of their numbers".to_owned(),
+        heads: [
+            "name",
+            "shows",
+            "numbers",
+            "rows of yours by",
+            "needs",
+            "at hand",
+        ]
+        .map(str::to_owned)
+        .into(),
         rows: rows.collect(),
         remarks: Vec::new(),
     };
