@@ -240,6 +240,23 @@ fn paper() {
     let log = std::fs::read(dir.join("paper.log")).unwrap();
     let log = String::from_utf8_lossy(&log);
     assert!(!log.contains("undefined citations"), "{log}");
+
+    // Tables of the paper come with a document each.
+    let tables = |args: &[&str]| {
+        let out = ["--out", "tables"];
+        sharp_bench(dir, &[&["table"], args, &out[..]].concat()).ends_with(0);
+    };
+    tables(&["quantitative", "--row", "a_%_& ^~<b>#{$=r"]);
+    tables(&["ablation_loss"]);
+    tables(&["param-count"]);
+    for name in ["quantitative", "ablation_loss", "param-count"] {
+        let mut command = Command::new("pdflatex");
+        command.args(["-halt-on-error", "-interaction=nonstopmode"]);
+        command.arg(format!("{name}-document.tex"));
+        let output = command.current_dir(dir.join("tables")).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{name}: {said}");
+    }
 }
 
 fn movies() {

@@ -1,7 +1,6 @@
 //! The paper's tables with rows of one's own, and why they differ.
 
 use std::path::Path;
-use std::process::Command;
 
 use crate::support::sharp_bench;
 
@@ -186,29 +185,6 @@ fn tables_that_are_no_scores_take_rows_too() {
         .filter(|c| c["row"] == "mine" && !c["value"].is_null());
     let mine: Vec<f64> = mine.map(|c| c["value"].as_f64().unwrap()).collect();
     assert_eq!(mine, [0.5, 0.02]);
-}
-
-/// With a TeX at hand.
-#[test]
-#[ignore = "needs pdflatex; .ci/run runs it where there is one"]
-fn tables_compile_by_themselves() {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = dir.path();
-    run(dir, "run", &["--method", "copy", "--metrics", "psnr,ssim"]);
-    let row = format!("{ODD}=run");
-    sharp_bench(dir, &["table", "psnr-ssim", "--row", &row, "--out", "out"]).ends_with(0);
-    sharp_bench(dir, &["table", "ablation_loss", "--out", "out"]).ends_with(0);
-    for name in ["psnr-ssim", "ablation_loss"] {
-        let mut tex = Command::new("pdflatex");
-        tex.args(["-interaction=nonstopmode", "-halt-on-error"]);
-        let output = tex
-            .arg(format!("{name}-document.tex"))
-            .current_dir(dir.join("out"))
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout).into_owned();
-        assert!(output.status.success(), "{said}");
-    }
 }
 
 #[test]

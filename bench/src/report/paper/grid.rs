@@ -31,11 +31,21 @@ pub struct Beside {
 /// # Errors
 /// When a row cannot be read, or two rows contradict each other or their column of the paper.
 pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, RowError> {
-    let all: Vec<usize> = (0..paper.datasets.len()).collect();
     if beside.rows.is_empty() {
+        let all: Vec<usize> = (0..paper.datasets.len()).collect();
         return Ok(paper.table(&all));
     }
-    match OwnRows::read(paper, &beside.rows)? {
+    with_rows(paper, OwnRows::read(paper, &beside.rows)?, beside)
+}
+
+/// As [`paper_table`], of rows that were read.
+pub(super) fn with_rows(
+    paper: &PublishedTable,
+    rows: OwnRows,
+    beside: &Beside,
+) -> Result<Table, RowError> {
+    let all: Vec<usize> = (0..paper.datasets.len()).collect();
+    match rows {
         OwnRows::Scores(results) => {
             let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
             let board = Board::new(input.records, &input.datasets, &input.methods)?;

@@ -14,6 +14,8 @@ pub mod files;
 pub mod grid;
 pub mod published;
 pub mod rows;
+#[cfg(test)]
+mod tests;
 
 use sharp_datasets::entry::ENTRIES;
 
@@ -35,32 +37,4 @@ pub fn columns() -> Vec<&'static str> {
 pub fn column(dataset: &ReportDataset) -> Option<&'static str> {
     let column = dataset.entry()?.paper_column;
     (!column.is_empty()).then_some(column)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn datasets_are_recognised_by_format_or_display_name() {
-        let at = |name: &str| column(&ReportDataset::named(name));
-        assert_eq!(at("middlebury"), Some("Middlebury"));
-        assert_eq!(at("scannetpp"), Some("ScanNet++"));
-        assert_eq!(at("ScanNet++"), Some("ScanNet++"));
-        assert_eq!(at("tanks-and-temples"), Some("Tanks and Temples"));
-        assert_eq!(at("synthetic"), None);
-        let mut eth3d = ReportDataset::named("my-eth");
-        eth3d.format = Some("eth3d".into());
-        assert_eq!((column(&eth3d), eth3d.title()), (Some("ETH3D"), "my-eth"));
-        eth3d.name = "eth3d".into();
-        assert_eq!(eth3d.title(), "ETH3D");
-    }
-
-    #[test]
-    fn the_paper_has_the_datasets_that_we_say_it_has() {
-        assert_eq!(
-            published("quantitative").map(|t| t.datasets.clone()),
-            Some(columns())
-        );
-    }
 }

@@ -1,0 +1,165 @@
+use std::path::Path;
+
+use super::grid::{csv, with_rows};
+use super::rows::OwnRows;
+use crate::evaluate::Results;
+use crate::evaluate::record::{Record, Score, Status};
+use crate::evaluate::test_records::{manifest, record};
+use crate::report::tables::{Table, html::html, latex, markdown, text};
+
+use super::*;
+
+#[test]
+fn datasets_are_recognised_by_format_or_display_name() {
+    let at = |name: &str| column(&ReportDataset::named(name));
+    assert_eq!(at("middlebury"), Some("Middlebury"));
+    assert_eq!(at("scannetpp"), Some("ScanNet++"));
+    assert_eq!(at("ScanNet++"), Some("ScanNet++"));
+    assert_eq!(at("tanks-and-temples"), Some("Tanks and Temples"));
+    assert_eq!(at("synthetic"), None);
+    let mut eth3d = ReportDataset::named("my-eth");
+    eth3d.format = Some("eth3d".into());
+    assert_eq!((column(&eth3d), eth3d.title()), (Some("ETH3D"), "my-eth"));
+    eth3d.name = "eth3d".into();
+    assert_eq!(eth3d.title(), "ETH3D");
+}
+
+#[test]
+fn the_paper_has_the_datasets_that_we_say_it_has() {
+    assert_eq!(
+        published("quantitative").map(|t| t.datasets.clone()),
+        Some(columns())
+    );
+}
+
+/// Methods `a_&<b>` and `b` on six pairs of Middlebury, of which `b` failed on one, and one of ETH3D.
+fn results() -> Results {
+    let mut manifest = manifest("psnr,ssim");
+    let (mut dataset, mut method) = (manifest.datasets[0].clone(), manifest.methods[0].clone());
+    let named = [("M", "middlebury"), ("eth3d", "eth3d"), ("own", "colmap")];
+    manifest.datasets = named
+        .map(|(name, format)| {
+            (dataset.name, dataset.format) = (name.to_owned(), format.to_owned());
+            dataset.clone()
+        })
+        .into();
+    manifest.methods = ["a_&<b>", "b"]
+        .map(|label| {
+            method.label = label.to_owned();
+            method.clone()
+        })
+        .into();
+    let scored = |dataset: &str, number: usize, method: &str, psnr: f64, ssim: f64| Record {
+        method: method.to_owned(),
+        scores: [("psnr", psnr), ("ssim[gauss11,valid]", ssim)]
+            .map(|(key, value)| (key.to_owned(), Score::Value(value)))
+            .into(),
+        ..record(dataset, number, number)
+    };
+    let mut records = Vec::new();
+    for number in 0..6 {
+        // SSIM ties at three decimals.
+        records.push(scored("M", number, "a_&<b>", 20.0 + number as f64, 0.7001));
+        records.push(scored("M", number, "b", 21.0, 0.6999));
+    }
+    records[11].status = Status::Failed {
+        reason: "out of memory".to_owned(),
+    };
+    records[11].scores.clear();
+    // A single pair, identical pictures, and a method without a record there.
+    records.push(scored("eth3d", 0, "a_&<b>", f64::INFINITY, 1.0));
+    records.push(scored("own", 0, "b", 30.0, 0.9));
+    records.sort_by(|a, b| a.pair_id.cmp(&b.pair_id));
+    Results {
+        manifest,
+        records,
+        missing: std::collections::BTreeSet::new(),
+        pictures: Vec::new(),
+        damaged: Vec::new(),
+    }
+}
+
+fn mixed() -> Table {
+    let rows = OwnRows::Scores(Box::new(results()));
+    let beside = Beside {
+        only_measured: true,
+        ..Beside::default()
+    };
+    with_rows(published("psnr-ssim").unwrap(), rows, &beside).unwrap()
+}
+
+#[test]
+fn ties_gaps_and_infinities_stand_as_they_are() {
+    let table = mixed();
+    let titles: Vec<&str> = table
+        .groups
+        .iter()
+        .map(|group| group.title.as_str())
+        .collect();
+    assert_eq!(titles, ["Middlebury", "ETH3D"]);
+    let [a, b] = &table.rows[7..] else {
+        panic!("{:?}", table.rows)
+    };
+    // b covers five of six pairs: not ranked against a, which alone is no contest.
+    assert_eq!((a.cells[0].rank, b.cells[0].rank), (None, None));
+    assert_eq!(b.cells[0].coverage, Some((5, 6)));
+    assert_eq!(
+        (a.cells[2].value, a.cells[2].coverage),
+        (Some(f64::INFINITY), Some((1, 1)))
+    );
+    assert_eq!((b.cells[2].value, b.cells[2].rank), (None, None));
+    // Published rows are ranked among themselves.
+    assert_eq!(
+        (table.rows[6].cells[0].value, table.rows[6].cells[0].rank),
+        (Some(17.12), Some(1))
+    );
+    let unmet = |text: &str| {
+        table
+            .checklist
+            .iter()
+            .any(|c| !c.is_met && c.text.contains(text))
+    };
+    assert!(
+        unmet("b 5 of 6 on Middlebury") && unmet("no column for own"),
+        "{:?}",
+        table.checklist
+    );
+
+    // With all pairs, equal numbers as shown share a rank.
+    let mut complete = results();
+    complete
+        .records
+        .retain(|r| r.status == Status::Ok && r.pair_id != "M/5/s__5");
+    let rows = OwnRows::Scores(Box::new(complete));
+    let table = with_rows(published("psnr-ssim").unwrap(), rows, &Beside::default()).unwrap();
+    let ranks: Vec<_> = table.rows[7..]
+        .iter()
+        .map(|r| (r.cells[0].rank, r.cells[1].rank))
+        .collect();
+    assert_eq!(ranks, [(Some(1), Some(1)), (Some(2), Some(1))]);
+}
+
+/// `SHARP_BENCH_BLESS=1` writes them anew.
+#[test]
+fn every_form_is_as_it_was() {
+    let (table, paper) = (mixed(), published("psnr-ssim").unwrap());
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/report/paper/snapshots");
+    let csv = String::from_utf8(csv(paper, &table).unwrap()).unwrap();
+    for (name, form) in [
+        ("mixed.txt", text::text(&table)),
+        ("mixed.md", markdown::markdown(&table)),
+        ("mixed.csv", csv),
+        ("mixed.tex", latex::latex(&table)),
+        ("mixed.html", html(&table, "mixed").unwrap()),
+    ] {
+        let path = folder.join(name);
+        if std::env::var_os("SHARP_BENCH_BLESS").is_some() {
+            std::fs::write(&path, &form).unwrap();
+        }
+        assert_eq!(
+            form,
+            std::fs::read_to_string(&path).unwrap_or_default(),
+            "{name}"
+        );
+    }
+}
