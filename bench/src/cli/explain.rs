@@ -2,22 +2,17 @@
 
 use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 use sharp_metrics::Selection;
 
 use super::outcome::UsageError;
 use super::output::{self, Terminal};
 use super::{Outcome, data_args};
-use crate::evaluate::Results;
-use crate::evaluate::readings::score_readings;
-use crate::io::atomic_files::write_over_own;
-use crate::io::text::visible;
-use crate::report::explain::explain;
-use crate::report::explain::text::ReadingLine;
+use crate::report::explain::text::{terminal, write_explanations};
+use crate::report::explain::{ExplainedRun, explain_run};
 use crate::report::paper::published::MadeBy;
-use crate::report::paper::{OwnRow, TABLES, published};
+use crate::report::paper::{TABLES, published};
 use crate::scoring::Scoring;
 
 /// Why a number differs from the published one
@@ -58,9 +53,6 @@ pub(super) struct ExplainArgs {
     json: bool,
 }
 
-/// Stands in what was written before.
-const MARK: &str = "<!-- sharp-bench explain -->";
-
 pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     let made_by_runs = |made_by| matches!(made_by, MadeBy::Run | MadeBy::PrivilegedRun);
     let Some(table) = published(&args.table).filter(|table| made_by_runs(table.made_by)) else {
@@ -85,114 +77,74 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     }
     let selection = Selection::parse(&args.metrics)?;
     let scoring = Scoring::new(&selection, &data_args::weights(&args.weights)?)?;
-    let terminal = Terminal::default();
-    let (mut text, mut markdown, mut found) = (String::new(), String::new(), Vec::new());
-    let mut readings_csv: Vec<u8> = Vec::new();
+    let mut runs: Vec<ExplainedRun> = Vec::new();
     for run in &args.runs {
-        let OwnRow { path, method, .. } = format!("run={run}").parse()?;
-        ensure!(
-            path.is_dir(),
-            "{}: no run folder; a bundle has no pictures to read again",
-            path.display()
-        );
-        let results = Results::read(&path)?;
-        let labels: Vec<&str> = results
-            .manifest
-            .methods
-            .iter()
-            .map(|m| m.label.as_str())
-            .collect();
-        let method = match (method, labels.as_slice()) {
-            (Some(method), _) if labels.contains(&method.as_str()) => method,
-            (None, [only]) => (*only).to_owned(),
-            _ => bail!(
-                "{run}: it has the methods {}; say {}:METHOD",
-                labels.join(", "),
-                path.display()
-            ),
-        };
-        let readings = score_readings(&path, &method, &scoring, &terminal)?;
-        if readings.changed > 0 {
+        let Ok(run) = run.parse();
+        let explained = explain_run(table, &args.row, &run, &scoring, &Terminal::default())?;
+        if explained.changed > 0 {
             output::remark(format!(
                 "warning: {}: {} of the run's scores are not what its pictures give today: weights or code have changed since",
-                path.display(),
-                readings.changed
+                explained.path.display(),
+                explained.changed
             ));
         }
-        let explanation = explain(table, &args.row, &readings, &results.manifest);
-        let title = format!(
-            "{} ({}) and {method} of {}",
-            args.row,
-            table.name,
-            path.display()
-        );
-        text += &format!("{title}\n\n");
-        markdown += &format!("# {}\n\n", crate::report::tables::markdown::escape(&title));
-        text += &format!("{}\n", explanation.text());
-        markdown += &format!("{}\n", explanation.markdown());
-        let csv = explanation.csv()?;
-        let rows = csv
-            .iter()
-            .position(|byte| *byte == b'\n')
-            .map_or(0, |at| at + 1);
-        readings_csv.extend_from_slice(if readings_csv.is_empty() {
-            &csv
-        } else {
-            &csv[rows..]
-        });
-        found.push((path, method, explanation));
+        runs.push(explained);
     }
-    let mut written = Vec::new();
-    if let Some(out) = &args.out {
-        let page = format!("{MARK}\n\n{markdown}");
-        for (name, bytes, mark) in [
-            ("explain.md", page.as_bytes(), MARK),
-            ("readings.csv", &readings_csv, "dataset,metric,key,picture"),
-        ] {
-            let path = out.join(name);
-            let text = String::from_utf8_lossy(bytes);
-            write_over_own(&path, visible(&text).as_bytes(), mark)?;
-            written.push(path);
-        }
-    }
+    let written = match &args.out {
+        Some(out) => write_explanations(&runs, out)?,
+        None => Vec::new(),
+    };
     if args.json {
-        let runs = found.iter().map(|(path, method, explanation)| {
-            let cells = explanation.cells.iter().map(|cell| {
-                let candidates = cell.candidates();
-                json!({
-                    "dataset": cell.column,
-                    "metric": cell.metric.label,
-                    "published": cell.published,
-                    "here": cell.as_scored,
-                    "spread": cell.spread().map(|(low, high)| [low, high]),
-                    "verdict": cell.verdict,
-                    "candidates": candidates.iter().map(|value| json!({
-                        "key": value.reading.key,
-                        "reading": value.reading.words(),
-                        "value": value.value,
-                    })).collect::<Vec<_>>(),
-                })
-            });
-            let readings: Vec<ReadingLine<'_>> = explanation.lines();
-            json!({
-                "run": path.display().to_string(),
-                "method": method,
-                "cells": cells.collect::<Vec<_>>(),
-                "readings": readings,
-                "not_computed": explanation.absent,
-            })
-        });
         output::json(&json!({
             "table": table.name,
             "row": args.row,
-            "runs": runs.collect::<Vec<_>>(),
+            "runs": runs.iter().map(to_json).collect::<Vec<_>>(),
             "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         }))?;
         return Ok(Outcome::Done);
     }
-    output::line(text.trim_end())?;
+    output::line(format!(
+        "{} in {}, and what is kept here\n",
+        args.row, table.name
+    ))?;
+    output::line(terminal(&runs).trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
     Ok(Outcome::Done)
+}
+
+fn to_json(run: &ExplainedRun) -> Value {
+    let ExplainedRun {
+        path,
+        method,
+        explanation,
+        ..
+    } = run;
+    let cells = explanation.cells.iter().map(|cell| {
+        let candidates = cell.candidates().into_iter();
+        let candidates = candidates.map(|value| {
+            json!({
+                "key": value.reading.key,
+                "reading": value.reading.words(),
+                "value": value.value,
+            })
+        });
+        json!({
+            "dataset": cell.column,
+            "metric": cell.metric.label,
+            "published": cell.published,
+            "here": cell.as_scored,
+            "spread": cell.spread().map(|(low, high)| [low, high]),
+            "verdict": cell.verdict,
+            "candidates": candidates.collect::<Vec<_>>(),
+        })
+    });
+    json!({
+        "run": path.display().to_string(),
+        "method": method,
+        "cells": cells.collect::<Vec<_>>(),
+        "readings": explanation.lines(),
+        "not_computed": explanation.absent,
+    })
 }

@@ -175,6 +175,9 @@ pub struct DatasetRecord {
     pub scenes: usize,
     /// Their views.
     pub views: usize,
+    /// Widths and heights of the smallest and the largest of them, pixels, one where all are alike.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub view_sizes: Vec<(u32, u32)>,
     /// The settings in force.
     pub readings: Vec<DatasetReading>,
     /// What the reader assumed, and the frames that it left out.
@@ -182,6 +185,18 @@ pub struct DatasetRecord {
     /// Scenes that are there and were not evaluated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOutScenes>,
+}
+
+impl DatasetRecord {
+    /// `720×496 pixels`, or from the smallest to the largest; `None` of a folder that does not say.
+    pub fn sizes(&self) -> Option<String> {
+        let sizes = self
+            .view_sizes
+            .iter()
+            .map(|(width, height)| format!("{width}×{height}"));
+        let sizes: Vec<String> = sizes.collect();
+        (!sizes.is_empty()).then(|| format!("{} pixels", sizes.join(" to ")))
+    }
 }
 
 /// The pairs of a folder.

@@ -303,6 +303,7 @@ impl Evaluation {
             only_scenes: self.only_scenes.clone(),
             scenes: dataset.scenes.len(),
             views: dataset.scenes.iter().map(|scene| scene.views.len()).sum(),
+            view_sizes: view_sizes(dataset),
             readings: dataset.readings.clone(),
             notes: dataset.notes(),
             left_out: dataset.left_out.clone(),
@@ -452,4 +453,17 @@ impl Evaluation {
             scenes: self.scenes,
         })
     }
+}
+
+/// The smallest and the largest by their pixels.
+fn view_sizes(dataset: &OpenDataset) -> Vec<(u32, u32)> {
+    let views = dataset.scenes.iter().flat_map(|scene| &scene.views);
+    let sizes = views.map(|view| (view.intrinsics.width, view.intrinsics.height));
+    let sizes: BTreeSet<(u64, (u32, u32))> = sizes
+        .map(|(width, height)| (u64::from(width) * u64::from(height), (width, height)))
+        .collect();
+    let ends = [sizes.first(), sizes.last()].into_iter().flatten();
+    let mut ends: Vec<(u32, u32)> = ends.map(|(_, size)| *size).collect();
+    ends.dedup();
+    ends
 }

@@ -66,7 +66,9 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
         let pairs: BTreeSet<&str> = of_dataset.map(|record| record.pair_id.as_str()).collect();
         let cited = CITED.iter().find(|(format, _)| *format == dataset.format);
         let cited = cited.map_or_else(String::new, |(_, key)| format!("~\\cite{{{key}}}"));
-        format!("{}{cited} ($n={}$)", title(dataset), pairs.len())
+        let sizes = dataset.sizes();
+        let sizes = sizes.map_or_else(String::new, |sizes| format!(", {}", escape(&sizes)));
+        format!("{}{cited} ($n={}${sizes})", title(dataset), pairs.len())
     });
     let named: Vec<String> = named.collect();
     let limits = manifest.pairs.lists.iter().filter_map(|list| list.limit);

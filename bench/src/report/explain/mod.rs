@@ -11,13 +11,17 @@ mod tests;
 pub mod text;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use sharp_datasets::entry::entry;
 
-use crate::evaluate::Manifest;
-use crate::evaluate::readings::Readings;
+use crate::evaluate::manifest::DatasetRecord;
+use crate::evaluate::readings::{Readings, score_readings};
+use crate::evaluate::{Manifest, Results};
+use crate::io::observer::Observer;
 use crate::report::input::ReportDataset;
-use crate::report::paper::{self, PublishedTable};
+use crate::report::paper::{self, PublishedTable, RowError, RowSource};
+use crate::scoring::Scoring;
 
 use cells::{CellExplanation, cell};
 use protocols::{Protocol, protocols};
@@ -36,9 +40,46 @@ pub struct Explanation {
     pub absent: Vec<String>,
 }
 
+/// An explanation of the numbers of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExplainedRun {
+    pub path: PathBuf,
+    pub method: String,
+    /// Scores of the run that its kept pictures do not give any more: weights or code have changed since.
+    pub changed: usize,
+    pub explanation: Explanation,
+}
+
+/// Scores the kept predictions of a run under every reading, and compares them with the published row of that label.
+///
+/// # Errors
+/// When the run cannot be read, is a bundle, which has no pictures, or has several methods of which none is named.
+pub fn explain_run(
+    table: &PublishedTable,
+    row: &str,
+    run: &RowSource,
+    scoring: &Scoring,
+    observer: &dyn Observer,
+) -> Result<ExplainedRun, RowError> {
+    let path = run.path.clone();
+    if path.is_file() {
+        let reason = "it is no run folder; a bundle has no pictures to read again".to_owned();
+        return Err(RowError::Unusable { path, reason });
+    }
+    let manifest = Results::read(&path)?.manifest;
+    let method = run.chosen(manifest.methods.iter().map(|m| m.label.as_str()))?;
+    let readings = score_readings(&path, method, scoring, observer)?;
+    Ok(ExplainedRun {
+        method: method.to_owned(),
+        changed: readings.changed,
+        explanation: explain(table, row, &readings, &manifest),
+        path,
+    })
+}
+
 /// Compares the readings of a method's predictions with the published row of that label. Datasets that the table does not
 /// have, or for which the row has a dash, are left out.
-pub fn explain(
+fn explain(
     table: &PublishedTable,
     row: &str,
     readings: &Readings,
@@ -109,7 +150,7 @@ pub fn explain(
 }
 
 /// The readings of a dataset that this run did not take: their pairs or pictures need a run of their own.
-fn other_readings(record: &crate::evaluate::manifest::DatasetRecord, column: &str) -> Vec<String> {
+fn other_readings(record: &DatasetRecord, column: &str) -> Vec<String> {
     let Ok(entry) = entry(&record.format) else {
         return Vec::new();
     };

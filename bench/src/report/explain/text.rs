@@ -1,16 +1,19 @@
 //! An explanation for readers and for programs.
 
+use std::path::{Path, PathBuf};
+
 use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
 
 use crate::evaluate::record::finite_or_text;
-use crate::io::text::csv_cell;
+use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::text::{csv_cell, visible};
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::markdown::rich;
+use crate::report::tables::markdown::{escape, rich};
 
-use super::Explanation;
 use super::cells::{CellExplanation, Verdict};
 use super::protocols::Protocol;
+use super::{ExplainedRun, Explanation};
 
 /// Protocols of a dataset that are shown; files have all.
 const SHOWN: usize = 6;
@@ -59,24 +62,6 @@ impl Explanation {
             }
         }
         lines
-    }
-
-    /// [`Self::lines`] as CSV.
-    ///
-    /// # Errors
-    /// Those of the CSV writer, which only writes to memory here.
-    pub fn csv(&self) -> Result<Vec<u8>, ::csv::Error> {
-        let mut writer = ::csv::Writer::from_writer(Vec::new());
-        for line in self.lines() {
-            let dataset = csv_cell(line.dataset);
-            writer.serialize(ReadingLine {
-                dataset: &dataset,
-                ..line.clone()
-            })?;
-        }
-        writer
-            .into_inner()
-            .map_err(|error| error.into_error().into())
     }
 
     /// The cells with their verdicts, and the nearest protocols.
@@ -146,6 +131,59 @@ impl Explanation {
             remarks: self.cells.iter().filter_map(candidates).collect(),
         }
     }
+}
+
+impl ExplainedRun {
+    fn title(&self) -> String {
+        format!("{} of {}", self.method, self.path.display())
+    }
+}
+
+/// For a terminal.
+pub fn terminal(runs: &[ExplainedRun]) -> String {
+    let parts = runs
+        .iter()
+        .map(|run| format!("{}\n\n{}", run.title(), run.explanation.text()));
+    parts.collect::<Vec<_>>().join("\n")
+}
+
+/// Stands in what was written before.
+const MARK: &str = "<!-- sharp-bench explain -->";
+const CSV_MARK: &str = "dataset,metric,key,picture";
+
+/// Writes `explain.md` and `readings.csv`, which has a line a reading.
+///
+/// # Errors
+/// When one cannot be written, or the name is taken by something else.
+pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathBuf>, FileError> {
+    let mut page = format!("{MARK}\n");
+    let mut csv = ::csv::Writer::from_writer(Vec::new());
+    for run in runs {
+        page += &format!(
+            "\n# {}\n\n{}",
+            escape(&run.title()),
+            run.explanation.markdown()
+        );
+        for line in run.explanation.lines() {
+            let dataset = csv_cell(line.dataset);
+            // Writing into memory cannot fail.
+            let _ = csv.serialize(ReadingLine {
+                dataset: &dataset,
+                ..line.clone()
+            });
+        }
+    }
+    let csv = csv.into_inner().unwrap_or_default();
+    let mut written = Vec::new();
+    for (name, text, mark) in [
+        ("explain.md", page.into(), MARK),
+        ("readings.csv", String::from_utf8_lossy(&csv), CSV_MARK),
+    ] {
+        let path = out.join(name);
+        write_over_own(&path, visible(&text).as_bytes(), mark)?;
+        written.push(path);
+    }
+    Ok(written)
 }
 
 /// Which readings print the published number.

@@ -3,7 +3,7 @@
 use sharp_datasets::entry::{ENTRIES, PaperOverlap};
 
 use crate::evaluate::Aggregation;
-use crate::evaluate::manifest::{Manifest, MethodRecord};
+use crate::evaluate::manifest::{DatasetRecord, Manifest, MethodRecord};
 use crate::evaluate::record::{Record, Status};
 use crate::io::counts::counted;
 use crate::methods::Privilege;
@@ -28,6 +28,13 @@ pub(super) struct Compared<'a> {
     pub(super) columns: &'a [Column],
     /// Datasets of the rows that the table does not have.
     pub(super) elsewhere: &'a [String],
+}
+
+impl Compared<'_> {
+    fn record(&self, dataset: &DatasetBoard<'_>) -> Option<&DatasetRecord> {
+        let mut records = self.manifest.datasets.iter();
+        records.find(|record| record.name == dataset.dataset.name)
+    }
 }
 
 /// Each condition, met or not, with what is known.
@@ -123,18 +130,22 @@ fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
         true => String::new(),
         false => format!(" (list sha256 {}…)", hashes.join("…, ")),
     };
+    let sizes = compared.record(dataset).and_then(DatasetRecord::sizes);
+    let sizes = sizes.map_or_else(String::new, |sizes| {
+        format!(" of {sizes}, where the paper takes a dataset's full resolution,")
+    });
     let is_stereo = dataset.dataset.format.as_ref().is_some_and(|format| {
         let mut entries = ENTRIES.into_iter();
         entries.any(|e| e.format == format.as_str() && e.paper_overlap == PaperOverlap::Stereo)
     });
     unmet(match is_stereo {
         true => format!(
-            "{title}: {} here{list}; the paper predicts each right frame from the left one and does not say of which scenes, \
+            "{title}: {}{sizes} here{list}; the paper predicts each right frame from the left one and does not say of which scenes, \
              exposures and illuminations.",
             counted(n, "pair")
         ),
         false => format!(
-            "{title}: {} here{list}; the paper evaluates min({PAPERS_LIMIT}, all) of a list that is not published.",
+            "{title}: {}{sizes} here{list}; the paper evaluates min({PAPERS_LIMIT}, all) of a list that is not published.",
             counted(n, "pair")
         ),
     })
@@ -143,10 +154,7 @@ fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
 /// How a dataset was read and its pairs chosen.
 fn readings(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
     let title = title(dataset);
-    let records = compared.manifest.datasets.iter();
-    let record = records
-        .into_iter()
-        .find(|record| record.name == dataset.dataset.name);
+    let record = compared.record(dataset);
     let mut differing: Vec<String> = dataset
         .dataset
         .proxies

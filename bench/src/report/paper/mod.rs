@@ -4,7 +4,7 @@
 //! are not published. So its numbers carry the identity `[unstated]` and are never ranked together with numbers measured
 //! here.
 //!
-//! * [`published`]: every published number; [`beside`]: those that belong beside a run.
+//! * [`mod@published`]: every published number; [`mod@beside`]: those that belong beside a run.
 //! * [`rows`]: where rows of one's own are from; [`grid`]: both in one table; [`checklist`]: what keeps the two from
 //!   being comparable; [`files`]: all of it as files.
 
@@ -25,7 +25,7 @@ pub use beside::beside;
 pub use files::write_table;
 pub use grid::{Beside, numbers, paper_table};
 pub use published::{PublishedTable, TABLES, published};
-pub use rows::{OwnRow, RowError};
+pub use rows::{OwnRow, RowError, RowSource};
 
 /// Column groups of the paper's large tables.
 pub fn columns() -> Vec<&'static str> {

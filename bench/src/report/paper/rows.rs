@@ -1,6 +1,7 @@
 //! Where rows of one's own in a table of the paper are from.
 
 use std::collections::BTreeSet;
+use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -15,14 +16,20 @@ use crate::report::tables::{Cell, Origin, Row};
 use super::column;
 use super::published::{MadeBy, PublishedTable};
 
+/// What numbers are from, `SOURCE[:METHOD]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RowSource {
+    /// A run folder or bundle, or the file that a table is made of.
+    pub path: PathBuf,
+    /// Of a source with several.
+    pub method: Option<String>,
+}
+
 /// A row of one's own, `LABEL=SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OwnRow {
     pub label: String,
-    /// A run folder or bundle, or the file that the table is made of.
-    pub path: PathBuf,
-    /// Of a run with several.
-    pub method: Option<String>,
+    pub source: RowSource,
 }
 
 /// Why there is no such row.
@@ -32,9 +39,8 @@ pub enum RowError {
     Form(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
-    #[error("{}: it has {what}; the row '{label}' needs one of them, {label}={}:METHOD", path.display(), path.display())]
+    #[error("{}: it has {what}; name one of them, {}:METHOD", path.display(), path.display())]
     Method {
-        label: String,
         path: PathBuf,
         /// The methods that are there, in words.
         what: String,
@@ -54,28 +60,66 @@ pub enum RowError {
     Report(#[from] crate::report::ReportError),
 }
 
-impl std::str::FromStr for OwnRow {
-    type Err = RowError;
+impl std::str::FromStr for RowSource {
+    type Err = Infallible;
 
     /// What follows the last colon is a method unless the path with it exists.
-    fn from_str(text: &str) -> Result<Self, RowError> {
-        let wrong = || RowError::Form(text.to_owned());
-        let (label, path) = text.split_once('=').ok_or_else(wrong)?;
-        if label.trim().is_empty() || path.is_empty() {
-            return Err(wrong());
-        }
-        let row = |path: &str, method: Option<&str>| Self {
-            label: label.to_owned(),
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let source = |path: &str, method: Option<&str>| Self {
             path: path.into(),
             method: method.map(str::to_owned),
         };
-        Ok(match path.rsplit_once(':') {
-            Some((run, method))
-                if !Path::new(path).exists() && !run.is_empty() && !method.is_empty() =>
+        Ok(match text.rsplit_once(':') {
+            Some((path, method))
+                if !Path::new(text).exists() && !path.is_empty() && !method.is_empty() =>
             {
-                row(run, Some(method))
+                source(path, Some(method))
             }
-            _ => row(path, None),
+            _ => source(text, None),
+        })
+    }
+}
+
+impl RowSource {
+    /// The method that is meant, of those that are there.
+    ///
+    /// # Errors
+    /// When it is not there, or none is named of several.
+    pub fn chosen<'a>(
+        &self,
+        methods: impl IntoIterator<Item = &'a str>,
+    ) -> Result<&'a str, RowError> {
+        let methods: BTreeSet<&str> = methods.into_iter().collect();
+        let named = self.method.as_deref();
+        let mut found = methods
+            .iter()
+            .filter(|method| named.is_none_or(|named| named == **method));
+        match (found.next(), found.next()) {
+            (Some(only), None) => Ok(only),
+            _ => Err(RowError::Method {
+                path: self.path.clone(),
+                what: match methods.is_empty() {
+                    true => "no methods".to_owned(),
+                    false => format!("the methods {}", Vec::from_iter(methods).join(", ")),
+                },
+            }),
+        }
+    }
+}
+
+impl std::str::FromStr for OwnRow {
+    type Err = RowError;
+
+    fn from_str(text: &str) -> Result<Self, RowError> {
+        let wrong = || RowError::Form(text.to_owned());
+        let (label, source) = text.split_once('=').ok_or_else(wrong)?;
+        if label.trim().is_empty() || source.is_empty() {
+            return Err(wrong());
+        }
+        let Ok(source) = source.parse();
+        Ok(Self {
+            label: label.to_owned(),
+            source,
         })
     }
 }
@@ -115,20 +159,18 @@ impl OwnRows {
 fn scores(rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut read = Vec::new();
     for row in rows {
-        let mut results = Results::read(&row.path)?;
+        let mut results = Results::read(&row.source.path)?;
         let methods = &mut results.manifest.methods;
-        let labels: BTreeSet<&str> = methods.iter().map(|m| m.label.as_str()).collect();
-        let chosen = match &row.method {
-            None if methods.len() == 1 => methods[0].label.clone(),
-            Some(method) if labels.contains(method.as_str()) => method.clone(),
-            _ => return Err(several(row, &labels)),
-        };
+        let chosen = row
+            .source
+            .chosen(methods.iter().map(|m| m.label.as_str()))?
+            .to_owned();
         methods.retain(|method| method.label == chosen);
         results.records.retain(|record| record.method == chosen);
         results.missing.retain(|(_, method)| *method == chosen);
         let named = Named {
             name: Some(row.label.clone()),
-            path: row.path.clone(),
+            path: row.source.path.clone(),
         };
         read.push((named, results));
     }
@@ -140,7 +182,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     let mut columns: Vec<Column> = Vec::new();
     let mut measured = Vec::new();
     for row in rows {
-        let path = in_folder(&row.path, "translation.csv");
+        let path = in_folder(&row.source.path, "translation.csv");
         let unusable = |reason: String| RowError::Unusable {
             path: path.clone(),
             reason,
@@ -208,7 +250,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
 fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
-        let checkpoint = Checkpoint::open(&row.path)?;
+        let checkpoint = Checkpoint::open(&row.source.path)?;
         let mut total = 0_usize;
         for name in checkpoint.names() {
             total += checkpoint.shape(name)?.iter().product::<usize>();
@@ -250,7 +292,7 @@ struct SpeedLine {
 fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
-        let path = in_folder(&row.path, "speed.csv");
+        let path = in_folder(&row.source.path, "speed.csv");
         let unusable = |reason: String| RowError::Unusable {
             path: path.clone(),
             reason,
@@ -261,12 +303,9 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
             .collect();
         let lines =
             lines.map_err(|error| unusable(format!("no table of `speed --out`: {error}")))?;
-        let methods: BTreeSet<&str> = lines.iter().map(|line| line.method.as_str()).collect();
-        let method = match (&row.method, methods.first()) {
-            (None, Some(only)) if methods.len() == 1 => *only,
-            (Some(method), _) if methods.contains(method.as_str()) => method,
-            _ => return Err(several(row, &methods)),
-        };
+        let method = row
+            .source
+            .chosen(lines.iter().map(|line| line.method.as_str()))?;
         let column_of = |line: &SpeedLine| {
             column(&ReportDataset {
                 format: Some(line.format.clone()).filter(|format| !format.is_empty()),
@@ -317,21 +356,6 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
     })
 }
 
-/// The error of a row that names none of several methods, or one that is not there.
-fn several(row: &OwnRow, methods: &BTreeSet<&str>) -> RowError {
-    RowError::Method {
-        label: row.label.clone(),
-        path: row.path.clone(),
-        what: match methods.is_empty() {
-            true => "no methods".to_owned(),
-            false => format!(
-                "the methods {}",
-                Vec::from_iter(methods.iter().copied()).join(", ")
-            ),
-        },
-    }
-}
-
 /// The file itself, or the one of that name in a folder.
 fn in_folder(path: &Path, name: &str) -> PathBuf {
     match path.is_dir() {
@@ -348,13 +372,14 @@ mod tests {
     fn rows_are_labels_sources_and_methods() {
         let row = |text: &str| text.parse::<OwnRow>().unwrap();
         let plain = row("mine=runs/a");
+        let RowSource { path, method } = plain.source;
         assert_eq!(
-            (plain.label.as_str(), plain.path.to_str(), plain.method),
+            (plain.label.as_str(), path.to_str(), method),
             ("mine", Some("runs/a"), None)
         );
-        let chosen = row("mine=runs/a:depth-splat");
+        let RowSource { path, method } = row("mine=runs/a:depth-splat").source;
         assert_eq!(
-            (chosen.path.to_str(), chosen.method.as_deref()),
+            (path.to_str(), method.as_deref()),
             (Some("runs/a"), Some("depth-splat"))
         );
         for wrong in ["runs/a", "=runs/a", "a="] {
@@ -364,6 +389,6 @@ mod tests {
         let odd = folder.path().join("run:1");
         std::fs::create_dir(&odd).unwrap();
         let text = format!("mine={}", odd.display());
-        assert_eq!(row(&text).path, odd);
+        assert_eq!(row(&text).source.path, odd);
     }
 }

@@ -114,7 +114,10 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
     assert_eq!(row, expected);
     let csv = tables::csv(&measured);
     let lines: Vec<&str> = csv.lines().collect();
-    assert_eq!(lines[1], "'=splat,D_1,inference_secs,3,1,0.75,1.5,0.5,2");
+    assert_eq!(
+        lines[1],
+        "'=splat,D_1,synthetic,inference_secs,3,1,0.75,1.5,0.5,2"
+    );
     assert!(lines.contains(&"pictures,D_1,inference_secs,1,0.12,0.12,0.12,0.12,0.12"));
 }
 

@@ -94,9 +94,9 @@ fn the_table_as_latex() {
 baseline, m & $n$ & a & \\textless{}script\\textgreater{}=100 \\% \\\\
 \\midrule
 \\multicolumn{4}{l}{\\emph{d\\_1 \\& co}} \\\\
-0–0.5 & 2 & 21.00 $\\pm$ 1.41 & 25.00 $\\pm$ 1.41 \\\\
-0.5–1 & 1 & 10.00 & 6.00 \\\\
-1.5–2 & 1--2 & $\\infty$ & 1.00 \\\\
+0--0.5 & 2 & 21.00 $\\pm$ 1.41 & 25.00 $\\pm$ 1.41 \\\\
+0.5--1 & 1 & 10.00 & 6.00 \\\\
+1.5--2 & 1--2 & $\\infty$ & 1.00 \\\\
 \\bottomrule
 \\end{tabular}%
 }
