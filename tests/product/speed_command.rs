@@ -71,7 +71,7 @@ fn speed_measures_methods_apart_and_sums_up_runs() {
         md.contains("## Compute") && md.contains("3 rounds of each pair"),
         "{md}"
     );
-    assert!(read(dir.join("s/speed.csv")).contains("\ndepth-splat,S,render_secs,6,"));
+    assert!(read(dir.join("s/speed.csv")).contains("\ndepth-splat,S,synthetic,render_secs,6,"));
 
     sharp_bench(dir, &["speed", "--out", "s"]).ends_with(2);
     let none = [&["speed", "--repeat", "0", "--out", "s"], &DATA[..]].concat();

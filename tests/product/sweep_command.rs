@@ -69,7 +69,7 @@ fn a_controlled_sweep_from_pictures_to_tables() {
         ]
     );
     let tex = read(dir.path().join("out/sweep.tex"));
-    assert!(tex.contains("\\toprule") && tex.contains("0.05–0.1 & 2 &"));
+    assert!(tex.contains("\\toprule") && tex.contains("0.05--0.1 & 2 &"));
     assert!(
         read(dir.path().join("out/sweep-crossings.csv")).contains("S,mean,S,psnr,behind copy,")
     );

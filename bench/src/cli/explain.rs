@@ -88,8 +88,15 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
                 explained.changed
             ));
         }
+        if explained.lacks_pairs() {
+            output::remark(format!(
+                "warning: {}: pairs without a kept and scored picture are in none of these numbers",
+                explained.path.display()
+            ));
+        }
         runs.push(explained);
     }
+    let outcome = Outcome::of_problems(runs.iter().any(ExplainedRun::lacks_pairs));
     let written = match &args.out {
         Some(out) => write_explanations(&runs, out)?,
         None => Vec::new(),
@@ -111,7 +118,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
-    Ok(Outcome::Done)
+    Ok(outcome)
 }
 
 fn to_json(run: &ExplainedRun) -> Value {

@@ -15,7 +15,7 @@ use crate::report::paper::{
     Beside, OwnRow, PublishedTable, RowError, TABLES, numbers, paper_table, published, write_table,
 };
 use crate::report::tables::grid::{GridCell, TextGrid};
-use crate::report::tables::{Table, text::text};
+use crate::report::tables::{Origin, Table, text::text};
 
 /// The SHARP paper's tables with rows of your own
 ///
@@ -61,28 +61,56 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
         let reason = format!("no table '{}'; there are {}", args.name, names.join(", "));
         return Err(UsageError(reason).into());
     };
+    let metrics: Vec<MetricKey> = match &args.metrics {
+        Some(list) => Selection::parse(list)?.keys().collect(),
+        None => Vec::new(),
+    };
+    for (at, key) in metrics.iter().enumerate() {
+        let family = key.family();
+        let is_shown = paper
+            .metrics
+            .iter()
+            .any(|name| name.eq_ignore_ascii_case(family.name()));
+        if !is_shown || metrics[..at].iter().any(|before| before.family() == family) {
+            let reason = format!(
+                "--metrics {key}: the columns of {} are {}, one variant each",
+                paper.name,
+                paper.metrics.join(", ")
+            );
+            return Err(UsageError(reason).into());
+        }
+    }
     let rows: Result<Vec<OwnRow>, RowError> = args.rows.iter().map(|row| row.parse()).collect();
     let beside = Beside {
         rows: rows.map_err(|error| UsageError(format!("--row {error}")))?,
-        metrics: match &args.metrics {
-            Some(list) => Selection::parse(list)?.keys().collect(),
-            None => Vec::new(),
-        },
+        metrics,
         only_measured: args.only_measured,
     };
     let table = paper_table(paper, &beside)?;
+    let mut own = table
+        .rows
+        .iter()
+        .filter(|row| row.origin == Origin::Measured);
+    let is_empty =
+        !args.rows.is_empty() && own.all(|row| row.cells.iter().all(|cell| cell.value.is_none()));
+    if is_empty {
+        output::remark(
+            "warning: no row of yours has a number of this table's datasets and metrics",
+        );
+    }
+    let outcome = Outcome::of_problems(is_empty);
     let written = match &args.out {
         Some(out) => write_table(paper, &table, out)?,
         None => Vec::new(),
     };
     if args.json {
-        return output::json(&to_json(paper, &table, &written)).map(|()| Outcome::Done);
+        return output::json(&to_json(paper, &table, &written)).map(|()| outcome);
     }
     output::line(text(&table).trim_end())?;
     for path in &written {
         output::line(format!("wrote {}", path.display()))?;
     }
-    Ok(Outcome::Done)
+    Ok(outcome)
 }
 
 fn to_json(paper: &PublishedTable, table: &Table, written: &[PathBuf]) -> Value {

@@ -72,6 +72,8 @@ impl PictureReading {
 pub struct Readings {
     /// Units with a kept picture.
     pub records: Vec<Record>,
+    /// By dataset, how many units there are.
+    pub units: BTreeMap<String, usize>,
     /// A score of each record by reading and metric; a metric that has none anywhere is left out.
     pub scores: BTreeMap<(PictureReading, MetricKey), Vec<Option<f64>>>,
     /// Why readings of pictures and metrics lack scores, each with the number of pairs.
@@ -115,6 +117,10 @@ pub fn score_readings(
         let Some(unit) = units.get(planned.pair.pair_id.as_str()) else {
             continue;
         };
+        *readings
+            .units
+            .entry(unit.record.dataset.clone())
+            .or_default() += 1;
         if unit.record.status != Status::Ok {
             readings.lacks("every reading", "the prediction failed");
             continue;
@@ -165,6 +171,14 @@ fn score_unit(
     };
     let linear = match store.has_float(unit) {
         true => read_linear(&path("exr")).map_err(|error| error.to_string()),
+        false
+            if unit
+                .picture
+                .as_ref()
+                .is_some_and(|picture| picture.float_sha256.is_some()) =>
+        {
+            Err("its linear picture is gone, or not the one that was rendered".to_owned())
+        }
         false => Err("only renderings of a run with --keep float have it".to_owned()),
     };
     let region = record.crop.map(|crop| crop.region);
@@ -244,12 +258,9 @@ impl Readings {
             .or_default() += 1;
     }
 
-    /// The datasets of the records.
+    /// The datasets of the units.
     pub fn datasets(&self) -> BTreeSet<&str> {
-        self.records
-            .iter()
-            .map(|record| record.dataset.as_str())
-            .collect()
+        self.units.keys().map(String::as_str).collect()
     }
 }
 

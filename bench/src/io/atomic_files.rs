@@ -54,8 +54,24 @@ pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 
 /// As [`write_atomic`], but over nothing except an earlier file of the same kind, which has `mark` in it.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
-    let is_own = |there: Vec<u8>| String::from_utf8_lossy(&there).contains(mark);
-    if path.exists() && !sharp::files::read(path).is_ok_and(is_own) {
+    write_unless(path, bytes, |there| {
+        String::from_utf8_lossy(there).contains(mark)
+    })
+}
+
+/// As [`write_atomic`], but over nothing except a file with the same bytes: for forms of others, which bear no mark of ours.
+pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write_unless(path, bytes, |there| there == bytes)
+}
+
+fn write_unless(
+    path: &Path,
+    bytes: &[u8],
+    is_own: impl Fn(&[u8]) -> bool,
+) -> Result<(), FileError> {
+    // Devices and pipes are never replaced.
+    let own = || path.is_file() && sharp::files::read(path).is_ok_and(|there| is_own(&there));
+    if path.exists() && !own() {
         let reason = "what is there is something else, and not written over; choose another file";
         return Err(FileError::new(path, "write")(io::Error::other(reason)));
     }

@@ -2,10 +2,12 @@
 
 use std::collections::BTreeSet;
 
+use sharp_datasets::entry::entry;
+
 use super::assemble::proxies;
 use super::tables::latex::escape;
 use crate::evaluate::Results;
-use crate::evaluate::manifest::{DatasetRecord, Manifest};
+use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
 use crate::methods::Privilege;
 use crate::pictures::methods_text::{MethodsText, short};
@@ -35,9 +37,19 @@ pub fn methods_text(results: &Results) -> MethodsText {
     let Results {
         manifest, records, ..
     } = results;
+    let protocol = manifest
+        .protocol
+        .as_ref()
+        .filter(|protocol| protocol.name != "sharp");
+    let protocol = protocol.map_or_else(
+        || "the protocol of SHARP~\\cite{mescheder2025sharp}".to_owned(),
+        |protocol| {
+            let (name, source) = (escape(&protocol.name), escape(&protocol.source));
+            format!("the evaluation of {name} ({source})")
+        },
+    );
     let mut before = vec![format!(
-        "View synthesis was evaluated with \\texttt{{sharp-bench}} {} after the protocol of \
-         SHARP~\\cite{{mescheder2025sharp}}.",
+        "View synthesis was evaluated with \\texttt{{sharp-bench}} {} after {protocol}.",
         escape(&manifest.version)
     )];
     before.push(datasets(manifest, records));
@@ -50,11 +62,38 @@ pub fn methods_text(results: &Results) -> MethodsText {
     let is_masked = metrics.iter().any(|metric| metric.key.is_masked());
     before.extend(CONVENTIONS.iter().filter_map(|(key, head)| {
         let convention = manifest.scoring.get(*key)?;
-        let is_said = *key != "frustum mask" || is_masked;
+        let is_said = match *key {
+            "frustum mask" => is_masked,
+            "resolution" => frames(manifest).is_empty(),
+            _ => true,
+        };
         is_said.then(|| format!("{head}: {}.", escape(convention)))
     }));
+    let frames = frames(manifest);
+    if !frames.is_empty() {
+        before.push(format!(
+            "Resolution: the views of {} were resized and cropped before anything else; ground truth is at that size.",
+            frames.join(", ")
+        ));
+    }
     before.extend(predictions(manifest, records));
     MethodsText::of(before, &metrics, vec![deviations(manifest, records)])
+}
+
+/// Datasets whose views were shown at another size, and by which rule.
+fn frames(manifest: &Manifest) -> Vec<String> {
+    let framed = manifest.datasets.iter().filter_map(|dataset| {
+        let frame = dataset
+            .readings
+            .iter()
+            .find(|reading| reading.key == "frame")?;
+        Some(format!(
+            "{} by \\texttt{{{}}}",
+            title(dataset),
+            escape(&frame.value)
+        ))
+    });
+    framed.collect()
 }
 
 /// How many pairs of which datasets, and of which list.
@@ -188,8 +227,44 @@ fn deviations(manifest: &Manifest, records: &[Record]) -> String {
         let readings = dataset.readings.iter().filter(|r| r.open && !r.proxy);
         readings.map(|r| format!("{}={}", r.key, r.value)).collect()
     });
+    let is_papers =
+        |dataset: &DatasetRecord| entry(&dataset.format).is_ok_and(|e| !e.paper_column.is_empty());
+    let foreign: Vec<String> = manifest
+        .datasets
+        .iter()
+        .filter(|dataset| !is_papers(dataset))
+        .map(title)
+        .collect();
+    let mut others = Vec::new();
+    if !foreign.is_empty() {
+        others.push(format!("not among its datasets: {}", foreign.join(", ")));
+    }
+    if manifest
+        .pairs
+        .lists
+        .iter()
+        .any(|list| list.origin == ListOrigin::Given && list.choices.is_empty())
+    {
+        others.push("a pair list that was handed in without its choices".to_owned());
+    }
+    if let Some(protocol) = manifest
+        .protocol
+        .as_ref()
+        .filter(|protocol| protocol.name != "sharp")
+    {
+        others.push(format!("the evaluation of {}", escape(&protocol.name)));
+    }
+    let others = others.join("; ");
+    let known = match (known.as_str(), others.as_str()) {
+        ("", others) if !others.is_empty() => format!("Unlike the SHARP paper: {others}"),
+        (known, others) if !others.is_empty() => {
+            format!("Known to differ from the SHARP paper: {known}; {others}")
+        }
+        (known, _) => known.to_owned(),
+    };
     let known = match known.as_str() {
         "" => "No reading of a dataset and no choice of pairs is known to differ from the SHARP paper's".to_owned(),
+        known if !others.is_empty() => known.to_owned(),
         known => format!("Known to differ from the SHARP paper: {known}"),
     };
     match open.as_str() {
@@ -243,7 +318,7 @@ mod tests {
         let listed = results.manifest.pairs.listed;
         for part in [
             "\\texttt{sharp-bench} 9.9 after the protocol of SHARP~\\cite{mescheder2025sharp}.",
-            "D\\_1 ($n=2$)",
+            "D\\_1 ($n=2$, 16$\\times$12 pixels)",
             &format!("all {listed} has the sha256 \\texttt{{0123456789ab}}"),
             "1 of 2 predictions failed",
             "sRGB, 8 bit, rounded to nearest",

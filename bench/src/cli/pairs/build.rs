@@ -10,11 +10,12 @@ use serde_json::json;
 use super::super::data_args::{DatasetArgs, OverlapArgs};
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
-use crate::io::atomic_files::write_atomic;
+use crate::io::atomic_files::write_over_own;
 use crate::pairs::PairOptions;
 use crate::pairs::advice::counted_pairs;
 use crate::pairs::ambiguity::{Alternative, other_readings};
 use crate::pairs::options::paper::PROXY;
+use crate::pairs::pair_list::LIST_MARK;
 use crate::pairs::provenance::ListCompanion;
 
 /// What `pairs` without a subcommand takes.
@@ -51,7 +52,7 @@ pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     let out = args.out.as_deref().context("--out FILE is needed")?;
     let built = recipe.build(&datasets, cache.as_ref(), &terminal)?;
     let list = built.list(out);
-    write_atomic(out, list.bytes())?;
+    write_over_own(out, list.bytes(), LIST_MARK)?;
     ListCompanion::new(&list, &built.provenance, &args.datasets.datasets).write(out)?;
     let build = &built.build;
     let outcome = Outcome::of_problems(!built.has_selected()).with_scenes_of(&datasets);

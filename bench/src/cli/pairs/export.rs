@@ -12,7 +12,7 @@ use super::super::outcome::UsageError;
 use super::super::output::Terminal;
 use super::super::{Outcome, output};
 use crate::export::pairs;
-use crate::io::atomic_files::write_atomic;
+use crate::io::atomic_files::{write_atomic, write_new};
 use crate::io::counts::counted;
 use crate::methods::sweep_scales;
 use crate::pairs::PairList;
@@ -99,7 +99,7 @@ pub(super) fn execute(args: &ExportArgs) -> anyhow::Result<Outcome> {
             let reason = "--out is the list itself, which is not written over";
             return Err(UsageError(reason.to_owned()).into());
         }
-        write_atomic(&args.out, &bytes)?;
+        write_new(&args.out, &bytes)?;
         match args.json {
             true => output::json(&json!({
                 "out": args.out.display().to_string(),

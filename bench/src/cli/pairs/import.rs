@@ -8,9 +8,10 @@ use serde_json::json;
 use super::super::data_args::DatasetArgs;
 use super::super::outcome::UsageError;
 use super::super::{Outcome, output};
-use crate::io::atomic_files::write_atomic;
+use crate::io::atomic_files::{write_new, write_over_own};
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, Form, Slot};
+use crate::pairs::pair_list::LIST_MARK;
 
 /// Read someone else's list of pairs: count it, write it again, or turn it into one of ours
 ///
@@ -106,7 +107,10 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             let reason = "--out is the list itself, which is not written over";
             return Err(UsageError(reason.to_owned()).into());
         }
-        write_atomic(out, &bytes)?;
+        match args.datasets.is_empty() {
+            true => write_new(out, &bytes)?,
+            false => write_over_own(out, &bytes, LIST_MARK)?,
+        }
         said["out"] = json!(out.display().to_string());
     }
     match args.json {

@@ -15,6 +15,10 @@ use std::path::{Path, PathBuf};
 use sharp_datasets::{Scene, View};
 
 pub use self::csv_form::COLUMNS;
+
+/// How every list of ours begins.
+pub const LIST_MARK: &str = "pair_id,dataset,";
+
 use self::csv_form::{parse_row, to_csv};
 pub use self::diff::{ChangedPair, ListDiff};
 pub use self::verify::{HashMismatch, MovedCamera, Unreadable, Verification};

@@ -87,7 +87,9 @@ pub struct CellExplanation {
     pub published: f64,
     /// The run's own number: default variant, its own mean over all pairs.
     pub as_scored: Option<f64>,
-    /// Every reading, that of the run first.
+    /// Pairs of the run, of which readings cover those with a kept picture.
+    pub pairs: usize,
+    /// Every reading of as many pairs as any has, that of the run first.
     pub readings: Vec<ReadingValue>,
     pub verdict: Verdict,
 }
@@ -199,6 +201,12 @@ pub(super) fn cell(
             }
         }
     }
+    // Numbers over fewer pairs are other quantities.
+    for scenes in [SceneReading::All, SceneReading::OneAPlace] {
+        let of_scenes = values.iter().filter(|value| value.reading.scenes == scenes);
+        let most = of_scenes.map(|value| value.n).max();
+        values.retain(|value| value.reading.scenes != scenes || Some(value.n) == most);
+    }
     // The run's own reading first: the default variant, then as typed.
     let default: Option<MetricKey> = metric.family().parse().ok();
     let own_mean = Averaging::Of(aggregation);
@@ -217,6 +225,7 @@ pub(super) fn cell(
         metric: metric.clone(),
         published,
         as_scored: own.map(|value| value.value),
+        pairs: readings.units.get(dataset).copied().unwrap_or_default(),
         readings: values,
         verdict: Verdict::NotComputed,
     }

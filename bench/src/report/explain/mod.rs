@@ -77,6 +77,19 @@ pub fn explain_run(
     })
 }
 
+impl ExplainedRun {
+    /// Whether pairs of the run are in no number, or there is nothing to compare at all.
+    pub fn lacks_pairs(&self) -> bool {
+        let cells = &self.explanation.cells;
+        let lacks = |cell: &CellExplanation| {
+            cell.readings
+                .first()
+                .is_none_or(|first| first.n < cell.pairs)
+        };
+        cells.is_empty() || cells.iter().any(lacks)
+    }
+}
+
 /// Compares the readings of a method's predictions with the published row of that label. Datasets that the table does not
 /// have, or for which the row has a dash, are left out.
 fn explain(

@@ -38,6 +38,7 @@ fn readings() -> Readings {
     let scores = scores.map(|(key, values)| (key, values.map(Some).to_vec()));
     Readings {
         records: vec![of(0, 1), of(0, 2), of(1, 1)],
+        units: BTreeMap::from([("eth3d".to_owned(), 3)]),
         scores: BTreeMap::from(scores),
         ..Readings::default()
     }

@@ -303,6 +303,21 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
             .collect();
         let lines =
             lines.map_err(|error| unusable(format!("no table of `speed --out`: {error}")))?;
+        if lines.is_empty() {
+            return Err(unusable(
+                "no table of `speed --out`: it is empty".to_owned(),
+            ));
+        }
+        if let Some(line) = lines
+            .iter()
+            .find(|line| !(line.median.is_finite() && line.median >= 0.0))
+        {
+            let reason = format!(
+                "the {} of {} is {}",
+                line.quantity, line.method, line.median
+            );
+            return Err(unusable(reason));
+        }
         let method = row
             .source
             .chosen(lines.iter().map(|line| line.method.as_str()))?;

@@ -26,6 +26,8 @@ use crate::report::error::ReportError;
 const SVG_SCALE: f64 = 4.0;
 /// Drawn pixels per PNG pixel.
 const REDUCE: f64 = 2.0;
+/// Pixels of a PNG before it is reduced, at most: 0.8 GB.
+const MAX_DRAWN: f64 = 268_435_456.0;
 /// The SVG backend divides font sizes by this.
 const PLOTTERS_FONT_FACTOR: f64 = 1.24;
 
@@ -175,6 +177,12 @@ impl Figure {
 
         let density = medium.zoom * medium.dpi / 96.0;
         let size = drawn(density * REDUCE);
+        if f64::from(size.0) * f64::from(size.1) > MAX_DRAWN {
+            return Err(failed(format!(
+                "{} × {} pixels are too many to draw; a smaller width or fewer dpi",
+                size.0, size.1
+            )));
+        }
         let mut pixels = vec![0_u8; size.0 as usize * size.1 as usize * 3];
         let backend = BitMapBackend::with_buffer(&mut pixels, size);
         let mut pen = Pen::new(backend, density * REDUCE);

@@ -118,7 +118,7 @@ fn the_table_has_medians_and_says_why_a_cell_is_empty() {
         lines[1],
         "'=splat,D_1,synthetic,inference_secs,3,1,0.75,1.5,0.5,2"
     );
-    assert!(lines.contains(&"pictures,D_1,inference_secs,1,0.12,0.12,0.12,0.12,0.12"));
+    assert!(lines.contains(&"pictures,D_1,synthetic,inference_secs,1,0.12,0.12,0.12,0.12,0.12"));
 }
 
 #[test]
