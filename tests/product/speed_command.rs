@@ -95,7 +95,7 @@ fn a_run_describes_itself_for_a_paper() {
     let list: serde_json::Value = serde_json::from_str(&list).unwrap();
     let sha256 = list["pairs"]["sha256"].as_str().unwrap();
     for part in [
-        "S ($n=2$)",
+        "S ($n=2$, 48$\\times$36 pixels)",
         &sha256[..12],
         "\\texttt{psnr}",
         "depth-splat saw the true depth",

@@ -71,7 +71,7 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
             .any(|c| c["met"] == false && c["text"].as_str().unwrap().contains(text))
     };
     assert!(
-        unmet("ssim[gauss11,valid]") && unmet("Middlebury: 1 pair here"),
+        unmet("ssim[gauss11,valid]") && unmet("Middlebury: 1 pair of 741×500 pixels"),
         "{checks:?}"
     );
 
@@ -101,7 +101,10 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
         md.contains("| SHARP (published)† |") && md.contains("| *measured:* |"),
         "{md}"
     );
-    assert!(md.contains("- [ ] Middlebury: 1 pair here"), "{md}");
+    assert!(
+        md.contains("- [ ] Middlebury: 1 pair of 741×500 pixels"),
+        "{md}"
+    );
 
     // Only what was measured, and the same again over it.
     let narrow = table(&["--only-measured", "--json", "--out", "out"])
