@@ -3,48 +3,48 @@
 //! ignored.
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use sharp_bench::pairs::foreign::{ForeignCounts, ForeignList, Form};
+use sharp_bench::pairs::foreign::{ForeignCounts, ForeignList, ListForm};
 
 /// Entries, entries with pairs, targets, and targets that are inputs, too.
-const LISTS: [(&str, Form, [usize; 4]); 8] = [
+const LISTS: [(&str, ListForm, [usize; 4]); 8] = [
     (
         "pixelsplat/evaluation_index_re10k.json",
-        Form::Index,
+        ListForm::Index,
         [7194, 6474, 19422, 583],
     ),
     (
         "pixelsplat/evaluation_index_acid.json",
-        Form::Index,
+        ListForm::Index,
         [1848, 1595, 4785, 135],
     ),
     (
         "mvsplat/evaluation_index_dtu_nctx2.json",
-        Form::Index,
+        ListForm::Index,
         [64, 64, 64, 0],
     ),
     (
         "mvsplat/evaluation_index_dtu_nctx3.json",
-        Form::Index,
+        ListForm::Index,
         [64, 64, 64, 0],
     ),
     (
         "depthsplat/dl3dv_start_0_distance_10_ctx_2v_tgt_4v.json",
-        Form::Index,
+        ListForm::Index,
         [140, 140, 560, 0],
     ),
     (
         "depthsplat/dl3dv_start_0_distance_50_ctx_2v_video_0_50.json",
-        Form::Index,
+        ListForm::Index,
         [140, 140, 7000, 280],
     ),
     (
         "depthsplat/dl3dv_start_0_distance_100_ctx_12v_video.json",
-        Form::Index,
+        ListForm::Index,
         [140, 140, 13734, 1680],
     ),
     (
         "mine/input_pipelines__realestate10k__test_data_jsons__validation_pairs.json",
-        Form::Mine,
+        ListForm::Mine,
         [250, 250, 750, 9],
     ),
 ];

@@ -20,7 +20,7 @@ use crate::report::assemble::{self, RunPictures};
 use crate::report::board::Board;
 use crate::report::figures::catalogue::FIGURES;
 use crate::report::figures::choice::{Choice, ChosenPair, along_path, chosen};
-use crate::report::figures::qualitative::{Comparison, png};
+use crate::report::figures::qualitative::{SheetContent, png};
 use crate::report::figures::sheet::{Sheet, SheetMedium};
 use crate::report::figures::uncertainty::Mirrored;
 use crate::report::figures::{failure, fidelity_time, uncertainty};
@@ -303,7 +303,7 @@ fn plots(
 fn sheet(
     args: &PicturesArgs,
     stem: &str,
-    make: impl FnOnce(&mut Comparison<'_>) -> anyhow::Result<Sheet>,
+    make: impl FnOnce(&mut SheetContent<'_>) -> anyhow::Result<Sheet>,
 ) -> anyhow::Result<Outcome> {
     let out = &args.runs.out;
     let style = style(out.style.as_ref())?;
@@ -314,7 +314,7 @@ fn sheet(
     let input = assemble::input(&results, &pictures, PublishedNumbers::Never);
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
     let metrics = Column::chosen(&input.metrics, &args.metrics)?;
-    let mut shown = Comparison {
+    let mut shown = SheetContent {
         methods: methods(&board, &args.methods)?,
         board: &board,
         pairs: Vec::new(),
@@ -345,7 +345,7 @@ fn methods(board: &Board<'_>, names: &[String]) -> Result<Vec<usize>, ReportErro
 }
 
 impl PairsChoice {
-    fn chosen<'a>(&self, shown: &Comparison<'a>) -> Result<Vec<ChosenPair<'a>>, ReportError> {
+    fn chosen<'a>(&self, shown: &SheetContent<'a>) -> Result<Vec<ChosenPair<'a>>, ReportError> {
         chosen(
             shown.board,
             shown.metrics,

@@ -32,7 +32,7 @@ const FILLED: f64 = 0.9;
 
 /// What a picture of a pair shows. Those of a prediction come after those of its two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum PictureKind {
     Source,
     Target,
     /// The target with what is not scored in stripes.
@@ -48,7 +48,7 @@ pub enum Kind {
     Alpha,
 }
 
-impl Kind {
+impl PictureKind {
     /// As in the page's data and in file names.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -66,7 +66,7 @@ impl Kind {
 }
 
 /// Pictures, or why there is none; a kind that does not apply is not among them.
-pub type Pictures = BTreeMap<Kind, Result<Thumbnail, MissingPicture>>;
+pub type Pictures = BTreeMap<PictureKind, Result<Thumbnail, MissingPicture>>;
 
 /// The pairs shown.
 #[derive(Debug)]
@@ -101,7 +101,7 @@ pub struct GalleryPrediction<'a> {
 
 impl GalleryPair<'_> {
     /// With the position of the method, of those of a prediction.
-    fn pictures(&self) -> impl Iterator<Item = (Option<usize>, Kind, &Thumbnail)> {
+    fn pictures(&self) -> impl Iterator<Item = (Option<usize>, PictureKind, &Thumbnail)> {
         let methods = self.methods.iter().enumerate();
         let methods = methods.filter_map(|(at, shown)| Some((Some(at), &shown.as_ref()?.pictures)));
         let all = std::iter::once((None, &self.views)).chain(methods);
@@ -174,7 +174,7 @@ impl<'a> Gallery<'a> {
     }
 
     /// Whether any pair has a picture of that kind.
-    pub(super) fn has(&self, kind: Kind) -> bool {
+    pub(super) fn has(&self, kind: PictureKind) -> bool {
         let mut pictures = self.pairs.iter().flat_map(GalleryPair::pictures);
         pictures.any(|(_, of, _)| of == kind)
     }
@@ -196,7 +196,7 @@ impl<'a> Gallery<'a> {
 }
 
 /// Of a picture of pair number `pair`; relative to the page.
-pub(super) fn file_name(pair: usize, method: Option<usize>, kind: Kind) -> String {
+pub(super) fn file_name(pair: usize, method: Option<usize>, kind: PictureKind) -> String {
     let method = method.map_or_else(String::new, |method| format!("-{method}"));
     format!("{THUMBNAILS}/{pair:05}{method}-{}.jpg", kind.name())
 }
@@ -268,17 +268,20 @@ fn load<'a>(
     let valid = pictures.valid_pixels(pair.facts);
     let mut views = Pictures::new();
     let source = pictures.source(pair.facts);
-    views.insert(Kind::Source, source.and_then(|picture| small(&picture)));
+    views.insert(
+        PictureKind::Source,
+        source.and_then(|picture| small(&picture)),
+    );
     let shown = target.as_ref().map_err(Clone::clone);
-    views.insert(Kind::Target, shown.and_then(small));
+    views.insert(PictureKind::Target, shown.and_then(small));
     if let (Ok(target), Ok(Some(valid))) = (&target, &valid) {
         let scored = |x, y| is_scored(None, Some(valid), (x, y));
         let drawn = view_maps::masked(target, scored);
-        views.insert(Kind::Mask, small(&drawn));
+        views.insert(PictureKind::Mask, small(&drawn));
     }
     for (kind, depth) in [
-        (Kind::Depth, pictures.target_depth(pair.facts)),
-        (Kind::SourceDepth, pictures.source_depth(pair.facts)),
+        (PictureKind::Depth, pictures.target_depth(pair.facts)),
+        (PictureKind::SourceDepth, pictures.source_depth(pair.facts)),
     ] {
         if let Some(depth) = depth.transpose() {
             let drawn = depth.map(|depth| view_maps::inverse_depth(&depth, side));
@@ -320,15 +323,18 @@ fn load<'a>(
             _ => predicted(at).and_then(small),
         };
         let mut shown = Pictures::from([
-            (Kind::Prediction, prediction),
-            (Kind::Error, error(at, record.crop)),
+            (PictureKind::Prediction, prediction),
+            (PictureKind::Error, error(at, record.crop)),
         ]);
         if let Some(other) = against(input, board, at) {
-            shown.insert(Kind::Change, change(other, at, record.crop));
+            shown.insert(PictureKind::Change, change(other, at, record.crop));
         }
         if let Some(alpha) = pictures.alpha(record).transpose() {
             let drawn = alpha.map(|alpha| view_maps::coverage(&alpha));
-            shown.insert(Kind::Alpha, drawn.and_then(|picture| small(&picture)));
+            shown.insert(
+                PictureKind::Alpha,
+                drawn.and_then(|picture| small(&picture)),
+            );
         }
         Some(GalleryPrediction {
             record,

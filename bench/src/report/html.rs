@@ -16,7 +16,7 @@ use crate::evaluate::record::Record;
 
 use super::board::{Board, PairBoard};
 use super::error_map;
-use super::gallery::{self, Gallery, Kind};
+use super::gallery::{self, Gallery, PictureKind};
 use super::input::{Column, FactGroup, Layout, ReportDataset, ReportInput};
 use super::page_data;
 use super::pictures::ReportPictures;
@@ -105,7 +105,7 @@ impl Page<'_> {
         page_data::json(self)
     }
 
-    fn has(&self, kind: Kind) -> bool {
+    fn has(&self, kind: PictureKind) -> bool {
         self.gallery.has(kind)
     }
 

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::evaluate::record::{Record, Score, Status, finite_or_text};
 use crate::io::text::visible_line;
 
-use super::gallery::{self, GalleryPair, Kind, Pictures};
+use super::gallery::{self, GalleryPair, PictureKind, Pictures};
 use super::html::Page;
 use super::input::{Column, Layout};
 use super::pictures::Thumbnail;
@@ -74,7 +74,7 @@ fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
 
 /// `[address, width, height]` or the reason why there is none, by kind.
 fn pictures(page: &Page<'_>, pair: usize, method: Option<usize>, pictures: &Pictures) -> Value {
-    let address = |kind: Kind, picture: &Thumbnail| match page.gallery.layout {
+    let address = |kind: PictureKind, picture: &Thumbnail| match page.gallery.layout {
         Layout::File => format!("data:image/jpeg;base64,{}", STANDARD.encode(&picture.jpeg)),
         Layout::Folder => gallery::file_name(pair, method, kind),
     };

@@ -16,7 +16,7 @@ use crate::io::atomic_files::{write_atomic, write_new};
 use crate::io::counts::counted;
 use crate::methods::sweep_scales;
 use crate::pairs::PairList;
-use crate::pairs::foreign::{Form, written};
+use crate::pairs::foreign::{ListForm, written};
 use crate::pairs::sampling::spread;
 
 /// Write for each pair the very source picture that is scored, cameras and conventions, and the name to predict under
@@ -51,7 +51,7 @@ pub(super) struct ExportArgs {
     scales: Vec<String>,
     /// Write the list alone, in someone else's form, to the file OUT
     #[arg(long, value_enum, value_name = "FORM", conflicts_with_all = ["with", "scales"])]
-    form: Option<Form>,
+    form: Option<ListForm>,
     /// The folder to write, or with --form the file
     #[arg(long, value_name = "PATH")]
     out: PathBuf,

@@ -10,7 +10,7 @@ use super::super::outcome::UsageError;
 use super::super::{Outcome, output};
 use crate::io::atomic_files::{write_new, write_over_own};
 use crate::io::counts::counted;
-use crate::pairs::foreign::{Context, ForeignList, Form, Slot};
+use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
 
 /// Read someone else's list of pairs: count it, write it again, or turn it into one of ours
@@ -29,13 +29,13 @@ pub(super) struct ImportArgs {
     list: PathBuf,
     /// Whose form it has
     #[arg(long, value_enum, value_name = "FORM")]
-    form: Form,
+    form: ListForm,
     /// Which of several inputs is the source
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
     context: Context,
     /// Which target of Flash3D's and MINE's lines
     #[arg(long, value_enum, value_name = "WHICH", default_value_t)]
-    slot: Slot,
+    slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC")]
     datasets: Vec<String>,

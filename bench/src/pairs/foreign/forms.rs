@@ -6,7 +6,7 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::python_json::{self, line_of};
-use super::{Context, ForeignCounts, Form, FrameName, Slot};
+use super::{Context, ForeignCounts, FrameName, ListForm, TargetSlot};
 
 pub(super) type Wrong = (u64, String);
 
@@ -16,7 +16,7 @@ pub(super) enum Content {
     Flash3d(Vec<Flash3dRow>),
     Mine(Vec<MineLine>),
     Unisharp(Vec<ManifestLine>),
-    Seva(Split),
+    Seva(SevaSplit),
 }
 
 /// In the order of the file; no key twice.
@@ -67,7 +67,7 @@ pub(super) struct ManifestLine {
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Split {
+pub(super) struct SevaSplit {
     pub(super) train_ids: Vec<u32>,
     pub(super) test_ids: Vec<u32>,
 }
@@ -147,13 +147,13 @@ fn json<'de, T: Deserialize<'de>>(bytes: &'de [u8], first: u64) -> Result<T, Wro
 }
 
 impl Content {
-    pub(super) fn parse(form: Form, bytes: &[u8]) -> Result<Self, Wrong> {
+    pub(super) fn parse(form: ListForm, bytes: &[u8]) -> Result<Self, Wrong> {
         let content = match form {
-            Form::Index => Self::Index(json(bytes, 1)?),
-            Form::Seva => Self::Seva(json(bytes, 1)?),
-            Form::Flash3d => Self::Flash3d(parsed(bytes, flash3d_row)?),
-            Form::Unisharp => Self::Unisharp(parsed(bytes, manifest_line)?),
-            Form::Mine => {
+            ListForm::Index => Self::Index(json(bytes, 1)?),
+            ListForm::Seva => Self::Seva(json(bytes, 1)?),
+            ListForm::Flash3d => Self::Flash3d(parsed(bytes, flash3d_row)?),
+            ListForm::Unisharp => Self::Unisharp(parsed(bytes, manifest_line)?),
+            ListForm::Mine => {
                 let lines = lines(bytes)?.into_iter();
                 let lines = lines.map(|(n, text)| {
                     let line: MineLine = json(text.as_bytes(), n)?;
@@ -247,7 +247,11 @@ impl Content {
     }
 
     /// Its pairs, in its order.
-    pub(super) fn pairs(&self, context: Context, slot: Slot) -> Result<Vec<NamedPair>, Wrong> {
+    pub(super) fn pairs(
+        &self,
+        context: Context,
+        slot: TargetSlot,
+    ) -> Result<Vec<NamedPair>, Wrong> {
         let mut pairs = Vec::new();
         let mut add = |line: u64, scene: Option<&str>, source: FrameName, target: FrameName| {
             pairs.push(NamedPair {
@@ -258,9 +262,9 @@ impl Content {
             });
         };
         let slot = match slot {
-            Slot::Five => 0,
-            Slot::Ten => 1,
-            Slot::Random => 2,
+            TargetSlot::Five => 0,
+            TargetSlot::Ten => 1,
+            TargetSlot::Random => 2,
         };
         let position = FrameName::Position;
         match self {

@@ -29,7 +29,7 @@ use crate::io::atomic_files::FileError;
 /// Whose form a list has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Form {
+pub enum ListForm {
     /// pixelSplat, MVSplat, DepthSplat, LVSM: JSON, scene to context and target positions, or null
     Index,
     /// Flash3D: `key source +5 +10 random` a line, positions
@@ -58,7 +58,7 @@ pub enum Context {
 
 /// Which target of a line that has three.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub enum Slot {
+pub enum TargetSlot {
     /// Five frames on
     #[default]
     #[value(name = "5")]
@@ -82,7 +82,7 @@ impl fmt::Display for Context {
     }
 }
 
-impl fmt::Display for Slot {
+impl fmt::Display for TargetSlot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         shown(self, f)
     }
@@ -118,7 +118,7 @@ pub struct ForeignCounts {
 
 /// A list of theirs as rows of ours.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Imported {
+pub struct ImportedPairs {
     pub pairs: Vec<Pair>,
     /// Scenes of the list that the datasets do not have, each once.
     pub absent: Vec<String>,
@@ -127,7 +127,7 @@ pub struct Imported {
 impl ForeignList {
     /// # Errors
     /// [`PairError::File`]; [`PairError::List`] with the line of the first thing that is wrong.
-    pub fn read(path: &Path, form: Form) -> Result<Self, PairError> {
+    pub fn read(path: &Path, form: ListForm) -> Result<Self, PairError> {
         let bytes = sharp::files::read(path).map_err(FileError::new(path, "read"))?;
         let content = Content::parse(form, &bytes);
         let content = content.map_err(|(line, reason)| PairError::List {
@@ -158,9 +158,9 @@ impl ForeignList {
     pub fn import(
         &self,
         context: Context,
-        slot: Slot,
+        slot: TargetSlot,
         datasets: &[OpenDataset],
-    ) -> Result<Imported, PairError> {
+    ) -> Result<ImportedPairs, PairError> {
         let wrong = |line: u64, reason: String| PairError::List {
             path: self.path.clone(),
             line,
@@ -233,14 +233,14 @@ impl ForeignList {
             };
             pairs.insert(row.pair_id.clone(), row);
         }
-        Ok(Imported {
+        Ok(ImportedPairs {
             pairs: pairs.into_values().collect(),
             absent: absent.into_iter().collect(),
         })
     }
 }
 
-impl Imported {
+impl ImportedPairs {
     /// As a list that will be written to `path`.
     pub fn list(self, path: &Path) -> PairList {
         PairList::new(path, self.pairs)

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use super::Form;
-use super::forms::{Content, Flash3dRow, Index, IndexEntry, ManifestLine, Split};
+use super::ListForm;
+use super::forms::{Content, Flash3dRow, Index, IndexEntry, ManifestLine, SevaSplit};
 use crate::pairs::pair_list::ResolvedPair;
 
 /// The pairs in a form, scenes by their ids in the order of the pairs. Positions count the scene's views from 0.
 ///
 /// # Errors
 /// The bare reason: the form cannot hold these pairs.
-pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String> {
+pub fn written(pairs: &[ResolvedPair<'_>], form: ListForm) -> Result<Vec<u8>, String> {
     let mut scenes: BTreeMap<&str, Vec<(u32, u32)>> = BTreeMap::new();
     for pair in pairs {
         let at = |id: &str| {
@@ -31,7 +31,7 @@ pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String
         }
     };
     let content = match form {
-        Form::Index => {
+        ListForm::Index => {
             let entries = scenes.iter().map(|(scene, places)| {
                 let (source, mut target): (u32, Vec<u32>) = of_one_source(scene, places)?;
                 target.sort_unstable();
@@ -40,7 +40,7 @@ pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String
             });
             Content::Index(Index(entries.collect::<Result<_, String>>()?))
         }
-        Form::Seva => {
+        ListForm::Seva => {
             let mut all = scenes.iter();
             let (Some((scene, places)), None) = (all.next(), all.next()) else {
                 return Err(format!(
@@ -50,12 +50,12 @@ pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String
             };
             let (source, mut test_ids): (u32, Vec<u32>) = of_one_source(scene, places)?;
             test_ids.sort_unstable();
-            Content::Seva(Split {
+            Content::Seva(SevaSplit {
                 train_ids: vec![source],
                 test_ids,
             })
         }
-        Form::Flash3d => {
+        ListForm::Flash3d => {
             let rows = scenes.iter().flat_map(|(scene, places)| {
                 places.iter().map(|&(source, target)| Flash3dRow {
                     key: (*scene).to_owned(),
@@ -72,7 +72,7 @@ pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String
             }
             Content::Flash3d(rows)
         }
-        Form::Unisharp => {
+        ListForm::Unisharp => {
             let mut lines: Vec<ManifestLine> = Vec::new();
             for pair in pairs {
                 let names = [&pair.scene.id, &pair.source.id, &pair.target.id];
@@ -94,7 +94,7 @@ pub fn written(pairs: &[ResolvedPair<'_>], form: Form) -> Result<Vec<u8>, String
             }
             Content::Unisharp(lines)
         }
-        Form::Mine => {
+        ListForm::Mine => {
             return Err(
                 "MINE's form holds time stamps and three targets a source, which pairs of ours do not have"
                     .to_owned(),

@@ -7,7 +7,7 @@ const FLASH3D: &str = "apple 1 4 5 3\ncup 0 2 2 2\n";
 const MANIFEST: &str = "S/apple|view_002|view_000,view_004\n/x/c.torch|apple|1|3\n";
 const SPLIT: &str = r#"{"train_ids": [3], "test_ids": [0, 1]}"#;
 
-fn list(text: &str, form: Form) -> Result<ForeignList, String> {
+fn list(text: &str, form: ListForm) -> Result<ForeignList, String> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("list");
     std::fs::write(&path, text).unwrap();
@@ -38,11 +38,11 @@ fn mine(stamp: u32) -> String {
 #[test]
 fn what_is_read_is_written_byte_for_byte() {
     for (text, form, counts) in [
-        (INDEX.to_owned(), Form::Index, [2, 1, 3, 1]),
-        (FLASH3D.to_owned(), Form::Flash3d, [2, 2, 6, 0]),
-        (MANIFEST.to_owned(), Form::Unisharp, [2, 2, 3, 0]),
-        (SPLIT.to_owned(), Form::Seva, [1, 1, 2, 0]),
-        (mine(0) + &mine(1), Form::Mine, [2, 2, 6, 0]),
+        (INDEX.to_owned(), ListForm::Index, [2, 1, 3, 1]),
+        (FLASH3D.to_owned(), ListForm::Flash3d, [2, 2, 6, 0]),
+        (MANIFEST.to_owned(), ListForm::Unisharp, [2, 2, 3, 0]),
+        (SPLIT.to_owned(), ListForm::Seva, [1, 1, 2, 0]),
+        (mine(0) + &mine(1), ListForm::Mine, [2, 2, 6, 0]),
     ] {
         let list = list(&text, form).unwrap();
         assert_eq!(String::from_utf8(list.bytes()).unwrap(), text);
@@ -74,7 +74,7 @@ fn dataset() -> OpenDataset {
 #[test]
 fn lists_become_pairs_of_the_dataset() {
     let dataset = dataset();
-    let pairs = |text: &str, form: Form, context: Context, slot: Slot| -> Vec<String> {
+    let pairs = |text: &str, form: ListForm, context: Context, slot: TargetSlot| -> Vec<String> {
         let imported = list(text, form).unwrap();
         let imported = imported
             .import(context, slot, std::slice::from_ref(&dataset))
@@ -85,38 +85,47 @@ fn lists_become_pairs_of_the_dataset() {
         });
         numbers.collect()
     };
-    let index = |context| pairs(INDEX, Form::Index, context, Slot::Five);
+    let index = |context| pairs(INDEX, ListForm::Index, context, TargetSlot::Five);
     assert_eq!(index(Context::First), ["41", "42", "44"]);
     assert_eq!(index(Context::Second), ["01", "02", "04"]);
     // 2 lies as near to 4 as to 0: the first context view.
     assert_eq!(index(Context::Nearest), ["01", "42", "44"]);
-    let flash3d = |slot| pairs(FLASH3D, Form::Flash3d, Context::First, slot);
+    let flash3d = |slot| pairs(FLASH3D, ListForm::Flash3d, Context::First, slot);
     assert_eq!(
         [
-            flash3d(Slot::Five),
-            flash3d(Slot::Ten),
-            flash3d(Slot::Random)
+            flash3d(TargetSlot::Five),
+            flash3d(TargetSlot::Ten),
+            flash3d(TargetSlot::Random)
         ],
         [["14"], ["15"], ["13"]]
     );
-    let manifest = pairs(MANIFEST, Form::Unisharp, Context::First, Slot::Five);
+    let manifest = pairs(
+        MANIFEST,
+        ListForm::Unisharp,
+        Context::First,
+        TargetSlot::Five,
+    );
     assert_eq!(manifest, ["13", "20", "24"]);
     assert_eq!(
-        pairs(SPLIT, Form::Seva, Context::First, Slot::Five),
+        pairs(SPLIT, ListForm::Seva, Context::First, TargetSlot::Five),
         ["30", "31"]
     );
     assert_eq!(
-        pairs(&mine(2), Form::Mine, Context::First, Slot::Random),
+        pairs(&mine(2), ListForm::Mine, Context::First, TargetSlot::Random),
         ["25"]
     );
-    let all = list(FLASH3D, Form::Flash3d).unwrap();
+    let all = list(FLASH3D, ListForm::Flash3d).unwrap();
     let all = all
-        .import(Context::First, Slot::Five, std::slice::from_ref(&dataset))
+        .import(
+            Context::First,
+            TargetSlot::Five,
+            std::slice::from_ref(&dataset),
+        )
         .unwrap();
     assert_eq!(all.absent, ["cup"]);
-    let beyond = list("apple 6 1 1 1", Form::Flash3d).unwrap();
+    let beyond = list("apple 6 1 1 1", ListForm::Flash3d).unwrap();
     let error = beyond
-        .import(Context::First, Slot::Five, &[dataset])
+        .import(Context::First, TargetSlot::Five, &[dataset])
         .unwrap_err();
     assert!(
         error.to_string().contains("position 6 of 6 views"),
@@ -128,9 +137,9 @@ fn lists_become_pairs_of_the_dataset() {
 fn ours_is_written_in_their_form_and_read_back() {
     let dataset = dataset();
     let pairs = |text: &str| {
-        let list = list(text, Form::Flash3d).unwrap();
+        let list = list(text, ListForm::Flash3d).unwrap();
         let datasets = std::slice::from_ref(&dataset);
-        list.import(Context::First, Slot::Five, datasets)
+        list.import(Context::First, TargetSlot::Five, datasets)
             .unwrap()
             .list(Path::new("p.csv"))
     };
@@ -143,88 +152,96 @@ fn ours_is_written_in_their_form_and_read_back() {
         let bytes = written(&list.resolve(scenes).unwrap(), form)?;
         Ok::<_, String>(String::from_utf8(bytes).unwrap())
     };
-    let index = write(&one, Form::Index).unwrap();
+    let index = write(&one, ListForm::Index).unwrap();
     assert_eq!(index, r#"{"S/apple": {"context": [1], "target": [2, 4]}}"#);
     assert_eq!(
-        write(&one, Form::Seva).unwrap(),
+        write(&one, ListForm::Seva).unwrap(),
         r#"{"train_ids": [1], "test_ids": [2, 4]}"#
     );
-    let manifest = write(&two, Form::Unisharp).unwrap();
+    let manifest = write(&two, ListForm::Unisharp).unwrap();
     assert_eq!(
         manifest,
         "S/apple|view_001|view_004\nS/apple|view_002|view_000\n"
     );
     for (list, form) in [
-        (&one, Form::Index),
-        (&two, Form::Unisharp),
-        (&two, Form::Flash3d),
-        (&one, Form::Seva),
+        (&one, ListForm::Index),
+        (&two, ListForm::Unisharp),
+        (&two, ListForm::Flash3d),
+        (&one, ListForm::Seva),
     ] {
         let text = write(list, form).unwrap();
         let again = self::list(&text, form).unwrap();
         let again = again
-            .import(Context::First, Slot::Five, std::slice::from_ref(&dataset))
+            .import(
+                Context::First,
+                TargetSlot::Five,
+                std::slice::from_ref(&dataset),
+            )
             .unwrap();
         assert_eq!(again.pairs, list.pairs, "{form:?}");
     }
     assert!(
-        write(&two, Form::Index)
+        write(&two, ListForm::Index)
             .unwrap_err()
             .contains("several sources")
     );
-    assert!(write(&one, Form::Mine).unwrap_err().contains("time stamps"));
+    assert!(
+        write(&one, ListForm::Mine)
+            .unwrap_err()
+            .contains("time stamps")
+    );
 }
 
 #[test]
 fn hostile_lists_are_one_clear_error() {
     for (form, text, reason) in [
         (
-            Form::Index,
+            ListForm::Index,
             r#"{"a": {"context": [0, 99999999999999999999], "target": []}}"#,
             "1: ",
         ),
         (
-            Form::Index,
+            ListForm::Index,
             r#"{"a": {"context": [0, -1], "target": []}}"#,
             "u32",
         ),
         (
-            Form::Index,
+            ListForm::Index,
             r#"{"a": {"context": [0.5], "target": []}}"#,
             "u32",
         ),
         (
-            Form::Index,
+            ListForm::Index,
             r#"{"a": {"context": [], "target": [1]}}"#,
             "no context view",
         ),
         (
-            Form::Index,
+            ListForm::Index,
             r#"{"a": {"context": "0", "target": []}}"#,
             "sequence",
         ),
         (
-            Form::Index,
+            ListForm::Index,
             "{\"a\": null,\n\"a\": null}",
             "2: scene 'a' is given twice",
         ),
-        (Form::Index, r#"{"/etc": null}"#, "no scene's name"),
-        (Form::Index, r#"{"C:\\x": null}"#, "no scene's name"),
-        (Form::Index, r#"{"a/../b": null}"#, "no scene's name"),
-        (Form::Index, "[1]", "object of scenes"),
-        (Form::Index, "{}", "empty"),
-        (Form::Index, "", "EOF"),
-        (Form::Seva, r#"{"train_ids": [1]}"#, "test_ids"),
-        (Form::Flash3d, "ok 1 2 3 4\nkey 1 2 3", "2: 'key source"),
-        (Form::Flash3d, "key 1 2 3 -4", "positions"),
-        (Form::Flash3d, "../key 1 2 3 4", "no scene's name"),
-        (Form::Unisharp, "a|1", "2 fields"),
-        (Form::Unisharp, "a|b|c|1|2", "5 fields"),
-        (Form::Unisharp, "/data/a|1|2", "no scene's name"),
-        (Form::Unisharp, "a|1|../../2", "no view's name"),
-        (Form::Unisharp, "a|1|2,,3", "no view's name"),
-        (Form::Mine, r#"{"sequence_id": 5}"#, "string"),
-        (Form::Mine, "{\"sequence_id\": \"a\"\u{1}}", "1: "),
+        (ListForm::Index, r#"{"/etc": null}"#, "no scene's name"),
+        (ListForm::Index, r#"{"C:\\x": null}"#, "no scene's name"),
+        (ListForm::Index, r#"{"a/../b": null}"#, "no scene's name"),
+        (ListForm::Index, "[1]", "object of scenes"),
+        (ListForm::Index, "{}", "empty"),
+        (ListForm::Index, "", "EOF"),
+        (ListForm::Seva, r#"{"train_ids": [1]}"#, "test_ids"),
+        (ListForm::Flash3d, "ok 1 2 3 4\nkey 1 2 3", "2: 'key source"),
+        (ListForm::Flash3d, "key 1 2 3 -4", "positions"),
+        (ListForm::Flash3d, "../key 1 2 3 4", "no scene's name"),
+        (ListForm::Unisharp, "a|1", "2 fields"),
+        (ListForm::Unisharp, "a|b|c|1|2", "5 fields"),
+        (ListForm::Unisharp, "/data/a|1|2", "no scene's name"),
+        (ListForm::Unisharp, "a|1|../../2", "no view's name"),
+        (ListForm::Unisharp, "a|1|2,,3", "no view's name"),
+        (ListForm::Mine, r#"{"sequence_id": 5}"#, "string"),
+        (ListForm::Mine, "{\"sequence_id\": \"a\"\u{1}}", "1: "),
     ] {
         let error = list(text, form).unwrap_err();
         assert!(

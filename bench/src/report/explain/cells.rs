@@ -51,7 +51,7 @@ pub struct ReadingValue {
 /// What the readings say about a published number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum Agreement {
     /// One reading prints the published number.
     Equal,
     /// Several readings of unlike value do.
@@ -63,7 +63,7 @@ pub enum Verdict {
     NotComputed,
 }
 
-impl Verdict {
+impl Agreement {
     /// For tables.
     pub fn words(self) -> &'static str {
         match self {
@@ -91,7 +91,7 @@ pub struct CellExplanation {
     pub pairs: usize,
     /// Every reading of as many pairs as any has, that of the run first.
     pub readings: Vec<ReadingValue>,
-    pub verdict: Verdict,
+    pub verdict: Agreement,
 }
 
 impl CellExplanation {
@@ -128,11 +128,11 @@ impl CellExplanation {
             (low - half..=high + half).contains(&self.published)
         });
         self.verdict = match (self.candidates().len(), inside) {
-            (_, None) => Verdict::NotComputed,
-            (1, _) => Verdict::Equal,
-            (0, Some(true)) => Verdict::Inside,
-            (0, Some(false)) => Verdict::Outside,
-            _ => Verdict::Ambiguous,
+            (_, None) => Agreement::NotComputed,
+            (1, _) => Agreement::Equal,
+            (0, Some(true)) => Agreement::Inside,
+            (0, Some(false)) => Agreement::Outside,
+            _ => Agreement::Ambiguous,
         };
         self
     }
@@ -227,7 +227,7 @@ pub(super) fn cell(
         as_scored: own.map(|value| value.value),
         pairs: readings.units.get(dataset).copied().unwrap_or_default(),
         readings: values,
-        verdict: Verdict::NotComputed,
+        verdict: Agreement::NotComputed,
     }
     .judged()
 }

@@ -1,11 +1,11 @@
 //! Why a number differs from the published one: every reading of the protocol that kept predictions allow, and how far each
 //! is from what the paper printed.
 //!
-//! * [`cells`]: the readings of a cell and a verdict; [`protocols`]: one reading for all metrics of a dataset.
+//! * [`cells`]: the readings of a cell and a verdict; [`joint`]: one reading for all metrics of a dataset.
 //! * [`text`]: both for a terminal, as Markdown and as CSV.
 
 pub mod cells;
-pub mod protocols;
+pub mod joint;
 #[cfg(test)]
 mod tests;
 pub mod text;
@@ -24,7 +24,7 @@ use crate::report::paper::{self, PublishedTable, RowError, RowSource};
 use crate::scoring::Scoring;
 
 use cells::{CellExplanation, cell};
-use protocols::{Protocol, protocols};
+use joint::{JointReading, joint_readings};
 
 /// Readings that lack a score for one reason and are named.
 const NAMED: usize = 4;
@@ -35,7 +35,7 @@ pub struct Explanation {
     /// By dataset, then in the order of the table's metrics.
     pub cells: Vec<CellExplanation>,
     /// By dataset, the nearest first.
-    pub protocols: Vec<Protocol>,
+    pub joint_readings: Vec<JointReading>,
     /// What was not computed, and why.
     pub absent: Vec<String>,
 }
@@ -156,7 +156,7 @@ fn explain(
         absent.push("Other resize kernels: predictions are kept at the target's size; run again with another `resize`".to_owned());
     }
     Explanation {
-        protocols: protocols(&cells),
+        joint_readings: joint_readings(&cells),
         cells,
         absent,
     }

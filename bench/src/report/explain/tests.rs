@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 
 use sharp_metrics::{Family, MetricKey};
 
-use super::cells::{Averaging, SceneReading, Verdict, cell};
-use super::protocols::protocols;
+use super::cells::{Agreement, Averaging, SceneReading, cell};
+use super::joint::joint_readings;
 use crate::evaluate::Aggregation;
 use crate::evaluate::readings::{PictureReading, Readings};
 use crate::evaluate::record::Record;
@@ -61,7 +61,7 @@ fn explained(family: Family, decimals: usize, published: f64) -> super::CellExpl
 fn the_runs_own_reading_comes_first_and_equals() {
     let cell = explained(Family::Lpips, 3, 0.4);
     assert_eq!(cell.as_scored, Some((0.1 + 0.3 + 0.8) / 3.0));
-    assert_eq!(cell.verdict, Verdict::Equal);
+    assert_eq!(cell.verdict, Agreement::Equal);
     let first = cell.readings[0].reading;
     assert_eq!(
         (first.averaging, first.scenes),
@@ -78,9 +78,9 @@ fn readings_that_print_alike_and_differ_are_ambiguous() {
         (values[0] - 0.4).abs() < 1e-12 && (values[1] - 0.42).abs() < 1e-12,
         "{values:?}"
     );
-    assert_eq!(cell.verdict, Verdict::Ambiguous);
+    assert_eq!(cell.verdict, Agreement::Ambiguous);
     // To three only one of them does.
-    assert_eq!(explained(Family::Lpips, 3, 0.42).verdict, Verdict::Equal);
+    assert_eq!(explained(Family::Lpips, 3, 0.42).verdict, Agreement::Equal);
 }
 
 #[test]
@@ -92,16 +92,19 @@ fn readings_of_one_value_are_one_candidate() {
         .iter()
         .filter(|value| cell.prints(value.value));
     assert_eq!((alike.count(), cell.candidates().len()), (2, 1));
-    assert_eq!(cell.verdict, Verdict::Equal);
+    assert_eq!(cell.verdict, Agreement::Equal);
 }
 
 #[test]
 fn inside_the_spread_and_outside_of_it() {
-    assert_eq!(explained(Family::Lpips, 3, 0.333).verdict, Verdict::Inside);
-    assert_eq!(explained(Family::Lpips, 3, 0.9).verdict, Verdict::Outside);
+    assert_eq!(
+        explained(Family::Lpips, 3, 0.333).verdict,
+        Agreement::Inside
+    );
+    assert_eq!(explained(Family::Lpips, 3, 0.9).verdict, Agreement::Outside);
     assert_eq!(
         explained(Family::Dists, 3, 0.1).verdict,
-        Verdict::NotComputed
+        Agreement::NotComputed
     );
 }
 
@@ -109,7 +112,7 @@ fn inside_the_spread_and_outside_of_it() {
 fn psnr_of_the_mean_error_is_a_reading() {
     // Errors 0.1, 0.01, 0.01: mean 0.04.
     let cell = explained(Family::Psnr, 2, 13.98);
-    assert_eq!(cell.verdict, Verdict::Equal);
+    assert_eq!(cell.verdict, Agreement::Equal);
     assert_eq!(
         cell.candidates()[0].reading.averaging,
         Averaging::PooledError
@@ -128,21 +131,20 @@ fn one_scene_a_place_takes_the_first() {
 }
 
 #[test]
-fn a_protocol_is_one_reading_for_all_metrics() {
+fn one_reading_is_taken_for_all_metrics() {
     let cells = [
         explained(Family::Lpips, 3, 0.3),
         explained(Family::Psnr, 2, 16.67),
     ];
-    let all = protocols(&cells);
-    // PSNR has no truncated reading here, so no protocol has it.
+    let all = joint_readings(&cells);
+    // PSNR has no truncated reading here, so no joint reading has it.
     assert!(
         all.iter()
-            .all(|protocol| protocol.picture == PictureReading::AsScored)
+            .all(|joint| joint.picture == PictureReading::AsScored)
     );
     assert!(all.is_sorted_by(|a, b| a.farthest <= b.farthest));
-    let pairs = all.iter().find(|protocol| {
-        (protocol.averaging, protocol.scenes)
-            == (Averaging::Of(Aggregation::Pairs), SceneReading::All)
+    let pairs = all.iter().find(|joint| {
+        (joint.averaging, joint.scenes) == (Averaging::Of(Aggregation::Pairs), SceneReading::All)
     });
     let pairs = pairs.unwrap();
     // LPIPS 0.4 for 0.300: 0.1 is 200 halves of 0.001.

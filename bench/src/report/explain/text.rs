@@ -11,8 +11,8 @@ use crate::io::text::{csv_cell, visible};
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::{escape, rich};
 
-use super::cells::{CellExplanation, Verdict};
-use super::protocols::Protocol;
+use super::cells::{Agreement, CellExplanation};
+use super::joint::JointReading;
 use super::{ExplainedRun, Explanation};
 
 /// Protocols of a dataset that are shown; files have all.
@@ -64,9 +64,9 @@ impl Explanation {
         lines
     }
 
-    /// The cells with their verdicts, and the nearest protocols.
+    /// The cells with their verdicts, and the nearest readings of all metrics together.
     fn grids(&self) -> Vec<TextGrid> {
-        let by_dataset = self.protocols.chunk_by(|a, b| a.column == b.column);
+        let by_dataset = self.joint_readings.chunk_by(|a, b| a.column == b.column);
         [self.verdicts()]
             .into_iter()
             .chain(by_dataset.map(nearest))
@@ -194,7 +194,7 @@ pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathB
 
 /// Which readings print the published number.
 fn candidates(cell: &CellExplanation) -> Option<String> {
-    if !matches!(cell.verdict, Verdict::Equal | Verdict::Ambiguous) {
+    if !matches!(cell.verdict, Agreement::Equal | Agreement::Ambiguous) {
         return None;
     }
     let found = cell.candidates();
@@ -217,39 +217,36 @@ fn candidates(cell: &CellExplanation) -> Option<String> {
     ))
 }
 
-fn nearest(protocols: &[Protocol]) -> TextGrid {
-    let metrics = protocols[0]
-        .variants
-        .iter()
-        .map(|variant| variant.metric.clone());
+fn nearest(all: &[JointReading]) -> TextGrid {
+    let metrics = all[0].variants.iter().map(|variant| variant.metric.clone());
     let heads = ["picture", "scenes", "averaging", "region"]
         .map(str::to_owned)
         .into_iter();
     let heads = heads.chain(metrics).chain(["farthest".to_owned()]);
-    let rows = protocols.iter().take(SHOWN).map(|protocol| {
+    let rows = all.iter().take(SHOWN).map(|joint| {
         let mut row = vec![
-            GridCell::words(protocol.picture.name()),
-            GridCell::words(protocol.scenes.name()),
-            GridCell::words(protocol.averaging.name()),
-            GridCell::words(match protocol.region {
+            GridCell::words(joint.picture.name()),
+            GridCell::words(joint.scenes.name()),
+            GridCell::words(joint.averaging.name()),
+            GridCell::words(match joint.region {
                 MetricRegion::Whole => "whole picture",
                 _ => "frustum",
             }),
         ];
-        row.extend(protocol.variants.iter().map(|variant| {
+        row.extend(joint.variants.iter().map(|variant| {
             GridCell::words(format!(
                 "{} {:.4} ({:+.4})",
                 variant.key, variant.value, variant.distance
             ))
         }));
         row.push(GridCell::number(
-            format!("{:.0}", protocol.farthest),
-            protocol.farthest,
+            format!("{:.0}", joint.farthest),
+            joint.farthest,
         ));
         row
     });
     TextGrid {
-        title: format!("{}: the nearest protocols of {}", protocols[0].column, protocols.len()),
+        title: format!("{}: the nearest of {} readings of all metrics together", all[0].column, all.len()),
         heads: heads.collect(),
         rows: rows.collect(),
         remarks: vec![

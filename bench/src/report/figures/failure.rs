@@ -6,7 +6,7 @@ use image::RgbImage;
 use sharp_datasets::DepthMap;
 
 use super::choice::ChosenPair;
-use super::qualitative::Comparison;
+use super::qualitative::SheetContent;
 use super::sheet::{Sheet, Tile};
 use crate::pairs::depth::given::{find_map, read_metres};
 use crate::pairs::pair_id::path_of;
@@ -16,7 +16,7 @@ use crate::report::error_map::colour;
 
 /// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres), or
 /// without a folder from the dataset: of the target, or where that has none of the source.
-pub fn sheet(comparison: &Comparison<'_>, method: usize, depth: Option<&Path>) -> Sheet {
+pub fn sheet(comparison: &SheetContent<'_>, method: usize, depth: Option<&Path>) -> Sheet {
     let rows = comparison.pairs.iter().map(|chosen| {
         let found = match depth {
             Some(folder) => of_pair(folder, chosen).map(|map| (map, "given")),
@@ -42,7 +42,7 @@ pub fn sheet(comparison: &Comparison<'_>, method: usize, depth: Option<&Path>) -
 
 /// Depth of the target, or where it has none of the source, and whose it is.
 fn of_dataset(
-    comparison: &Comparison<'_>,
+    comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,
 ) -> Result<(DepthMap, &'static str), MissingPicture> {
     let facts = chosen.pair.facts;

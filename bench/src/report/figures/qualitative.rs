@@ -11,7 +11,7 @@ use crate::report::plots::png as png_file;
 use crate::scoring::Region;
 
 /// What is shown.
-pub struct Comparison<'a> {
+pub struct SheetContent<'a> {
     pub board: &'a Board<'a>,
     pub pairs: Vec<ChosenPair<'a>>,
     /// Positions in the board.
@@ -34,7 +34,7 @@ pub fn figure(
 ) -> Result<Option<Vec<u8>>, ReportError> {
     let methods = board.methods.iter().enumerate();
     let ranked = methods.filter(|(_, method)| method.unranked.is_none());
-    let comparison = Comparison {
+    let comparison = SheetContent {
         board,
         pairs: chosen(board, metrics, &[], (Choice::Median, 1))?,
         methods: ranked.map(|(i, _)| i).collect(),
@@ -61,7 +61,7 @@ pub fn png(sheet: &Sheet, medium: &SheetMedium) -> Result<Option<Vec<u8>>, Repor
     Ok(Some(bytes))
 }
 
-impl Comparison<'_> {
+impl SheetContent<'_> {
     /// Input, predictions, truth.
     pub fn pairs_as_rows(&self) -> Sheet {
         let labels = self

@@ -9,7 +9,7 @@ use crate::io::counts::counted;
 use crate::methods::Privilege;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::input::Column;
-use crate::report::tables::Check;
+use crate::report::tables::Condition;
 
 use super::column;
 use super::published::{MadeBy, PublishedTable};
@@ -18,7 +18,7 @@ use super::published::{MadeBy, PublishedTable};
 const PAPERS_LIMIT: usize = 512;
 
 /// A table of the paper and the rows beside it.
-pub(super) struct Compared<'a> {
+pub(super) struct ChecklistInput<'a> {
     pub(super) paper: &'a PublishedTable,
     pub(super) manifest: &'a Manifest,
     /// Units without a result yet.
@@ -30,7 +30,7 @@ pub(super) struct Compared<'a> {
     pub(super) elsewhere: &'a [String],
 }
 
-impl Compared<'_> {
+impl ChecklistInput<'_> {
     fn record(&self, dataset: &DatasetBoard<'_>) -> Option<&DatasetRecord> {
         let mut records = self.manifest.datasets.iter();
         records.find(|record| record.name == dataset.dataset.name)
@@ -38,7 +38,7 @@ impl Compared<'_> {
 }
 
 /// Each condition, met or not, with what is known.
-pub(super) fn checklist(compared: &Compared<'_>) -> Vec<Check> {
+pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
     let measured = compared
         .board
         .datasets
@@ -61,18 +61,18 @@ pub(super) fn checklist(compared: &Compared<'_>) -> Vec<Check> {
     checks
 }
 
-fn check(is_met: bool, text: impl Into<String>) -> Check {
-    Check {
+fn check(is_met: bool, text: impl Into<String>) -> Condition {
+    Condition {
         is_met,
         text: text.into(),
     }
 }
 
-fn unmet(text: impl Into<String>) -> Check {
+fn unmet(text: impl Into<String>) -> Condition {
     check(false, text)
 }
 
-fn coverage(compared: &Compared<'_>) -> Check {
+fn coverage(compared: &ChecklistInput<'_>) -> Condition {
     let mut partial = Vec::new();
     for (m, method) in compared.board.methods.iter().enumerate() {
         for dataset in compared
@@ -117,7 +117,7 @@ fn title<'a>(dataset: &'a DatasetBoard<'_>) -> &'a str {
 }
 
 /// The pairs of a dataset.
-fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
+fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let n = dataset.pairs.len();
     let lists = compared.manifest.pairs.lists.iter();
@@ -152,7 +152,7 @@ fn pairs(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
 }
 
 /// How a dataset was read and its pairs chosen.
-fn readings(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
+fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let record = compared.record(dataset);
     let mut differing: Vec<String> = dataset
@@ -179,7 +179,7 @@ fn readings(compared: &Compared<'_>, dataset: &DatasetBoard<'_>) -> Check {
 }
 
 /// Which variant a column holds, and what the paper says of it.
-fn identity(column: &Column) -> Check {
+fn identity(column: &Column) -> Condition {
     let features = column.stand_in.as_ref().map(|features| {
         format!(" Its features are not the published ones ({features}): no published number is comparable.")
     });
@@ -219,7 +219,7 @@ fn identity(column: &Column) -> Check {
     )
 }
 
-fn aggregation(compared: &Compared<'_>) -> Check {
+fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
     let aggregation = compared.manifest.aggregation;
     let whole = !compared.manifest.common_region;
     let region = if whole {
@@ -236,7 +236,7 @@ fn aggregation(compared: &Compared<'_>) -> Check {
 }
 
 /// Whether rows knew as much of the true depth as the paper's.
-fn privilege(compared: &Compared<'_>) -> Check {
+fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
     let otherwise = |method: &&MethodRecord| (method.privilege != Privilege::None) != wants;
     let others = compared.manifest.methods.iter().filter(otherwise);
@@ -262,7 +262,7 @@ fn privilege(compared: &Compared<'_>) -> Check {
 }
 
 /// Crops, resizes and masks.
-fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Check {
+fn whole_pictures(measured: &[&DatasetBoard<'_>]) -> Condition {
     let records = || {
         let pairs = measured.iter().flat_map(|dataset| &dataset.pairs);
         pairs

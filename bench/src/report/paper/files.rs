@@ -15,7 +15,7 @@ use super::published::PublishedTable;
 
 #[derive(Template)]
 #[template(path = "paper.html")]
-struct Page<'a> {
+struct TablePage<'a> {
     title: &'a str,
     label: &'a str,
     /// Ours, escaped by its own template.
@@ -35,7 +35,7 @@ pub fn write_table(
     table: &Table,
     out: &Path,
 ) -> Result<Vec<PathBuf>, ReportError> {
-    let page = Page {
+    let page = TablePage {
         title: &table.title,
         label: paper.label,
         table: html(table, paper.name)?,

@@ -11,7 +11,7 @@ use crate::report::pictures::NoPictures;
 use crate::report::statistics::of_metric;
 use crate::report::tables::{Cell, Origin, Table, build};
 
-use super::checklist::{Compared, checklist};
+use super::checklist::{ChecklistInput, checklist};
 use super::column;
 use super::published::PublishedTable;
 use super::rows::{OwnRow, OwnRows, RowError};
@@ -62,7 +62,7 @@ pub(super) fn with_rows(
                 },
             };
             let mut own = build::table(&shown, &columns, paper.name, paper.title, of_metric);
-            let compared = Compared {
+            let compared = ChecklistInput {
                 paper,
                 manifest: &results.manifest,
                 missing: results.missing.len(),

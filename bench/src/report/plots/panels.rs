@@ -96,12 +96,12 @@ pub struct PanelFrame {
     /// Whether there is a place for infinite values.
     pub infinity: bool,
     /// How many samples stand behind each part of the horizontal axis, in a strip below the data; may be empty.
-    pub counts: Vec<Count>,
+    pub counts: Vec<BinCount>,
 }
 
 /// Samples of a part of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Count {
+pub struct BinCount {
     pub low: f64,
     pub high: f64,
     /// Fewest and most, where curves differ.
@@ -377,14 +377,15 @@ pub fn point(surface: &mut dyn Surface, at: Point, style: Style, hollow: bool) {
 }
 
 /// Bars of how many samples there are, and the numbers above them where they have room; `foot` is their lower edge.
-fn count_strip(surface: &mut dyn Surface, counts: &[Count], x: &Scale, foot: f64) {
+fn count_strip(surface: &mut dyn Surface, counts: &[BinCount], x: &Scale, foot: f64) {
     let most = counts.iter().map(|count| count.n.1).max().unwrap_or(1);
     let text_of = |(least, most): (usize, usize)| match least == most {
         true => most.to_string(),
         false => format!("{least}–{most}"),
     };
-    let room = |count: &Count| x.place(count.high) - x.place(count.low);
-    let fits = |count: &&Count| width(&text_of(count.n), COUNT_SIZE, Weight::Regular) < room(count);
+    let room = |count: &BinCount| x.place(count.high) - x.place(count.low);
+    let fits =
+        |count: &&BinCount| width(&text_of(count.n), COUNT_SIZE, Weight::Regular) < room(count);
     let numbered = counts
         .iter()
         .filter(|count| room(count) > 0.0)

@@ -85,7 +85,7 @@ impl Pdf {
             .collect();
         let objects = [
             "<< /Type /Catalog /Pages 2 0 R >>".to_owned(),
-            "<< /Type /Pages /Kids [3 0 R] /Count 1 >>".to_owned(),
+            "<< /Type /Pages /Kids [3 0 R] /BinCount 1 >>".to_owned(),
             format!(
                 "<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {:.3} {:.3}] /Contents 5 0 R /Resources << /ExtGState << {} >> >> >>",
                 self.size.0,

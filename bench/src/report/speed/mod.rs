@@ -1,10 +1,10 @@
 //! Run time as the paper tabulates it, and what a paper says of the compute behind its numbers.
 //!
-//! * [`summary`]: median and spread of some rounds; [`tables`]: methods by datasets, and what explains the times;
+//! * [`spread`]: median and spread of some rounds; [`tables`]: methods by datasets, and what explains the times;
 //!   [`compute`]: hardware and hours of runs, from the times that they kept.
 
 pub mod compute;
-pub mod summary;
+pub mod spread;
 pub mod tables;
 
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 use sharp_metrics::Direction;
 
 use super::Measured;
-use super::summary::Summary;
+use super::spread::Spread;
 use crate::evaluate::results::number;
 use crate::evaluate::speed::{Speed, Splats};
 use crate::io::counts::counted;
@@ -97,7 +97,7 @@ fn cells(speed: Option<&Speed>, kind: &str, notes: &mut Vec<String>) -> [Cell; 2
         (None, _) => "It makes pictures: all of it is inference.".to_owned(),
     };
     [("inference", inference), ("render", render)].map(|(what, secs)| {
-        let value = Summary::of(secs).map(|summary| summary.median);
+        let value = Spread::of(secs).map(|summary| summary.median);
         let reason = value.is_none().then(|| Table::note(notes, why(what)));
         Cell {
             value,
@@ -219,9 +219,9 @@ pub fn details(measured: &Measured) -> TextGrid {
 }
 
 fn spread(secs: &[f64]) -> GridCell {
-    match Summary::of(secs) {
+    match Spread::of(secs) {
         None => GridCell::words(""),
-        Some(Summary {
+        Some(Spread {
             median,
             quartiles: [low, high],
             ..
@@ -257,7 +257,7 @@ pub fn csv(measured: &Measured) -> String {
             ("picture_tiles", of(|splats| splats.picture_tiles)),
         ];
         for (quantity, numbers) in quantities {
-            let Some(summary) = Summary::of(&numbers) else {
+            let Some(summary) = Spread::of(&numbers) else {
                 continue;
             };
             let [low, high] = summary.quartiles;

@@ -1,6 +1,6 @@
 //! A sweep as plots: one a metric, a panel a part of the sweep.
 
-use super::study::{Rule, Sweep, SweepBin, SweepPanel};
+use super::study::{CrossingRule, Sweep, SweepBin, SweepPanel};
 use super::{Band, Motion};
 use crate::io::counts::counted;
 use crate::report::error::ReportError;
@@ -8,7 +8,7 @@ use crate::report::input::Column;
 use crate::report::plots::canvas::{Figure, Ink, Surface};
 use crate::report::plots::curves::{Banded, curve, shade, vertical};
 use crate::report::plots::palette::{Marker, Style, stroke};
-use crate::report::plots::panels::{Count, Panel, PanelFrame, PlotArea, PlotAxis, draw};
+use crate::report::plots::panels::{BinCount, Panel, PanelFrame, PlotArea, PlotAxis, draw};
 use crate::report::plots::style::FigureStyle;
 
 const LIMIT: Ink = Ink::opaque(0x57, 0x60, 0x6A);
@@ -147,15 +147,15 @@ fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
 }
 
 /// Of every bin the fewest and the most samples that a line has there.
-fn counts(panel: &SweepPanel, metric: usize) -> Vec<Count> {
-    let mut counts: Vec<(i64, Count)> = Vec::new();
+fn counts(panel: &SweepPanel, metric: usize) -> Vec<BinCount> {
+    let mut counts: Vec<(i64, BinCount)> = Vec::new();
     for bin in bins_of(panel, metric).map(|bin| &bin.banded.bin) {
         let n = bin.n();
         match counts.iter_mut().find(|(number, _)| *number == bin.number) {
             Some((_, count)) => count.n = (count.n.0.min(n), count.n.1.max(n)),
             None => counts.push((
                 bin.number,
-                Count {
+                BinCount {
                     low: bin.low,
                     high: bin.high,
                     n: (n, n),
@@ -184,17 +184,19 @@ fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
         spec.x.definition().to_owned(),
         "n: pairs of a bin.".to_owned(),
     ];
-    let rules: Vec<&Rule> = sweep
+    let rules: Vec<&CrossingRule> = sweep
         .crossings
         .iter()
         .filter(|c| c.metric == metric && c.found.x.is_finite())
         .map(|c| &c.rule)
         .collect();
     let behind = rules.iter().find_map(|rule| match rule {
-        Rule::Behind(name) => Some(format!("is behind {name}")),
-        Rule::Beyond(_) => None,
+        CrossingRule::Behind(name) => Some(format!("is behind {name}")),
+        CrossingRule::Beyond(_) => None,
     });
-    let beyond = rules.iter().any(|rule| matches!(rule, Rule::Beyond(_)));
+    let beyond = rules
+        .iter()
+        .any(|rule| matches!(rule, CrossingRule::Beyond(_)));
     let beyond = beyond.then(|| "is beyond the dashed line".to_owned());
     let what: Vec<String> = behind.into_iter().chain(beyond).collect();
     if !what.is_empty() {

@@ -70,13 +70,13 @@ pub struct FoundCrossing {
     pub split: String,
     /// Position in [`Sweep::metrics`].
     pub metric: usize,
-    pub rule: Rule,
+    pub rule: CrossingRule,
     pub found: Crossing,
 }
 
 /// What is asked of a method.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Rule {
+pub enum CrossingRule {
     /// Not to be worse than this method, pair by pair, in the mean.
     Behind(String),
     /// To have a mean no worse than this.
@@ -254,7 +254,7 @@ impl Sweep {
         dataset: &DatasetBoard<'_>,
         method: usize,
         cuts: &Cuts,
-    ) -> Vec<(usize, Rule, Crossing)> {
+    ) -> Vec<(usize, CrossingRule, Crossing)> {
         let other = self.spec.against.as_ref().and_then(|name| {
             let at = board.methods.iter().position(|m| m.label == *name)?;
             (at != method).then_some((at, name))
@@ -267,15 +267,15 @@ impl Sweep {
             };
             let limits = self.spec.thresholds.iter();
             let limits = limits.filter(|threshold| threshold.metric.to_string() == metric.key);
-            let rules = limits.map(|threshold| (Rule::Beyond(threshold.value), None));
-            let behind = other.map(|(at, name)| (Rule::Behind(name.clone()), Some(at)));
+            let rules = limits.map(|threshold| (CrossingRule::Beyond(threshold.value), None));
+            let behind = other.map(|(at, name)| (CrossingRule::Behind(name.clone()), Some(at)));
             for (rule, at) in rules.chain(behind) {
                 let pairs = dataset.pairs.iter().filter_map(|pair| {
                     let record = pair.by_method[method]?;
                     let value = score(record, metric)?;
                     let limit = match (&rule, at) {
-                        (Rule::Beyond(limit), _) => *limit,
-                        (Rule::Behind(_), at) => score(pair.by_method[at?]?, metric)?,
+                        (CrossingRule::Beyond(limit), _) => *limit,
+                        (CrossingRule::Behind(_), at) => score(pair.by_method[at?]?, metric)?,
                     };
                     let loss = if value == limit {
                         0.0

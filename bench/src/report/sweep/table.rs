@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use sharp_metrics::Direction;
 
 use super::Band;
-use super::study::{FoundCrossing, Rule, Sweep, SweepBin, SweepPanel};
+use super::study::{CrossingRule, FoundCrossing, Sweep, SweepBin, SweepPanel};
 use crate::evaluate::results::number;
 use crate::io::text::csv_cell;
 use crate::report::input::Column;
@@ -96,8 +96,8 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
         _ => "above",
     };
     match &crossing.rule {
-        Rule::Behind(name) => format!("behind {name}"),
-        Rule::Beyond(limit) => format!("{side} {limit}"),
+        CrossingRule::Behind(name) => format!("behind {name}"),
+        CrossingRule::Beyond(limit) => format!("{side} {limit}"),
     }
 }
 

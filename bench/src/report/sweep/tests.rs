@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use sharp_metrics::MetricKey;
 
-use super::study::Rule;
+use super::study::CrossingRule;
 use super::*;
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::record;
@@ -174,7 +174,7 @@ fn a_method_falls_behind_and_below() {
         ..halves()
     };
     let sweep = sweep(&records(), spec);
-    let found: Vec<(&str, &Rule, f64)> = sweep
+    let found: Vec<(&str, &CrossingRule, f64)> = sweep
         .crossings
         .iter()
         .map(|c| (c.method.as_str(), &c.rule, c.found.x))
@@ -184,9 +184,9 @@ fn a_method_falls_behind_and_below() {
     assert_eq!(
         found,
         [
-            ("a", &Rule::Beyond(15.5), f64::INFINITY),
-            (HOSTILE, &Rule::Beyond(15.5), 0.375),
-            (HOSTILE, &Rule::Behind("a".into()), 0.375),
+            ("a", &CrossingRule::Beyond(15.5), f64::INFINITY),
+            (HOSTILE, &CrossingRule::Beyond(15.5), 0.375),
+            (HOSTILE, &CrossingRule::Behind("a".into()), 0.375),
         ]
     );
     let text = table::sentence(&sweep, &sweep.crossings[2]);

@@ -40,12 +40,12 @@ pub struct Table {
     /// Footnotes; groups, rows and cells refer to them by position.
     pub notes: Vec<String>,
     /// What a comparison of its rows of unlike origin would need.
-    pub checklist: Vec<Check>,
+    pub checklist: Vec<Condition>,
 }
 
 /// A condition under which numbers could be compared digit by digit.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Check {
+pub struct Condition {
     pub is_met: bool,
     /// One or two sentences.
     pub text: String,

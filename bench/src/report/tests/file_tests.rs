@@ -3,7 +3,7 @@
 use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
 use crate::report::figures::qualitative;
-use crate::report::gallery::{Gallery, Kind, Pictures};
+use crate::report::gallery::{Gallery, PictureKind, Pictures};
 use crate::report::plots::baselines;
 use crate::report::tables::markdown;
 use crate::scoring::Region;
@@ -212,13 +212,13 @@ fn error_pictures_show_what_is_not_scored_as_such() {
         ..input(&records)
     };
     let gallery = Gallery::new(&board, &[], &masked, &pictures);
-    let decoded = |pictures: &Pictures, kind: Kind| {
+    let decoded = |pictures: &Pictures, kind: PictureKind| {
         let jpeg = &pictures[&kind].as_ref().unwrap().jpeg;
         image::load_from_memory(jpeg).unwrap().to_rgb8()
     };
     let error = |method: usize| {
         let shown = gallery.pairs[0].methods[method].as_ref().unwrap();
-        decoded(&shown.pictures, Kind::Error)
+        decoded(&shown.pictures, PictureKind::Error)
     };
     let is_grey = |picture: &RgbImage, x, y| {
         let [r, g, b] = picture.get_pixel(x, y).0;
@@ -228,7 +228,7 @@ fn error_pictures_show_what_is_not_scored_as_such() {
         let pixels = picture.get_pixel(x, y).0.into_iter().zip(colour(1.0).0);
         pixels.map(|(a, b)| a.abs_diff(b)).all(|d| d < 12)
     };
-    let mask = decoded(&gallery.pairs[0].views, Kind::Mask);
+    let mask = decoded(&gallery.pairs[0].views, PictureKind::Mask);
     assert!(is_grey(&mask, 8, 4) && mask.get_pixel(56, 4).0.iter().all(|level| *level > 240));
     let (all, crops) = (error(0), error(1));
     for y in [4, 20, 28, 44] {

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 /// Of some numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Summary {
+pub struct Spread {
     pub n: usize,
     pub median: f64,
     /// First and third quartile, linear between the neighbours in order.
@@ -13,7 +13,7 @@ pub struct Summary {
     pub most: f64,
 }
 
-impl Summary {
+impl Spread {
     /// `None` of nothing.
     pub fn of(numbers: &[f64]) -> Option<Self> {
         let mut sorted = numbers.to_vec();
@@ -40,11 +40,11 @@ mod tests {
 
     #[test]
     fn quartiles_lie_between_their_neighbours() {
-        let of = |numbers: &[f64]| Summary::of(numbers).map(|s| (s.n, s.median, s.quartiles));
+        let of = |numbers: &[f64]| Spread::of(numbers).map(|s| (s.n, s.median, s.quartiles));
         assert_eq!(of(&[4.0, 1.0, 2.0, 3.0]), Some((4, 2.5, [1.75, 3.25])));
         assert_eq!(of(&[7.0]), Some((1, 7.0, [7.0, 7.0])));
         assert_eq!(of(&[]), None);
-        let summary = Summary::of(&[3.0, 9.0, 5.0]).unwrap();
+        let summary = Spread::of(&[3.0, 9.0, 5.0]).unwrap();
         assert_eq!(
             (summary.least, summary.median, summary.most),
             (3.0, 5.0, 9.0)

@@ -9,7 +9,7 @@ use super::cells::{Averaging, CellExplanation, ReadingValue, SceneReading};
 
 /// The best variant of each metric under one reading of everything else.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Protocol {
+pub struct JointReading {
     pub column: &'static str,
     pub picture: PictureReading,
     pub scenes: SceneReading,
@@ -21,7 +21,7 @@ pub struct Protocol {
     pub farthest: f64,
 }
 
-/// A metric under a protocol.
+/// A metric under such a reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variant {
     /// As published, such as `LPIPS`.
@@ -32,8 +32,8 @@ pub struct Variant {
     pub distance: f64,
 }
 
-/// Every protocol of every dataset, by dataset, the nearest first; those of equal numbers once.
-pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
+/// Every one of every dataset, by dataset, the nearest first; those of equal numbers once.
+pub(super) fn joint_readings(cells: &[CellExplanation]) -> Vec<JointReading> {
     let mut all = Vec::new();
     for cells in cells.chunk_by(|a, b| a.dataset == b.dataset) {
         let mut shared: Vec<(PictureReading, SceneReading, Averaging)> = Vec::new();
@@ -69,7 +69,7 @@ pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
                 let farthest = variants.iter().zip(cells).map(|(variant, cell)| {
                     variant.distance.abs() / (0.5 * 0.1_f64.powi(cell.metric.decimals as i32))
                 });
-                of_dataset.push(Protocol {
+                of_dataset.push(JointReading {
                     column: cells[0].column,
                     picture,
                     scenes,
@@ -81,7 +81,7 @@ pub(super) fn protocols(cells: &[CellExplanation]) -> Vec<Protocol> {
             }
         }
         of_dataset.sort_by(|a, b| a.farthest.total_cmp(&b.farthest));
-        // Readings that give the same numbers, as means over scenes do where each has one pair, are one protocol.
+        // Readings that give the same numbers, as means over scenes do where each has one pair, are one.
         of_dataset.dedup_by(|a, b| a.variants == b.variants && a.region == b.region);
         all.extend(of_dataset);
     }
