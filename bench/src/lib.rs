@@ -8,6 +8,7 @@
 //! * [`scoring`]: predictions against the truth.
 //! * [`methods`]: what predicts a target view from a source view.
 //! * [`evaluate`]: the core: prepare, run, read results.
+//! * [`scale`]: a plan's shards handed to a scheduler.
 //! * [`protocols`]: other people's evaluations by name.
 //! * [`report`]: tables, plots and a browsable page from results.
 //! * [`track`]: two runs compared, a gate between them, and runs over time.
@@ -27,5 +28,6 @@ pub mod pictures;
 pub mod protocols;
 pub mod rendering;
 pub mod report;
+pub mod scale;
 pub mod scoring;
 pub mod track;

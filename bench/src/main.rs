@@ -4,12 +4,12 @@ use std::borrow::Cow;
 use std::process::ExitCode;
 
 use clap::Parser;
-use sharp_bench::cli::{Cli, is_usage};
+use sharp_bench::cli::{Cli, is_usage, with_planned};
 use sharp_bench::io::text::{shortened, visible, visible_line};
 
 fn main() -> ExitCode {
     quieten_mesa();
-    match parse().execute() {
+    match parse().and_then(Cli::execute) {
         Ok(outcome) => outcome.into(),
         Err(error) => {
             let text = one_line(&error);
@@ -31,8 +31,9 @@ fn main() -> ExitCode {
 const LONGEST_ERROR: usize = 4000;
 
 /// The command line. Its errors quote it, and are shown with nothing that a terminal obeys.
-fn parse() -> Cli {
-    Cli::try_parse().unwrap_or_else(|error| {
+fn parse() -> anyhow::Result<Cli> {
+    let arguments = with_planned(std::env::args_os().collect())?;
+    Ok(Cli::try_parse_from(arguments).unwrap_or_else(|error| {
         let text = error.render().to_string();
         match visible(&text) {
             Cow::Borrowed(_) => error.exit(),
@@ -42,7 +43,7 @@ fn parse() -> Cli {
                 std::process::exit(error.exit_code())
             }
         }
-    })
+    }))
 }
 
 /// Without a session, Mesa's device-select layer complains on standard error that it cannot ask the desktop which GPU

@@ -19,14 +19,17 @@ mod model;
 mod outcome;
 mod output;
 mod pairs;
+mod planned;
 mod protocols;
 mod render;
 mod rendering_args;
 mod report;
 mod run;
+mod scale;
 mod schema;
 mod score;
 mod speed;
+mod status;
 mod sweep;
 mod table;
 mod weights;
@@ -34,6 +37,7 @@ mod weights;
 use clap::{Parser, Subcommand};
 
 pub use outcome::{Outcome, is_usage};
+pub use planned::with_planned;
 
 use outcome::UsageError;
 
@@ -62,6 +66,8 @@ enum CliCommand {
     Demo(demo::DemoArgs),
     Run(run::RunArgs),
     Score(score::ScoreArgs),
+    Status(status::StatusArgs),
+    Scale(scale::ScaleArgs),
     Merge(merge::MergeArgs),
     Report(report::ReportArgs),
     Table(table::TableArgs),
@@ -103,6 +109,8 @@ impl Cli {
             CliCommand::Demo(args) => demo::execute(&args),
             CliCommand::Run(args) => run::execute(&args),
             CliCommand::Score(args) => score::execute(&args),
+            CliCommand::Scale(args) => scale::execute(&args),
+            CliCommand::Status(args) => status::execute(&args),
             CliCommand::Merge(args) => merge::execute(&args),
             CliCommand::Report(args) => report::execute(&args),
             CliCommand::Explain(args) => explain::execute(&args),

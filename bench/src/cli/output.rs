@@ -2,7 +2,7 @@
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -45,7 +45,12 @@ pub(super) fn is_quiet() -> bool {
 
 /// Warnings as lines, progress as a bar, or as a line now and then where standard error is no terminal.
 #[derive(Debug, Default)]
-pub(super) struct Terminal(Mutex<Option<Phase>>);
+pub(super) struct Terminal {
+    phase: Mutex<Option<Phase>>,
+    /// Set by a signal.
+    asked_to_stop: Arc<AtomicBool>,
+    deadline: Option<Instant>,
+}
 
 /// Work that is going on.
 #[derive(Debug)]
@@ -127,8 +132,25 @@ pub(super) fn span(secs: f64) -> String {
 }
 
 impl Terminal {
+    /// One that asks work to stop after some time, and at the signals by which schedulers say that it is up.
+    pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
+        let terminal = Self {
+            // A budget beyond what a clock holds is none.
+            deadline: budget.and_then(|budget| Instant::now().checked_add(budget)),
+            ..Self::default()
+        };
+        #[cfg(unix)]
+        for signal in [libc::SIGTERM, libc::SIGUSR1] {
+            let asked = &terminal.asked_to_stop;
+            // A second one means it: in this order, since each is asked in turn.
+            signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;
+            signal_hook::flag::register(signal, Arc::clone(asked))?;
+        }
+        Ok(terminal)
+    }
+
     fn with_phase(&self, act: impl FnOnce(&mut Option<Phase>)) {
-        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        act(&mut self.phase.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
     fn in_phase(&self, act: impl FnOnce(&mut Phase)) {
@@ -189,6 +211,13 @@ impl Observer for Terminal {
                 phase.bar.finish_and_clear();
             }
         });
+    }
+
+    fn stop(&self) -> bool {
+        self.asked_to_stop.load(Ordering::Relaxed)
+            || self
+                .deadline
+                .is_some_and(|deadline| Instant::now() >= deadline)
     }
 }
 

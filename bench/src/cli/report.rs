@@ -158,6 +158,9 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
 
 /// Exit code 4 where units are recorded failures.
 pub(super) fn outcome(counts: UnitCounts) -> Outcome {
+    if counts.left > 0 {
+        return Outcome::Resumable;
+    }
     if counts.failed == 0 {
         return Outcome::Done;
     }

@@ -1,6 +1,7 @@
 //! `run`: methods on datasets, into a run folder.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
@@ -10,12 +11,13 @@ use sharp_metrics::{InstructionSet, Simd};
 use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
 use super::outcome::UsageError;
 use super::output::{Terminal, span};
+use super::planned;
 use super::rendering_args::RenderingArgs;
 use super::report::{outcome, print_tables};
 use super::{Outcome, output};
 use crate::evaluate::{
-    Aggregation, Estimate, EvaluateError, Evaluation, Keep, Request, RunOptions, RunStatus, Stages,
-    prepare,
+    Aggregation, Estimate, EvaluateError, Evaluation, Keep, PairOrigin, Request, RunOptions,
+    RunStatus, Shard, Stages, UnitCounts, prepare,
 };
 use crate::io::counts::counted;
 use crate::methods::{self, KINDS, MethodSpec};
@@ -28,13 +30,14 @@ use crate::scoring::ScoringRules;
 /// again. A pair that fails becomes a recorded failure and the others continue (exit code 4). A folder takes more
 /// methods, pairs, metrics and datasets later; nothing that is done is done again.
 #[derive(Debug, Args)]
-#[command(after_help = help())]
+// A shard's own options come after those of its plan.
+#[command(after_help = help(), args_override_self = true)]
 pub(super) struct RunArgs {
     #[command(flatten)]
     datasets: DatasetArgs,
     /// A method, KIND[:key=value,…]; repeatable
     #[arg(long = "method", value_name = "SPEC", required = true)]
-    methods: Vec<String>,
+    pub(super) methods: Vec<String>,
     #[command(flatten)]
     metrics: MetricArgs,
     /// Follow someone's evaluation: pair source, size, metrics, masks, 8 bit, means (`sharp-bench protocols` lists them).
@@ -54,8 +57,24 @@ pub(super) struct RunArgs {
     #[arg(long)]
     scale_sweep: bool,
     /// The run folder
-    #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate"])]
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["dry_run", "estimate", "plan"])]
     out: Option<PathBuf>,
+    /// Write into --out what would be done and what it would cost, for shards to do it
+    #[arg(long, conflicts_with_all = ["dry_run", "estimate"])]
+    plan_only: bool,
+    /// Do a shard of what was planned in this folder, with the arguments that it was planned with; write units only
+    /// (`merge` makes the tables)
+    #[arg(long, value_name = "DIR", requires = "shard", overrides_with_all = ["out", "plan_only"])]
+    plan: Option<PathBuf>,
+    /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
+    #[arg(long, value_name = "I/N", requires = "plan")]
+    shard: Option<Shard>,
+    /// Start the programs of `command` methods that the plan names: a plan from elsewhere could name any
+    #[arg(long, requires = "plan")]
+    pub(super) allow_programs: bool,
+    /// Begin no unit after this time, such as 90s, 55m or 3h, and end with exit code 75, as SIGTERM and SIGUSR1 do
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    time_budget: Option<Duration>,
     /// Which predicted pictures to keep
     #[arg(long, value_enum, default_value_t = Keep::All)]
     keep: Keep,
@@ -137,7 +156,23 @@ fn bytes(text: &str) -> Result<u64, String> {
     number.checked_mul(1 << shift).ok_or_else(wrong)
 }
 
+/// `90s`, `55m`, `3h`.
+fn time(text: &str) -> Result<Duration, String> {
+    let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
+    let unit = match text.chars().last() {
+        Some('s') => 1,
+        Some('m') => 60,
+        Some('h') => 3600,
+        _ => return Err(wrong()),
+    };
+    let number: u64 = text[..text.len() - 1].parse().map_err(|_| wrong())?;
+    let secs = number.checked_mul(unit).ok_or_else(wrong)?;
+    Ok(Duration::from_secs(secs))
+}
+
 pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
+    let plan = args.plan.as_deref().map(|root| planned::enter(root, args));
+    let plan = plan.transpose()?;
     super::set_threads(args.threads)?;
     if let Some(set) = args.simd {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
@@ -162,7 +197,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         .then(|| args.metrics.scale_chooser())
         .transpose()?;
     let methods = build_methods(&args.methods, chooser.as_ref())?;
-    let terminal = Terminal::default();
+    let terminal = Terminal::until(args.time_budget)?;
     let mut rendering = args.rendering.settings();
     let (mut datasets, mut rules) = (args.datasets.datasets.clone(), ScoringRules::default());
     let (mut aggregation, mut protocol) = (Aggregation::default(), None);
@@ -174,7 +209,10 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     let request = Request {
         datasets: args.datasets.open_specs(&datasets)?,
         only_scenes: args.datasets.scenes.clone(),
-        pairs: args.pairs.origin()?,
+        pairs: match &plan {
+            Some(root) => PairOrigin::Planned(root.clone()),
+            None => args.pairs.origin()?,
+        },
         limit: args.limit,
         methods,
         scoring: scoring.under(rules),
@@ -193,17 +231,32 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         memory_limit_bytes: args.memory_limit,
     };
     if args.estimate {
-        return estimate(&evaluation, options, args.json);
+        print_estimate(&evaluation.estimate(options)?, args.json)?;
+        return Ok(Outcome::Done);
+    }
+    if let (Some(root), Some(shard)) = (&plan, args.shard) {
+        let counts = evaluation.run_shard(root, shard, options, &terminal);
+        let Some(counts) = unless_stopped(counts)? else {
+            return Ok(Outcome::Resumable);
+        };
+        print_counts(&counts, root, shard, args.json)?;
+        return Ok(match outcome(counts) {
+            Outcome::Done => complete,
+            other => other,
+        });
     }
     let Some(out) = args.out.as_deref().filter(|_| !args.dry_run) else {
         return dry_run(&evaluation, args).map(|_| complete);
     };
-    let finished = match evaluation.run(out, options, &terminal) {
-        Err(error @ EvaluateError::Device { .. }) => {
-            output::remark(format!("stopped: {error:#}"));
-            return Ok(Outcome::Resumable);
-        }
-        result => result?,
+    if args.plan_only {
+        let estimate = evaluation.estimate(options)?;
+        evaluation.plan(out, planned::this_command()?, Some(estimate), &terminal)?;
+        print_estimate(&estimate, args.json)?;
+        return Ok(complete);
+    }
+    let finished = evaluation.run(out, options, &terminal);
+    let Some(finished) = unless_stopped(finished)? else {
+        return Ok(Outcome::Resumable);
     };
     let counts = finished.counts;
     let (root, scores) = (
@@ -224,9 +277,16 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             "rendered": counts.rendered,
             "scored": counts.scored,
             "waiting": counts.waiting,
+            "left": counts.left,
             "failed": counts.failed,
             "manifest": finished.results.manifest,
         }))?;
+    } else if counts.left > 0 {
+        output::line(format!(
+            "stopped with {} left of {}; the same command goes on",
+            counted(counts.left, "unit"),
+            counts.units
+        ))?;
     } else if args.stage == Stages::All || args.stage == Stages::Score {
         print_tables(&finished.results)?;
         output::line(format!("scores  {scores}"))?;
@@ -300,15 +360,49 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn estimate(
-    evaluation: &Evaluation,
-    options: RunOptions,
+/// What came of it, unless the renderer's device failed: the same command goes on then.
+fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
+    match result {
+        Err(error @ EvaluateError::Device { .. }) => {
+            output::remark(format!("stopped: {error:#}"));
+            Ok(None)
+        }
+        result => Ok(Some(result?)),
+    }
+}
+
+/// What a shard did.
+fn print_counts(
+    counts: &UnitCounts,
+    root: &Path,
+    shard: Shard,
     as_json: bool,
-) -> anyhow::Result<Outcome> {
-    let estimate = evaluation.estimate(options)?;
+) -> anyhow::Result<()> {
+    let root = root.display();
     if as_json {
-        output::json(&estimate)?;
-        return Ok(Outcome::Done);
+        let mut json = serde_json::to_value(counts)?;
+        json["run"] = root.to_string().into();
+        json["shard"] = shard.to_string().into();
+        return output::json(&json);
+    }
+    let UnitCounts {
+        units,
+        reused,
+        scored,
+        failed,
+        waiting,
+        left,
+        ..
+    } = counts;
+    output::line(format!(
+        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} left",
+        counted(*units, "unit")
+    ))
+}
+
+fn print_estimate(estimate: &Estimate, as_json: bool) -> anyhow::Result<()> {
+    if as_json {
+        return output::json(estimate);
     }
     let Estimate {
         units,
@@ -316,40 +410,49 @@ fn estimate(
         pairs,
         measured_pairs,
         measured_failures,
-        cpu_secs,
-        wall_secs,
-        peak_bytes,
-        disk_bytes,
-    } = estimate;
-    let gib = |bytes: u64| format!("{:.2} GiB", bytes as f64 / f64::from(1 << 30));
+        total,
+        predict,
+        render,
+        score,
+    } = *estimate;
+    let gib = |bytes: u64| format!("{:.2}", bytes as f64 / f64::from(1 << 30));
     output::line(format!(
         "{} ({} of {}), by measuring {measured_pairs} of them:",
         counted(units, "unit"),
         counted(pairs, "pair"),
         counted(sources, "source"),
     ))?;
-    output::line(format!("CPU     {:.2} h", cpu_secs / 3600.0))?;
-    output::line(format!(
-        "time    {} at the present pace of this machine",
-        span(wall_secs)
-    ))?;
-    output::line(format!(
-        "memory  {}",
-        peak_bytes.map_or_else(|| "unknown".to_owned(), gib)
-    ))?;
-    output::line(format!("disk    {}", gib(disk_bytes)))?;
+    output::line("          CPU hours          time  memory GiB  disk GiB")?;
+    let stages = [
+        ("predict", predict),
+        ("render", render),
+        ("score", score),
+        ("all", total),
+    ];
+    for (name, cost) in stages {
+        output::line(format!(
+            "{name:<8}{:>11.2}{:>14}{:>12}{:>10}",
+            cost.cpu_secs / 3600.0,
+            span(cost.wall_secs),
+            cost.peak_bytes.map_or_else(|| "unknown".to_owned(), gib),
+            gib(cost.disk_bytes)
+        ))?;
+    }
+    output::line(
+        "time at the present pace of this machine; on the disk of `all` what stays in the run folder",
+    )?;
     if measured_failures > 0 {
         output::remark(format!(
             "warning: {} of those measured failed, so the estimate is too low; `run --limit {measured_pairs}` says why",
             counted(measured_failures, "unit")
         ));
     }
-    Ok(Outcome::Done)
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::bytes;
+    use super::*;
 
     #[test]
     fn sizes_have_units() {
@@ -363,6 +466,12 @@ mod tests {
         }
         for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T"] {
             assert!(bytes(text).is_err(), "{text}");
+        }
+        for (text, secs) in [("90s", 90), ("55m", 3300), ("3h", 10_800)] {
+            assert_eq!(time(text), Ok(Duration::from_secs(secs)));
+        }
+        for text in ["", "m", "55", "-1m", "1.5h", "99999999999999999h", "5µ"] {
+            assert!(time(text).is_err(), "{text}");
         }
     }
 }

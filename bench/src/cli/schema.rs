@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 
 use super::{Outcome, output};
 use crate::evaluate::Manifest;
-use crate::evaluate::folder::RunPlan;
+use crate::evaluate::RunPlan;
 use crate::evaluate::record::Record;
 use crate::evaluate::unit::Unit;
 

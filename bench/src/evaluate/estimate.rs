@@ -1,19 +1,21 @@
 //! What an evaluation would cost, measured on a few of its pairs.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use cpu_time::ProcessTime;
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
 use super::manifest::RendererRecord;
-use super::pipeline::{RunOptions, UnitCounts, run};
+use super::pipeline::{Keep, RunOptions, Stages, run};
 use super::prepare::Evaluation;
+use super::shard::Shard;
 use crate::io::atomic_files::FileError;
-use crate::io::machine::peak_bytes;
+use crate::io::machine::{peak_bytes, reset_peak};
 use crate::io::observer::Quiet;
 use crate::pairs::pair_list::ResolvedPair;
 
@@ -24,23 +26,40 @@ const SOURCES: usize = 3;
 ///
 /// Linear in sources and pairs: the first pair of a source costs its prediction too, the others do not where the method
 /// predicts Gaussians. What `common_region` scores again is not counted, and the time of programs behind `command` counts
-/// in [`wall_secs`](Self::wall_secs) only.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// in [`wall_secs`](StageCost::wall_secs) only.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
+    /// Pairs by methods.
     pub units: usize,
     /// Different source views.
     pub sources: usize,
+    /// Pairs of the plan.
     pub pairs: usize,
+    /// Pairs that were evaluated to know.
     pub measured_pairs: usize,
     /// Units among them that failed.
     pub measured_failures: usize,
+    /// All stages together; of the disk what stays in the run folder.
+    #[serde(flatten)]
+    pub total: StageCost,
+    /// Predictions of sources and predicted pictures, which are all kept where stages run apart.
+    pub predict: StageCost,
+    /// Renderings.
+    pub render: StageCost,
+    /// Metrics.
+    pub score: StageCost,
+}
+
+/// What a stage would cost.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+pub struct StageCost {
     /// Time of all cores together, s.
     pub cpu_secs: f64,
     /// As this machine was while measuring, s.
     pub wall_secs: f64,
     /// `None` where the system does not say.
     pub peak_bytes: Option<u64>,
-    /// What the run folder would take.
+    /// Bytes of the files that it writes.
     pub disk_bytes: u64,
 }
 
@@ -62,57 +81,70 @@ impl Evaluation {
         let folder =
             tempfile::tempdir().map_err(FileError::new(&temporary, "create a folder in"))?;
         let run_folder = RunFolder::create(folder.path())?;
-        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
-        // Kept, so that the second pairs find the predictions of the first.
-        let kept = RunOptions {
-            keep_gaussians: true,
-            ..options
-        };
-        let measure = |pairs: Vec<ResolvedPair<'_>>| -> Result<Cost, EvaluateError> {
-            let job = self.job(pairs, &keys, kept);
-            let (cpu, wall) = (ProcessTime::now(), Instant::now());
-            let counts = run(&job, &run_folder, &Quiet)?;
-            Ok(Cost {
-                pairs: job.pairs.len(),
-                counts,
-                cpu: cpu.elapsed(),
-                wall: wall.elapsed(),
-            })
-        };
-        let first = measure(chosen.iter().map(|group| group[0]).collect())?;
-        let second = measure(chosen.iter().filter_map(|g| g.get(1)).copied().collect())?;
-        let gaussian_bytes = size(&run_folder.gaussians_path()) as f64;
+        let first: Vec<ResolvedPair> = chosen.iter().map(|group| group[0]).collect();
+        let second: Vec<ResolvedPair> = chosen.iter().filter_map(|g| g.get(1)).copied().collect();
         let (sources, others) = (groups.len() as f64, (pairs.len() - groups.len()) as f64);
-        let total = |secs: fn(&Cost) -> Duration| {
-            let each = |cost: &Cost| secs(cost).as_secs_f64() / cost.pairs.max(1) as f64;
-            each(&first) * sources + each(&second) * others
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+        let mut failures = 0;
+        let mut stage = |stages: Stages| -> Result<StageCost, EvaluateError> {
+            // Everything is kept, so that the second pairs find the predictions of the first.
+            let kept = RunOptions {
+                stages,
+                keep_gaussians: true,
+                ..options
+            };
+            reset_peak();
+            let mut cost = StageCost::default();
+            for (measured, all) in [(&first, sources), (&second, others)] {
+                if measured.is_empty() {
+                    continue;
+                }
+                let job = self.job(measured.clone(), &keys, kept, Shard::WHOLE);
+                let (cpu, wall, disk) = (ProcessTime::now(), Instant::now(), size(folder.path()));
+                failures += run(&job, &run_folder, &Quiet)?.failed;
+                let share = all / measured.len() as f64;
+                cost.cpu_secs += cpu.elapsed().as_secs_f64() * share;
+                cost.wall_secs += wall.elapsed().as_secs_f64() * share;
+                let written = size(folder.path()).saturating_sub(disk);
+                cost.disk_bytes += (written as f64 * share) as u64;
+            }
+            cost.peak_bytes = peak_bytes();
+            Ok(cost)
         };
-        let measured_pairs = first.pairs + second.pairs;
-        let per_pair = (size(folder.path()) as f64 - gaussian_bytes) / measured_pairs as f64;
-        let per_source = match options.keep_gaussians {
-            true => gaussian_bytes / first.pairs as f64,
+        let predict = stage(Stages::Predict)?;
+        let render = stage(Stages::Render)?;
+        let score = stage(Stages::Score)?;
+        let (all, first, measured) = (pairs.len() as f64, first.len(), first.len() + second.len());
+        let gaussians = size(&run_folder.gaussians_path());
+        let pictures = size(&run_folder.root().join("predictions"));
+        let units = size(folder.path()).saturating_sub(gaussians + pictures);
+        let of_pairs = match options.keep {
+            Keep::None => units,
+            _ => units + pictures,
+        } as f64
+            / measured as f64;
+        let of_sources = match options.keep_gaussians {
+            true => gaussians as f64 / first as f64,
             false => 0.0,
         };
+        let stages = [predict, render, score];
         Ok(Estimate {
             units: pairs.len() * self.methods.len(),
             sources: groups.len(),
             pairs: pairs.len(),
-            measured_pairs,
-            measured_failures: first.counts.failed + second.counts.failed,
-            cpu_secs: total(|cost| cost.cpu),
-            wall_secs: total(|cost| cost.wall),
-            peak_bytes: peak_bytes(),
-            disk_bytes: (per_pair * pairs.len() as f64 + per_source * sources) as u64,
+            measured_pairs: measured,
+            measured_failures: failures,
+            total: StageCost {
+                cpu_secs: stages.iter().map(|cost| cost.cpu_secs).sum(),
+                wall_secs: stages.iter().map(|cost| cost.wall_secs).sum(),
+                peak_bytes: stages.iter().filter_map(|cost| cost.peak_bytes).max(),
+                disk_bytes: (of_pairs * all + of_sources * sources) as u64,
+            },
+            predict,
+            render,
+            score,
         })
     }
-}
-
-/// What measuring some pairs took.
-struct Cost {
-    pairs: usize,
-    counts: UnitCounts,
-    cpu: Duration,
-    wall: Duration,
 }
 
 /// Bytes of the files below a folder; nothing where it is not.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! RUN/manifest.json                         what was run
-//! RUN/plan.json                             which pairs by which methods
+//! RUN/plan.json                             which pairs by which methods; of `run --plan-only` also its arguments
 //! RUN/pairs.csv                             the pair list
 //! RUN/units/ab/abcdef….json                 one file a unit, named by its slot
 //! RUN/predictions/METHOD/<pair_id>.png      kept pictures (and .exr with --keep float)
@@ -10,21 +10,23 @@
 //! RUN/common-region/…                       units scored on what all methods predict (--common-region)
 //! RUN/scores.csv                            a table of the units
 //! RUN/timings.csv                           seconds, beside the scores
-//! RUN/.lock                                 held while a process writes here
+//! RUN/.lock                                 held while a process writes here, or shared by those that do shards
 //! RUN/.scratch-…                            what lives as long as that process
-//! RUN/logs/METHOD.log                       standard error of a program that predicts
+//! RUN/logs/METHOD.log                       standard error of a program that predicts; logs/I-of-N/ of shards
 //! ```
 
-use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use sharp::files::read;
 
 use super::error::EvaluateError;
 use super::manifest::{FORMAT, Manifest};
+use super::plan::RunPlan;
+use super::shard::Shard;
 use super::unit::{Slot, Unit};
 use crate::io::atomic_files::{FileError, remove_leftovers, write_json};
 use crate::io::hash::file_sha256;
@@ -34,57 +36,8 @@ use crate::pairs::pair_id::path_of;
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-    /// Held by the one process that writes here, as long as it lives.
+    /// Held by the process that writes here, as long as it lives.
     _lock: Option<Arc<File>>,
-}
-
-/// `plan.json`: which pairs by which methods. A folder that several runs added to has several blocks.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct RunPlan {
-    /// [`FORMAT`] of the writer.
-    pub format: u32,
-    /// All pairs of a block are evaluated by all its methods.
-    pub blocks: Vec<PlanBlock>,
-}
-
-/// Pairs by methods.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct PlanBlock {
-    /// Ids in order.
-    pub pairs: Vec<String>,
-    /// Labels in order.
-    pub methods: Vec<String>,
-}
-
-impl RunPlan {
-    /// Adds a block unless it is there.
-    pub fn add(&mut self, block: PlanBlock) {
-        self.format = FORMAT;
-        if !self.blocks.contains(&block) {
-            self.blocks.push(block);
-        }
-    }
-
-    /// Every planned pair with a method, once.
-    pub fn units(&self) -> BTreeSet<(&str, &str)> {
-        let mut units = BTreeSet::new();
-        for PlanBlock { pairs, methods } in &self.blocks {
-            for pair in pairs {
-                units.extend(
-                    methods
-                        .iter()
-                        .map(|method| (pair.as_str(), method.as_str())),
-                );
-            }
-        }
-        units
-    }
-
-    /// Every planned pair, once.
-    pub fn pairs(&self) -> BTreeSet<&str> {
-        let pairs = self.blocks.iter().flat_map(|block| &block.pairs);
-        pairs.map(String::as_str).collect()
-    }
 }
 
 impl RunFolder {
@@ -109,17 +62,33 @@ impl RunFolder {
                 source: std::io::Error::other("it holds other files and no manifest.json"),
             });
         }
-        let (lock, is_ours_alone) = lock(root)?;
-        if is_ours_alone {
-            remove_leftovers(
-                root,
-                &["units", "predictions", "gaussians", "common-region"],
-            );
+        let (lock, is_locked) = lock(root, File::try_lock)?;
+        if is_locked {
+            remove_leftovers(root, &WRITTEN, Duration::ZERO);
         }
         Ok(Self {
             root: root.to_owned(),
             _lock: Some(Arc::new(lock)),
         })
+    }
+
+    /// Opens a planned run for writing units, beside others that do the same: units are written whole, and whoever does
+    /// one twice writes the same values.
+    ///
+    /// # Errors
+    /// When it holds no manifest, or one process has it for itself.
+    pub(super) fn join(root: &Path) -> Result<Self, FileError> {
+        let folder = Self::open(root)?;
+        let (lock, _) = lock(root, File::try_lock_shared)?;
+        Ok(Self {
+            _lock: Some(Arc::new(lock)),
+            ..folder
+        })
+    }
+
+    /// Removes what processes left half written that were killed more than a day ago: those of today may be alive.
+    pub(super) fn remove_old_leftovers(&self) {
+        remove_leftovers(&self.root, &WRITTEN, Duration::from_secs(24 * 3600));
     }
 
     /// Opens an existing run folder for reading.
@@ -171,9 +140,13 @@ impl RunFolder {
         self.root.join("timings.csv")
     }
 
-    /// Where methods keep their logs.
-    pub fn logs_path(&self) -> PathBuf {
-        self.root.join("logs")
+    /// Where the methods of a shard keep their logs.
+    pub(super) fn logs_path(&self, shard: Shard) -> PathBuf {
+        let logs = self.root.join("logs");
+        match shard {
+            Shard::WHOLE => logs,
+            _ => logs.join(shard.to_string().replace('/', "-of-")),
+        }
     }
 
     /// Where predictions of sources are kept.
@@ -305,6 +278,18 @@ impl RunFolder {
         Ok((units, damaged))
     }
 
+    /// When each file of a unit was written.
+    pub(super) fn unit_times(&self) -> Result<Vec<SystemTime>, FileError> {
+        let mut times = Vec::new();
+        for folder in entries(&self.root.join("units"))? {
+            let files = entries(&folder)?.into_iter();
+            let changed = files.map(|path| fs::metadata(path).and_then(|file| file.modified()));
+            // What is gone since, or no time to be had: no unit of the count.
+            times.extend(changed.flatten());
+        }
+        Ok(times)
+    }
+
     /// True if the kept picture of a unit is the one that was scored.
     pub fn has_picture(&self, unit: &Unit) -> bool {
         let sha256 = unit.picture.as_ref().and_then(|p| p.file_sha256.as_ref());
@@ -366,8 +351,14 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
     Ok(paths)
 }
 
+/// The folders that runs write into.
+const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
+
 /// Takes the folder for this process, and whether it did: not where the file system has no locks.
-fn lock(root: &Path) -> Result<(File, bool), FileError> {
+fn lock(
+    root: &Path,
+    take: fn(&File) -> Result<(), TryLockError>,
+) -> Result<(File, bool), FileError> {
     let path = root.join(".lock");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(false);
@@ -379,7 +370,7 @@ fn lock(root: &Path) -> Result<(File, bool), FileError> {
     );
     let file = options.open(&path);
     let file = file.map_err(FileError::new(&path, "create"))?;
-    match file.try_lock() {
+    match take(&file) {
         Err(TryLockError::WouldBlock) => {
             let reason = std::io::Error::other("another process is writing this run");
             Err(FileError::new(root, "use as run folder")(reason))
@@ -420,20 +411,5 @@ mod tests {
         let error = folder.manifest().unwrap_err();
         assert!(matches!(error, EvaluateError::Format { found: 1, .. }));
         assert!(error.to_string().contains("into a new folder"), "{error}");
-    }
-
-    #[test]
-    fn a_plan_counts_every_unit_once() {
-        let block = |pairs: &[&str], methods: &[&str]| PlanBlock {
-            pairs: pairs.iter().map(|&p| p.to_owned()).collect(),
-            methods: methods.iter().map(|&m| m.to_owned()).collect(),
-        };
-        let mut plan = RunPlan::default();
-        plan.add(block(&["p", "q"], &["a"]));
-        plan.add(block(&["p", "q"], &["a"]));
-        plan.add(block(&["q"], &["a", "b"]));
-        assert_eq!(plan.blocks.len(), 2);
-        let units: Vec<_> = plan.units().into_iter().collect();
-        assert_eq!(units, [("p", "a"), ("q", "a"), ("q", "b")]);
     }
 }

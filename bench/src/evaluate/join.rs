@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
-use super::folder::{RunFolder, RunPlan};
+use super::folder::RunFolder;
 use super::manifest::Manifest;
+use super::plan::RunPlan;
 use super::record::Record;
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
@@ -332,7 +333,10 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
     let out = match (folders, out) {
         ([folder], None) => {
             Results::read(folder)?;
-            return write_tables(&RunFolder::create(folder)?);
+            // Shards may be at work; their units count from when they are written.
+            let folder = RunFolder::join(folder)?;
+            folder.remove_old_leftovers();
+            return write_tables(&folder);
         }
         (_, Some(out)) => out,
         (_, None) => {
@@ -372,7 +376,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
             Some(before) => before.joined(&of_folder),
         });
         for block in folder.plan()?.blocks {
-            plan.add(block);
+            plan = plan.with(block);
         }
         for unit in current.units {
             copy_unit(&folder, &target, unit)?;
@@ -390,7 +394,7 @@ pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, Evaluat
 }
 
 /// Why the units of a folder cannot lie in one that has this manifest: they were computed otherwise.
-fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
+pub(super) fn machine_difference(manifest: &Manifest, other: &Manifest) -> Option<String> {
     let (before, now) = (&manifest.renderer, &other.renderer);
     if before != now {
         return Some(format!("rendered by {before} and by {now}"));

@@ -15,6 +15,8 @@
 //!
 //! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored; `estimate`: what that
 //!   would cost; [`mod@speed`]: what inference and rendering take, apart, of Gaussians whose `footprint` explains it.
+//! * [`plan`]: which pairs by which methods; [`shard`]: a process's part of it; `run`: all of it, or such a part, done;
+//!   [`status`]: how far it is.
 //! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
 //!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
 //! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
@@ -26,7 +28,7 @@
 pub mod aggregation;
 pub mod bundle;
 pub mod error;
-mod estimate;
+pub mod estimate;
 pub mod folder;
 mod footprint;
 mod gaussian_store;
@@ -34,6 +36,7 @@ pub mod join;
 mod keys;
 pub mod manifest;
 pub mod pipeline;
+pub mod plan;
 mod prediction_file;
 pub mod prepare;
 pub mod readings;
@@ -41,9 +44,12 @@ pub mod record;
 mod render;
 pub mod rescore;
 pub mod results;
+mod run;
 mod score;
+pub mod shard;
 pub mod source_check;
 pub mod speed;
+pub mod status;
 #[cfg(test)]
 pub(crate) mod test_records;
 #[cfg(test)]
@@ -58,6 +64,10 @@ pub use folder::RunFolder;
 pub use join::{Named, join, join_under, merge};
 pub use manifest::Manifest;
 pub use pipeline::{Keep, RunOptions, Stages, UnitCounts};
-pub use prepare::{Evaluation, Finished, PairOrigin, Request, RunStatus, prepare};
+pub use plan::{PlannedCommand, RunPlan};
+pub use prepare::{Evaluation, PairOrigin, Request, RunStatus, prepare};
 pub use rescore::rescore;
 pub use results::Results;
+pub use run::Finished;
+pub use shard::Shard;
+pub use status::Standing;

@@ -17,6 +17,7 @@ use super::manifest::FORMAT;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{PairTruth, Unscored, crop, empty_record, missing, score_pair};
+use super::shard::Shard;
 use super::source_check::{check_source, doubt};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
@@ -98,10 +99,12 @@ pub(super) struct Job<'a> {
     pub(super) renderer: &'a SharedRenderer,
     pub(super) keys: &'a Keys,
     pub(super) options: RunOptions,
+    /// The part of a plan that it is, where that has several: their logs lie apart.
+    pub(super) shard: Shard,
 }
 
 /// What happened to the units of a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
     /// Units of the plan.
     pub units: usize,
@@ -117,6 +120,8 @@ pub struct UnitCounts {
     pub failed: usize,
     /// Units that wait for another stage.
     pub waiting: usize,
+    /// Units that were not come to, or not scored yet, when the run was stopped.
+    pub left: usize,
 }
 
 impl UnitCounts {
@@ -137,6 +142,8 @@ enum Prepared {
     Unscored(Box<Unscored>),
     /// Another stage has to come first or afterwards.
     Waiting,
+    /// The run was stopped before.
+    Left,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -162,14 +169,16 @@ pub(super) fn run(
     folder: &RunFolder,
     observer: &dyn Observer,
 ) -> Result<UnitCounts, EvaluateError> {
+    let logs = folder.logs_path(job.shard);
     for method in job.methods {
-        method.begin(&folder.logs_path(), folder.root());
+        method.begin(&logs, folder.root());
     }
     // A channel without room: who predicts waits until who scores is ready for it.
     let (sender, pairs) = sync_channel(0);
-    observer.begin("", job.pairs.len() * job.methods.len(), "units");
+    let units = job.pairs.len() * job.methods.len();
+    observer.begin("", units, "units");
     std::thread::scope(|scope| {
-        scope.spawn(move || prepare_all(job, folder, &sender));
+        scope.spawn(move || prepare_all(job, folder, &sender, observer));
         let mut counts = UnitCounts::default();
         let mut doubted = BTreeSet::new();
         for pair in pairs {
@@ -187,6 +196,7 @@ pub(super) fn run(
                         counts.reused += usize::from(reuse == Reuse::Complete);
                     }
                     Prepared::Waiting => counts.waiting += 1,
+                    Prepared::Left => counts.left += 1,
                     Prepared::Unscored(item) => {
                         let maker = job.methods.iter().find(|m| m.label() == method);
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
@@ -199,23 +209,28 @@ pub(super) fn run(
                     }
                 }
             }
-            if !unscored.is_empty() {
+            if observer.stop() && job.options.keeps_pictures() {
+                counts.left += unscored.len();
+            } else if !unscored.is_empty() {
                 for unit in score_pair(&truth, unscored, job.scoring, job.keys, folder)? {
                     counts.scored += 1;
                     counts.count(&unit.record, observer);
                 }
             }
         }
+        counts.left += units - counts.units;
+        counts.units = units;
         observer.end();
         Ok(counts)
     })
 }
 
-/// Hands over every pair of a plan in order, until one cannot be had or nobody takes them any more.
+/// Hands over every pair of a plan in order, until one cannot be had, nobody takes them any more or the run is stopped.
 fn prepare_all<'a>(
     job: &Job<'a>,
     folder: &RunFolder,
     sender: &SyncSender<Result<PreparedPair<'a>, EvaluateError>>,
+    observer: &dyn Observer,
 ) {
     let kept = job.options.keep_gaussians || job.options.stages != Stages::All;
     let mut sources = Sources {
@@ -230,6 +245,9 @@ fn prepare_all<'a>(
         check: None,
     };
     for planned in &job.pairs {
+        if observer.stop() {
+            return;
+        }
         let mut pair = PairWork {
             job,
             folder,
@@ -242,7 +260,10 @@ fn prepare_all<'a>(
             .methods
             .iter()
             .map(|method| {
-                let prepared = pair.prepare(method.as_ref(), &mut sources)?;
+                let prepared = match observer.stop() {
+                    true => Prepared::Left,
+                    false => pair.prepare(method.as_ref(), &mut sources)?,
+                };
                 Ok((method.label().to_owned(), prepared))
             })
             .collect();

@@ -8,18 +8,16 @@ use sharp_datasets::Scene;
 
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
-use super::folder::{PlanBlock, RunFolder};
+use super::folder::RunFolder;
 use super::keys::{Keys, dataset_identity};
 use super::manifest::{
     DatasetRecord, FORMAT, ListOrigin, ListRecord, Manifest, PairsRecord, ProtocolRecord,
     RendererRecord, metric_records, scoring_conventions,
 };
-use super::pipeline::{Job, Keep, RunOptions, Stages, UnitCounts, run as run_pipeline};
+use super::pipeline::{Job, RunOptions};
 use super::record::Status;
-use super::rescore::score_common_region;
-use super::results::{Results, write_tables};
 use super::score::missing;
-use crate::io::atomic_files::write_atomic;
+use super::shard::Shard;
 use crate::io::fingerprints;
 use crate::io::observer::Observer;
 use crate::methods::spec::check_label;
@@ -44,6 +42,8 @@ pub enum PairOrigin {
     },
     /// A list that was handed in.
     Given(PathBuf),
+    /// That of a plan, this run folder's.
+    Planned(PathBuf),
 }
 
 /// What is to be evaluated.
@@ -103,15 +103,15 @@ impl Request {
 pub struct Evaluation {
     pub(super) datasets: Vec<OpenDataset>,
     only_scenes: Option<String>,
-    scenes: Vec<Scene>,
-    list: PairList,
+    pub(super) scenes: Vec<Scene>,
+    pub(super) list: PairList,
     origin: ListOrigin,
     choices: BTreeMap<String, PairProvenance>,
     limit: Option<usize>,
     specs: Vec<String>,
     pub(super) methods: Vec<Box<dyn Method>>,
-    scoring: Scoring,
-    common_region: bool,
+    pub(super) scoring: Scoring,
+    pub(super) common_region: bool,
     aggregation: Aggregation,
     protocol: Option<ProtocolRecord>,
     pub(super) renderer: SharedRenderer,
@@ -130,18 +130,6 @@ pub struct RunStatus {
     pub failed: usize,
     /// Units without a result.
     pub missing: usize,
-}
-
-/// A finished run.
-pub struct Finished {
-    /// The folder.
-    pub folder: RunFolder,
-    /// What was done.
-    pub counts: UnitCounts,
-    /// All results of the folder, also those of earlier runs.
-    pub results: Results,
-    /// The scenes that were opened.
-    pub scenes: Vec<Scene>,
 }
 
 /// Opens datasets, builds or reads the pair list, builds methods. Writes nothing but measured overlaps.
@@ -186,6 +174,12 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
             let choices = companion.map(|companion| companion.choices);
             (list, ListOrigin::Given, choices.unwrap_or_default())
         }
+        // Each shard checks its own part of it.
+        PairOrigin::Planned(folder) => (
+            PairList::read(&folder.join("pairs.csv"))?,
+            ListOrigin::Given,
+            BTreeMap::new(),
+        ),
     };
     let (specs, methods): (Vec<String>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
     check_independence(&choices, &methods)?;
@@ -274,6 +268,7 @@ impl Evaluation {
         pairs: Vec<ResolvedPair<'a>>,
         keys: &'a Keys,
         options: RunOptions,
+        shard: Shard,
     ) -> Job<'a> {
         Job {
             pairs,
@@ -282,6 +277,7 @@ impl Evaluation {
             renderer: &self.renderer,
             keys,
             options,
+            shard,
         }
     }
 
@@ -382,76 +378,6 @@ impl Evaluation {
             }
         }
         Ok(standing)
-    }
-
-    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets: nothing of them is
-    /// hidden, and nothing that is done is done again.
-    ///
-    /// # Errors
-    /// When the folder cannot be used, or the renderer's device fails; finished units are kept.
-    pub fn run(
-        self,
-        out: &Path,
-        options: RunOptions,
-        observer: &dyn Observer,
-    ) -> Result<Finished, EvaluateError> {
-        let folder = RunFolder::create(out)?;
-        if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
-            return Err(EvaluateError::NotKept {
-                folder: out.to_owned(),
-                reason:
-                    "--common-region scores kept predictions again: use --keep all and all stages"
-                        .to_owned(),
-            });
-        }
-        let pairs = self.pairs()?;
-        let mut manifest = self.manifest()?;
-        let mut list = self.list.clone();
-        if let Some(before) = folder.manifest()? {
-            let (extended, replaced) = before.extended(manifest, out.to_owned())?;
-            manifest = extended;
-            for what in replaced {
-                observer.warn(&format!(
-                    "{what} before; its earlier results stay in {} and tables no longer show them",
-                    out.display()
-                ));
-            }
-            list = PairList::read(&folder.pairs_path())?.joined(&list);
-        }
-        let mut plan = folder.plan()?;
-        plan.add(PlanBlock {
-            pairs: pairs.iter().map(|p| p.pair.pair_id.clone()).collect(),
-            methods: self.methods.iter().map(|m| m.label().to_owned()).collect(),
-        });
-        manifest.pairs.sha256.clone_from(&list.sha256);
-        manifest.pairs.listed = list.pairs.len();
-        manifest.pairs.evaluated = plan.pairs().len();
-        if self.common_region && plan.pairs().len() != pairs.len() {
-            return Err(EvaluateError::NotKept {
-                folder: out.to_owned(),
-                reason: "it holds pairs that this run leaves out; --common-region is that of all methods on all pairs: \
-                         run it with the same pairs, or into a folder of its own"
-                    .to_owned(),
-            });
-        }
-        folder.remove_tables()?;
-        write_atomic(&folder.pairs_path(), list.bytes())?;
-        folder.write_plan(&plan)?;
-        folder.write_manifest(&manifest)?;
-
-        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
-        let job = self.job(pairs, &keys, options);
-        let counts = run_pipeline(&job, &folder, observer)?;
-        if self.common_region {
-            score_common_region(&folder, &job.pairs, &self.scoring, &keys, observer)?;
-        }
-        let results = write_tables(&folder)?;
-        Ok(Finished {
-            folder: folder.unlocked(),
-            counts,
-            results,
-            scenes: self.scenes,
-        })
     }
 }
 

@@ -185,7 +185,7 @@ pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder
 }
 
 /// Scored, or a recorded failure: not one that waits for its scores.
-fn is_done(unit: &Unit) -> bool {
+pub(super) fn is_done(unit: &Unit) -> bool {
     unit.record.status != Status::Ok || !unit.scores.is_empty()
 }
 

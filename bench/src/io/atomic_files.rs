@@ -3,6 +3,7 @@
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use tempfile::TempDir;
 
@@ -184,18 +185,23 @@ pub fn scratch_folder(within: &Path) -> Result<TempDir, FileError> {
 }
 
 /// Removes what killed processes left in a folder where no other process writes, and in the folders `below` it with
-/// everything beneath. What cannot be removed stays: it harms nobody.
-pub fn remove_leftovers(folder: &Path, below: &[&str]) {
+/// everything beneath; where others may write, what has not changed for as long as `age`. What cannot be removed stays: it
+/// harms nobody.
+pub fn remove_leftovers(folder: &Path, below: &[&str], age: Duration) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());
         let name = name.to_string_lossy();
+        let is_old = || {
+            let changed = entry.metadata().and_then(|file| file.modified());
+            age.is_zero() || changed.is_ok_and(|time| time.elapsed().is_ok_and(|since| since > age))
+        };
         // A link is not followed.
         let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
         let _ = match is_folder {
-            false if name.starts_with(PARTIAL) => fs::remove_file(&path),
-            true if name.starts_with(SCRATCH) => fs::remove_dir_all(&path),
+            false if name.starts_with(PARTIAL) && is_old() => fs::remove_file(&path),
+            true if name.starts_with(SCRATCH) && is_old() => fs::remove_dir_all(&path),
             true if below.is_empty() || below.contains(&&*name) => {
-                remove_leftovers(&path, &[]);
+                remove_leftovers(&path, &[], age);
                 Ok(())
             }
             _ => Ok(()),
@@ -253,8 +259,11 @@ mod tests {
         for path in partial.iter().chain(&others) {
             write_atomic(path, b"x").unwrap();
         }
-        remove_leftovers(dir.path(), &["ours"]);
-        assert!(!scratch.exists() && !partial.iter().any(|path| path.exists()));
+        let removed = || !scratch.exists() && !partial.iter().any(|path| path.exists());
+        remove_leftovers(dir.path(), &["ours"], Duration::from_secs(3600));
+        assert!(scratch.exists() && partial.iter().all(|path| path.exists()));
+        remove_leftovers(dir.path(), &["ours"], Duration::ZERO);
+        assert!(removed());
         assert!(others.iter().all(|path| path.exists()));
     }
 }

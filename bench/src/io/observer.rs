@@ -18,6 +18,11 @@ pub trait Observer: Sync {
     fn failed(&self) {}
 
     fn end(&self) {}
+
+    /// Whether to stop: work that can be resumed ends after the step that it is at.
+    fn stop(&self) -> bool {
+        false
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default)]

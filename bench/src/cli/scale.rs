@@ -1,0 +1,155 @@
+//! `scale`: files that hand the shards of a plan to a scheduler.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use serde_json::json;
+
+use super::{Outcome, output};
+use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
+
+/// Write the files that run a plan on a cluster
+///
+/// The plan is made by `run --plan-only` and lies where all nodes see it. What jobs ask for is what the plan estimated; read
+/// the files before you submit them. Any other scheduler runs `run --plan DIR --shard I/N` for I from 1 to N, then `merge DIR`.
+#[derive(Debug, Args)]
+pub(super) struct ScaleArgs {
+    #[command(subcommand)]
+    scheduler: Scheduler,
+}
+
+#[derive(Debug, Subcommand)]
+enum Scheduler {
+    /// Array jobs of Slurm: a script a stage, the merge's, and submit.sh, which submits what is left
+    #[command(after_help = "\
+Example:
+  sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch predict=--gres=gpu:1 \\
+      --sbatch every=--partition=main --out jobs && bash jobs/submit.sh")]
+    Slurm(SlurmArgs),
+    /// An indexed Job of Kubernetes, and the Job that merges
+    #[command(after_help = "\
+Example:
+  sharp-bench scale kubernetes --plan /data/runs/all --shards 64 --image registry/sharp-bench:1 --claim data \\
+      --mount /data --out jobs && kubectl apply -f jobs/job.yaml")]
+    Kubernetes(KubernetesArgs),
+}
+
+#[derive(Debug, Args)]
+struct ShardArgs {
+    /// The run folder of the plan, as the nodes see it
+    #[arg(long, value_name = "DIR")]
+    plan: PathBuf,
+    /// How many shards; each should last minutes at least, since it loads its model anew
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    shards: u32,
+    /// Cores of each
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    cpus: u32,
+    /// Start the programs of `command` methods that the plan names
+    #[arg(long)]
+    allow_programs: bool,
+    /// Templates of your own, by the names of ours: {{plan}} and the like come in; an unknown one is told with all that there are
+    #[arg(long, value_name = "DIR")]
+    templates: Option<PathBuf>,
+    /// Where to write
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Print JSON: the files written
+    #[arg(long)]
+    json: bool,
+}
+
+impl ShardArgs {
+    fn shards(&self, retry_failed: bool) -> anyhow::Result<Shards> {
+        Ok(Shards {
+            plan: std::path::absolute(&self.plan)?,
+            count: self.shards as usize,
+            cpus: self.cpus as usize,
+            retry_failed,
+            allow_programs: self.allow_programs,
+            templates: self.templates.clone(),
+        })
+    }
+}
+
+#[derive(Debug, Args)]
+struct SlurmArgs {
+    #[command(flatten)]
+    shards: ShardArgs,
+    /// The program, as the nodes see it; this one without it
+    #[arg(long, value_name = "FILE")]
+    binary: Option<PathBuf>,
+    /// One array that does all stages, instead of one each for predict, render and score
+    #[arg(long)]
+    one_array: bool,
+    /// An option of sbatch for a job (predict, render, score, all, merge or every); repeatable
+    #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
+    options: Vec<(String, String)>,
+    /// Submit shards with recorded failures again
+    #[arg(long)]
+    retry_failed: bool,
+}
+
+#[derive(Debug, Args)]
+struct KubernetesArgs {
+    #[command(flatten)]
+    shards: ShardArgs,
+    /// Shards at a time
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
+    parallel: u32,
+    /// An image with sharp-bench in it
+    #[arg(long)]
+    image: String,
+    /// The claim of the volume on which plan and datasets lie
+    #[arg(long)]
+    claim: String,
+    /// Where that is mounted
+    #[arg(long, value_name = "DIR", default_value = "/data")]
+    mount: PathBuf,
+}
+
+fn option(text: &str) -> Result<(String, String), &'static str> {
+    let (job, option) = text.split_once('=').ok_or("JOB=OPTION is needed")?;
+    Ok((job.to_owned(), option.to_owned()))
+}
+
+pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
+    let (files, shards) = match &args.scheduler {
+        Scheduler::Slurm(args) => {
+            let files = slurm(&Slurm {
+                shards: args.shards.shards(args.retry_failed)?,
+                binary: match &args.binary {
+                    Some(binary) => binary.clone(),
+                    None => std::env::current_exe()?,
+                },
+                stages_apart: !args.one_array,
+                options: args.options.clone(),
+                out: args.shards.out.clone(),
+            })?;
+            (files, &args.shards)
+        }
+        Scheduler::Kubernetes(args) => {
+            let files = kubernetes(&Kubernetes {
+                shards: args.shards.shards(false)?,
+                parallel: args.parallel as usize,
+                image: args.image.clone(),
+                claim: args.claim.clone(),
+                mount: args.mount.clone(),
+                out: args.shards.out.clone(),
+            })?;
+            (files, &args.shards)
+        }
+    };
+    let names: Vec<String> = files
+        .iter()
+        .map(|file| file.display().to_string())
+        .collect();
+    if shards.json {
+        output::json(&json!({ "files": names }))?;
+    } else {
+        for name in names {
+            output::line(format!("wrote {name}"))?;
+        }
+    }
+    Ok(Outcome::Done)
+}

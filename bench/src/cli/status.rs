@@ -1,0 +1,124 @@
+//! `status`: how far a run is.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::output::span;
+use super::{Outcome, output};
+use crate::evaluate::{Standing, status::unfinished_shards};
+
+/// How far a run is
+///
+/// Reads the run folder alone, on any machine that sees it, while shards are at work. Exit code 75 while units are missing,
+/// 4 where all are there and some failed.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sharp-bench status runs/all
+  sharp-bench status runs/all --unfinished-shards 64     (2,17-19: what is left to submit)")]
+pub(super) struct StatusArgs {
+    /// The run folder
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Print only which of N shards have units without a result, as schedulers take lists; nothing where none has
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    unfinished_shards: Option<u32>,
+    /// Print them for arrays with indices up to this: a line an array, its offset and its indices
+    #[arg(long, value_name = "INDEX", requires = "unfinished_shards", value_parser = clap::value_parser!(u32).range(1..))]
+    max_index: Option<u32>,
+    /// Count shards with recorded failures as unfinished: a run tries those again
+    #[arg(long, requires = "unfinished_shards")]
+    retry_failed: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
+    if let Some(count) = args.unfinished_shards {
+        let shards = unfinished_shards(&args.run, count as usize, args.retry_failed)?;
+        match args.max_index {
+            _ if args.json => output::json(&shards)?,
+            None => output::line(ranges(&shards))?,
+            Some(max) => {
+                for (offset, indices) in arrays(&shards, max as usize) {
+                    output::line(format!("{offset} {}", ranges(&indices)))?;
+                }
+            }
+        }
+        return Ok(Outcome::Done);
+    }
+    let standing = Standing::read(&args.run)?;
+    if args.json {
+        let mut json = serde_json::to_value(&standing)?;
+        json["secs_left"] = json!(standing.secs_left());
+        output::json(&json)?;
+    } else {
+        output::line("               units      done    failed  to score   missing")?;
+        let all = [("all".to_owned(), standing.all)];
+        for (label, count) in standing.methods.iter().chain(&all) {
+            output::line(format!(
+                "{label:<12}{:>8}{:>10}{:>10}{:>10}{:>10}",
+                count.units, count.done, count.failed, count.unscored, count.missing
+            ))?;
+        }
+        if let (Some((units, secs)), true) = (standing.pace, standing.open() > 0) {
+            let left = span(standing.secs_left().unwrap_or_default());
+            output::line(format!(
+                "{units} units in the last {}; {left} left at this pace",
+                span(secs)
+            ))?;
+        }
+        if standing.damaged > 0 {
+            output::remark(format!(
+                "warning: {} files of units are damaged; they are done again",
+                standing.damaged
+            ));
+        }
+    }
+    Ok(match (standing.open(), standing.all.failed) {
+        (0, 0) => Outcome::Done,
+        (0, _) => Outcome::RecordedFailures,
+        _ => Outcome::Resumable,
+    })
+}
+
+/// `2,5-7`.
+fn ranges(numbers: &[usize]) -> String {
+    let runs = numbers.chunk_by(|a, b| a + 1 == *b);
+    let runs = runs.map(|run| match run {
+        [one] => one.to_string(),
+        _ => format!("{}-{}", run[0], run[run.len() - 1]),
+    });
+    runs.collect::<Vec<_>>().join(",")
+}
+
+/// Offsets with indices from 1 to `max`.
+fn arrays(shards: &[usize], max: usize) -> Vec<(usize, Vec<usize>)> {
+    let offset = |shard: usize| (shard - 1) / max * max;
+    let chunks = shards.chunk_by(|a, b| offset(*a) == offset(*b));
+    let arrays = chunks.map(|chunk| {
+        let offset = offset(chunk[0]);
+        (offset, chunk.iter().map(|shard| shard - offset).collect())
+    });
+    arrays.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_are_listed_as_schedulers_take_them() {
+        assert_eq!(ranges(&[]), "");
+        assert_eq!(ranges(&[1, 3, 4, 5, 9]), "1,3-5,9");
+        assert_eq!(ranges(&[1, 2]), "1-2");
+        let chunks = arrays(&[1, 1000, 1001, 2500], 1000);
+        assert_eq!(
+            chunks,
+            [(0, vec![1, 1000]), (1000, vec![1]), (2000, vec![500])]
+        );
+    }
+}

@@ -1,0 +1,238 @@
+//! An evaluation done: all of it, or a shard of its plan.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use sharp_datasets::Scene;
+
+use super::error::EvaluateError;
+use super::estimate::Estimate;
+use super::folder::RunFolder;
+use super::join::machine_difference;
+use super::keys::Keys;
+use super::manifest::{Manifest, RendererRecord};
+use super::pipeline::{Keep, RunOptions, Stages, UnitCounts, run as run_pipeline};
+use super::plan::{PlanBlock, PlannedCommand, RunPlan};
+use super::prepare::Evaluation;
+use super::rescore::score_common_region;
+use super::results::{Results, write_tables};
+use super::shard::Shard;
+use crate::io::atomic_files::write_atomic;
+use crate::io::observer::Observer;
+use crate::pairs::PairList;
+use crate::pairs::pair_list::ResolvedPair;
+
+/// A run that ended.
+pub struct Finished {
+    /// The folder.
+    pub folder: RunFolder,
+    /// What was done.
+    pub counts: UnitCounts,
+    /// All results of the folder, also those of earlier runs.
+    pub results: Results,
+    /// The scenes that were opened.
+    pub scenes: Vec<Scene>,
+}
+
+impl Evaluation {
+    /// Evaluates into a folder, which may hold results of other methods, pairs, metrics and datasets: nothing of them is
+    /// hidden, and nothing that is done is done again.
+    ///
+    /// # Errors
+    /// When the folder cannot be used, or the renderer's device fails; finished units are kept.
+    pub fn run(
+        self,
+        out: &Path,
+        options: RunOptions,
+        observer: &dyn Observer,
+    ) -> Result<Finished, EvaluateError> {
+        let folder = RunFolder::create(out)?;
+        if self.common_region && (options.keep == Keep::None || options.stages != Stages::All) {
+            return Err(refused(
+                out,
+                "--common-region scores kept predictions again: use --keep all and all stages",
+            ));
+        }
+        let pairs = self.pairs()?;
+        let plan = folder.plan()?.with(self.block(&pairs));
+        if self.common_region && plan.pairs().len() != pairs.len() {
+            return Err(refused(
+                out,
+                "it holds pairs that this run leaves out; --common-region is that of all methods on all pairs: run it \
+                 with the same pairs, or into a folder of its own",
+            ));
+        }
+        self.begin(&folder, &plan, observer)?;
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+        let job = self.job(pairs, &keys, options, Shard::WHOLE);
+        let counts = run_pipeline(&job, &folder, observer)?;
+        if counts.left == 0 && self.common_region {
+            score_common_region(&folder, &job.pairs, &self.scoring, &keys, observer)?;
+        }
+        let results = match counts.left {
+            0 => write_tables(&folder)?,
+            // Without tables: it has not ended.
+            _ => Results::read(out)?,
+        };
+        Ok(Finished {
+            folder: folder.unlocked(),
+            counts,
+            results,
+            scenes: self.scenes,
+        })
+    }
+
+    /// Writes what a run into this folder would do, for shards to do it.
+    ///
+    /// # Errors
+    /// When the folder holds another run, or the evaluation needs all units at once.
+    pub fn plan(
+        &self,
+        out: &Path,
+        command: PlannedCommand,
+        estimate: Option<Estimate>,
+        observer: &dyn Observer,
+    ) -> Result<(), EvaluateError> {
+        if self.common_region {
+            return Err(refused(
+                out,
+                "--common-region scores all methods of all pairs at once, which shards cannot",
+            ));
+        }
+        let folder = RunFolder::create(out)?;
+        let plan = folder.plan()?.with(self.block(&self.pairs()?));
+        if plan.blocks.len() > 1 {
+            return Err(refused(
+                out,
+                "it holds another run: plan into a folder of its own; `merge` joins folders",
+            ));
+        }
+        let plan = RunPlan {
+            command: Some(command),
+            estimate,
+            ..plan
+        };
+        self.begin(&folder, &plan, observer)
+    }
+
+    /// Does a shard of the plan of a folder, beside others: writes units, and neither manifest nor tables.
+    ///
+    /// # Errors
+    /// When the evaluation, the files that it reads or what computes it are not those of the plan; as [`Self::run`].
+    pub fn run_shard(
+        &self,
+        root: &Path,
+        shard: Shard,
+        options: RunOptions,
+        observer: &dyn Observer,
+    ) -> Result<UnitCounts, EvaluateError> {
+        let folder = RunFolder::join(root)?;
+        if let Some(planned) = folder.manifest()?
+            && let Some(difference) = difference(&planned, self.manifest()?, root)?
+        {
+            let reason = format!(
+                "{difference}; a shard needs the binary, the files and the class of CPU kernels (`run --simd`) that the plan \
+                 was made with"
+            );
+            return Err(refused(root, &reason));
+        }
+        let plan = folder.plan()?;
+        let own: BTreeSet<&str> = shard
+            .of(plan.pairs().into_iter().collect(), |id| *id)
+            .into_iter()
+            .collect();
+        let mut pairs = self.pairs()?;
+        pairs.retain(|planned| own.contains(planned.pair.pair_id.as_str()));
+        if pairs.len() < own.len() {
+            observer.warn(&format!(
+                "{} of the {} pairs of shard {shard} are in scenes that cannot be read here",
+                own.len() - pairs.len(),
+                own.len()
+            ));
+        }
+        self.check_files(root, &pairs)?;
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+        let missing = (own.len() - pairs.len()) * self.methods.len();
+        let mut counts = run_pipeline(&self.job(pairs, &keys, options, shard), &folder, observer)?;
+        counts.units += missing;
+        counts.waiting += missing;
+        Ok(counts)
+    }
+
+    /// Refuses photographs and cameras other than the plan's: half of a table would show them.
+    fn check_files(&self, root: &Path, pairs: &[ResolvedPair<'_>]) -> Result<(), EvaluateError> {
+        let pairs = pairs.iter().map(|planned| planned.pair.clone()).collect();
+        let found = PairList::new(root.join("pairs.csv"), pairs).verify(&self.scenes);
+        let different = found.different.first().map(|view| {
+            format!(
+                "the photograph {}/{}/{} is not the one it was planned with",
+                view.dataset, view.scene, view.view
+            )
+        });
+        let moved = found.moved.first().map(|pair| {
+            format!(
+                "the cameras of {} are {} m apart instead of {} m",
+                pair.pair_id, pair.baseline_m[1], pair.baseline_m[0]
+            )
+        });
+        match different.or(moved) {
+            Some(reason) => Err(refused(root, &reason)),
+            None => Ok(()),
+        }
+    }
+
+    fn block(&self, pairs: &[ResolvedPair<'_>]) -> PlanBlock {
+        PlanBlock {
+            pairs: pairs.iter().map(|p| p.pair.pair_id.clone()).collect(),
+            methods: self.methods.iter().map(|m| m.label().to_owned()).collect(),
+        }
+    }
+
+    /// Writes manifest, pair list and plan, joined with those of what is there.
+    fn begin(
+        &self,
+        folder: &RunFolder,
+        plan: &RunPlan,
+        observer: &dyn Observer,
+    ) -> Result<(), EvaluateError> {
+        let mut manifest = self.manifest()?;
+        let mut list = self.list.clone();
+        let out = folder.root();
+        if let Some(before) = folder.manifest()? {
+            let (extended, replaced) = before.extended(manifest, out.to_owned())?;
+            manifest = extended;
+            for what in replaced {
+                observer.warn(&format!(
+                    "{what} before; its earlier results stay in {} and tables no longer show them",
+                    out.display()
+                ));
+            }
+            list = PairList::read(&folder.pairs_path())?.joined(&list);
+        }
+        manifest.pairs.sha256.clone_from(&list.sha256);
+        manifest.pairs.listed = list.pairs.len();
+        manifest.pairs.evaluated = plan.pairs().len();
+        folder.remove_tables()?;
+        write_atomic(&folder.pairs_path(), list.bytes())?;
+        folder.write_plan(plan)?;
+        Ok(folder.write_manifest(&manifest)?)
+    }
+}
+
+/// Why a shard's values would not be the plan's.
+fn difference(
+    planned: &Manifest,
+    now: Manifest,
+    root: &Path,
+) -> Result<Option<String>, EvaluateError> {
+    let computed = machine_difference(planned, &now);
+    let (_, replaced) = planned.clone().extended(now, root.to_owned())?;
+    Ok(computed.or_else(|| replaced.into_iter().next()))
+}
+
+fn refused(folder: &Path, reason: &str) -> EvaluateError {
+    EvaluateError::NotKept {
+        folder: folder.to_owned(),
+        reason: reason.to_owned(),
+    }
+}

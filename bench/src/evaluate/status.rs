@@ -1,0 +1,157 @@
+//! How far a run is, read from its folder alone: on any machine that sees it, while others write.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+use serde::Serialize;
+
+use super::error::EvaluateError;
+use super::estimate::Estimate;
+use super::folder::RunFolder;
+use super::prepare::RunStatus;
+use super::record::Status;
+use super::results::{Current, is_done};
+use super::shard::Shard;
+
+/// Units of a folder, counted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Standing {
+    /// All of them.
+    pub all: RunStatus,
+    /// By method, in the order of the plan.
+    pub methods: Vec<(String, RunStatus)>,
+    /// Units that ended within the last minutes of work, and in how many seconds.
+    pub pace: Option<(usize, f64)>,
+    /// What the plan said that all of it would cost.
+    pub estimate: Option<Estimate>,
+    /// Files that are damaged; their units count as missing.
+    pub damaged: usize,
+}
+
+/// How far back the pace is measured.
+const WINDOW: Duration = Duration::from_secs(600);
+
+impl Standing {
+    /// Reads a folder.
+    ///
+    /// # Errors
+    /// When it is none, or cannot be read.
+    pub fn read(root: &Path) -> Result<Self, EvaluateError> {
+        let folder = RunFolder::open(root)?;
+        let plan = folder.plan()?;
+        let current = Current::read(&folder)?;
+        let units: BTreeMap<(&str, &str), &super::unit::Unit> = current
+            .units
+            .iter()
+            .map(|unit| {
+                (
+                    (unit.slot.pair_id.as_str(), unit.slot.method.as_str()),
+                    unit,
+                )
+            })
+            .collect();
+        let mut methods: Vec<(String, RunStatus)> = Vec::new();
+        let mut all = RunStatus::default();
+        for (pair, method) in plan.units() {
+            let at = methods.iter().position(|(label, _)| label == method);
+            let at = at.unwrap_or_else(|| {
+                methods.push((method.to_owned(), RunStatus::default()));
+                methods.len() - 1
+            });
+            for status in [&mut all, &mut methods[at].1] {
+                status.units += 1;
+                *match units.get(&(pair, method)) {
+                    Some(unit) if unit.record.status != Status::Ok => &mut status.failed,
+                    Some(unit) if is_done(unit) => &mut status.done,
+                    Some(_) => &mut status.unscored,
+                    None => &mut status.missing,
+                } += 1;
+            }
+        }
+        let order = |label: &str| {
+            let mut labels = current.manifest.methods.iter();
+            labels.position(|method| method.label == label)
+        };
+        methods.sort_by_key(|(label, _)| order(label));
+        Ok(Self {
+            all,
+            methods,
+            pace: pace(folder.unit_times()?),
+            estimate: plan.estimate,
+            damaged: current.damaged.len(),
+        })
+    }
+
+    /// Units that a run would still work on; recorded failures are tried again, and not among them.
+    pub fn open(&self) -> usize {
+        self.all.missing + self.all.unscored
+    }
+
+    /// Seconds until the end at the present pace.
+    pub fn secs_left(&self) -> Option<f64> {
+        let (units, secs) = self.pace?;
+        Some(self.open() as f64 * secs / units as f64)
+    }
+}
+
+/// The shards of so many that have units without a result, or with a failure where those are to be tried again.
+///
+/// # Errors
+/// As [`Standing::read`].
+pub fn unfinished_shards(
+    root: &Path,
+    count: usize,
+    retry_failed: bool,
+) -> Result<Vec<usize>, EvaluateError> {
+    let folder = RunFolder::open(root)?;
+    let current = Current::read(&folder)?;
+    let mut open: BTreeSet<&str> = current
+        .missing
+        .iter()
+        .map(|(pair, _)| pair.as_str())
+        .collect();
+    if retry_failed {
+        let failed = current
+            .units
+            .iter()
+            .filter(|unit| unit.record.status != Status::Ok);
+        open.extend(failed.map(|unit| unit.slot.pair_id.as_str()));
+    }
+    let plan = folder.plan()?;
+    let shares = Shard::deal(plan.pairs().into_iter().collect(), count, |id| *id);
+    let unfinished = shares.iter().enumerate();
+    let unfinished = unfinished.filter(|(_, share)| share.iter().any(|id| open.contains(id)));
+    Ok(unfinished.map(|(at, _)| at + 1).collect())
+}
+
+/// How many units ended in the window before the last one, and the seconds between them; nothing where that is long ago.
+fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
+    times.sort();
+    let last = *times.last()?;
+    // A clock that was set back is no reason to say nothing.
+    let since = last.elapsed().unwrap_or_default();
+    let first = *times
+        .iter()
+        .find(|time| last.duration_since(**time).is_ok_and(|t| t <= WINDOW))?;
+    let count = times.iter().filter(|time| **time > first).count();
+    let secs = last.duration_since(first).unwrap_or_default().as_secs_f64();
+    (since <= WINDOW && count > 0 && secs > 0.0).then_some((count, secs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pace_is_that_of_the_last_minutes() {
+        let now = SystemTime::now();
+        let ago = |secs: u64| now - Duration::from_secs(secs);
+        assert_eq!(pace(vec![]), None);
+        assert_eq!(pace(vec![ago(5)]), None);
+        // An old burst does not count; the first unit of the window only starts the clock.
+        let times = vec![ago(9000), ago(8999), ago(100), ago(50), ago(0)];
+        assert_eq!(pace(times), Some((2, 100.0)));
+        assert_eq!(pace(vec![ago(9000), ago(8000)]), None);
+    }
+}

@@ -1,0 +1,74 @@
+//! An indexed Job of Kubernetes, and the Job that merges.
+
+use std::path::PathBuf;
+
+use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
+
+/// How Kubernetes runs a plan.
+#[derive(Debug, Clone)]
+pub struct Kubernetes {
+    /// What every scheduler is told.
+    pub shards: Shards,
+    /// Shards at a time.
+    pub parallel: usize,
+    /// An image with `sharp-bench` in it.
+    pub image: String,
+    /// The claim of the volume on which the plan lies, and what it reads.
+    pub claim: String,
+    /// Where that is mounted; the plan's paths lead there.
+    pub mount: PathBuf,
+    /// Where to write.
+    pub out: PathBuf,
+}
+
+/// Writes `job.yaml` and `merge.yaml`.
+///
+/// # Errors
+/// As [`super::slurm()`].
+pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
+    let Kubernetes { shards, out, .. } = request;
+    if !shards.plan.starts_with(&request.mount) {
+        return Err(ScaleError::Refused {
+            what: "--mount",
+            value: request.mount.display().to_string(),
+            reason: "the plan does not lie below it, so that no pod would see it",
+        });
+    }
+    let (estimate, name) = planned(shards)?;
+    let plan = quoted_path("plan", &shards.plan)?;
+    let script = format!(
+        "sharp-bench --quiet run --plan {plan} --shard auto/{} --threads {} {}; code=$?; [ $code -ne 4 ] || code=0; exit $code",
+        shards.count,
+        shards.cpus,
+        arguments(shards)
+    );
+    let values = vec![
+        ("plan", yaml(&shards.plan.to_string_lossy())),
+        ("name", name),
+        ("shards", shards.count.to_string()),
+        ("parallel", request.parallel.min(shards.count).to_string()),
+        ("image", yaml(&request.image)),
+        ("claim", yaml(&request.claim)),
+        ("mount", yaml(&request.mount.to_string_lossy())),
+        ("cpus", shards.cpus.to_string()),
+        (
+            "memory_mib",
+            memory_mib(estimate.total.peak_bytes).to_string(),
+        ),
+        ("script", yaml(&script)),
+    ];
+    let files = [
+        ("job.yaml", include_str!("../../templates/scale/job.yaml")),
+        (
+            "merge.yaml",
+            include_str!("../../templates/scale/merge.yaml"),
+        ),
+    ];
+    let files = files.map(|(file, text)| Ok((file.to_owned(), fill(file, text, shards, &values)?)));
+    write(out, files.into_iter().collect::<Result<_, ScaleError>>()?)
+}
+
+/// A string as YAML takes it: JSON's form is one of YAML's.
+fn yaml(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
+}

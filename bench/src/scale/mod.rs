@@ -1,0 +1,187 @@
+//! Files that hand the shards of a plan to a scheduler; the scheduling is the scheduler's.
+//!
+//! Each file is a template with `{{name}}` where a value comes in; a folder of the user's with files of the same names takes
+//! their place.
+
+mod kubernetes;
+mod slurm;
+
+use std::path::{Path, PathBuf};
+
+use crate::evaluate::{Estimate, EvaluateError, RunFolder};
+use crate::io::atomic_files::{FileError, write_over_own};
+
+pub use kubernetes::{Kubernetes, kubernetes};
+pub use slurm::{Slurm, slurm};
+
+/// What every scheduler is told.
+#[derive(Debug, Clone)]
+pub struct Shards {
+    /// The run folder of the plan; absolute, as the nodes see it.
+    pub plan: PathBuf,
+    /// How many shards.
+    pub count: usize,
+    /// Cores of each.
+    pub cpus: usize,
+    /// Submit shards with recorded failures again.
+    pub retry_failed: bool,
+    /// Start the programs of `command` methods.
+    pub allow_programs: bool,
+    /// Templates that take the place of ours.
+    pub templates: Option<PathBuf>,
+}
+
+/// Why there are no files.
+#[derive(Debug, thiserror::Error)]
+pub enum ScaleError {
+    /// The plan.
+    #[error(transparent)]
+    Plan(#[from] EvaluateError),
+    /// A template, or where to write.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A folder without a plan for shards.
+    #[error("{}: not planned by `run --plan-only`", .0.display())]
+    NotPlanned(PathBuf),
+    /// What a template asks for.
+    #[error("template {template}: there is no value {{{{{name}}}}}; there are {known}")]
+    UnknownValue {
+        /// Its file name.
+        template: String,
+        /// As it stands there.
+        name: String,
+        /// All of this scheduler's.
+        known: String,
+    },
+    /// What cannot stand in a script.
+    #[error("{what} '{value}': {reason}")]
+    Refused {
+        /// Which value.
+        what: &'static str,
+        /// What was given.
+        value: String,
+        /// Why.
+        reason: &'static str,
+    },
+}
+
+/// What our files have in their first lines.
+const MARK: &str = "sharp-bench scale";
+
+/// A template and the values that come into it.
+type Values = Vec<(&'static str, String)>;
+
+fn fill(name: &str, own: &str, shards: &Shards, values: &Values) -> Result<String, ScaleError> {
+    let user = shards.templates.as_ref().map(|folder| folder.join(name));
+    let text = match user.filter(|path| path.exists()) {
+        Some(path) => {
+            let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;
+            String::from_utf8_lossy(&bytes).into_owned()
+        }
+        None => own.to_owned(),
+    };
+    let mut parts = text.split("{{");
+    let mut filled = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (name_of_value, rest) = part.split_once("}}").unwrap_or((part, ""));
+        let value = values
+            .iter()
+            .find(|(known, _)| *known == name_of_value.trim());
+        let (_, value) = value.ok_or_else(|| ScaleError::UnknownValue {
+            template: name.to_owned(),
+            name: name_of_value.trim().chars().take(40).collect(),
+            known: values
+                .iter()
+                .map(|(known, _)| *known)
+                .collect::<Vec<_>>()
+                .join(", "),
+        })?;
+        filled += value;
+        filled += rest;
+    }
+    Ok(filled)
+}
+
+/// Writes files into a folder, over nothing but earlier ones of ours.
+fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, ScaleError> {
+    let mut written = Vec::new();
+    for (name, text) in files {
+        let path = out.join(name);
+        // After the line that says what runs it.
+        let (first, rest) = match text.starts_with("#!") {
+            true => text.split_once('\n').unwrap_or((&text, "")),
+            false => ("", text.as_str()),
+        };
+        let first = match first {
+            "" => String::new(),
+            line => format!("{line}\n"),
+        };
+        let marked = format!("{first}# made by {MARK}\n{rest}");
+        write_over_own(&path, marked.as_bytes(), MARK)?;
+        written.push(path);
+    }
+    Ok(written)
+}
+
+/// What the plan estimated, and a name for its jobs.
+fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
+    let plan = RunFolder::open(&shards.plan).map_err(EvaluateError::from)?;
+    let plan = plan.plan()?;
+    let not_planned = || ScaleError::NotPlanned(shards.plan.clone());
+    let estimate = plan.estimate.filter(|_| plan.command.is_some());
+    let estimate = estimate.ok_or_else(not_planned)?;
+    let name = shards
+        .plan
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy();
+    // As schedulers take names: Kubernetes takes the least.
+    let plain = name.chars().map(|c| match c.to_ascii_lowercase() {
+        c if c.is_ascii_alphanumeric() => c,
+        _ => '-',
+    });
+    let name: String = plain.take(40).collect();
+    Ok((estimate, format!("sharp-{}", name.trim_matches('-'))))
+}
+
+/// As a shell takes it, whatever is in it.
+fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
+    if text.contains(char::is_control) {
+        return Err(ScaleError::Refused {
+            what,
+            value: text.escape_debug().to_string(),
+            reason: "control characters cannot stand in a script",
+        });
+    }
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=:@%".contains(c);
+    Ok(match !text.is_empty() && text.chars().all(plain) {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', "'\\''")),
+    })
+}
+
+fn quoted_path(what: &'static str, path: &Path) -> Result<String, ScaleError> {
+    let text = path.to_str().ok_or_else(|| ScaleError::Refused {
+        what,
+        value: path.display().to_string(),
+        reason: "only Unicode can stand in a script",
+    })?;
+    quoted(what, text)
+}
+
+/// Memory to ask for: half as much again as was measured, whole GiB, as MiB.
+fn memory_mib(peak_bytes: Option<u64>) -> u64 {
+    let gib = peak_bytes.unwrap_or(8 << 30) as f64 / f64::from(1 << 30);
+    (gib * 1.5).ceil().max(2.0) as u64 * 1024
+}
+
+/// Arguments of every shard.
+fn arguments(shards: &Shards) -> String {
+    match shards.allow_programs {
+        true => "--allow-programs".to_owned(),
+        false => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,117 @@
+//! Array jobs of Slurm, one a stage, and the script that submits what is left.
+
+use std::path::PathBuf;
+
+use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
+use crate::evaluate::Estimate;
+
+/// How Slurm runs a plan.
+#[derive(Debug, Clone)]
+pub struct Slurm {
+    /// What every scheduler is told.
+    pub shards: Shards,
+    /// The program, as the nodes see it.
+    pub binary: PathBuf,
+    /// An array each for predict, render and score, in this order; otherwise one that does all.
+    pub stages_apart: bool,
+    /// Options of sbatch by job: predict, render, score, all, merge, or every.
+    pub options: Vec<(String, String)>,
+    /// Where to write.
+    pub out: PathBuf,
+}
+
+/// The jobs that options may be for.
+const JOBS: [&str; 6] = ["predict", "render", "score", "all", "merge", "every"];
+
+/// Writes a script a stage, the merge's and `submit.sh`.
+///
+/// # Errors
+/// When the folder holds no plan, a template asks for what there is not, or a file of someone else is there.
+pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
+    let Slurm { shards, out, .. } = request;
+    let (estimate, name) = planned(shards)?;
+    let stages = match request.stages_apart {
+        true => vec!["predict", "render", "score"],
+        false => vec!["all"],
+    };
+    let values = |stage: &'static str| -> Result<super::Values, ScaleError> {
+        let cost = cost(&estimate, stage);
+        Ok(vec![
+            ("plan", quoted_path("plan", &shards.plan)?),
+            ("binary", quoted_path("binary", &request.binary)?),
+            ("name", name.clone()),
+            ("stage", stage.to_owned()),
+            ("stages", stages.join(" ")),
+            ("shards", shards.count.to_string()),
+            ("cpus", shards.cpus.to_string()),
+            ("memory_mib", memory_mib(cost.peak_bytes).to_string()),
+            ("minutes", minutes(cost.cpu_secs, shards).to_string()),
+            ("options", options(&request.options, stage)?),
+            ("arguments", arguments(shards)),
+            (
+                "retry",
+                match shards.retry_failed {
+                    true => "--retry-failed".to_owned(),
+                    false => String::new(),
+                },
+            ),
+        ])
+    };
+    let mut files = Vec::new();
+    for stage in &stages {
+        let text = include_str!("../../templates/scale/stage.sbatch");
+        let text = fill("stage.sbatch", text, shards, &values(stage)?)?;
+        files.push((format!("{stage}.sbatch"), text));
+    }
+    for (file, text) in [
+        (
+            "merge.sbatch",
+            include_str!("../../templates/scale/merge.sbatch"),
+        ),
+        ("submit.sh", include_str!("../../templates/scale/submit.sh")),
+    ] {
+        files.push((
+            file.to_owned(),
+            fill(file, text, shards, &values("merge")?)?,
+        ));
+    }
+    write(out, files)
+}
+
+fn cost(estimate: &Estimate, stage: &str) -> crate::evaluate::estimate::StageCost {
+    match stage {
+        "predict" => estimate.predict,
+        "render" => estimate.render,
+        "score" => estimate.score,
+        "all" => estimate.total,
+        _ => Default::default(),
+    }
+}
+
+/// Time to ask for: three times what a shard should take on half of its cores, at least 30 minutes. What is not done then
+/// is requeued.
+fn minutes(cpu_secs: f64, shards: &Shards) -> u64 {
+    let share = cpu_secs / shards.count as f64 / (shards.cpus as f64 / 2.0).max(1.0);
+    (3.0 * share / 60.0).ceil().max(30.0) as u64
+}
+
+/// The lines `#SBATCH …` of a job.
+fn options(given: &[(String, String)], job: &str) -> Result<String, ScaleError> {
+    let mut lines = Vec::new();
+    for (of, option) in given {
+        if !JOBS.contains(&of.as_str())
+            || option.contains(char::is_control)
+            || !option.starts_with('-')
+        {
+            return Err(ScaleError::Refused {
+                what: "--sbatch",
+                value: format!("{of}={}", option.escape_debug()),
+                reason: "JOB=OPTION is needed, as in predict=--gres=gpu:1; jobs are predict, render, score, all, merge and every",
+            });
+        }
+        if of == job || of == "every" {
+            lines.push(format!("#SBATCH {option}"));
+        }
+    }
+    Ok(lines.join("\n"))
+}

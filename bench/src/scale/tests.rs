@@ -1,0 +1,185 @@
+use super::*;
+use crate::evaluate::{PlannedCommand, RunPlan};
+
+fn plan(folder: &Path, name: &str) -> PathBuf {
+    let root = folder.join(name);
+    let estimate = serde_json::json!({
+        "units": 100, "sources": 10, "pairs": 50, "measured_pairs": 6, "measured_failures": 0,
+        "cpu_secs": 72_000.0, "wall_secs": 36_000.0, "peak_bytes": 3_u64 << 30, "disk_bytes": 1,
+        "predict": {"cpu_secs": 7200.0, "wall_secs": 1.0, "peak_bytes": 9_u64 << 30, "disk_bytes": 1},
+        "render": {"cpu_secs": 1.0, "wall_secs": 1.0, "peak_bytes": null, "disk_bytes": 1},
+        "score": {"cpu_secs": 57_600.0, "wall_secs": 1.0, "peak_bytes": 1_u64 << 30, "disk_bytes": 1},
+    });
+    let plan = RunPlan {
+        format: 2,
+        blocks: Vec::new(),
+        command: Some(PlannedCommand {
+            arguments: Vec::new(),
+            directory: "/".into(),
+        }),
+        estimate: Some(serde_json::from_value(estimate).unwrap()),
+    };
+    std::fs::create_dir_all(&root).unwrap();
+    std::fs::write(root.join("manifest.json"), "{}").unwrap();
+    std::fs::write(root.join("plan.json"), serde_json::to_vec(&plan).unwrap()).unwrap();
+    root
+}
+
+fn shards(plan: PathBuf) -> Shards {
+    Shards {
+        plan,
+        count: 8,
+        cpus: 4,
+        retry_failed: false,
+        allow_programs: true,
+        templates: None,
+    }
+}
+
+fn request(folder: &Path, plan: PathBuf) -> Slurm {
+    Slurm {
+        shards: shards(plan),
+        binary: "/opt/sharp-bench".into(),
+        stages_apart: true,
+        options: vec![
+            ("predict".to_owned(), "--gres=gpu:1".to_owned()),
+            ("every".to_owned(), "--account=lab".to_owned()),
+        ],
+        out: folder.join("jobs"),
+    }
+}
+
+fn read(folder: &Path, name: &str) -> String {
+    std::fs::read_to_string(folder.join("jobs").join(name)).unwrap()
+}
+
+#[test]
+fn each_stage_asks_for_what_it_was_estimated_to_need() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let request = request(dir, plan(dir, "it's; rm -rf $HOME"));
+    slurm(&request).unwrap();
+    let (predict, score, merge) = (
+        read(dir, "predict.sbatch"),
+        read(dir, "score.sbatch"),
+        read(dir, "merge.sbatch"),
+    );
+    // 9 GiB and a half more; 2 h of one core, by 8 shards, on half of 4 cores, three times.
+    assert!(predict.contains("#SBATCH --mem=14336M\n"), "{predict}");
+    assert!(
+        predict.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
+        "{score}"
+    );
+    assert!(
+        predict.contains("#SBATCH --gres=gpu:1\n#SBATCH --account=lab\n"),
+        "{predict}"
+    );
+    assert!(!score.contains("gpu") && score.contains("--account") && merge.contains("--account"));
+    assert!(
+        score.contains("/8\" --stage score --threads 4 --allow-programs &"),
+        "{score}"
+    );
+    // Quoted, and read by a shell as one word.
+    assert!(predict.contains(r"it'\''s; rm -rf $HOME'"), "{predict}");
+    for name in [
+        "predict.sbatch",
+        "render.sbatch",
+        "score.sbatch",
+        "merge.sbatch",
+        "submit.sh",
+    ] {
+        let checked = std::process::Command::new("bash")
+            .arg("-n")
+            .arg(dir.join("jobs").join(name))
+            .output();
+        let checked = checked.unwrap();
+        assert!(
+            checked.status.success(),
+            "{name}: {}",
+            String::from_utf8_lossy(&checked.stderr)
+        );
+        assert!(!read(dir, name).contains("{{"), "{name}");
+    }
+    // Again over our own files, never over another's.
+    slurm(&request).unwrap();
+    std::fs::write(dir.join("jobs/submit.sh"), "mine").unwrap();
+    assert!(slurm(&request).is_err());
+}
+
+#[test]
+fn templates_of_the_user_take_the_place_of_ours() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut request = request(dir, plan(dir, "p"));
+    let templates = dir.join("templates");
+    std::fs::create_dir(&templates).unwrap();
+    request.shards.templates = Some(templates.clone());
+    std::fs::write(
+        templates.join("merge.sbatch"),
+        "#!/bin/zsh\nmerge {{plan}} {{ name }}\n",
+    )
+    .unwrap();
+    slurm(&request).unwrap();
+    let merge = read(dir, "merge.sbatch");
+    assert!(
+        merge.starts_with("#!/bin/zsh\n#") && merge.contains("p sharp-p\n"),
+        "{merge}"
+    );
+    std::fs::write(templates.join("merge.sbatch"), "{{nonsense}}").unwrap();
+    let error = slurm(&request).unwrap_err().to_string();
+    assert!(
+        error.contains("merge.sbatch") && error.contains("nonsense") && error.contains("shards"),
+        "{error}"
+    );
+}
+
+#[test]
+fn what_would_run_as_something_else_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let planned = plan(dir, "p");
+    for option in ["gpu:1", "--x\nrm -rf /", ""] {
+        let mut request = request(dir, planned.clone());
+        request.options = vec![("predict".to_owned(), option.to_owned())];
+        assert!(slurm(&request).is_err(), "{option}");
+    }
+    let mut bad_job = request(dir, planned.clone());
+    bad_job.options = vec![("gpu".to_owned(), "--x".to_owned())];
+    assert!(slurm(&bad_job).is_err());
+    assert!(slurm(&request(dir, plan(dir, "a\nb"))).is_err());
+    std::fs::write(planned.join("plan.json"), r#"{"format": 2, "blocks": []}"#).unwrap();
+    let error = slurm(&request(dir, planned)).unwrap_err().to_string();
+    assert!(error.contains("--plan-only"), "{error}");
+}
+
+#[test]
+fn an_indexed_job_is_one_pod_a_shard() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut request = Kubernetes {
+        shards: shards(plan(dir, "Größe \"1\"")),
+        parallel: 20,
+        image: "registry/x:1\nkind: Secret".to_owned(),
+        claim: "data".to_owned(),
+        mount: dir.to_owned(),
+        out: dir.join("jobs"),
+    };
+    kubernetes(&request).unwrap();
+    let job = read(dir, "job.yaml");
+    assert!(
+        job.contains("completions: 8\n") && job.contains("parallelism: 8\n"),
+        "{job}"
+    );
+    assert!(
+        job.contains("--shard auto/8 --threads 4 --allow-programs; code=$?"),
+        "{job}"
+    );
+    assert!(
+        job.contains(r#"image: "registry/x:1\nkind: Secret""#),
+        "{job}"
+    );
+    assert!(job.contains("name: sharp-gr--e--1\n"), "{job}");
+    assert!(!read(dir, "merge.yaml").contains("{{"));
+    request.mount = dir.join("elsewhere");
+    assert!(kubernetes(&request).is_err());
+}

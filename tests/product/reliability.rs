@@ -1,0 +1,474 @@
+//! Runs that are killed, starved and disturbed: whatever happens, the scores are those of a run that was left alone. Where
+//! a test needs what a machine may lack (a small disk of its own, Slurm), it is reported as ignored, by name.
+//!
+//! `SHARP_BENCH_KILLS=N` kills N times instead of 10.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "test code outside of #[test] functions"
+)]
+
+mod slurm;
+#[allow(dead_code, reason = "shared with the other tests of the binary")]
+mod support;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant, SystemTime};
+
+use libtest_mimic::{Arguments, Trial};
+use support::sharp_bench;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::from_args();
+    let trial = |name: &str, test: fn()| {
+        Trial::test(name, move || {
+            test();
+            Ok(())
+        })
+    };
+    let trials = vec![
+        trial("kills at random moments, under changing shards", kills),
+        trial("spoilt units, other clocks and a second process", disturbed),
+        trial("an input that vanishes and comes back", vanished_input),
+        trial(
+            "signals and time budgets end after the unit at hand",
+            stopped,
+        ),
+        trial(
+            "a plan runs what it was planned with, and nothing else",
+            planned,
+        ),
+        trial("a disk that is full, then has room", full_disk).with_ignored_flag(!can_mount()),
+        trial("a folder that cannot be written", read_only).with_ignored_flag(!can_mount()),
+        trial("Slurm, with a node that dies", slurm::survives_a_dead_node)
+            .with_ignored_flag(!slurm::is_there()),
+    ];
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+/// 24 pairs by three methods.
+const WHAT: [&str; 11] = [
+    "--dataset",
+    "S:synthetic=size=96x72,views=20",
+    "--method",
+    "target",
+    "--method",
+    "copy",
+    "--method",
+    "depth-splat:resolution=256",
+    "--metrics",
+    "psnr,ssim-gauss11-valid",
+    "--limit=24",
+];
+
+fn run(folder: &Path, args: &[&str]) -> support::Said {
+    sharp_bench(folder, &[&["run"], args].concat())
+}
+
+/// The scores of a run that was left alone, and a plan of the same.
+pub(crate) fn undisturbed(folder: &Path) -> Vec<u8> {
+    run(folder, &[&WHAT[..], &["--out", "alone"]].concat()).ends_with(0);
+    run(
+        folder,
+        &[&WHAT[..], &["--plan-only", "--out", "P"]].concat(),
+    )
+    .ends_with(0);
+    fs::read(folder.join("alone/scores.csv")).unwrap()
+}
+
+fn shard(folder: &Path, shard: &str) -> support::Said {
+    run(folder, &["--plan", "P", "--shard", shard])
+}
+
+/// The same, left to itself.
+fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
+        .args(["run", "--plan", "P", "--shard", shard])
+        .args(more)
+        .current_dir(folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// What a merge makes of the plan.
+pub(crate) fn merged(folder: &Path) -> Vec<u8> {
+    sharp_bench(folder, &["merge", "P"]).ends_with(0);
+    fs::read(folder.join("P/scores.csv")).unwrap()
+}
+
+/// Numbers that look random and are the same each time.
+fn random(state: &mut u64, below: u64) -> u64 {
+    *state = state
+        .wrapping_mul(6_364_136_223_846_793_005)
+        .wrapping_add(1_442_695_040_888_963_407);
+    (*state >> 33) % below
+}
+
+fn unit_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = fs::read_dir(folder.join("P/units"))
+        .into_iter()
+        .flatten()
+        .flat_map(|entry| fs::read_dir(entry.unwrap().path()).unwrap())
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    files.sort();
+    files
+}
+
+fn kills() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    let kills = std::env::var("SHARP_BENCH_KILLS").map_or(10, |n| n.parse().unwrap());
+    let mut seed = 7;
+    let mut killed = 0;
+    let mut last = (0, 0);
+    for attempt in 0..100 * kills {
+        let count = [1, 3, 7][random(&mut seed, 3) as usize];
+        let index = 1 + random(&mut seed, count);
+        let mut child = start(dir.path(), &format!("{index}/{count}"), &[]);
+        // Up to a second: from before the first unit to after the last of a small shard.
+        std::thread::sleep(Duration::from_millis(random(&mut seed, 1000)));
+        if child.try_wait().unwrap().is_none() {
+            child.kill().unwrap();
+            killed += 1;
+        }
+        child.wait().unwrap();
+        last = (killed, attempt);
+        if killed == kills {
+            break;
+        }
+        // All is done: from the start again, so that there is something to kill.
+        if unit_files(dir.path()).len() == 72 {
+            let _ = fs::remove_dir_all(dir.path().join("P/units"));
+        }
+    }
+    assert_eq!(
+        last.0, kills,
+        "killed {} times in {} attempts",
+        last.0, last.1
+    );
+    for index in 1..=3 {
+        shard(dir.path(), &format!("{index}/3")).ends_with(0);
+    }
+    assert!(merged(dir.path()) == expected);
+    // Whoever has the folder alone sweeps what the killed ones left.
+    run(dir.path(), &[&WHAT[..], &["--out", "P"]].concat()).ends_with(0);
+    let left = walk(&dir.path().join("P"));
+    let left: Vec<_> = left
+        .iter()
+        .filter(|name| name.contains("/.partial") || name.contains("/.scratch"))
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+    assert!(fs::read(dir.path().join("P/scores.csv")).unwrap() == expected);
+}
+
+fn walk(folder: &Path) -> Vec<String> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        all.push(path.display().to_string());
+        if path.is_dir() {
+            all.extend(walk(&path));
+        }
+    }
+    all
+}
+
+fn disturbed() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    // Two processes on one shard, and one on another.
+    let mut children = ["1/2", "1/2", "2/2"].map(|shard| start(dir.path(), shard, &[]));
+    for child in &mut children {
+        assert!(child.wait().unwrap().success());
+    }
+    let files = unit_files(dir.path());
+    assert_eq!(files.len(), 72);
+    for (i, file) in files.iter().enumerate() {
+        // Clocks that were wrong in both directions.
+        let time = match i % 2 {
+            0 => SystemTime::UNIX_EPOCH + Duration::from_secs(1),
+            _ => SystemTime::now() + Duration::from_secs(400_000_000),
+        };
+        fs::File::options()
+            .write(true)
+            .open(file)
+            .unwrap()
+            .set_modified(time)
+            .unwrap();
+        let text = fs::read(file).unwrap();
+        match i {
+            // A digit, the end, everything, and another unit's content.
+            3 => {
+                let text = String::from_utf8(text).unwrap();
+                let at = text.find("\"baseline_m\": 0.").unwrap() + 16;
+                let digit = if &text[at..=at] == "1" { "2" } else { "1" };
+                fs::write(file, format!("{}{digit}{}", &text[..at], &text[at + 1..])).unwrap();
+            }
+            10 => fs::write(file, &text[..text.len() / 2]).unwrap(),
+            17 => fs::write(file, "").unwrap(),
+            24 => fs::write(file, fs::read(&files[25]).unwrap()).unwrap(),
+            _ => {}
+        }
+    }
+    let status = sharp_bench(dir.path(), &["status", "P", "--json"])
+        .ends_with(75)
+        .json();
+    assert_eq!(
+        (&status["damaged"], &status["all"]["missing"]),
+        (&4.into(), &4.into())
+    );
+    sharp_bench(dir.path(), &["merge", "P"]).ends_with(75);
+    let said = sharp_bench(dir.path(), &["status", "P", "--unfinished-shards", "12"]).ends_with(0);
+    let unfinished = said.out.trim().split(',').count();
+    assert!((1..=4).contains(&unfinished), "{}", said.out);
+    for index in 1..=3 {
+        shard(dir.path(), &format!("{index}/3")).ends_with(0);
+    }
+    let none = sharp_bench(dir.path(), &["status", "P", "--unfinished-shards", "12"]).ends_with(0);
+    assert_eq!(none.out.trim(), "");
+    assert!(merged(dir.path()) == expected);
+}
+
+fn vanished_input() {
+    let dir = tempfile::tempdir().unwrap();
+    undisturbed(dir.path());
+    let imported = ["--method", "imported:label=mine,dir=there"];
+    fs::rename(
+        dir.path().join("alone/predictions/copy"),
+        dir.path().join("there"),
+    )
+    .unwrap();
+    run(
+        dir.path(),
+        &[&WHAT[..], &imported, &["--out", "all"]].concat(),
+    )
+    .ends_with(0);
+    let expected = fs::read(dir.path().join("all/scores.csv")).unwrap();
+    run(
+        dir.path(),
+        &[&WHAT[..], &imported, &["--plan-only", "--out", "Q"]].concat(),
+    )
+    .ends_with(0);
+    fs::rename(dir.path().join("there"), dir.path().join("gone")).unwrap();
+    let on_plan = |shard: &str| run(dir.path(), &["--plan", "Q", "--shard", shard]);
+    for shard in ["1/2", "2/2"] {
+        on_plan(shard).ends_with(4);
+    }
+    let failed = sharp_bench(dir.path(), &["merge", "Q", "--json"])
+        .ends_with(4)
+        .json();
+    assert_eq!(
+        (&failed["failed"], &failed["missing"]),
+        (&24.into(), &0.into())
+    );
+    fs::rename(dir.path().join("gone"), dir.path().join("there")).unwrap();
+    // Failures are results, unless they are to be tried again; a shard tries them.
+    let unfinished = |more: &[&str]| {
+        let args = [&["status", "Q", "--unfinished-shards", "2"], more].concat();
+        sharp_bench(dir.path(), &args)
+            .ends_with(0)
+            .out
+            .trim()
+            .to_owned()
+    };
+    assert_eq!(
+        (unfinished(&[]), unfinished(&["--retry-failed"])),
+        (String::new(), "1-2".to_owned())
+    );
+    for shard in ["1/3", "2/3", "3/3"] {
+        on_plan(shard).ends_with(0);
+    }
+    sharp_bench(dir.path(), &["merge", "Q"]).ends_with(0);
+    assert!(fs::read(dir.path().join("Q/scores.csv")).unwrap() == expected);
+}
+
+fn stopped() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    run(
+        dir.path(),
+        &["--plan", "P", "--shard", "1/1", "--time-budget", "0s"],
+    )
+    .ends_with(75);
+    assert!(unit_files(dir.path()).is_empty());
+    let mut ended_early = 0;
+    for signal in ["TERM", "USR1", "TERM", "USR1"] {
+        let mut child = start(dir.path(), "1/1", &["--threads", "1"]);
+        let before = unit_files(dir.path()).len();
+        let patience = Instant::now() + Duration::from_secs(60);
+        while unit_files(dir.path()).len() < before + 3 && Instant::now() < patience {
+            if child.try_wait().unwrap().is_some() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let sent = Command::new("kill")
+            .args(["-s", signal, &child.id().to_string()])
+            .status();
+        let code = child.wait().unwrap().code();
+        // Another exit than these would be death by the signal.
+        assert!(matches!(code, Some(75 | 0)), "{signal}: {code:?}");
+        ended_early += usize::from(sent.unwrap().success() && code == Some(75));
+    }
+    assert!(ended_early >= 1);
+    // A plain run likewise, and it leaves no table that looks like its end.
+    let budget = [&WHAT[..], &["--out", "plain", "--time-budget", "0s"]].concat();
+    run(dir.path(), &budget).ends_with(75);
+    assert!(!dir.path().join("plain/scores.csv").exists());
+    run(dir.path(), &[&WHAT[..], &["--out", "plain"]].concat()).ends_with(0);
+    assert!(fs::read(dir.path().join("plain/scores.csv")).unwrap() == expected);
+    shard(dir.path(), "1/1").ends_with(0);
+    assert!(merged(dir.path()) == expected);
+}
+
+fn planned() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    // From another folder: the plan's own paths start where it was made.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let plan = dir.path().join("P");
+    let plan = plan.to_str().unwrap();
+    run(elsewhere.path(), &["--plan", plan, "--shard", "1/1"]).ends_with(0);
+    assert!(!plan_file(dir.path(), "scores.csv").exists());
+    assert!(merged(dir.path()) == expected);
+    // Another class of kernels would give other last digits in one table.
+    run(
+        dir.path(),
+        &["--plan", "P", "--shard", "1/1", "--simd", "portable"],
+    )
+    .is_error_with(&["kernels", "--simd"]);
+    run(
+        dir.path(),
+        &["--plan", "P", "--shard", "1/1", "--method", "mean"],
+    )
+    .ends_with(0);
+    for args in [
+        &["--plan", "alone", "--shard", "1/1"][..],
+        &["--plan", "nowhere", "--shard", "1/1"],
+    ] {
+        run(dir.path(), args).is_error_with(&[args[1]]);
+    }
+    for args in [
+        &["--plan", "P"][..],
+        &["--plan", "P", "--shard", "0/3"],
+        &["--plan", "P", "--shard", "4/3"],
+        &["--shard", "1/3"],
+    ] {
+        assert_eq!(run(dir.path(), args).code, 2, "{args:?}");
+    }
+    // A folder with results of another run is no place for a plan.
+    run(
+        dir.path(),
+        &[&WHAT[..10], &["--limit=3", "--plan-only", "--out", "alone"]].concat(),
+    )
+    .is_error_with(&["alone", "merge"]);
+    // Programs of a plan from elsewhere start only where that is asked for.
+    let program = ["--method", "command:label=p,run='touch started; cat'"];
+    run(
+        dir.path(),
+        &[
+            &WHAT[..],
+            &program,
+            &["--limit=1", "--plan-only", "--out", "Q"],
+        ]
+        .concat(),
+    );
+    let _ = fs::remove_file(dir.path().join("started"));
+    run(dir.path(), &["--plan", "Q", "--shard", "1/1"])
+        .is_usage_error_with(&["--allow-programs", "touch started"]);
+    assert!(!dir.path().join("started").exists());
+}
+
+fn plan_file(folder: &Path, name: &str) -> PathBuf {
+    folder.join("P").join(name)
+}
+
+/// A file system in memory, unmounted when it is dropped.
+struct Mount(PathBuf);
+
+impl Mount {
+    fn new(at: &Path, options: &str) -> Option<Self> {
+        fs::create_dir_all(at).ok()?;
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", options, "tmpfs"])
+            .arg(at)
+            .stderr(Stdio::null())
+            .status();
+        mounted
+            .is_ok_and(|status| status.success())
+            .then(|| Self(at.to_owned()))
+    }
+
+    fn remount(&self, options: &str) {
+        let status = Command::new("mount")
+            .args(["-o", &format!("remount,{options}")])
+            .arg(&self.0)
+            .status();
+        assert!(status.unwrap().success());
+    }
+}
+
+impl Drop for Mount {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+fn can_mount() -> bool {
+    let dir = tempfile::tempdir().unwrap();
+    Mount::new(&dir.path().join("m"), "size=64k").is_some()
+}
+
+fn full_disk() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    let mount = Mount::new(&dir.path().join("small"), "size=400k").unwrap();
+    fs::rename(dir.path().join("P"), dir.path().join("Q")).unwrap();
+    copy(&dir.path().join("Q"), &dir.path().join("small/P"));
+    let small = dir.path().join("small");
+    // Until there is no room, and again: what was finished stays, nothing half written is taken for a result.
+    let said = run(&small, &["--plan", "P", "--shard", "1/1", "--keep", "all"]);
+    said.is_error_with(&["No space left"]);
+    let done = unit_files(&small).len();
+    assert!(done > 0);
+    run(&small, &["--plan", "P", "--shard", "1/1"]).is_error_with(&["No space left"]);
+    assert!(unit_files(&small).len() >= done);
+    mount.remount("size=200m");
+    shard(&small, "1/1").ends_with(0);
+    assert!(merged(&small) == expected);
+}
+
+fn read_only() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    let mount = Mount::new(&dir.path().join("small"), "size=200m").unwrap();
+    let small = dir.path().join("small");
+    copy(&dir.path().join("P"), &small.join("P"));
+    shard(&small, "1/2").ends_with(0);
+    mount.remount("ro");
+    shard(&small, "2/2").is_error_with(&["P", "Read-only"]);
+    sharp_bench(&small, &["merge", "P"]).is_error_with(&["Read-only"]);
+    // Reading needs no more than that.
+    sharp_bench(&small, &["status", "P"]).ends_with(75);
+    mount.remount("rw");
+    shard(&small, "2/2").ends_with(0);
+    assert!(merged(&small) == expected);
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        match entry.path().is_dir() {
+            true => copy(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
