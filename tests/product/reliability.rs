@@ -37,6 +37,7 @@ fn main() -> ExitCode {
             "signals and time budgets end after the unit at hand",
             stopped,
         ),
+        trial("pictures by some shards, scores by others", stages),
         trial(
             "a plan runs what it was planned with, and nothing else",
             planned,
@@ -255,7 +256,7 @@ fn vanished_input() {
         &[&WHAT[..], &imported, &["--plan-only", "--out", "Q"]].concat(),
     )
     .ends_with(0);
-    fs::rename(dir.path().join("there"), dir.path().join("gone")).unwrap();
+    fs::rename(dir.path().join("there/S"), dir.path().join("gone")).unwrap();
     let on_plan = |shard: &str| run(dir.path(), &["--plan", "Q", "--shard", shard]);
     for shard in ["1/2", "2/2"] {
         on_plan(shard).ends_with(4);
@@ -267,7 +268,7 @@ fn vanished_input() {
         (&failed["failed"], &failed["missing"]),
         (&24.into(), &0.into())
     );
-    fs::rename(dir.path().join("gone"), dir.path().join("there")).unwrap();
+    fs::rename(dir.path().join("gone"), dir.path().join("there/S")).unwrap();
     // Failures are results, unless they are to be tried again; a shard tries them.
     let unfinished = |more: &[&str]| {
         let args = [&["status", "Q", "--unfinished-shards", "2"], more].concat();
@@ -342,12 +343,12 @@ fn planned() {
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--simd", "portable"],
     )
-    .is_error_with(&["kernels", "--simd"]);
+    .is_error_with(&["portable", "--simd"]);
     run(
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--method", "mean"],
     )
-    .ends_with(0);
+    .is_error_with(&["'mean' is not in the plan"]);
     for args in [
         &["--plan", "alone", "--shard", "1/1"][..],
         &["--plan", "nowhere", "--shard", "1/1"],
@@ -383,6 +384,34 @@ fn planned() {
     run(dir.path(), &["--plan", "Q", "--shard", "1/1"])
         .is_usage_error_with(&["--allow-programs", "touch started"]);
     assert!(!dir.path().join("started").exists());
+}
+
+fn stages() {
+    let dir = tempfile::tempdir().unwrap();
+    let expected = undisturbed(dir.path());
+    let score = |shard: &str| sharp_bench(dir.path(), &["score", "P", "--shard", shard, "--json"]);
+    // Nothing to score yet.
+    assert_eq!(score("1/1").ends_with(0).json()["waiting"], 72);
+    for shard in ["1/2", "2/2"] {
+        run(
+            dir.path(),
+            &["--plan", "P", "--shard", shard, "--stage", "pictures"],
+        )
+        .ends_with(0);
+    }
+    let status = sharp_bench(dir.path(), &["status", "P", "--json"])
+        .ends_with(75)
+        .json();
+    assert_eq!(status["all"]["unscored"], 72);
+    let scored: u64 = ["1/3", "2/3", "3/3"]
+        .map(|shard| score(shard).ends_with(0).json()["scored"].as_u64().unwrap())
+        .iter()
+        .sum();
+    assert_eq!(scored, 72);
+    assert!(merged(dir.path()) == expected);
+    // The metrics are the plan's.
+    let other = ["score", "P", "--shard", "1/1", "--metrics", "psnr"];
+    assert_eq!(sharp_bench(dir.path(), &other).code, 2);
 }
 
 fn plan_file(folder: &Path, name: &str) -> PathBuf {

@@ -253,22 +253,15 @@ pub(crate) fn survives_a_dead_node() {
     let expected = super::undisturbed(folder);
     // Six shards where an array has indices up to 4: two arrays.
     let scale = [
-        "scale",
-        "slurm",
-        "--plan",
-        "P",
-        "--shards",
-        "6",
-        "--cpus",
-        "1",
-        "--one-array",
-        "--out",
-        "jobs",
+        "scale", "slurm", "--plan", "P", "--shards", "6", "--cpus", "1", "--out", "jobs",
     ];
     sharp_bench(folder, &scale).ends_with(0);
     let cluster = Cluster::start(&folder.join("slurm"));
     let said = cluster.submit(folder);
-    assert!(said.contains("all: ") && said.contains("merge: "), "{said}");
+    assert!(
+        said.contains("pictures: ") && said.contains("score: ") && said.contains("merge: "),
+        "{said}"
+    );
     let has_units = || super::unit_files(folder).len() >= 6;
     wait("no unit is made", 90, has_units);
     cluster.lose("n2");

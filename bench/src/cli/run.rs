@@ -157,7 +157,7 @@ fn bytes(text: &str) -> Result<u64, String> {
 }
 
 /// `90s`, `55m`, `3h`.
-fn time(text: &str) -> Result<Duration, String> {
+pub(super) fn time(text: &str) -> Result<Duration, String> {
     let wrong = || format!("'{text}': a time such as 90s, 55m or 3h is needed");
     let unit = match text.chars().last() {
         Some('s') => 1,
@@ -372,7 +372,7 @@ fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<
 }
 
 /// What a shard did.
-fn print_counts(
+pub(super) fn print_counts(
     counts: &UnitCounts,
     root: &Path,
     shard: Shard,

@@ -23,7 +23,7 @@ enum Scheduler {
     /// Array jobs of Slurm: a script a stage, the merge's, and submit.sh, which submits what is left
     #[command(after_help = "\
 Example:
-  sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch predict=--gres=gpu:1 \\
+  sharp-bench scale slurm --plan /shared/runs/all --shards 64 --cpus 8 --sbatch pictures=--gres=gpu:1 \\
       --sbatch every=--partition=main --out jobs && bash jobs/submit.sh")]
     Slurm(SlurmArgs),
     /// An indexed Job of Kubernetes, and the Job that merges
@@ -79,10 +79,10 @@ struct SlurmArgs {
     /// The program, as the nodes see it; this one without it
     #[arg(long, value_name = "FILE")]
     binary: Option<PathBuf>,
-    /// One array that does all stages, instead of one each for predict, render and score
+    /// One array that does all stages, instead of one for pictures (predictions and renderings) and one for scores
     #[arg(long)]
     one_array: bool,
-    /// An option of sbatch for a job (predict, render, score, all, merge or every); repeatable
+    /// An option of sbatch for a job (pictures, score, all, merge or every); repeatable
     #[arg(long = "sbatch", value_name = "JOB=OPTION", value_parser = option)]
     options: Vec<(String, String)>,
     /// Submit shards with recorded failures again

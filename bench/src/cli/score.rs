@@ -1,15 +1,19 @@
 //! `score`: more metrics over kept predictions.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use serde_json::json;
+use sharp_metrics::{InstructionSet, Selection, Simd};
 
 use super::data_args::MetricArgs;
+use super::outcome::UsageError;
 use super::output::Terminal;
 use super::report::{outcome, print_tables};
+use super::run::{print_counts, time};
 use super::{Outcome, output};
-use crate::evaluate::rescore;
+use crate::evaluate::{RunFolder, Shard, rescore, score_shard};
 
 /// Add metrics to a run from its kept predictions
 ///
@@ -22,6 +26,16 @@ pub(super) struct ScoreArgs {
     run: PathBuf,
     #[command(flatten)]
     metrics: MetricArgs,
+    /// Score a shard of a plan by the plan's metrics, and write units only: I/N, auto or auto/N, as `run --shard`. It needs
+    /// the datasets, and neither a method's files nor its device
+    #[arg(long, value_name = "I/N", conflicts_with = "metrics")]
+    shard: Option<Shard>,
+    /// Begin no pair after this time, such as 55m, and end with exit code 75, as SIGTERM and SIGUSR1 do
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    time_budget: Option<Duration>,
+    /// Class of CPU kernels: avx512, avx2 or portable; the fastest of the machine without it
+    #[arg(long, value_name = "SET")]
+    simd: Option<InstructionSet>,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -32,8 +46,22 @@ pub(super) struct ScoreArgs {
 
 pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
+    if let Some(set) = args.simd {
+        Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
+    }
+    let terminal = Terminal::until(args.time_budget)?;
+    if let Some(shard) = args.shard {
+        let manifest = RunFolder::open(&args.run)?.manifest()?;
+        let metrics = manifest.iter().flat_map(|manifest| &manifest.metrics);
+        let keys: Vec<String> = metrics.map(|metric| metric.info.key.to_string()).collect();
+        let selection = Selection::parse(&keys.join(","))?;
+        let scoring = args.metrics.complete_scoring(&selection)?;
+        let counts = score_shard(&args.run, &scoring, shard, &terminal)?;
+        print_counts(&counts, &args.run, shard, args.json)?;
+        return Ok(outcome(counts));
+    }
     let scoring = args.metrics.complete_scoring(&args.metrics.selection()?)?;
-    let (counts, results) = rescore(&args.run, &scoring, &Terminal::default())?;
+    let (counts, results) = rescore(&args.run, &scoring, &terminal)?;
     if args.json {
         output::json(&json!({
             "run": args.run.display().to_string(),
@@ -41,6 +69,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
             "reused": counts.reused,
             "scored": counts.scored,
             "not_kept": counts.waiting,
+            "left": counts.left,
             "failed": counts.failed,
         }))?;
     } else {

@@ -66,7 +66,7 @@ pub use manifest::Manifest;
 pub use pipeline::{Keep, RunOptions, Stages, UnitCounts};
 pub use plan::{PlannedCommand, RunPlan};
 pub use prepare::{Evaluation, PairOrigin, Request, RunStatus, prepare};
-pub use rescore::rescore;
+pub use rescore::{rescore, score_shard};
 pub use results::Results;
 pub use run::Finished;
 pub use shard::Shard;

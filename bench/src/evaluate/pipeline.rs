@@ -44,8 +44,16 @@ pub enum Stages {
     Predict,
     /// Pictures from kept predictions; they are kept
     Render,
+    /// Both of these, for a machine that has the network's device and shall not score
+    Pictures,
     /// Scores of kept pictures
     Score,
+}
+
+impl Stages {
+    fn scores(self) -> bool {
+        matches!(self, Self::All | Self::Score)
+    }
 }
 
 /// Which pictures stay in the run folder.
@@ -232,7 +240,8 @@ fn prepare_all<'a>(
     sender: &SyncSender<Result<PreparedPair<'a>, EvaluateError>>,
     observer: &dyn Observer,
 ) {
-    let kept = job.options.keep_gaussians || job.options.stages != Stages::All;
+    let runs_at_once = matches!(job.options.stages, Stages::All | Stages::Pictures);
+    let kept = job.options.keep_gaussians || !runs_at_once;
     let mut sources = Sources {
         gaussians: GaussianStore::new(
             kept.then(|| folder.gaussians_path()),
@@ -377,7 +386,7 @@ impl<'a> PairWork<'_, 'a> {
                 return Ok(Prepared::Done(Box::new(unit), Reuse::Complete));
             }
             if has_picture {
-                if matches!(job.options.stages, Stages::Predict | Stages::Render) {
+                if !job.options.stages.scores() {
                     return Ok(Prepared::Waiting);
                 }
                 let Slot {
@@ -427,9 +436,9 @@ impl<'a> PairWork<'_, 'a> {
             }
             Ok(Some(made)) => {
                 let picture = self.keep(&mut unit, made)?;
-                Ok(match job.options.stages {
-                    Stages::Predict | Stages::Render => Prepared::Waiting,
-                    _ => Prepared::Unscored(Box::new(Unscored { unit, picture })),
+                Ok(match job.options.stages.scores() {
+                    false => Prepared::Waiting,
+                    true => Prepared::Unscored(Box::new(Unscored { unit, picture })),
                 })
             }
         }

@@ -1,6 +1,6 @@
 //! Scoring kept predictions again: more metrics, or another region. Nothing is predicted or rendered.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use image::RgbImage;
@@ -9,11 +9,13 @@ use sharp_metrics::Picture;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::Keys;
-use super::manifest::metric_records;
+use super::manifest::{Manifest, metric_records};
 use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, units_folder, write_tables};
+use super::run::difference;
 use super::score::{PairTruth, Unscored, crop, missing, score_pair};
+use super::shard::Shard;
 use super::unit::{Slot, Unit};
 use crate::io::hash::file_sha256;
 use crate::io::observer::Observer;
@@ -39,10 +41,7 @@ pub fn rescore(
     let current = Current::read(&folder)?;
     let mut manifest = current.manifest;
     let scoring = &scoring.under(manifest.rules);
-    let mut new = manifest.clone();
-    new.metrics = metric_records(scoring);
-    new.metric_networks = scoring.scorer.options().arithmetic();
-    new.kernels = scoring.scorer.options().simd.instruction_set();
+    let new = under(&manifest, scoring);
     let datasets = open_datasets(&manifest)?;
     let store = units_folder(&folder, &manifest);
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
@@ -52,81 +51,181 @@ pub fn rescore(
             "{what} before; units that are not scored now lack it"
         ));
     }
-    let scenes = scenes_of(&datasets);
-    let mut list = PairList::read(&folder.pairs_path())?;
-    let wanted: std::collections::BTreeSet<String> = current
-        .units
-        .iter()
-        .map(|unit| unit.slot.pair_id.clone())
-        .collect();
-    list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
-    let mut reasons = std::collections::BTreeSet::new();
-    list.pairs.retain(|pair| {
-        let dataset = datasets.iter().find(|d| d.name == pair.dataset);
-        let left_out = dataset.and_then(|dataset| dataset.leaves_out(&pair.scene));
-        reasons.extend(left_out.map(ToString::to_string));
-        left_out.is_none()
-    });
-    for reason in reasons {
-        observer.warn(&reason);
-    }
-    let list = PairList::new("pairs.csv", list.pairs);
-    let keys = Keys::new(&datasets, &manifest.renderer);
     folder.remove_tables()?;
     folder.write_manifest(&manifest)?;
+    let work = Kept {
+        folder: &store,
+        manifest: &manifest,
+        datasets: &datasets,
+        units: current.units,
+        scoring,
+    };
+    let list = PairList::read(&folder.pairs_path())?;
+    let counts = work.score(list, observer)?;
+    let results = match counts.left {
+        0 => write_tables(&folder)?,
+        _ => Results::read(root)?,
+    };
+    Ok((counts, results))
+}
 
-    let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
-    for unit in &current.units {
-        units
-            .entry(&unit.slot.pair_id)
-            .or_default()
-            .push(unit.clone());
+/// Scores the kept pictures of a shard of a plan, beside others: needs the datasets and no method. Writes units, and
+/// neither manifest nor tables.
+///
+/// # Errors
+/// When metrics or what computes them are not those of the plan; as [`rescore`].
+pub fn score_shard(
+    root: &Path,
+    scoring: &Scoring,
+    shard: Shard,
+    observer: &dyn Observer,
+) -> Result<UnitCounts, EvaluateError> {
+    let folder = RunFolder::join(root)?;
+    let Current {
+        manifest,
+        mut units,
+        ..
+    } = Current::read(&folder)?;
+    let scoring = &scoring.under(manifest.rules);
+    if let Some(reason) = difference(&manifest, under(&manifest, scoring), root)? {
+        return Err(EvaluateError::NotKept {
+            folder: root.to_owned(),
+            reason,
+        });
     }
-    let mut counts = UnitCounts::default();
-    observer.begin("", current.units.len(), "units");
-    let mut not_kept = 0;
-    for planned in list.resolve(&scenes)? {
-        let truth = PairTruth::new(planned);
-        let mut unscored = Vec::new();
-        for unit in units
-            .remove(planned.pair.pair_id.as_str())
-            .unwrap_or_default()
-        {
-            observer.progress(counts.units, &planned.pair.pair_id);
-            counts.units += 1;
-            let Some(unit) = unit.scorable() else {
-                counts.failed += 1;
-                continue;
-            };
-            if missing(&unit, scoring, &keys, &planned).is_empty() {
-                counts.reused += 1;
+    let plan = folder.plan()?;
+    let own: BTreeSet<&str> = shard
+        .of(plan.pairs().into_iter().collect(), |id| id)
+        .into_iter()
+        .collect();
+    units.retain(|unit| own.contains(unit.slot.pair_id.as_str()));
+    let (of_shard, there) = (own.len() * manifest.methods.len(), units.len());
+    let work = Kept {
+        folder: &folder,
+        manifest: &manifest,
+        datasets: &open_datasets(&manifest)?,
+        units,
+        scoring,
+    };
+    let mut counts = work.score(PairList::read(&folder.pairs_path())?, observer)?;
+    // Nothing was predicted of these.
+    counts.units += of_shard - there;
+    counts.waiting += of_shard - there;
+    Ok(counts)
+}
+
+/// A manifest as it would be if its metrics were these.
+fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
+    let options = scoring.scorer.options();
+    Manifest {
+        metrics: metric_records(scoring),
+        metric_networks: options.arithmetic(),
+        kernels: options.simd.instruction_set(),
+        ..manifest.clone()
+    }
+}
+
+/// Units with kept pictures, to be scored.
+struct Kept<'a> {
+    folder: &'a RunFolder,
+    manifest: &'a Manifest,
+    datasets: &'a [OpenDataset],
+    units: Vec<Unit>,
+    scoring: &'a Scoring,
+}
+
+impl Kept<'_> {
+    fn score(
+        self,
+        mut list: PairList,
+        observer: &dyn Observer,
+    ) -> Result<UnitCounts, EvaluateError> {
+        let Self {
+            folder,
+            datasets,
+            scoring,
+            ..
+        } = self;
+        let scenes = scenes_of(datasets);
+        let wanted: BTreeSet<String> = self
+            .units
+            .iter()
+            .map(|unit| unit.slot.pair_id.clone())
+            .collect();
+        list.pairs.retain(|pair| wanted.contains(&pair.pair_id));
+        let mut reasons = BTreeSet::new();
+        list.pairs.retain(|pair| {
+            let dataset = datasets.iter().find(|d| d.name == pair.dataset);
+            let left_out = dataset.and_then(|dataset| dataset.leaves_out(&pair.scene));
+            reasons.extend(left_out.map(ToString::to_string));
+            left_out.is_none()
+        });
+        for reason in reasons {
+            observer.warn(&reason);
+        }
+        let list = PairList::new("pairs.csv", list.pairs);
+        let keys = Keys::new(datasets, &self.manifest.renderer);
+        let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
+        for unit in &self.units {
+            units
+                .entry(&unit.slot.pair_id)
+                .or_default()
+                .push(unit.clone());
+        }
+        let mut counts = UnitCounts::default();
+        observer.begin("", self.units.len(), "units");
+        let mut not_kept = 0;
+        for planned in list.resolve(&scenes)? {
+            if observer.stop() {
+                let left = units
+                    .remove(planned.pair.pair_id.as_str())
+                    .map_or(0, |units| units.len());
+                counts.units += left;
+                counts.left += left;
                 continue;
             }
-            match kept_picture(&store, &unit) {
-                Some(picture) => unscored.push(Unscored { unit, picture }),
-                None => not_kept += 1,
+            let truth = PairTruth::new(planned);
+            let mut unscored = Vec::new();
+            for unit in units
+                .remove(planned.pair.pair_id.as_str())
+                .unwrap_or_default()
+            {
+                observer.progress(counts.units, &planned.pair.pair_id);
+                counts.units += 1;
+                let Some(unit) = unit.scorable() else {
+                    counts.failed += 1;
+                    continue;
+                };
+                if missing(&unit, scoring, &keys, &planned).is_empty() {
+                    counts.reused += 1;
+                    continue;
+                }
+                match kept_picture(folder, &unit) {
+                    Some(picture) => unscored.push(Unscored { unit, picture }),
+                    None => not_kept += 1,
+                }
+            }
+            if !unscored.is_empty() {
+                for unit in score_pair(&truth, unscored, scoring, &keys, folder)? {
+                    counts.scored += 1;
+                    counts.count(&unit.record, observer);
+                }
             }
         }
-        if !unscored.is_empty() {
-            for unit in score_pair(&truth, unscored, scoring, &keys, &store)? {
-                counts.scored += 1;
-                counts.count(&unit.record, observer);
-            }
-        }
-    }
-    observer.end();
-    // Those whose scenes are left out.
-    let unread = units.into_values().flatten().count();
-    counts.units += unread;
-    counts.failed += unread;
-    if not_kept > 0 {
-        counts.waiting = not_kept;
-        observer.warn(&format!(
+        observer.end();
+        // Those whose scenes are left out.
+        let unread = units.into_values().flatten().count();
+        counts.units += unread;
+        counts.failed += unread;
+        if not_kept > 0 {
+            counts.waiting = not_kept;
+            observer.warn(&format!(
             "{not_kept} of {} units have no kept picture; `run` with these metrics predicts them again",
             counts.units
         ));
+        }
+        Ok(counts)
     }
-    Ok((counts, write_tables(&folder)?))
 }
 
 /// The datasets of a manifest.

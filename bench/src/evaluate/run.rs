@@ -219,15 +219,26 @@ impl Evaluation {
     }
 }
 
-/// Why a shard's values would not be the plan's.
-fn difference(
+/// Why what a process would compute is not what was planned.
+pub(super) fn difference(
     planned: &Manifest,
     now: Manifest,
     root: &Path,
 ) -> Result<Option<String>, EvaluateError> {
-    let computed = machine_difference(planned, &now);
-    let (_, replaced) = planned.clone().extended(now, root.to_owned())?;
-    Ok(computed.or_else(|| replaced.into_iter().next()))
+    if let Some(difference) = machine_difference(planned, &now) {
+        return Ok(Some(difference));
+    }
+    let (joined, replaced) = planned.clone().extended(now, root.to_owned())?;
+    // What is new comes last.
+    let methods = joined.methods.iter().skip(planned.methods.len());
+    let metrics = joined.metrics.iter().skip(planned.metrics.len());
+    let datasets = joined.datasets.iter().skip(planned.datasets.len());
+    let added = methods
+        .map(|method| format!("method '{}'", method.label))
+        .chain(metrics.map(|metric| metric.info.key.to_string()))
+        .chain(datasets.map(|dataset| format!("dataset '{}'", dataset.name)))
+        .map(|what| format!("{what} is not in the plan"));
+    Ok(replaced.into_iter().chain(added).next())
 }
 
 fn refused(folder: &Path, reason: &str) -> EvaluateError {

@@ -169,9 +169,9 @@ fn quoted_path(what: &'static str, path: &Path) -> Result<String, ScaleError> {
     quoted(what, text)
 }
 
-/// Memory to ask for: half as much again as was measured, whole GiB, as MiB.
+/// Memory to ask for: half as much again as was measured, whole GiB and at least two, as MiB.
 fn memory_mib(peak_bytes: Option<u64>) -> u64 {
-    let gib = peak_bytes.unwrap_or(8 << 30) as f64 / f64::from(1 << 30);
+    let gib = peak_bytes.unwrap_or_default() as f64 / f64::from(1 << 30);
     (gib * 1.5).ceil().max(2.0) as u64 * 1024
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
-use crate::evaluate::Estimate;
+use crate::evaluate::estimate::{Estimate, StageCost};
 
 /// How Slurm runs a plan.
 #[derive(Debug, Clone)]
@@ -12,16 +12,16 @@ pub struct Slurm {
     pub shards: Shards,
     /// The program, as the nodes see it.
     pub binary: PathBuf,
-    /// An array each for predict, render and score, in this order; otherwise one that does all.
+    /// An array each for pictures and score, in this order; otherwise one that does all.
     pub stages_apart: bool,
-    /// Options of sbatch by job: predict, render, score, all, merge, or every.
+    /// Options of sbatch by job: pictures, score, all, merge, or every.
     pub options: Vec<(String, String)>,
     /// Where to write.
     pub out: PathBuf,
 }
 
 /// The jobs that options may be for.
-const JOBS: [&str; 6] = ["predict", "render", "score", "all", "merge", "every"];
+const JOBS: [&str; 5] = ["pictures", "score", "all", "merge", "every"];
 
 /// Writes a script a stage, the merge's and `submit.sh`.
 ///
@@ -31,13 +31,14 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     let Slurm { shards, out, .. } = request;
     let (estimate, name) = planned(shards)?;
     let stages = match request.stages_apart {
-        true => vec!["predict", "render", "score"],
+        true => vec!["pictures", "score"],
         false => vec!["all"],
     };
     let values = |stage: &'static str| -> Result<super::Values, ScaleError> {
         let cost = cost(&estimate, stage);
+        let plan = quoted_path("plan", &shards.plan)?;
         Ok(vec![
-            ("plan", quoted_path("plan", &shards.plan)?),
+            ("plan", plan.clone()),
             ("binary", quoted_path("binary", &request.binary)?),
             ("name", name.clone()),
             ("stage", stage.to_owned()),
@@ -47,7 +48,14 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
             ("memory_mib", memory_mib(cost.peak_bytes).to_string()),
             ("minutes", minutes(cost.cpu_secs, shards).to_string()),
             ("options", options(&request.options, stage)?),
-            ("arguments", arguments(shards)),
+            // Scoring opens no method, so that it needs none of their files and devices.
+            (
+                "command",
+                match stage {
+                    "score" => format!("score {plan}"),
+                    _ => format!("run --plan {plan} --stage {stage} {}", arguments(shards)),
+                },
+            ),
             (
                 "retry",
                 match shards.retry_failed {
@@ -78,13 +86,16 @@ pub fn slurm(request: &Slurm) -> Result<Vec<PathBuf>, ScaleError> {
     write(out, files)
 }
 
-fn cost(estimate: &Estimate, stage: &str) -> crate::evaluate::estimate::StageCost {
-    match stage {
-        "predict" => estimate.predict,
-        "render" => estimate.render,
+fn cost(estimate: &Estimate, job: &str) -> StageCost {
+    match job {
+        "pictures" => StageCost {
+            cpu_secs: estimate.predict.cpu_secs + estimate.render.cpu_secs,
+            peak_bytes: estimate.predict.peak_bytes.max(estimate.render.peak_bytes),
+            ..estimate.render
+        },
         "score" => estimate.score,
         "all" => estimate.total,
-        _ => Default::default(),
+        _ => StageCost::default(),
     }
 }
 
@@ -106,7 +117,7 @@ fn options(given: &[(String, String)], job: &str) -> Result<String, ScaleError> 
             return Err(ScaleError::Refused {
                 what: "--sbatch",
                 value: format!("{of}={}", option.escape_debug()),
-                reason: "JOB=OPTION is needed, as in predict=--gres=gpu:1; jobs are predict, render, score, all, merge and every",
+                reason: "JOB=OPTION is needed, as in pictures=--gres=gpu:1; jobs are pictures, score, all, merge and every",
             });
         }
         if of == job || of == "every" {

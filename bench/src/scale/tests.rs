@@ -42,7 +42,7 @@ fn request(folder: &Path, plan: PathBuf) -> Slurm {
         binary: "/opt/sharp-bench".into(),
         stages_apart: true,
         options: vec![
-            ("predict".to_owned(), "--gres=gpu:1".to_owned()),
+            ("pictures".to_owned(), "--gres=gpu:1".to_owned()),
             ("every".to_owned(), "--account=lab".to_owned()),
         ],
         out: folder.join("jobs"),
@@ -59,20 +59,20 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
     let dir = dir.path();
     let request = request(dir, plan(dir, "it's; rm -rf $HOME"));
     slurm(&request).unwrap();
-    let (predict, score, merge) = (
-        read(dir, "predict.sbatch"),
+    let (pictures, score, merge) = (
+        read(dir, "pictures.sbatch"),
         read(dir, "score.sbatch"),
         read(dir, "merge.sbatch"),
     );
     // 9 GiB and a half more; 2 h of one core, by 8 shards, on half of 4 cores, three times.
-    assert!(predict.contains("#SBATCH --mem=14336M\n"), "{predict}");
+    assert!(pictures.contains("#SBATCH --mem=14336M\n"), "{pictures}");
     assert!(
-        predict.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
+        pictures.contains("#SBATCH --time=30\n") && score.contains("#SBATCH --time=180\n"),
         "{score}"
     );
     assert!(
-        predict.contains("#SBATCH --gres=gpu:1\n#SBATCH --account=lab\n"),
-        "{predict}"
+        pictures.contains("#SBATCH --gres=gpu:1\n#SBATCH --account=lab\n"),
+        "{pictures}"
     );
     assert!(!score.contains("gpu") && score.contains("--account") && merge.contains("--account"));
     assert!(
@@ -80,7 +80,7 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         "{score}"
     );
     // Quoted, and read by a shell as one word.
-    assert!(predict.contains(r"it'\''s; rm -rf $HOME'"), "{predict}");
+    assert!(pictures.contains(r"it'\''s; rm -rf $HOME'"), "{pictures}");
     for name in [
         "predict.sbatch",
         "render.sbatch",
@@ -140,7 +140,7 @@ fn what_would_run_as_something_else_is_refused() {
     let planned = plan(dir, "p");
     for option in ["gpu:1", "--x\nrm -rf /", ""] {
         let mut request = request(dir, planned.clone());
-        request.options = vec![("predict".to_owned(), option.to_owned())];
+        request.options = vec![("pictures".to_owned(), option.to_owned())];
         assert!(slurm(&request).is_err(), "{option}");
     }
     let mut bad_job = request(dir, planned.clone());
