@@ -36,8 +36,11 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     }
     let (estimate, name) = planned(shards)?;
     let plan = quoted_path("plan", &shards.plan)?;
+    // The first process of a container gets SIGTERM, and a shell passes none on by itself. Recorded failures are results.
     let script = format!(
-        "sharp-bench --quiet run --plan {plan} --shard auto/{} --threads {} {}; code=$?; [ $code -ne 4 ] || code=0; exit $code",
+        "sharp-bench --quiet run --plan {plan} --shard auto/{} --threads {} {} & run=$!; trap 'kill -TERM $run' TERM; \
+         wait $run; code=$?; while kill -0 $run 2>/dev/null; do wait $run; code=$?; done; \
+         [ $code -ne 4 ] || code=0; exit $code",
         shards.count,
         shards.cpus,
         arguments(shards)

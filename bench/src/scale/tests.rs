@@ -75,15 +75,18 @@ fn each_stage_asks_for_what_it_was_estimated_to_need() {
         "{pictures}"
     );
     assert!(!score.contains("gpu") && score.contains("--account") && merge.contains("--account"));
+    let shard = " --shard \"$shard/8\" --threads 4 &";
+    let command = format!(" --stage pictures --allow-programs{shard}");
+    assert!(pictures.contains(&command), "{pictures}");
+    // Scoring opens no method.
     assert!(
-        score.contains("/8\" --stage score --threads 4 --allow-programs &"),
+        score.contains(&format!("'{shard}")) && !score.contains("run --plan"),
         "{score}"
     );
     // Quoted, and read by a shell as one word.
     assert!(pictures.contains(r"it'\''s; rm -rf $HOME'"), "{pictures}");
     for name in [
-        "predict.sbatch",
-        "render.sbatch",
+        "pictures.sbatch",
         "score.sbatch",
         "merge.sbatch",
         "submit.sh",
@@ -171,7 +174,7 @@ fn an_indexed_job_is_one_pod_a_shard() {
         "{job}"
     );
     assert!(
-        job.contains("--shard auto/8 --threads 4 --allow-programs; code=$?"),
+        job.contains("--shard auto/8 --threads 4 --allow-programs & run=$!"),
         "{job}"
     );
     assert!(

@@ -1,0 +1,39 @@
+"""The manifests of `scale kubernetes` against the schema of Kubernetes, field by field and without unknown ones.
+
+usage: manifests.py BINARY WORK_FOLDER
+"""
+
+import pathlib
+import subprocess
+import sys
+
+import kubernetes_validate
+import yaml
+
+BINARY, WORK = sys.argv[1], pathlib.Path(sys.argv[2])
+# Names that a careless template would break: YAML's and the shell's own characters.
+PLAN = WORK / "it's: a #plan"
+DATASET = "synthetic=size=48x36,views=4"
+
+
+def sharp_bench(*arguments):
+    subprocess.run([BINARY, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+
+sharp_bench("run", "--dataset", DATASET, "--method", "copy", "--metrics", "psnr", "--plan-only", "--out", PLAN)
+sharp_bench(
+    *["scale", "kubernetes", "--plan", PLAN, "--shards", 3, "--image", "registry/sharp-bench:1"],
+    *["--claim", "data", "--mount", WORK.resolve(), "--out", WORK / "jobs"],
+)
+for name in ["job.yaml", "merge.yaml"]:
+    manifest = yaml.safe_load((WORK / "jobs" / name).read_text())
+    version = kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+    command = manifest["spec"]["template"]["spec"]["containers"][0]["command"]
+    if name == "job.yaml":
+        # What a pod would do, done here by each index.
+        for index in range(3):
+            environment = {"JOB_COMPLETION_INDEX": str(index), "PATH": f"{pathlib.Path(BINARY).resolve().parent}:/usr/bin:/bin"}
+            subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
+    else:
+        subprocess.run([BINARY, *command[1:]], check=True, stdout=subprocess.DEVNULL)
+    print(f"{name}: valid for Kubernetes {version}, and does its work")
