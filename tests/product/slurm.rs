@@ -25,6 +25,8 @@ pub(crate) fn is_there() -> bool {
 struct Cluster {
     root: PathBuf,
     host: String,
+    /// MUNGE was not running before.
+    started_munge: bool,
 }
 
 impl Cluster {
@@ -33,12 +35,13 @@ impl Cluster {
         let cluster = Self {
             root: root.to_owned(),
             host: host.split('.').next().unwrap().trim().to_owned(),
+            started_munge: !is_authentic(),
         };
         for folder in ["state", "run", "log"] {
             fs::create_dir_all(root.join(folder)).unwrap();
         }
         fs::write(root.join("slurm.conf"), cluster.configuration()).unwrap();
-        if !is_authentic() {
+        if cluster.started_munge {
             let start = "mkdir -p /run/munge && chown munge:munge /run/munge && su -s /bin/sh munge -c \"$(command -v munged)\"";
             let _ = Command::new("sh")
                 .args(["-c", start])
@@ -192,6 +195,19 @@ impl Drop for Cluster {
                     std::thread::sleep(Duration::from_millis(50));
                 }
             }
+        }
+        if self.started_munge {
+            let _ = Command::new("su")
+                .args([
+                    "-s",
+                    "/bin/sh",
+                    "munge",
+                    "-c",
+                    "$(command -v munged || echo /usr/sbin/munged) --stop",
+                ])
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .status();
         }
     }
 }
