@@ -62,7 +62,8 @@ impl SheetMedium {
         let room = style
             .pixels()
             .saturating_sub(gap.saturating_mul(columns - 1));
-        let (tile, least) = (room / columns, LEAST_EMS * style.font_pixels());
+        let tile = room / columns;
+        let least = (LEAST_EMS * style.font_pixels()).ceil();
         if f64::from(tile) < least {
             let needed = f64::from(columns) * least + f64::from(gap) * f64::from(columns - 1);
             let reason = style.narrow(needed / f64::from(style.pixels()));

@@ -31,8 +31,8 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// A panel in print is no narrower as long as the figure is wide enough for one.
 const NARROWEST: f64 = 170.0;
-/// In a narrower one, axes are not readable.
-const LEAST: f64 = 75.0;
+/// In a narrower one, the numbers of an axis run into each other.
+const LEAST: f64 = 130.0;
 /// Height of the strip of counts, and the size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
 const COUNT_SIZE: f64 = 9.5;
@@ -525,7 +525,11 @@ mod tests {
             error.contains("width_mm") && error.contains("40 pt"),
             "{error}"
         );
-        assert!(of(style(39.0, 8.0)).is_err());
-        assert!(of(style(40.0, 8.0)).is_ok());
+        assert!(
+            of(style(51.0, 8.0))
+                .unwrap_err()
+                .contains("width_mm of 52,")
+        );
+        assert!(of(style(52.0, 8.0)).is_ok());
     }
 }
