@@ -117,6 +117,10 @@ fn figures_of_runs() {
     figure("qualitative", &["--pair", "x"]).is_error_with(&["pair 'x'", "S/seed0/"]);
     let said = figure("qualitative", &["--crop", "1,2"]).ends_with(2);
     assert!(said.err.contains("X,Y,WIDTH,HEIGHT"), "{}", said.err);
+    for name in ["qualitative", "ablation", "extended-motion"] {
+        let said = figure(name, &["--count", "0"]).ends_with(2);
+        assert!(said.err.contains("--count"), "{}", said.err);
+    }
     let list = sharp_bench(dir.path(), &["figure", "list", "--json"])
         .ends_with(0)
         .json();
@@ -129,6 +133,53 @@ fn figures_of_runs() {
 
     std::fs::write(dir.path().join("style.toml"), "font = 3\n").unwrap();
     figure("baselines", &[]).is_error_with(&["style.toml: line 1", "font"]);
+    std::fs::write(
+        dir.path().join("style.toml"),
+        "width_mm = 20\nfont_pt = 40\n",
+    )
+    .unwrap();
+    for name in ["baselines", "qualitative"] {
+        figure(name, &[]).is_error_with(&["20 mm", "40 pt", "width_mm"]);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_sheet_is_said() {
+    let dir = folder();
+    let figure = |name: &str, run: &str, more: &[&str]| {
+        let common = ["figure", name, run, "--out", "f"];
+        sharp_bench(dir.path(), &[&common, more].concat())
+    };
+    let said = figure("qualitative", "run", &["--crop", "40,0,12,9", "--json"]).ends_with(4);
+    let outside = "reaches out of its 48 × 36 pixels";
+    // Two predictions and the truth.
+    assert_eq!(said.err.matches(outside).count(), 3, "{}", said.err);
+    assert_eq!(said.json()["problems"].as_array().unwrap().len(), 3);
+    is_there(dir.path(), "f/qualitative.png");
+
+    let failure = |more: &[&str]| {
+        let more = [&["--method", "copy"], more].concat();
+        figure("failure", "run", &more)
+    };
+    failure(&["--depth", "nowhere"]).is_error_with(&["nowhere: is not a folder"]);
+    let said = failure(&["--depth", "run"]).ends_with(4);
+    assert!(
+        said.err.contains("no depth map of this pair"),
+        "{}",
+        said.err
+    );
+
+    // A bundle holds no predictions; the dataset is at hand.
+    sharp_bench(dir.path(), &["bundle", "run", "--out", "b.zip"]).ends_with(0);
+    let said = figure("ablation", "b.zip", &["--count", "6"]).ends_with(4);
+    let warnings = said
+        .err
+        .lines()
+        .filter(|line| line.starts_with("warning: "));
+    let warnings: Vec<&str> = warnings.collect();
+    assert_eq!(warnings.len(), 11, "{}", said.err);
+    assert!(warnings[0].contains("S/seed0/") && warnings[0].contains("not kept"));
+    assert_eq!(warnings[10], "warning: and 2 more");
 }
 
 #[test]
@@ -142,7 +193,7 @@ fn depth_against_that_of_the_mirrored_picture() {
     };
     depth("d.png", 1000);
     depth("m.png", 2000);
-    let args = [
+    let args_of_maps = [
         "figure",
         "uncertainty",
         "--picture",
@@ -154,7 +205,7 @@ fn depth_against_that_of_the_mirrored_picture() {
         "--out",
         "f",
     ];
-    sharp_bench(dir.path(), &args).ends_with(0);
+    sharp_bench(dir.path(), &args_of_maps).ends_with(0);
     is_there(dir.path(), "f/uncertainty.png");
     // Both layers of a network, a row each.
     let (photo, _) = recorded_input();
@@ -163,7 +214,15 @@ fn depth_against_that_of_the_mirrored_picture() {
     args.extend(network.iter().map(String::as_str));
     sharp_bench(dir.path(), &args).ends_with(0);
     let size = |file: &str| image::open(path(file)).unwrap().height();
-    assert!(size("n/uncertainty.png") > 2 * size("f/uncertainty.png"));
+    // The heads are there once.
+    assert!(2 * size("n/uncertainty.png") > 3 * size("f/uncertainty.png"));
+
+    image::ImageBuffer::<image::Luma<u16>, _>::new(8, 6)
+        .save(path("z.png"))
+        .unwrap();
+    let mut empty = args_of_maps;
+    empty[7] = "z.png";
+    sharp_bench(dir.path(), &empty).is_error_with(&["z.png: no pixel has a depth"]);
 
     let without = ["figure", "uncertainty", "--picture", "p.png", "--out", "f"];
     let said = sharp_bench(dir.path(), &without).ends_with(2);

@@ -9,6 +9,7 @@ use sharp_metrics::weights::UnknownBackbone;
 use crate::evaluate::EvaluateError;
 use crate::methods::SpecError;
 use crate::pairs::{OpenDataset, PairError};
+use crate::report::ReportError;
 
 /// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +72,10 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
             || matches!(
                 cause.downcast_ref::<SpecError>(),
                 Some(SpecError::UnknownKind { .. })
+            )
+            || matches!(
+                cause.downcast_ref::<ReportError>(),
+                Some(ReportError::NotOneMethod)
             )
             || dataset_error(cause).is_some_and(|e| {
                 matches!(

@@ -46,6 +46,12 @@ impl<'a> DatasetBoard<'a> {
 }
 
 impl<'a> Board<'a> {
+    /// Positions of the methods that are ranked.
+    pub fn ranked(&self) -> impl Iterator<Item = usize> {
+        let methods = self.methods.iter().enumerate();
+        methods.filter_map(|(i, method)| method.unranked.is_none().then_some(i))
+    }
+
     /// Arranges records. Datasets and methods come in the order given, the others after them in natural order.
     ///
     /// # Errors

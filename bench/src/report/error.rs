@@ -1,5 +1,6 @@
 //! What can go wrong while a report is made.
 
+use crate::evaluate::EvaluateError;
 use crate::io::atomic_files::FileError;
 
 /// Every message names the file or unit and the reason, in one line.
@@ -31,12 +32,24 @@ pub enum ReportError {
         /// By commas.
         known: String,
     },
-    /// The drawing library or an encoder refused.
+    /// A file of a run, or a depth map.
+    #[error(transparent)]
+    Run(Box<EvaluateError>),
+    /// Of another number of methods this figure cannot be made.
+    #[error("this figure shows one method: name it with --method")]
+    NotOneMethod,
+    /// The drawing library or an encoder refused, or there is nothing to draw or no room for it.
     #[error("plot '{plot}': {reason}")]
     Plot { plot: String, reason: String },
     /// A template could not be filled in.
     #[error("index.html: {0}")]
     Page(#[from] askama::Error),
+}
+
+impl From<EvaluateError> for ReportError {
+    fn from(error: EvaluateError) -> Self {
+        Self::Run(Box::new(error))
+    }
 }
 
 impl ReportError {

@@ -1,5 +1,7 @@
 //! Which pairs a figure shows.
 
+use std::num::NonZeroUsize;
+
 use crate::report::board::{Board, DatasetBoard, PairBoard};
 use crate::report::choice::by_badness;
 use crate::report::error::ReportError;
@@ -17,6 +19,42 @@ pub enum Choice {
     Best,
 }
 
+/// Those of these ids, or so many of each dataset.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PairsChoice {
+    /// A pair by its id in pairs.csv; repeatable
+    #[arg(long = "pair", value_name = "ID")]
+    pub ids: Vec<String>,
+    /// Which pairs of each dataset, without --pair
+    #[arg(long, value_enum, default_value_t)]
+    pub choose: Choice,
+    /// How many of each dataset
+    #[arg(long, default_value_t = NonZeroUsize::MIN)]
+    pub count: NonZeroUsize,
+}
+
+/// Targets of one source.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PathChoice {
+    /// The source, as its pairs' ids begin: DATASET/SCENE/VIEW; without it the one with the most targets
+    #[arg(long, value_name = "ID")]
+    pub source: Option<String>,
+    /// Targets at most, spread over the baselines
+    #[arg(long, default_value = "5")]
+    pub count: NonZeroUsize,
+}
+
+/// One of each dataset.
+impl Default for PairsChoice {
+    fn default() -> Self {
+        Self {
+            ids: Vec::new(),
+            choose: Choice::default(),
+            count: NonZeroUsize::MIN,
+        }
+    }
+}
+
 /// A pair with its dataset.
 #[derive(Clone, Copy)]
 pub struct ChosenPair<'a> {
@@ -24,15 +62,14 @@ pub struct ChosenPair<'a> {
     pub pair: &'a PairBoard<'a>,
 }
 
-/// The pairs of these ids, or so many of each dataset by choice.
+/// The pairs of a choice.
 ///
 /// # Errors
 /// When there is no pair of an id.
 pub fn chosen<'a>(
     board: &'a Board<'a>,
     metrics: &[Column],
-    ids: &[String],
-    (choice, count): (Choice, usize),
+    PairsChoice { ids, choose, count }: &PairsChoice,
 ) -> Result<Vec<ChosenPair<'a>>, ReportError> {
     let all = || {
         let datasets = board.datasets.iter();
@@ -54,13 +91,13 @@ pub fn chosen<'a>(
     let chosen = board.datasets.iter().flat_map(|dataset| {
         let worst_first = by_badness(board, &dataset.pairs, metrics);
         let n = worst_first.len();
-        let count = count.min(n);
-        let first = match choice {
+        let count = count.get().min(n);
+        let first = match choose {
             Choice::Worst => 0,
             Choice::Best => n - count,
             // Around the middle; of an even number the easier one.
             Choice::Median => (n / 2)
-                .saturating_sub((count.max(1) - 1) / 2)
+                .saturating_sub(count.saturating_sub(1) / 2)
                 .min(n - count),
         };
         let pairs = worst_first.into_iter().skip(first).take(count);
@@ -76,8 +113,7 @@ pub fn chosen<'a>(
 /// When no pair has a source of that id, `dataset/scene/view` as the pair's own id begins.
 pub fn along_path<'a>(
     board: &'a Board<'a>,
-    source: Option<&str>,
-    count: usize,
+    PathChoice { source, count }: &PathChoice,
 ) -> Result<Vec<ChosenPair<'a>>, ReportError> {
     let id = |pair: &PairBoard<'a>| -> &'a str {
         let id = &pair.facts.pair_id;
@@ -94,7 +130,7 @@ pub fn along_path<'a>(
     }
     // Steps of a controlled sweep are scenes of one pair each, which share their cluster's source.
     let found = match source {
-        Some(wanted) => sources.iter().position(|(id, _)| *id == wanted),
+        Some(wanted) => sources.iter().position(|(id, _)| id == wanted),
         None => {
             let most = sources.iter().map(|(_, pairs)| pairs.len()).max();
             sources
@@ -106,13 +142,13 @@ pub fn along_path<'a>(
     let Some(found) = found else {
         return Err(ReportError::absent(
             "source",
-            source.unwrap_or("any"),
+            source.as_deref().unwrap_or("any"),
             known,
         ));
     };
     let mut pairs = sources.swap_remove(found).1;
     pairs.sort_by(|a, b| a.pair.facts.baseline_m.total_cmp(&b.pair.facts.baseline_m));
-    let (n, count) = (pairs.len(), count.clamp(1, pairs.len().max(1)));
+    let (n, count) = (pairs.len(), count.get().min(pairs.len()));
     let at = |k: usize| {
         if count == 1 {
             0
@@ -147,8 +183,16 @@ mod tests {
         let records = records();
         let board = Board::new(&records, &[], &[]).unwrap();
         let metrics = [Column::from(MetricKey::PSNR)];
+        let of = |ids: &[String], (choose, count)| {
+            let choice = PairsChoice {
+                ids: ids.to_vec(),
+                choose,
+                count: NonZeroUsize::new(count).unwrap(),
+            };
+            chosen(&board, &metrics, &choice)
+        };
         let ids = |ids: &[String], how| -> Vec<String> {
-            let found = chosen(&board, &metrics, ids, how).unwrap().into_iter();
+            let found = of(ids, how).unwrap().into_iter();
             found.map(|c| c.pair.facts.pair_id.clone()).collect()
         };
         assert_eq!(ids(&[], (Choice::Worst, 2)), ["d/0/s__0", "d/0/s__1"]);
@@ -157,23 +201,28 @@ mod tests {
         assert_eq!(ids(&[], (Choice::Median, 99)).len(), 6);
         let named = ["d/1/s__0".to_owned()];
         assert_eq!(ids(&named, (Choice::Worst, 1)), named);
-        let wrong = chosen(&board, &metrics, &["x".to_owned()], (Choice::Worst, 1));
-        assert!(wrong.is_err());
+        assert!(of(&["x".to_owned()], (Choice::Worst, 1)).is_err());
     }
 
     #[test]
     fn targets_of_a_source_by_growing_baseline() {
         let records = records();
         let board = Board::new(&records, &[], &[]).unwrap();
+        let path = |source: Option<&str>, count| PathChoice {
+            source: source.map(str::to_owned),
+            count: NonZeroUsize::new(count).unwrap(),
+        };
         let targets = |source, count| -> Vec<String> {
-            let found = along_path(&board, source, count).unwrap().into_iter();
+            let found = along_path(&board, &path(source, count))
+                .unwrap()
+                .into_iter();
             found.map(|c| c.pair.facts.target.clone()).collect()
         };
         assert_eq!(targets(None, 9), ["4", "3", "2", "1", "0"]);
         assert_eq!(targets(None, 3), ["4", "2", "0"]);
         assert_eq!(targets(Some("d/1/s"), 3), ["0"]);
-        assert!(along_path(&board, Some("d/2/s"), 3).is_err());
+        assert!(along_path(&board, &path(Some("d/2/s"), 3)).is_err());
         let none = Board::new(&[], &[], &[]).unwrap();
-        assert!(along_path(&none, None, 3).is_err());
+        assert!(along_path(&none, &path(None, 3)).is_err());
     }
 }

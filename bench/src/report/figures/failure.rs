@@ -6,38 +6,51 @@ use image::RgbImage;
 use sharp_datasets::DepthMap;
 
 use super::choice::ChosenPair;
-use super::qualitative::SheetContent;
+use super::qualitative::{SheetContent, named};
 use super::sheet::{Sheet, Tile};
-use crate::pairs::depth::given::{find_map, read_metres};
+use crate::evaluate::EvaluateError;
+use crate::pairs::depth::given::{GivenDepth, find_map, read_metres};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::valid_depth::is_valid_depth;
-use crate::report::error::MissingPicture;
+use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::colour;
 
 /// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres), or
 /// without a folder from the dataset: of the target, or where that has none of the source.
-pub fn sheet(comparison: &SheetContent<'_>, method: usize, depth: Option<&Path>) -> Sheet {
+///
+/// # Errors
+/// When there is not exactly one method, or no such folder.
+pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Sheet, ReportError> {
+    let [method] = comparison.methods[..] else {
+        return Err(ReportError::NotOneMethod);
+    };
+    // Without the folder no pair has a map, which is not a lack of the pairs.
+    let folder = depth.map(GivenDepth::open).transpose();
+    folder.map_err(EvaluateError::from)?;
     let rows = comparison.pairs.iter().map(|chosen| {
         let found = match depth {
             Some(folder) => of_pair(folder, chosen).map(|map| (map, "given")),
             None => of_dataset(comparison, chosen),
         };
         let (picture, text) = match found {
+            Ok((map, _)) if !map.iter().any(|z| is_valid_depth(*z)) => {
+                (Err(MissingPicture::Without("pixel with a depth")), "")
+            }
             Ok((map, whose)) => (Ok(inverse_depth(&map)), whose),
             Err(reason) => (Err(reason), ""),
         };
         let tiles = vec![
             comparison.input(chosen),
             comparison.prediction(chosen, method),
-            Tile::new(picture, text),
+            Tile::new(named(chosen, "inverse depth"), picture, text),
         ];
         (String::new(), tiles)
     });
     let label = comparison.board.methods[method].label.clone();
-    Sheet {
+    Ok(Sheet {
         heads: vec!["input".to_owned(), label, "inverse depth".to_owned()],
         rows: rows.collect(),
-    }
+    })
 }
 
 /// Depth of the target, or where it has none of the source, and whose it is.

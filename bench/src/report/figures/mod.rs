@@ -1,6 +1,6 @@
 //! Figures of a paper from runs, in print.
 //!
-//! * [`catalogue`]: which there are, what each shows and needs.
+//! * [`catalogue`]: which there are, what each shows and needs; [`from_runs`]: from results to a plot or a sheet.
 //! * [`sheet`]: pictures in rows and columns with text below and parts of them enlarged; [`qualitative`]: predictions side by
 //!   side, as rows or as columns; [`choice`]: of which pairs; [`failure`]: view and inverse depth; [`uncertainty`]: depth
 //!   against that of the mirrored picture.
@@ -10,6 +10,7 @@ pub mod catalogue;
 pub mod choice;
 pub mod failure;
 pub mod fidelity_time;
+pub mod from_runs;
 pub mod qualitative;
 pub mod sheet;
 pub mod uncertainty;

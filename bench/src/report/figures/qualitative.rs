@@ -1,13 +1,12 @@
 //! Predictions side by side: pairs as rows as in comparisons, or as columns as in ablations and along a path.
 
-use super::choice::{Choice, ChosenPair, chosen};
+use super::choice::{ChosenPair, PairsChoice, chosen};
 use super::sheet::{Sheet, SheetMedium, Tile};
 use crate::evaluate::record::{Record, Status};
 use crate::report::board::Board;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::input::Column;
 use crate::report::pictures::ReportPictures;
-use crate::report::plots::png as png_file;
 use crate::scoring::Region;
 
 /// What is shown.
@@ -32,33 +31,19 @@ pub fn figure(
     metrics: &[Column],
     pictures: &dyn ReportPictures,
 ) -> Result<Option<Vec<u8>>, ReportError> {
-    let methods = board.methods.iter().enumerate();
-    let ranked = methods.filter(|(_, method)| method.unranked.is_none());
     let comparison = SheetContent {
         board,
-        pairs: chosen(board, metrics, &[], (Choice::Median, 1))?,
-        methods: ranked.map(|(i, _)| i).collect(),
+        pairs: chosen(board, metrics, &PairsChoice::default())?,
+        methods: board.ranked().collect(),
         metrics,
         pictures,
         crops: Vec::new(),
     };
-    png(&comparison.pairs_as_rows(), &SheetMedium::screen())
-}
-
-/// A sheet as PNG; `None` without any picture.
-///
-/// # Errors
-/// When it cannot be encoded.
-pub fn png(sheet: &Sheet, medium: &SheetMedium) -> Result<Option<Vec<u8>>, ReportError> {
-    let Some(picture) = sheet.draw(medium) else {
-        return Ok(None);
-    };
-    let encoded = png_file::encode(&picture, medium.dpi);
-    let bytes = encoded.map_err(|error| ReportError::Plot {
-        plot: "a sheet of pictures".into(),
-        reason: error.to_string(),
-    })?;
-    Ok(Some(bytes))
+    let mut sheet = comparison.pairs_as_rows();
+    // In a report, a dataset without pictures has no row.
+    let any = |tiles: &[Tile]| tiles.iter().any(|tile| tile.picture.is_ok());
+    sheet.rows.retain(|(_, tiles)| any(tiles));
+    sheet.png(&SheetMedium::screen())
 }
 
 impl SheetContent<'_> {
@@ -69,13 +54,11 @@ impl SheetContent<'_> {
             .iter()
             .map(|m| self.board.methods[*m].label.clone());
         let heads = std::iter::once("input".to_owned()).chain(labels);
-        let rows = self.pairs.iter().filter_map(|chosen| {
+        let rows = self.pairs.iter().map(|chosen| {
             let mut tiles = vec![self.input(chosen)];
             tiles.extend(self.methods.iter().map(|m| self.prediction(chosen, *m)));
             tiles.push(self.truth(chosen));
-            // In a report, a dataset without pictures has no row.
-            let any = tiles.iter().any(|tile| tile.picture.is_ok());
-            any.then_some((String::new(), tiles))
+            (String::new(), tiles)
         });
         Sheet {
             heads: heads.chain(["truth".to_owned()]).collect(),
@@ -109,8 +92,8 @@ impl SheetContent<'_> {
 
     pub(super) fn input(&self, chosen: &ChosenPair<'_>) -> Tile {
         let facts = chosen.pair.facts;
-        let name = format!("{}, {}", chosen.dataset.dataset.title(), facts.scene);
-        Tile::new(self.pictures.source(facts), name)
+        let text = format!("{}, {}", chosen.dataset.dataset.title(), facts.scene);
+        Tile::new(named(chosen, "input"), self.pictures.source(facts), text)
     }
 
     fn truth(&self, chosen: &ChosenPair<'_>) -> Tile {
@@ -118,23 +101,30 @@ impl SheetContent<'_> {
         let baseline = format!("baseline {:.3} m", facts.baseline_m).replace(' ', "\u{a0}");
         Tile {
             crops: self.crops.clone(),
-            ..Tile::new(self.pictures.target(facts), baseline)
+            ..Tile::new(
+                named(chosen, "truth"),
+                self.pictures.target(facts),
+                baseline,
+            )
         }
     }
 
     pub(super) fn prediction(&self, chosen: &ChosenPair<'_>, method: usize) -> Tile {
         let record = chosen.pair.by_method.get(method).copied().flatten();
-        match record {
-            None => Tile::new(Err(MissingPicture::Without("record")), ""),
-            Some(record) => match &record.status {
-                Status::Failed { reason } => {
-                    Tile::new(Err(MissingPicture::Failed(reason.clone())), "")
-                }
-                Status::Ok => Tile {
-                    crops: self.crops.clone(),
-                    ..Tile::new(self.pictures.prediction(record), self.scores(record))
-                },
-            },
+        let (picture, text) = match record.map(|record| (record, &record.status)) {
+            None => (Err(MissingPicture::Without("record")), String::new()),
+            Some((_, Status::Failed { reason })) => {
+                (Err(MissingPicture::Failed(reason.clone())), String::new())
+            }
+            Some((record, Status::Ok)) => (self.pictures.prediction(record), self.scores(record)),
+        };
+        Tile {
+            crops: self.crops.clone(),
+            ..Tile::new(
+                named(chosen, &self.board.methods[method].label),
+                picture,
+                text,
+            )
         }
     }
 
@@ -147,4 +137,9 @@ impl SheetContent<'_> {
         });
         scores.collect::<Vec<_>>().join(", ")
     }
+}
+
+/// What a tile shows, for remarks.
+pub(super) fn named(chosen: &ChosenPair<'_>, what: &str) -> String {
+    format!("{}, {what}", chosen.pair.facts.pair_id)
 }

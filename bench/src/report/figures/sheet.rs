@@ -1,14 +1,24 @@
 //! Pictures in rows and columns, with text below them and parts of them enlarged.
 
+use std::path::{Path, PathBuf};
+
 use image::{Rgb, RgbImage, imageops};
 
-use crate::report::error::MissingPicture;
+use crate::io::atomic_files::write_over_own;
+use crate::report::error::{MissingPicture, ReportError};
 use crate::report::pictures::{fitted, reduced};
-use crate::report::plots::canvas::{INK, Ink, MUTED};
+use crate::report::plots::canvas::{INK, Ink, MARK, MUTED};
 use crate::report::plots::palette::COLOURS;
+use crate::report::plots::png;
 use crate::report::plots::style::FigureStyle;
 use crate::report::plots::text::{self, Weight};
 use crate::scoring::Region;
+
+/// Lines of a head over a column, and of the reason why there is no picture.
+const HEAD_LINES: usize = 2;
+const REASON_LINES: usize = 12;
+/// Least width of a column in print over the font's size: a score of four decimals has room.
+const LEAST_EMS: f64 = 3.0;
 
 /// Sizes of a sheet in pixels.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,14 +53,24 @@ impl SheetMedium {
     }
 
     /// In print: so many columns share the figure's width, which has no margin.
-    pub fn print(style: &FigureStyle, columns: usize) -> Self {
+    ///
+    /// # Errors
+    /// When text has no room in them, in words.
+    pub fn print(style: &FigureStyle, columns: usize) -> Result<Self, String> {
         let gap = (style.font_pixels() * 0.25).round().max(1.0) as u32;
         let columns = u32::try_from(columns.max(1)).unwrap_or(u32::MAX);
         let room = style
             .pixels()
             .saturating_sub(gap.saturating_mul(columns - 1));
-        Self {
-            tile: (room / columns).max(8),
+        let tile = room / columns;
+        let least = (LEAST_EMS * style.font_pixels()).ceil();
+        if f64::from(tile) < least {
+            let needed = f64::from(columns) * least + f64::from(gap) * f64::from(columns - 1);
+            let reason = style.narrow(needed / f64::from(style.pixels()));
+            return Err(format!("{columns} columns: {reason}"));
+        }
+        Ok(Self {
+            tile,
             grows: true,
             gap,
             margin: 0,
@@ -58,21 +78,28 @@ impl SheetMedium {
             small: style.font_pixels() * 0.85,
             dpi: style.dpi,
             colours: style.colours.clone(),
-        }
+        })
     }
 }
 
 /// A picture or the reason why there is none, and the text below.
 pub struct Tile {
+    /// What it shows, for remarks on it.
+    pub name: String,
     pub picture: Result<RgbImage, MissingPicture>,
     pub text: String,
-    /// Parts that are framed and shown enlarged below the picture; those outside it are left out.
+    /// Parts that are framed and shown enlarged below the picture; those that reach out of it are left out.
     pub crops: Vec<Region>,
 }
 
 impl Tile {
-    pub fn new(picture: Result<RgbImage, MissingPicture>, text: impl Into<String>) -> Self {
+    pub fn new(
+        name: impl Into<String>,
+        picture: Result<RgbImage, MissingPicture>,
+        text: impl Into<String>,
+    ) -> Self {
         Self {
+            name: name.into(),
             picture,
             text: text.into(),
             crops: Vec::new(),
@@ -102,10 +129,71 @@ impl Sheet {
         rows.max().unwrap_or(0).max(self.heads.len())
     }
 
+    fn tiles(&self) -> impl Iterator<Item = &Tile> {
+        self.rows.iter().flat_map(|(_, tiles)| tiles)
+    }
+
+    /// Pictures that are not there and parts that reach out of theirs, a line each.
+    pub fn problems(&self) -> Vec<String> {
+        let of_tile = |tile: &Tile| match &tile.picture {
+            Err(reason) => vec![format!("{}: {reason}", tile.name)],
+            Ok(picture) => {
+                let (w, h) = picture.dimensions();
+                let outside = tile.crops.iter().filter(|crop| !crop.fits((w, h)));
+                let said = outside.map(|crop| {
+                    format!(
+                        "{}: the part {},{},{},{} reaches out of its {w} × {h} pixels",
+                        tile.name, crop.x, crop.y, crop.width, crop.height
+                    )
+                });
+                said.collect()
+            }
+        };
+        self.tiles().flat_map(of_tile).collect()
+    }
+
+    /// Writes the sheet in print, `STEM.png`.
+    ///
+    /// # Errors
+    /// When there is no picture in it, its columns have no room for text, or the file cannot be written or is none of ours.
+    pub fn write(
+        &self,
+        out: &Path,
+        stem: &str,
+        style: &FigureStyle,
+    ) -> Result<PathBuf, ReportError> {
+        let failed = |reason: String| ReportError::Plot {
+            plot: stem.to_owned(),
+            reason,
+        };
+        let medium = SheetMedium::print(style, self.columns()).map_err(failed)?;
+        let bytes = self.png(&medium)?.ok_or_else(|| {
+            let reason = self.problems().into_iter().next();
+            let reason = reason.unwrap_or_else(|| "no pair".to_owned());
+            failed(format!("there is no picture to show ({reason})"))
+        })?;
+        let path = out.join(format!("{stem}.png"));
+        write_over_own(&path, &bytes, MARK)?;
+        Ok(path)
+    }
+
+    /// The sheet as PNG; `None` without any picture in it.
+    ///
+    /// # Errors
+    /// When it cannot be encoded.
+    pub fn png(&self, medium: &SheetMedium) -> Result<Option<Vec<u8>>, ReportError> {
+        let bytes = self
+            .draw(medium)
+            .map(|picture| png::encode(&picture, medium.dpi));
+        bytes.transpose().map_err(|error| ReportError::Plot {
+            plot: "a sheet of pictures".into(),
+            reason: error.to_string(),
+        })
+    }
+
     /// The sheet as a picture; `None` without any picture in it.
     pub fn draw(&self, medium: &SheetMedium) -> Option<RgbImage> {
-        let pictures = self.rows.iter().flat_map(|(_, tiles)| tiles);
-        if !pictures.clone().any(|tile| tile.picture.is_ok()) {
+        if !self.tiles().any(|tile| tile.picture.is_ok()) {
             return None;
         }
         let rows: Vec<(&str, Vec<Drawn>)> = self
@@ -119,51 +207,65 @@ impl Sheet {
         let gap = medium.gap;
         let line = |size: f64| (size * 1.3).round() as u32;
         let of_row = |(label, tiles): &(&str, Vec<Drawn>)| {
-            let pictures = tiles
-                .iter()
-                .map(|tile| stacked(tile, gap))
-                .max()
-                .unwrap_or(0);
-            let lines = tiles.iter().map(|tile| tile.lines.len()).max().unwrap_or(0) as u32;
+            let pictures = tiles.iter().map(|tile| stacked(tile, gap));
+            let pictures = pictures.max().unwrap_or(0);
+            let below = tiles.iter().map(|tile| {
+                let lines = tile.lines.len() as u32 * line(medium.small);
+                text_top(tile, pictures) + lines
+            });
             let label = if label.is_empty() {
                 0
             } else {
                 line(medium.font)
             };
-            (label, pictures, lines * line(medium.small))
+            (label, pictures, below.max().unwrap_or(pictures))
         };
-        let head = match self.heads.iter().all(String::is_empty) {
-            true => 0,
-            false => line(medium.font) + gap,
-        };
-        let heights = rows.iter().map(of_row);
-        let total: u32 = heights.map(|(a, b, c)| a + b + c + 2 * gap).sum();
         let columns = self.columns() as u32;
         let column = medium.tile;
+        let heads: Vec<Vec<String>> = self
+            .heads
+            .iter()
+            .map(|head| {
+                let room = f64::from(column);
+                text::wrapped_to(HEAD_LINES, head, medium.font, Weight::Bold, room)
+            })
+            .collect();
+        let head = match heads.iter().map(Vec::len).max().unwrap_or(0) as u32 {
+            0 => 0,
+            lines => lines * line(medium.font) + gap,
+        };
+        let heights = rows.iter().map(of_row);
+        let total: u32 = heights
+            .map(|(label, _, tiles)| label + tiles + 2 * gap)
+            .sum();
         let mut sheet = RgbImage::from_pixel(
             2 * medium.margin + columns * (column + gap) - gap,
             2 * medium.margin + head + total - gap,
             Rgb([255; 3]),
         );
         let left = |at: usize| medium.margin + at as u32 * (column + gap);
-        let fit =
-            |text: &str, size, weight, room: u32| text::fitted(text, size, weight, f64::from(room));
-        for (at, label) in self.heads.iter().enumerate() {
-            let label = fit(label, medium.font, Weight::Bold, column);
-            let place = (left(at), medium.margin + (medium.font * 0.95) as u32);
-            text::write(&mut sheet, &label, place, medium.font, Weight::Bold, INK);
+        let bold = |sheet: &mut RgbImage, text: &str, (x, top): (u32, u32)| {
+            let place = (x, top + (medium.font * 0.95) as u32);
+            text::write(sheet, text, place, medium.font, Weight::Bold, INK);
+        };
+        for (at, lines) in heads.iter().enumerate() {
+            for (text, k) in lines.iter().zip(0_u32..) {
+                let top = medium.margin + k * line(medium.font);
+                bold(&mut sheet, text, (left(at), top));
+            }
         }
         let mut top = medium.margin + head;
         for row in &rows {
-            let (label_height, pictures, texts) = of_row(row);
-            let label = fit(row.0, medium.font, Weight::Bold, columns * column);
-            let place = (left(0), top + (medium.font * 0.95) as u32);
-            text::write(&mut sheet, &label, place, medium.font, Weight::Bold, INK);
+            let (label_height, pictures, height) = of_row(row);
+            let room = f64::from(columns * column);
+            let label = text::fitted(row.0, medium.font, Weight::Bold, room);
+            bold(&mut sheet, &label, (left(0), top));
             top += label_height;
             for (at, tile) in row.1.iter().enumerate() {
                 paste(&mut sheet, tile, (left(at), top), gap);
                 for (text, k) in tile.lines.iter().zip(1_u32..) {
-                    let place = (left(at), top + pictures + k * line(medium.small));
+                    let below = text_top(tile, pictures) + k * line(medium.small);
+                    let place = (left(at), top + below);
                     text::write(
                         &mut sheet,
                         text,
@@ -174,7 +276,7 @@ impl Sheet {
                     );
                 }
             }
-            top += pictures + texts + 2 * gap;
+            top += height + 2 * gap;
         }
         Some(sheet)
     }
@@ -202,15 +304,28 @@ fn stacked(tile: &Drawn, gap: u32) -> u32 {
     picture.height() + parts.unwrap_or(0)
 }
 
+/// Where a tile's text begins: below the row's pictures, or in the place of one that is not there.
+fn text_top(tile: &Drawn, pictures: u32) -> u32 {
+    match tile.pictures.is_empty() {
+        true => 0,
+        false => pictures,
+    }
+}
+
 fn drawn(tile: &Tile, medium: &SheetMedium) -> Drawn {
-    let room = f64::from(medium.tile);
-    let lines = |text: &str| text::wrapped(text, medium.small, Weight::Regular, room);
+    let (room, small) = (f64::from(medium.tile), medium.small);
     let picture = match &tile.picture {
         Ok(picture) => picture,
         Err(reason) => {
             return Drawn {
                 pictures: Vec::new(),
-                lines: lines(&reason.to_string()),
+                lines: text::wrapped_to(
+                    REASON_LINES,
+                    &reason.to_string(),
+                    small,
+                    Weight::Regular,
+                    room,
+                ),
             };
         }
     };
@@ -242,7 +357,7 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> Drawn {
     }
     Drawn {
         pictures: std::iter::once(shown).chain(parts).collect(),
-        lines: lines(&tile.text),
+        lines: text::wrapped(&tile.text, small, Weight::Regular, room),
     }
 }
 
@@ -292,7 +407,7 @@ mod tests {
     fn a_part_is_framed_and_shown_enlarged_below() {
         let mut picture = RgbImage::from_pixel(50, 25, Rgb([10; 3]));
         picture.put_pixel(22, 12, Rgb([200; 3]));
-        let mut tile = Tile::new(Ok(picture), "");
+        let mut tile = Tile::new("p, m", Ok(picture), "");
         let crop = |x, y, width, height| Region {
             x,
             y,
@@ -305,6 +420,10 @@ mod tests {
             heads: Vec::new(),
             rows: vec![(String::new(), vec![tile])],
         };
+        assert_eq!(
+            sheet.problems(),
+            ["p, m: the part 45,0,10,5 reaches out of its 50 × 25 pixels"]
+        );
         let drawn = sheet.draw(&medium()).unwrap();
         // Twice as large, and the part ten times.
         assert_eq!(drawn.dimensions(), (100, 50 + 4 + 50 + 4));
@@ -318,7 +437,7 @@ mod tests {
 
     #[test]
     fn without_a_picture_there_is_no_sheet() {
-        let missing = || Tile::new(Err(MissingPicture::NotKept), "");
+        let missing = || Tile::new("p, m", Err(MissingPicture::NotKept), "");
         let sheet = Sheet {
             heads: vec!["a".into()],
             rows: vec![("r".into(), vec![missing(), missing()])],
@@ -326,18 +445,69 @@ mod tests {
         assert_eq!(sheet.columns(), 2);
         assert!(sheet.draw(&medium()).is_none());
         assert!(Sheet::default().draw(&medium()).is_none());
+        assert_eq!(sheet.problems(), ["p, m: the prediction was not kept"; 2]);
+        let dir = tempfile::tempdir().unwrap();
+        let style = FigureStyle::default();
+        let error = sheet.write(dir.path(), "s", &style).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .contains("(p, m: the prediction was not kept)")
+        );
+    }
+
+    #[test]
+    fn all_text_lies_in_its_column() {
+        let reason = "no_space/".repeat(40);
+        let tiles = vec![
+            Tile::new(
+                "",
+                Ok(RgbImage::from_pixel(40, 30, Rgb([255; 3]))),
+                "0.1234 ".repeat(9),
+            ),
+            Tile::new("", Err(MissingPicture::Failed(reason)), ""),
+            Tile::new("", Ok(RgbImage::from_pixel(40, 30, Rgb([255; 3]))), ""),
+        ];
+        let mut sheet = Sheet {
+            heads: vec![
+                "short".into(),
+                "a-head-that-is-much-too-long-for-it".into(),
+                String::new(),
+            ],
+            rows: vec![(String::new(), tiles)],
+        };
+        let drawn = sheet.draw(&medium()).unwrap();
+        let is_empty = |x: std::ops::Range<u32>| {
+            let mut pixels = x.flat_map(|x| (0..drawn.height()).map(move |y| (x, y)));
+            pixels.all(|(x, y)| drawn.get_pixel(x, y) == &Rgb([255; 3]))
+        };
+        assert!(!is_empty(0..100) && !is_empty(104..204));
+        assert!(is_empty(205..308), "text runs into the next column");
+        // A head of two lines makes the sheet a line higher, a longer one no more.
+        let height = drawn.height();
+        sheet.heads[1] = "a-head ".repeat(2);
+        assert_eq!(sheet.draw(&medium()).unwrap().height(), height);
+        sheet.heads[1].clear();
+        assert_eq!(sheet.draw(&medium()).unwrap().height(), height - 26);
     }
 
     #[test]
     fn a_print_is_as_wide_as_its_style_says() {
         let style = FigureStyle::default();
-        let tile = || Tile::new(Ok(RgbImage::new(40, 30)), "text");
+        let tile = || Tile::new("", Ok(RgbImage::new(40, 30)), "text");
         let sheet = Sheet {
             heads: vec!["<a>".into(), "b".into(), "c".into()],
             rows: vec![("row".into(), vec![tile(), tile(), tile()])],
         };
-        let width = sheet.draw(&SheetMedium::print(&style, 3)).unwrap().width();
+        let medium = SheetMedium::print(&style, 3).unwrap();
+        let width = sheet.draw(&medium).unwrap().width();
         // 992 pixels, less what does not divide by three.
         assert!((990..=992).contains(&width), "{width}");
+        assert!(SheetMedium::print(&style, 9).is_ok());
+        let error = SheetMedium::print(&style, 10).unwrap_err();
+        assert!(
+            error.contains("10 columns") && error.contains("width_mm of 91"),
+            "{error}"
+        );
     }
 }

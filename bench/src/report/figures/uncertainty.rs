@@ -11,7 +11,10 @@ use sharp_datasets::DepthMap;
 
 use super::failure::{false_colours, inverse_depth};
 use super::sheet::{Sheet, Tile};
+use crate::pairs::PairError;
+use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
+use crate::report::error::ReportError;
 
 /// From here on a difference has the brightest colour.
 const BRIGHTEST: f32 = 0.5;
@@ -25,6 +28,26 @@ pub struct Mirrored {
 }
 
 impl Mirrored {
+    /// From two files.
+    ///
+    /// # Errors
+    /// Names the one that cannot be read or has no depth at all.
+    pub fn read(depth: &Path, of_mirror: &Path) -> Result<Self, PairError> {
+        let read = |file: &Path| {
+            let map = read_metres(file)?;
+            let known = map.iter().any(|z| is_valid_depth(*z));
+            known.then_some(map).ok_or_else(|| PairError::Depth {
+                path: file.to_owned(),
+                reason: "no pixel has a depth".to_owned(),
+            })
+        };
+        Ok(Self {
+            name: String::new(),
+            depth: read(depth)?,
+            of_mirror: read(of_mirror)?,
+        })
+    }
+
     /// |d − m| / d; NaN where one of them has no depth.
     ///
     /// # Errors
@@ -88,31 +111,35 @@ pub fn by_network(
 /// A row a pair of maps: picture, depth, that of the mirrored picture mirrored back, and their difference with its median.
 ///
 /// # Errors
-/// When two maps are of different sizes, in words.
-pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, String> {
+/// When two maps are of different sizes, or no pixel has a depth in both.
+pub fn sheet(picture: &RgbImage, maps: &[Mirrored]) -> Result<Sheet, ReportError> {
+    let failed = |reason: String| ReportError::Plot {
+        plot: "uncertainty".to_owned(),
+        reason,
+    };
     let heads = ["picture", "depth", "of the mirror image", "uncertainty"];
     let mut rows = Vec::new();
     for maps in maps {
-        let difference = maps.difference()?;
+        let difference = maps.difference().map_err(failed)?;
         let known: Vec<f32> = difference.iter().copied().filter(|v| !v.is_nan()).collect();
         let share = known.len() as f64 / difference.as_raw().len().max(1) as f64;
-        let text = match median_of(known) {
-            None => "no pixel has both depths".to_owned(),
-            Some(median) => format!(
-                "median {median:.3}; {:.1} % of pixels; brightest from {BRIGHTEST} on",
-                100.0 * share
-            ),
-        };
+        let median = median_of(known);
+        let median = median.ok_or_else(|| failed("no pixel has both depths".to_owned()))?;
+        let text = format!(
+            "median {median:.3}; {:.1} % of pixels; brightest from {BRIGHTEST} on",
+            100.0 * share
+        );
         let colours = false_colours(&difference, |v| (!v.is_nan()).then_some(v / BRIGHTEST));
-        rows.push((
-            maps.name.clone(),
-            vec![
-                Tile::new(Ok(picture.clone()), ""),
-                Tile::new(Ok(inverse_depth(&maps.depth)), ""),
-                Tile::new(Ok(flip_horizontal(&inverse_depth(&maps.of_mirror))), ""),
-                Tile::new(Ok(colours), text),
-            ],
-        ));
+        let pictures = [
+            picture.clone(),
+            inverse_depth(&maps.depth),
+            flip_horizontal(&inverse_depth(&maps.of_mirror)),
+            colours,
+        ];
+        let texts = [String::new(), String::new(), String::new(), text];
+        let tiles = heads.into_iter().zip(pictures).zip(texts);
+        let tiles = tiles.map(|((head, picture), text)| Tile::new(head, Ok(picture), text));
+        rows.push((maps.name.clone(), tiles.collect()));
     }
     Ok(Sheet {
         heads: heads.map(str::to_owned).into(),
@@ -147,5 +174,12 @@ mod tests {
             of_mirror: DepthMap::new(1, 1),
         };
         assert!(other.difference().unwrap_err().contains("2 × 1"));
+        let nowhere = Mirrored {
+            name: String::new(),
+            depth: map([2.0, 0.0, 0.0]),
+            of_mirror: map([2.0, 0.0, 0.0]),
+        };
+        let error = super::sheet(&RgbImage::new(3, 1), &[nowhere]).err();
+        assert!(error.is_some_and(|e| e.to_string().contains("no pixel has both depths")));
     }
 }

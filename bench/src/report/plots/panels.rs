@@ -6,14 +6,20 @@ use super::canvas::{Anchor, Figure, GRID, INK, Ink, Lettering, MUTED, PAPER, Poi
 use super::palette::{Style, stroke};
 use super::scale::{Scale, Step, log_ticks};
 use super::style::{FigureStyle, Medium};
-use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped};
+use super::text::{CAP_HEIGHT, Weight, fitted, width, wrapped, wrapped_to};
 
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 52.0;
 const MARGIN: f64 = 10.0;
-const LEGEND_ROW: f64 = 22.0;
+const LEGEND_LINE: f64 = 16.0;
+/// Between rows of the legend, whose labels may have several lines.
+const LEGEND_GAP: f64 = 6.0;
+const LABEL_LINES: usize = 3;
+/// From the left of a legend's entry to its label, and from the label to the next entry.
+const LEGEND_MARK: f64 = 33.0;
+const LEGEND_SPACE: f64 = 12.0;
 const CAPTION_ROW: f64 = 17.0;
 const TICK_SIZE: f64 = 11.5;
 const LABEL_SIZE: f64 = 12.5;
@@ -25,6 +31,8 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// A panel in print is no narrower as long as the figure is wide enough for one.
 const NARROWEST: f64 = 170.0;
+/// In a narrower one, the numbers of an axis run into each other.
+const LEAST: f64 = 130.0;
 /// Height of the strip of counts, and the size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
 const COUNT_SIZE: f64 = 9.5;
@@ -144,7 +152,7 @@ pub fn figure(
 /// The same in print where a style is given; its caption is left out where the style says so.
 ///
 /// # Errors
-/// When the drawing library refuses.
+/// When the drawing library refuses, or the style has no room for a panel.
 pub fn draw(
     title: &str,
     caption: &str,
@@ -159,6 +167,12 @@ pub fn draw(
         ""
     };
     let mut layout = PanelLayout::new(panels.len(), &labels, caption, print);
+    if let Some(style) = print.filter(|_| layout.panel.0 < LEAST) {
+        return Err(ReportError::Plot {
+            plot: title.to_owned(),
+            reason: style.narrow(1.0 + (LEAST - layout.panel.0) / style.units()),
+        });
+    }
     if panels.iter().any(|panel| !panel.frame.counts.is_empty()) {
         layout.bottom += COUNT_STRIP;
     }
@@ -185,8 +199,16 @@ struct PanelLayout {
     bottom: f64,
     /// Share of its room that text may fill.
     fill: f64,
-    legend: Vec<Vec<usize>>,
+    legend: Vec<Vec<LegendEntry>>,
     caption: Vec<String>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct LegendEntry {
+    /// In the figure's legend.
+    index: usize,
+    label: Vec<String>,
+    width: f64,
 }
 
 impl PanelLayout {
@@ -202,7 +224,7 @@ impl PanelLayout {
                 let room = style.units() - 2.0 * MARGIN;
                 let fitting = (room / (LEFT + NARROWEST + RIGHT)) as usize;
                 let columns = fitting.clamp(1, panels.max(1));
-                let width = (room / columns as f64 - LEFT - RIGHT).max(0.3 * room / columns as f64);
+                let width = room / columns as f64 - LEFT - RIGHT;
                 (columns, (width, width * style.panel_aspect))
             }
         };
@@ -218,15 +240,25 @@ impl PanelLayout {
         let room = grid.width() - LEFT - RIGHT;
         grid.caption = wrapped(caption, TICK_SIZE, Weight::Regular, room * grid.fill);
         let mut used = f64::INFINITY;
-        for (i, label) in labels.iter().enumerate() {
-            let item = grid.legend_width(label);
-            if used + item > room {
+        let label_room = (room - LEGEND_MARK - LEGEND_SPACE) * grid.fill;
+        for (index, label) in labels.iter().enumerate() {
+            let label = wrapped_to(LABEL_LINES, label, LABEL_SIZE, Weight::Regular, label_room);
+            let widths = label
+                .iter()
+                .map(|line| width(line, LABEL_SIZE, Weight::Regular));
+            let widest = widths.fold(0.0, f64::max);
+            let width = LEGEND_MARK + widest / grid.fill + LEGEND_SPACE;
+            if used + width > room {
                 grid.legend.push(Vec::new());
                 used = 0.0;
             }
-            used += item;
+            used += width;
             if let Some(row) = grid.legend.last_mut() {
-                row.push(i);
+                row.push(LegendEntry {
+                    index,
+                    label,
+                    width,
+                });
             }
         }
         grid
@@ -236,12 +268,8 @@ impl PanelLayout {
         2.0 * MARGIN + self.columns as f64 * (LEFT + self.panel.0 + RIGHT)
     }
 
-    fn legend_width(&self, label: &str) -> f64 {
-        33.0 + width(label, LABEL_SIZE, Weight::Regular) / self.fill + 12.0
-    }
-
     fn head(&self) -> f64 {
-        MARGIN + self.legend.len() as f64 * LEGEND_ROW
+        MARGIN + self.legend.iter().map(|row| legend_row(row)).sum::<f64>()
     }
 
     /// Lower edge of the panels.
@@ -257,16 +285,23 @@ impl PanelLayout {
 
     /// Draws the legend and the caption.
     fn surround(&self, surface: &mut dyn Surface, entries: &[(&str, Style)]) {
-        for (r, row) in self.legend.iter().enumerate() {
-            let y = MARGIN + (r as f64 + 0.5) * LEGEND_ROW;
+        let mut top = MARGIN;
+        for row in &self.legend {
+            let y = top + (LEGEND_LINE + LEGEND_GAP) / 2.0;
             let mut x = MARGIN + LEFT;
-            for (label, style) in row.iter().filter_map(|i| entries.get(*i)) {
-                stroke(surface, &[(x, y), (x + 26.0, y)], 2.0, *style);
-                style.marker.draw(surface, (x + 13.0, y), MARKER, style.ink);
-                let at = (x + 33.0, y + middle(LABEL_SIZE));
-                surface.text(label, at, lettering(LABEL_SIZE, INK, Anchor::Start));
-                x += self.legend_width(label);
+            for entry in row {
+                if let Some((_, style)) = entries.get(entry.index) {
+                    stroke(surface, &[(x, y), (x + 26.0, y)], 2.0, *style);
+                    style.marker.draw(surface, (x + 13.0, y), MARKER, style.ink);
+                }
+                for (i, line) in entry.label.iter().enumerate() {
+                    let base = y + middle(LABEL_SIZE) + i as f64 * LEGEND_LINE;
+                    let label = lettering(LABEL_SIZE, INK, Anchor::Start);
+                    surface.text(line, (x + LEGEND_MARK, base), label);
+                }
+                x += entry.width;
             }
+            top += legend_row(row);
         }
         let small = lettering(TICK_SIZE, MUTED, Anchor::Start);
         for (i, line) in self.caption.iter().enumerate() {
@@ -298,9 +333,10 @@ impl PanelLayout {
             },
             infinity: top + strip / 2.0,
         };
-        let remark = lettering(TICK_SIZE, MUTED, Anchor::End);
-        surface.text(&frame.remark, (right, top - 12.0), remark);
-        let room = self.fill * w - width(&frame.remark, TICK_SIZE, Weight::Regular) - 12.0;
+        let remark = fitted(&frame.remark, TICK_SIZE, Weight::Regular, self.fill * w);
+        let small = lettering(TICK_SIZE, MUTED, Anchor::End);
+        surface.text(&remark, (right, top - 12.0), small);
+        let room = self.fill * w - width(&remark, TICK_SIZE, Weight::Regular) - 12.0;
         let title = Lettering {
             weight: Weight::Bold,
             ..lettering(TITLE_SIZE, INK, Anchor::Start)
@@ -335,7 +371,9 @@ impl PanelLayout {
             surface.text(text, (x, bottom + 17.0), tick);
         }
         let label = lettering(LABEL_SIZE, INK, Anchor::Middle);
-        surface.text(&frame.x.label, ((left + right) / 2.0, bottom + 36.0), label);
+        let room = self.fill * (w + 2.0 * RIGHT);
+        let across = fitted(&frame.x.label, LABEL_SIZE, Weight::Regular, room);
+        surface.text(&across, ((left + right) / 2.0, bottom + 36.0), label);
         let upwards = Lettering {
             upwards: true,
             ..label
@@ -410,6 +448,12 @@ fn count_strip(surface: &mut dyn Surface, counts: &[BinCount], x: &Scale, foot: 
     surface.text(&label, (x.from - 8.0, foot - 2.0), small);
 }
 
+/// Height of a row of the legend.
+fn legend_row(row: &[LegendEntry]) -> f64 {
+    let lines = row.iter().map(|entry| entry.label.len()).max();
+    lines.unwrap_or(1).max(1) as f64 * LEGEND_LINE + LEGEND_GAP
+}
+
 /// From the middle of a capital to its baseline.
 fn middle(size: f64) -> f64 {
     size * CAP_HEIGHT / 2.0
@@ -450,5 +494,42 @@ mod tests {
         assert!(many.legend.len() > 2);
         assert_eq!(many.legend.iter().flatten().count(), 20);
         assert!(many.size().1 > few.size().1);
+    }
+
+    #[test]
+    fn labels_wider_than_the_legend_have_several_lines() {
+        let labels = ["a label/without spaces, ".repeat(6), "x".repeat(400)];
+        let labels = [labels[0].as_str(), "short", &labels[1]];
+        for print in [None, Some(&FigureStyle::default())] {
+            let layout = PanelLayout::new(1, &labels, "", print);
+            let entries: Vec<&LegendEntry> = layout.legend.iter().flatten().collect();
+            let room = layout.width() - LEFT - RIGHT;
+            assert!(entries.iter().all(|entry| entry.width <= room));
+            assert!(entries[0].label.len() > 1 && entries[1].label == ["short"]);
+            assert!(entries[2].label.len() == LABEL_LINES && entries[2].label[2].ends_with('…'));
+            let rows = layout.legend.iter().map(|row| legend_row(row));
+            assert_eq!(layout.head(), MARGIN + rows.sum::<f64>());
+        }
+    }
+
+    #[test]
+    fn a_style_without_room_for_a_panel_is_refused() {
+        let style = |width_mm, font_pt| FigureStyle {
+            width_mm,
+            font_pt,
+            ..FigureStyle::default()
+        };
+        let of = |style| draw("t", "c", &[], &[], Some(&style)).map_err(|e| e.to_string());
+        let error = of(style(20.0, 40.0)).unwrap_err();
+        assert!(
+            error.contains("width_mm") && error.contains("40 pt"),
+            "{error}"
+        );
+        assert!(
+            of(style(51.0, 8.0))
+                .unwrap_err()
+                .contains("width_mm of 52,")
+        );
+        assert!(of(style(52.0, 8.0)).is_ok());
     }
 }

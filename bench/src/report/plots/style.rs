@@ -124,6 +124,17 @@ impl FigureStyle {
         self.width_mm / MM_PER_INCH * 96.0 / self.medium().zoom
     }
 
+    /// That the figure needs to be so many times as wide, in words.
+    pub(crate) fn narrow(&self, times: f64) -> String {
+        let Self {
+            width_mm, font_pt, ..
+        } = self;
+        format!(
+            "a width of {width_mm} mm has no room for text of {font_pt} pt: a width_mm of {:.0}, or a smaller font_pt",
+            (width_mm * times).ceil()
+        )
+    }
+
     /// Width of the whole figure in pixels.
     pub fn pixels(&self) -> u32 {
         (self.width_mm / MM_PER_INCH * self.dpi).round() as u32

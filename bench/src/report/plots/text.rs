@@ -137,17 +137,44 @@ pub fn fitted(text: &str, size: f64, weight: Weight, room: f64) -> String {
     String::new()
 }
 
-/// The text in lines no wider than `room` where its words allow; a no-break space keeps words together.
+/// The text in lines no wider than `room`, of at least a character each. Words that no-break spaces keep together, and
+/// characters of a word, part only where they have no room in a line of their own; where not even a character has, words
+/// stay whole.
 pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
+    let fits = |text: &str| width(text, size, weight) <= room;
+    let one_fits = |word: &str| word.chars().any(|c| fits(c.encode_utf8(&mut [0; 4])));
     let mut lines: Vec<String> = Vec::new();
     let breaks = |c: char| c.is_whitespace() && c != '\u{a0}';
     for word in text.split(breaks).filter(|word| !word.is_empty()) {
-        match lines.last_mut() {
-            Some(line) if width(&format!("{line} {word}"), size, weight) <= room => {
-                line.push(' ');
-                line.push_str(word);
+        let parts = !fits(word) && one_fits(word);
+        let joint = |c: char| parts && c == '\u{a0}';
+        for part in word.split(joint).filter(|part| !part.is_empty()) {
+            match lines.last_mut() {
+                Some(line) if fits(&format!("{line} {part}")) => {
+                    line.push(' ');
+                    line.push_str(part);
+                }
+                _ => lines.push(part.to_owned()),
             }
-            _ => lines.push(word.to_owned()),
+            while let Some(line) = lines.last_mut().filter(|line| parts && !fits(line)) {
+                let mut ends = line.char_indices().map(|(at, _)| at).skip(1);
+                let Some(first) = ends.next() else { break };
+                let end = ends.take_while(|at| fits(&line[..*at])).last();
+                let rest = line.split_off(end.unwrap_or(first));
+                lines.push(rest);
+            }
+        }
+    }
+    lines
+}
+
+/// The first `most` of these lines; the last one ends in an ellipsis where there were more.
+pub fn wrapped_to(most: usize, text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
+    let mut lines = wrapped(text, size, weight, room);
+    if let Some(more) = lines.get(most).cloned() {
+        lines.truncate(most);
+        if let Some(last) = lines.last_mut() {
+            *last = fitted(&format!("{last} {more}"), size, weight, room);
         }
     }
     lines
@@ -223,6 +250,37 @@ mod tests {
         assert_eq!(lines(1e4), ["one two three"]);
         let kept = wrapped("one\u{a0}two three", 10.0, Weight::Regular, 1.0);
         assert_eq!(kept, ["one\u{a0}two", "three"]);
+    }
+
+    #[test]
+    fn words_wider_than_a_line_part_where_they_must() {
+        let lines = |text, room| wrapped(text, 10.0, Weight::Regular, room);
+        let room = width("number", 10.0, Weight::Regular);
+        assert_eq!(lines("a\u{a0}number b", room), ["a", "number", "b"]);
+        assert_eq!(
+            lines("x numbernumberb", room),
+            ["x", "number", "number", "b"]
+        );
+        // An M has no room, and still gets a line.
+        let narrow = width("i", 10.0, Weight::Regular);
+        assert_eq!(lines("iMMi", narrow), ["i", "M", "M", "i"]);
+        let long = "no_space_at_all/".repeat(20);
+        let parts = lines(&long, 40.0);
+        assert_eq!(parts.concat(), long);
+        assert!(
+            parts
+                .iter()
+                .all(|line| width(line, 10.0, Weight::Regular) <= 40.0)
+        );
+
+        let first = |text, most| wrapped_to(most, text, 10.0, Weight::Regular, 40.0);
+        let two = first(&long, 2);
+        assert!(
+            two.len() == 2 && two[0] == parts[0] && two[1].ends_with('…'),
+            "{two:?}"
+        );
+        assert!(width(&two[1], 10.0, Weight::Regular) <= 40.0);
+        assert_eq!(first("short", 2), ["short"]);
     }
 
     #[test]
