@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::support::sharp_bench;
+use crate::tiny::golden;
 
 /// Motorcycle of Middlebury, quarter size.
 fn middlebury() -> String {
@@ -117,6 +118,10 @@ fn rows_of_ones_own_stand_below_the_published_ones() {
     for (args, said) in [
         (["nope", "--row", "a=run:copy"], "no table 'nope'"),
         (["psnr-ssim", "--row", "run"], "LABEL=RUN"),
+        (
+            ["psnr-ssim", "--row", "a\nb=run:copy"],
+            "'a\\nb' holds a control character",
+        ),
     ] {
         sharp_bench(dir, &[&["table"], &args[..]].concat()).is_usage_error_with(&[said]);
     }
@@ -188,6 +193,22 @@ fn tables_that_are_no_scores_take_rows_too() {
         .filter(|c| c["row"] == "mine" && !c["value"].is_null());
     let mine: Vec<f64> = mine.map(|c| c["value"].as_f64().unwrap()).collect();
     assert_eq!(mine, [0.5, 0.02]);
+    let narrow = sharp_bench(dir, &[&args[..], &["--only-measured"]].concat());
+    let narrow = narrow.ends_with(0).json();
+    let datasets = narrow["cells"].as_array().unwrap().iter();
+    assert!(datasets.clone().count() > 0);
+    for cell in datasets {
+        assert_eq!(cell["dataset"], "Middlebury");
+    }
+
+    let tiny = golden("tiny_model.pt");
+    let row = format!("tiny={tiny}");
+    let args = ["table", "param-count", "--row", &row];
+    let text = sharp_bench(dir, &args).ends_with(0).out;
+    let line = text.lines().find(|line| line.starts_with("tiny ")).unwrap();
+    assert!(line.contains("M "), "{text}");
+    sharp_bench(dir, &[&args[..], &["--only-measured"]].concat())
+        .is_usage_error_with(&["param-count has no datasets"]);
 }
 
 #[test]
@@ -274,6 +295,35 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         std::fs::read_to_string(dir.join("run/scores.csv")).unwrap(),
         scores
     );
+
+    // Identical pictures.
+    let dataset = middlebury();
+    let (_, data) = dataset.split_once('=').unwrap();
+    std::os::unix::fs::symlink(data, dir.join("data")).unwrap();
+    let args = ["run", "--dataset", "middlebury=data", "--method", "target"];
+    let args = [&args[..], &["--metrics", "psnr", "--out", "itself"]].concat();
+    sharp_bench(dir, &args).ends_with(0);
+    let itself = dir.join("itself").display().to_string();
+    let args = [
+        "explain",
+        "psnr-ssim",
+        &itself,
+        "--metrics",
+        "psnr",
+        "--json",
+    ];
+    let json = sharp_bench(dir, &args).ends_with(0).json();
+    let cell = &json["runs"][0]["cells"][0];
+    assert_eq!(
+        (&cell["here"], &cell["spread"][1]),
+        (&"inf".into(), &"inf".into())
+    );
+    // The path of its dataset is relative, and nothing is there from elsewhere.
+    sharp_bench(&dir.join("why"), &args).is_error_with(&[
+        "middlebury=data, from which the run has its pictures",
+        "given relative to where `run` was started",
+        "why",
+    ]);
 
     explain(&["--row", "Nobody"]).is_usage_error_with(&["--row Nobody", "Flash3D"]);
     sharp_bench(dir, &["explain", "param-count", "run"])

@@ -9,6 +9,7 @@ use sharp_metrics::Selection;
 use super::outcome::UsageError;
 use super::output::{self, Terminal};
 use super::{Outcome, data_args};
+use crate::pictures::keyed_scores::json_number;
 use crate::report::explain::text::{terminal, write_explanations};
 use crate::report::explain::{ExplainedRun, explain_run};
 use crate::report::paper::published::MadeBy;
@@ -134,15 +135,15 @@ fn to_json(run: &ExplainedRun) -> Value {
             json!({
                 "key": value.reading.key,
                 "reading": value.reading.words(),
-                "value": value.value,
+                "value": json_number(value.value),
             })
         });
         json!({
             "dataset": cell.column,
             "metric": cell.metric.label,
             "published": cell.published,
-            "here": cell.as_scored,
-            "spread": cell.spread().map(|(low, high)| [low, high]),
+            "here": cell.as_scored.map(json_number),
+            "spread": cell.spread().map(|(low, high)| [low, high].map(json_number)),
             "verdict": cell.verdict,
             "candidates": candidates.collect::<Vec<_>>(),
         })

@@ -45,7 +45,8 @@ pub(super) struct ReportArgs {
     /// Where the page's pictures are; without it, in the page for up to 24 pairs, else beside it
     #[arg(long, value_enum)]
     layout: Option<Layout>,
-    /// Leave out the pictures of datasets whose terms do not let them be published; the page names them
+    /// Leave out the pictures of datasets whose terms do not let them be published (the page names them), and where files lie
+    /// on this machine
     #[arg(long)]
     public: bool,
     /// Instead of a report, a paragraph for a paper with its references: datasets and pairs, conventions, metrics, what

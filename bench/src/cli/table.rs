@@ -80,6 +80,10 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
             return Err(UsageError(reason).into());
         }
     }
+    if args.only_measured && paper.datasets.iter().all(|name| name.is_empty()) {
+        let reason = format!("--only-measured: {} has no datasets", paper.name);
+        return Err(UsageError(reason).into());
+    }
     let rows: Result<Vec<OwnRow>, RowError> = args.rows.iter().map(|row| row.parse()).collect();
     let beside = Beside {
         rows: rows.map_err(|error| UsageError(format!("--row {error}")))?,

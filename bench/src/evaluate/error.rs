@@ -18,6 +18,15 @@ pub enum EvaluateError {
     /// Datasets or pair lists.
     #[error(transparent)]
     Pairs(#[from] PairError),
+    /// A dataset that a run was made from.
+    #[error("{spec}, from which the run has its pictures: {reason}{from}")]
+    RunDataset {
+        /// As it was given to the run.
+        spec: String,
+        reason: Box<PairError>,
+        /// What its path is relative to; empty for an absolute one.
+        from: String,
+    },
     /// A method's options.
     #[error(transparent)]
     Method(#[from] SpecError),

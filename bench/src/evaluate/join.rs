@@ -25,8 +25,13 @@ pub struct Named {
     pub path: PathBuf,
 }
 
+/// Why a folder cannot have that name.
+#[derive(Debug, thiserror::Error)]
+#[error("the name '{}' holds a control character", .0.escape_debug())]
+pub struct NameError(String);
+
 impl std::str::FromStr for Named {
-    type Err = std::convert::Infallible;
+    type Err = NameError;
 
     /// A folder whose own path holds `=` is not split if it exists.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -34,13 +39,18 @@ impl std::str::FromStr for Named {
             name: None,
             path: text.into(),
         };
-        Ok(match text.split_once('=') {
-            Some((name, path)) if !plain.path.exists() && !name.is_empty() => Self {
-                name: Some(name.to_owned()),
-                path: path.into(),
-            },
-            _ => plain,
-        })
+        match text.split_once('=') {
+            Some((name, path)) if !plain.path.exists() && !name.is_empty() => {
+                if name.contains(char::is_control) {
+                    return Err(NameError(name.to_owned()));
+                }
+                Ok(Self {
+                    name: Some(name.to_owned()),
+                    path: path.into(),
+                })
+            }
+            _ => Ok(plain),
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,8 +15,8 @@ use sharp_metrics::{InstructionSet, MetricInfo};
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use crate::methods::{MethodIdentity, Privilege};
-use crate::pairs::PairProvenance;
 use crate::pairs::dataset::DatasetReading;
+use crate::pairs::{OpenDataset, PairProvenance};
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::{Scoring, ScoringRules};
 
@@ -196,6 +196,28 @@ impl DatasetRecord {
             .map(|(width, height)| format!("{width}×{height}"));
         let sizes: Vec<String> = sizes.collect();
         (!sizes.is_empty()).then(|| format!("{} pixels", sizes.join(" to ")))
+    }
+
+    /// Opens it again as it was read.
+    ///
+    /// # Errors
+    /// When it cannot be opened from this working directory.
+    pub fn open(&self, scenes: Option<&str>) -> Result<OpenDataset, EvaluateError> {
+        OpenDataset::open_recorded(&self.spec, &self.readings, scenes).map_err(|reason| {
+            let path = self.spec.split_once('=').map(|(_, path)| Path::new(path));
+            let here = std::env::current_dir();
+            EvaluateError::RunDataset {
+                spec: self.spec.clone(),
+                reason: Box::new(reason),
+                from: match (path, here) {
+                    (Some(path), Ok(here)) if path.is_relative() => format!(
+                        "; the path was given relative to where `run` was started, and is sought below {}",
+                        here.display()
+                    ),
+                    _ => String::new(),
+                },
+            }
+        })
     }
 }
 

@@ -234,11 +234,7 @@ pub(super) fn open_datasets(
 ) -> Result<Vec<OpenDataset>, EvaluateError> {
     let mut datasets = Vec::new();
     for dataset in &manifest.datasets {
-        datasets.push(OpenDataset::open_recorded(
-            &dataset.spec,
-            &dataset.readings,
-            dataset.only_scenes.as_deref(),
-        )?);
+        datasets.push(dataset.open(dataset.only_scenes.as_deref())?);
     }
     Ok(datasets)
 }

@@ -335,6 +335,7 @@ fn folders_join_unless_they_contradict_each_other() {
     let whole = run(&path("whole"), by_spec(&["copy", "mean"]), "psnr", 3);
     run(&path("a"), by_spec(&["copy", "mean"]), "psnr", 2);
     run(&path("b"), by_spec(&["copy", "mean"]), "psnr", 3);
+    assert!("a\nb=whole".parse::<Named>().is_err());
     let named = |text: &str| text.parse::<Named>().unwrap();
     let plain = |name: &str| named(&path(name).display().to_string());
     let joined = join(&[plain("a"), plain("b")]).unwrap();

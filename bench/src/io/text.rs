@@ -59,6 +59,30 @@ pub fn shortened(text: &str, longest: usize) -> Cow<'_, str> {
     .into()
 }
 
+/// The text for readers elsewhere: of absolute paths only what follows the last slash, `/home/me/a.png` as `…/a.png`. A
+/// path ends at a blank, a quote or what else ends a phrase.
+pub fn without_folders(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    let mut before = ' ';
+    while let Some(c) = rest.chars().next() {
+        let is_address = before == ':' && rest.starts_with("//") && !rest.starts_with("///");
+        let ends = |c: char| c.is_whitespace() || "'\"`,;:()[]<>=".contains(c);
+        let path = &rest[..rest.find(ends).unwrap_or(rest.len())];
+        if c == '/' && ends(before) && !is_address && path.len() > 1 {
+            let name = path.trim_end_matches('/').rsplit('/').next();
+            out += "…/";
+            out += name.unwrap_or_default();
+            rest = &rest[path.len()..];
+        } else {
+            out.push(c);
+            rest = &rest[c.len_utf8()..];
+        }
+        before = out.chars().next_back().unwrap_or(' ');
+    }
+    out
+}
+
 /// True for what spreadsheets take for a formula, behind any number of `'`.
 fn is_formula(text: &str) -> bool {
     let start = text.trim_start_matches('\'');
@@ -96,6 +120,25 @@ mod tests {
         let json = serde_json::to_string(hostile).unwrap();
         let read: String = serde_json::from_str(&visible(&json)).unwrap();
         assert_eq!(read, hostile);
+    }
+
+    #[test]
+    fn paths_of_this_machine_are_reduced_to_names() {
+        for (text, reduced) in [
+            ("/home/me/a.png: cannot be read", "…/a.png: cannot be read"),
+            ("M:eth3d=/data/eth3d,right=im1", "M:eth3d=…/eth3d,right=im1"),
+            (
+                "run='python /opt/x/my.py' (/tmp/)",
+                "run='python …/my.py' (…/tmp)",
+            ),
+            ("file:///home/me/a.png", "file:…/a.png"),
+            (
+                "see https://a.org/b/c, 3 / 4 and/or",
+                "see https://a.org/b/c, 3 / 4 and/or",
+            ),
+        ] {
+            assert_eq!(without_folders(text), reduced);
+        }
     }
 
     #[test]

@@ -26,8 +26,8 @@ use crate::io::observer::Observer;
 use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::view_hashes::lock;
 use crate::methods::{KINDS, Privilege};
+use crate::pairs::PairProvenance;
 use crate::pairs::options::paper::PROXY;
-use crate::pairs::{OpenDataset, PairProvenance};
 
 /// Writes the report of some results. `scenes` give the source and target pictures. A kept picture that is not the one
 /// that was scored is not shown, and [named](ReportFiles::not_scored).
@@ -42,10 +42,15 @@ pub fn report(
     options: ReportOptions,
 ) -> Result<ReportFiles, ReportError> {
     let pictures = RunPictures::new(results, scenes);
-    let input = ReportInput {
+    let mut input = ReportInput {
         options,
         ..input(results, &pictures, published)
     };
+    if input.options.public {
+        for (shown, dataset) in input.datasets.iter_mut().zip(&results.manifest.datasets) {
+            shown.description = description(dataset, &dataset.format);
+        }
+    }
     written(&input, &pictures, out)
 }
 
@@ -92,7 +97,7 @@ pub fn tables(results: &Results) -> Result<String, ReportError> {
 pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     let mut scenes = Vec::new();
     for dataset in &manifest.datasets {
-        match OpenDataset::open_recorded(&dataset.spec, &dataset.readings, None) {
+        match dataset.open(None) {
             Ok(open) => scenes.extend(open.scenes),
             Err(error) => observer.warn(&format!(
                 "no source and target pictures of '{}': {error}",
@@ -130,16 +135,7 @@ pub(crate) fn input<'a>(
             .datasets
             .iter()
             .map(|dataset| ReportDataset {
-                description: format!(
-                    "{} (read: {}{}, {})",
-                    dataset.spec,
-                    counted(dataset.scenes, "scene"),
-                    dataset
-                        .only_scenes
-                        .as_ref()
-                        .map_or_else(String::new, |glob| format!(" matching {glob}")),
-                    counted(dataset.views, "view")
-                ),
+                description: description(dataset, &dataset.spec),
                 format: Some(dataset.format.clone()),
                 proxies: proxies(manifest, dataset, records),
                 common_region: manifest.common_region,
@@ -158,6 +154,17 @@ pub(crate) fn input<'a>(
         pictures,
         options: ReportOptions::default(),
     }
+}
+
+/// What a dataset is and how much of it was read.
+fn description(dataset: &DatasetRecord, what: &str) -> String {
+    let only = dataset.only_scenes.as_ref();
+    format!(
+        "{what} (read: {}{}, {})",
+        counted(dataset.scenes, "scene"),
+        only.map_or_else(String::new, |glob| format!(" matching {glob}")),
+        counted(dataset.views, "view")
+    )
 }
 
 fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {

@@ -296,9 +296,11 @@ fn load<'a>(
     let predictions: Vec<_> = of_methods.map(|record| record.map(prediction)).collect();
     let predicted = |at: usize| match predictions.get(at) {
         Some(Some(Ok(prediction))) => Ok(prediction),
+        Some(Some(Err(MissingPicture::NotPublic))) => Err(MissingPicture::NotPublic),
         _ => Err(MissingPicture::Without("prediction")),
     };
     let truth = match (&target, &valid) {
+        (Err(MissingPicture::NotPublic), _) => Err(MissingPicture::NotPublic),
         (Err(_), _) => Err(MissingPicture::Without("target")),
         (_, Err(reason)) => Err(reason.clone()),
         (Ok(target), Ok(valid)) => Ok((target, valid.as_ref())),

@@ -276,7 +276,7 @@ pub struct ReportOptions {
     pub layout: Option<Layout>,
     /// What they may take; [`Layout::budget`] without it.
     pub pictures: Option<PictureBudget>,
-    /// Leave out the pictures of datasets whose terms do not let them be published.
+    /// Leave out the pictures of datasets whose terms do not let them be published, and where files lie on this machine.
     pub public: bool,
 }
 
@@ -334,6 +334,7 @@ pub struct ReportComparison {
 }
 
 /// All that a report shows.
+#[derive(Clone)]
 pub struct ReportInput<'a> {
     pub title: String,
     /// One or two sentences under the title, after the counts: what was run.

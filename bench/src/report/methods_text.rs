@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use sharp_datasets::entry::entry;
 
 use super::assemble::proxies;
-use super::tables::latex::escape;
+use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
 use crate::evaluate::record::{Record, Status};
@@ -77,7 +77,11 @@ pub fn methods_text(results: &Results) -> MethodsText {
         ));
     }
     before.extend(predictions(manifest, records));
-    MethodsText::of(before, &metrics, vec![deviations(manifest, records)])
+    let text = MethodsText::of(before, &metrics, vec![deviations(manifest, records)]);
+    MethodsText {
+        latex: noted(text.latex),
+        ..text
+    }
 }
 
 /// Datasets whose views were shown at another size, and by which rule.
@@ -115,7 +119,7 @@ fn datasets(manifest: &Manifest, records: &[Record]) -> String {
         format!(", at most {limit} of those that were selected")
     });
     format!(
-        "Pairs of source and target view: {}; the list of all {} has the sha256 \\texttt{{{}}}, of which {} were \
+        "Pairs of source and target view: {}; the list of all {} has the sha256 \\texttt{{{}}}; {} of them were \
          evaluated{limit}.",
         named.join(", "),
         manifest.pairs.listed,

@@ -11,6 +11,7 @@ use sharp_datasets::DepthMap;
 
 use crate::evaluate::record::Record;
 use crate::io::pictures::Alpha;
+use crate::io::text::without_folders;
 
 use super::error::MissingPicture;
 
@@ -84,58 +85,56 @@ pub trait ReportPictures: Sync {
     }
 }
 
-/// The same pictures but for those of some datasets, which are not for the public.
-pub(super) struct Withheld<'a> {
+/// The same pictures as the public may see them: not those of some datasets, and no file of this machine.
+pub(super) struct PublicPictures<'a> {
     pub(super) pictures: &'a dyn ReportPictures,
-    /// By name.
-    pub(super) datasets: BTreeSet<&'a str>,
+    /// Whose pictures are withheld, by name.
+    pub(super) withheld: BTreeSet<&'a str>,
 }
 
-impl Withheld<'_> {
-    fn allowed(&self, record: &Record) -> Result<&dyn ReportPictures, MissingPicture> {
-        match self.datasets.contains(record.dataset.as_str()) {
-            true => Err(MissingPicture::NotPublic),
-            false => Ok(self.pictures),
+impl PublicPictures<'_> {
+    fn shown<T>(
+        &self,
+        record: &Record,
+        get: impl Fn(&dyn ReportPictures) -> Result<T, MissingPicture>,
+    ) -> Result<T, MissingPicture> {
+        if self.withheld.contains(record.dataset.as_str()) {
+            return Err(MissingPicture::NotPublic);
         }
+        get(self.pictures).map_err(|missing| match missing {
+            MissingPicture::Unusable(reason) => MissingPicture::Unusable(without_folders(&reason)),
+            other => other,
+        })
     }
 }
 
-impl ReportPictures for Withheld<'_> {
+impl ReportPictures for PublicPictures<'_> {
     fn source(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.allowed(record)?.source(record)
+        self.shown(record, |pictures| pictures.source(record))
     }
 
     fn target(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.allowed(record)?.target(record)
+        self.shown(record, |pictures| pictures.target(record))
     }
 
     fn valid_pixels(&self, record: &Record) -> Result<Option<GrayImage>, MissingPicture> {
-        self.allowed(record)?.valid_pixels(record)
+        self.shown(record, |pictures| pictures.valid_pixels(record))
     }
 
     fn prediction(&self, record: &Record) -> Result<RgbImage, MissingPicture> {
-        self.allowed(record)?.prediction(record)
+        self.shown(record, |pictures| pictures.prediction(record))
     }
 
     fn target_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        self.allowed(record)?.target_depth(record)
+        self.shown(record, |pictures| pictures.target_depth(record))
     }
 
     fn source_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
-        self.allowed(record)?.source_depth(record)
+        self.shown(record, |pictures| pictures.source_depth(record))
     }
 
     fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
-        self.allowed(record)?.alpha(record)
-    }
-
-    fn kept(&self, record: &Record) -> Option<PathBuf> {
-        self.allowed(record).ok()?.kept(record)
-    }
-
-    fn photographs(&self, record: &Record) -> [Option<PathBuf>; 2] {
-        let allowed = self.allowed(record);
-        allowed.map_or([None, None], |pictures| pictures.photographs(record))
+        self.shown(record, |pictures| pictures.alpha(record))
     }
 }
 

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use askama::Template as _;
 use rayon::prelude::*;
 
+use crate::evaluate::record::{Record, Score, Status};
 use crate::io::atomic_files::{FileError, write_atomic, write_replaceable};
 use crate::io::counts::counted;
-use crate::io::text::visible;
+use crate::io::text::{visible, without_folders};
 
 use super::board::Board;
 use super::error::ReportError;
@@ -19,7 +20,7 @@ use super::html::Page;
 use super::input::{Column, Layout, ReportDataset, ReportInput};
 use super::markdown;
 use super::paper;
-use super::pictures::Withheld;
+use super::pictures::{PublicPictures, ReportPictures};
 use super::plots::{Figure, baselines};
 use super::tables::text::text;
 use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
@@ -61,6 +62,60 @@ const FOLDERS: [&str; 3] = ["tables", "plots", THUMBNAILS];
 pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
     check(input)?;
     check_folder(out)?;
+    match input.options.public {
+        true => write_public(input, out),
+        false => write(input, out, input.pictures, &[]),
+    }
+}
+
+/// Writes it without what is for this machine alone: its paths, and pictures whose terms forbid it.
+fn write_public(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
+    let records: Vec<Record> = input.records.iter().map(public_record).collect();
+    let mut public = ReportInput {
+        records: &records,
+        ..input.clone()
+    };
+    let descriptions = public.datasets.iter_mut().map(|one| &mut one.description);
+    let descriptions =
+        descriptions.chain(public.methods.iter_mut().map(|one| &mut one.description));
+    let facts = public.facts.iter_mut().flat_map(|group| &mut group.facts);
+    for text in descriptions.chain(facts.map(|(_, value)| value)) {
+        *text = without_folders(text);
+    }
+    let board = Board::new(public.records, &public.datasets, &public.methods)?;
+    let datasets = board.datasets.iter().map(|d| &d.dataset);
+    let withheld = datasets.filter(|dataset| !dataset.may_publish());
+    let withheld: Vec<&ReportDataset> = withheld.collect();
+    let pictures = PublicPictures {
+        pictures: input.pictures,
+        withheld: withheld
+            .iter()
+            .map(|dataset| dataset.name.as_str())
+            .collect(),
+    };
+    write(&public, out, &pictures, &withheld)
+}
+
+/// The record with no more than the names of the files that its reasons speak of.
+fn public_record(record: &Record) -> Record {
+    let mut record = record.clone();
+    if let Status::Failed { reason } = &mut record.status {
+        *reason = without_folders(reason);
+    }
+    for score in record.scores.values_mut() {
+        if let Score::Unavailable { unavailable } = score {
+            *unavailable = without_folders(unavailable);
+        }
+    }
+    record
+}
+
+fn write(
+    input: &ReportInput<'_>,
+    out: &Path,
+    pictures: &dyn ReportPictures,
+    withheld: &[&ReportDataset],
+) -> Result<ReportFiles, ReportError> {
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
     let (metrics, mut ours) = score_tables(input, &board);
     ours.extend(build::of_extras(&board, &input.extras));
@@ -93,17 +148,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         files.push((format!("plots/{stem}.svg"), figure.svg.clone().into_bytes()));
         files.push((png, figure.png.clone()));
     }
-    let datasets = board.datasets.iter().map(|d| &d.dataset);
-    let withheld = datasets.filter(|dataset| input.options.public && !dataset.may_publish());
-    let withheld: Vec<&ReportDataset> = withheld.collect();
-    let pictures = Withheld {
-        pictures: input.pictures,
-        datasets: withheld
-            .iter()
-            .map(|dataset| dataset.name.as_str())
-            .collect(),
-    };
-    if let Some(bytes) = qualitative::figure(&board, &metrics, &pictures)? {
+    if let Some(bytes) = qualitative::figure(&board, &metrics, pictures)? {
         let png = "plots/qualitative.png".to_owned();
         plots.push(("Predictions side by side".to_owned(), png.clone()));
         files.push((png, bytes));
@@ -111,7 +156,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     let counts = board.counts(metrics.len());
     let lead = counts.map(|(noun, n)| counted(n, noun)).join(", ");
     let lead = format!("{lead}. {}", input.summary);
-    let gallery = Gallery::new(&board, &metrics, input, &pictures);
+    let gallery = Gallery::new(&board, &metrics, input, pictures);
     let page = Page {
         input,
         out,
@@ -123,8 +168,8 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
         published: &published,
         figures: &figures,
         gallery: &gallery,
-        pictures: &pictures,
-        withheld: &withheld,
+        pictures,
+        withheld,
     };
     let text = markdown::report(&page, &plots);
     files.push((MARKDOWN.into(), text.into_bytes()));

@@ -1,5 +1,7 @@
 //! What keeps measured numbers from being comparable with published ones digit by digit.
 
+use std::collections::BTreeSet;
+
 use sharp_datasets::entry::{ENTRIES, PaperOverlap};
 
 use crate::evaluate::Aggregation;
@@ -123,9 +125,11 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
     let lists = compared.manifest.pairs.lists.iter();
     let lists = lists
         .filter(|list| list.choices.is_empty() || list.choices.contains_key(&dataset.dataset.name));
-    let hashes: Vec<String> = lists
+    // Runs of one list may have evaluated more or less of it.
+    let hashes: BTreeSet<String> = lists
         .map(|list| list.sha256.chars().take(12).collect())
         .collect();
+    let hashes: Vec<String> = hashes.into_iter().collect();
     let list = match hashes.is_empty() {
         true => String::new(),
         false => format!(" (list sha256 {}…)", hashes.join("…, ")),

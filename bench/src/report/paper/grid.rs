@@ -9,7 +9,7 @@ use crate::report::board::{Board, DatasetBoard};
 use crate::report::input::{Column, PublishedNumbers, ReportDataset};
 use crate::report::pictures::NoPictures;
 use crate::report::statistics::of_metric;
-use crate::report::tables::{Cell, Origin, Table, build};
+use crate::report::tables::{Cell, Origin, Row, Table, build};
 
 use super::checklist::{ChecklistInput, checklist};
 use super::column;
@@ -78,9 +78,18 @@ pub(super) fn with_rows(
             Ok(below(paper.table(&kept), own))
         }
         OwnRows::Measured { columns, rows } => {
-            let published = paper.table(&all);
+            let width = columns.len();
+            let of = |row: &Row, d: usize| row.cells[d * width..(d + 1) * width].to_vec();
+            let has = |row: &Row, d: usize| of(row, d).iter().any(|cell| cell.value.is_some());
+            let kept = |d: &usize| !beside.only_measured || rows.iter().any(|row| has(row, *d));
+            let kept: Vec<usize> = all.into_iter().filter(kept).collect();
+            let narrowed = rows.iter().map(|row| Row {
+                cells: kept.iter().flat_map(|d| of(row, *d)).collect(),
+                ..row.clone()
+            });
+            let published = paper.table(&kept);
             let mut own = Table {
-                rows,
+                rows: narrowed.collect(),
                 remarks: Vec::new(),
                 ..published.clone()
             };

@@ -37,6 +37,8 @@ pub struct OwnRow {
 pub enum RowError {
     #[error("'{0}': LABEL=RUN or LABEL=RUN:METHOD is needed")]
     Form(String),
+    #[error("the label '{}' holds a control character", .0.escape_debug())]
+    Label(String),
     #[error("the label '{0}' is given twice")]
     Repeated(String),
     #[error("{}: it has {what}; name one of them, {}:METHOD", path.display(), path.display())]
@@ -116,6 +118,9 @@ impl std::str::FromStr for OwnRow {
         if label.trim().is_empty() || source.is_empty() {
             return Err(wrong());
         }
+        if label.contains(char::is_control) {
+            return Err(RowError::Label(label.to_owned()));
+        }
         let Ok(source) = source.parse();
         Ok(Self {
             label: label.to_owned(),
@@ -182,12 +187,7 @@ fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowE
     let mut columns: Vec<Column> = Vec::new();
     let mut measured = Vec::new();
     for row in rows {
-        let path = in_folder(&row.source.path, "translation.csv");
-        let unusable = |reason: String| RowError::Unusable {
-            path: path.clone(),
-            reason,
-        };
-        let bytes = sharp::files::read(&path).map_err(|error| unusable(error.to_string()))?;
+        let (unusable, bytes) = file_of(row, "translation.csv")?;
         let mut csv = ::csv::Reader::from_reader(bytes.as_slice());
         let heads = csv
             .headers()
@@ -256,9 +256,17 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
             total += checkpoint.shape(name)?.iter().product::<usize>();
         }
         // A checkpoint does not say which of its parameters were trained.
-        let cells = paper.metrics.iter().map(|metric| Cell {
-            value: (*metric == "total").then_some(total as f64 / 1e6),
-            ..Cell::default()
+        let millions = total as f64 / 1e6;
+        let cells = paper.metrics.iter().map(|metric| match *metric {
+            "total" => Cell {
+                value: Some(millions),
+                printed: Some(format!("{millions:.*}M", usize::from(millions < 10.0))),
+                ..Cell::default()
+            },
+            _ => Cell {
+                printed: Some("–".to_owned()),
+                ..Cell::default()
+            },
         });
         measured.push(Row {
             label: row.label.clone(),
@@ -292,12 +300,7 @@ struct SpeedLine {
 fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut measured = Vec::new();
     for row in rows {
-        let path = in_folder(&row.source.path, "speed.csv");
-        let unusable = |reason: String| RowError::Unusable {
-            path: path.clone(),
-            reason,
-        };
-        let bytes = sharp::files::read(&path).map_err(|error| unusable(error.to_string()))?;
+        let (unusable, bytes) = file_of(row, "speed.csv")?;
         let lines: Result<Vec<SpeedLine>, _> = ::csv::Reader::from_reader(bytes.as_slice())
             .deserialize()
             .collect();
@@ -371,11 +374,20 @@ fn speeds(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> 
     })
 }
 
-/// The file itself, or the one of that name in a folder.
-fn in_folder(path: &Path, name: &str) -> PathBuf {
-    match path.is_dir() {
-        true => path.join(name),
-        false => path.to_owned(),
+/// The bytes of a row's source, or of the file of that name in it where it is a folder, and the error about it.
+fn file_of(row: &OwnRow, name: &str) -> Result<(impl Fn(String) -> RowError, Vec<u8>), RowError> {
+    let mut path = row.source.path.clone();
+    if path.is_dir() {
+        path.push(name);
+    }
+    let read = sharp::files::read(&path);
+    let unusable = move |reason: String| RowError::Unusable {
+        path: path.clone(),
+        reason,
+    };
+    match read {
+        Ok(bytes) => Ok((unusable, bytes)),
+        Err(error) => Err(unusable(error.to_string())),
     }
 }
 
@@ -397,7 +409,7 @@ mod tests {
             (path.to_str(), method.as_deref()),
             (Some("runs/a"), Some("depth-splat"))
         );
-        for wrong in ["runs/a", "=runs/a", "a="] {
+        for wrong in ["runs/a", "=runs/a", "a=", "a\nb=runs/a", "\u{1b}[2J=runs/a"] {
             assert!(wrong.parse::<OwnRow>().is_err(), "{wrong}");
         }
         let folder = tempfile::tempdir().unwrap();

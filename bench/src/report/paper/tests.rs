@@ -3,9 +3,10 @@ use std::path::Path;
 use super::grid::{csv, with_rows};
 use super::rows::OwnRows;
 use crate::evaluate::Results;
+use crate::evaluate::manifest::{ListOrigin, ListRecord};
 use crate::evaluate::record::{Record, Score, Status};
 use crate::evaluate::test_records::{manifest, record};
-use crate::report::tables::{Table, html::html, latex, markdown, text};
+use crate::report::tables::{Condition, Table, html::html, latex, markdown, text};
 
 use super::*;
 
@@ -130,8 +131,21 @@ fn ties_gaps_and_infinities_stand_as_they_are() {
     complete
         .records
         .retain(|r| r.status == Status::Ok && r.pair_id != "M/5/s__5");
+    // Two runs of one list, of which one evaluated less.
+    complete.manifest.pairs.lists = [7, 6]
+        .map(|evaluated| ListRecord {
+            sha256: "0123456789abcdef".to_owned(),
+            listed: 7,
+            evaluated,
+            limit: None,
+            origin: ListOrigin::Given,
+            choices: std::collections::BTreeMap::new(),
+        })
+        .into();
     let rows = OwnRows::Scores(Box::new(complete));
     let table = with_rows(published("psnr-ssim").unwrap(), rows, &Beside::default()).unwrap();
+    let hash = |c: &&Condition| c.text.contains("(list sha256 0123456789ab…)");
+    assert_eq!(table.checklist.iter().filter(hash).count(), 2);
     let ranks: Vec<_> = table.rows[7..]
         .iter()
         .map(|r| (r.cells[0].rank, r.cells[1].rank))

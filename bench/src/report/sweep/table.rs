@@ -10,7 +10,7 @@ use crate::evaluate::results::number;
 use crate::io::text::csv_cell;
 use crate::report::input::Column;
 use crate::report::plots::bins::Bin;
-use crate::report::tables::latex::escape;
+use crate::report::tables::latex::{escape, noted};
 
 /// The columns of the table of bins.
 pub(super) const COLUMNS: &str =
@@ -135,7 +135,7 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
 
 /// A `table` environment a metric: bins as rows, methods as columns.
 pub fn latex(sweep: &Sweep) -> String {
-    let mut out = format!("{MARK}\n% \\usepackage{{booktabs,graphicx}}\n");
+    let mut out = "% \\usepackage{booktabs,graphicx}\n".to_owned();
     for (k, metric) in sweep.metrics.iter().enumerate() {
         let lines = sweep.panels.iter().flat_map(|panel| &panel.lines);
         let mut labels: Vec<&str> = Vec::new();
@@ -148,7 +148,7 @@ pub fn latex(sweep: &Sweep) -> String {
             table(&mut out, sweep, k, metric, &labels);
         }
     }
-    out
+    format!("{MARK}\n{}", noted(out))
 }
 
 fn table(out: &mut String, sweep: &Sweep, k: usize, metric: &Column, labels: &[&str]) {

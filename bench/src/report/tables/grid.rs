@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::markdown::{escape, rich};
+use crate::io::text::visible_line;
 
 /// A table of any shape.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -27,7 +28,7 @@ pub struct GridCell {
 impl GridCell {
     pub fn words(text: impl Into<String>) -> Self {
         Self {
-            text: text.into(),
+            text: visible_line(&text.into()).into_owned(),
             value: None,
         }
     }

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::grid::TextGrid;
 use super::{Cell, Table, letter, letters, spans};
+use crate::io::text::visible_line;
 use crate::report::input::Column;
 
 /// What a document needs before its tables. The colours are the paper's.
@@ -110,7 +111,7 @@ pub fn latex(table: &Table) -> String {
         let _ = writeln!(out, "\\par ${mark}$~{}", rich(&check.text));
     }
     out.push_str("\\end{table}\n");
-    out
+    noted(out)
 }
 
 /// A table of any shape, as a `table` environment as wide as the line.
@@ -138,7 +139,7 @@ pub fn grid(grid: &TextGrid) -> String {
         let _ = writeln!(out, "\\par {}", rich(remark));
     }
     out.push_str("\\end{table}\n");
-    out
+    noted(out)
 }
 
 fn number(cell: &Cell, column: &Column) -> String {
@@ -169,19 +170,22 @@ fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Text that LaTeX prints as it is.
+/// Text that LaTeX prints as it is, in OT1 as in T1; what pdflatex has no glyph for by its number, as [`noted`] explains.
 pub fn escape(text: &str) -> String {
+    let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
+            // At the start of a row these would belong to the `\\` before it.
+            '[' | '*' if out.trim_ascii().is_empty() => out.extend(['{', c, '}']),
             '\\' => out.push_str("\\textbackslash{}"),
             '~' => out.push_str("\\textasciitilde{}"),
             '^' => out.push_str("\\textasciicircum{}"),
             '<' => out.push_str("\\textless{}"),
             '>' => out.push_str("\\textgreater{}"),
             '|' => out.push_str("\\textbar{}"),
-            '"' => out.push_str("\\textquotedbl{}"),
-            '`' => out.push_str("\\textasciigrave{}"),
+            '"' => out.push_str("\\char34{}"),
+            '`' => out.push_str("\\`{}"),
             '&' | '%' | '$' | '#' | '_' | '{' | '}' => out.extend(['\\', c]),
             '∞' => out.push_str("$\\infty$"),
             '−' => out.push_str("$-$"),
@@ -198,10 +202,38 @@ pub fn escape(text: &str) -> String {
             'μ' | 'µ' => out.push_str("$\\mu$"),
             '†' => out.push_str("$^\\dagger$"),
             '–' => out.push_str("--"),
+            '—' => out.push_str("---"),
+            '‘' => out.push('`'),
+            '’' => out.push('\''),
+            '“' => out.push_str("``"),
+            '”' => out.push_str("''"),
+            '·' => out.push_str("$\\cdot$"),
+            '²' => out.push_str("$^2$"),
+            '÷' => out.push_str("$\\div$"),
             '°' => out.push_str("$^\\circ$"),
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
+            c if c.is_ascii() || is_composed(c) => out.push(c),
+            c => {
+                let _ = write!(out, "{STAND_IN}{:04X}]}}", u32::from(c));
+            }
         }
     }
     out
+}
+
+/// How the number of a character begins that stands in its place.
+const STAND_IN: &str = "{[U+";
+
+/// The fragment with a comment on the numbers that stand in it for characters, if there are any.
+pub fn noted(fragment: String) -> String {
+    match fragment.contains(STAND_IN) {
+        true => format!(
+            "% [U+...] stands for the character of that number in Unicode, for which pdflatex has no glyph\n{fragment}"
+        ),
+        false => fragment,
+    }
+}
+
+/// Letters that OT1 composes of one of ASCII and an accent, or has.
+fn is_composed(c: char) -> bool {
+    ('À'..='ž').contains(&c) && !"ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲų".contains(c)
 }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Cell, Table, letter, letters, spans};
+use crate::io::text::visible_line;
 use crate::report::input::Column;
 
 /// GitHub-flavoured Markdown, footnotes below.
@@ -103,6 +104,7 @@ pub(in crate::report) fn rich(note: &str) -> String {
 
 /// Text that stays text: no markup, no new column, no HTML.
 pub fn escape(text: &str) -> String {
+    let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -110,7 +112,6 @@ pub fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '&' => out.push_str("&amp;"),
             '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '~' => out.extend(['\\', c]),
-            c if c.is_control() => out.push(' '),
             c => out.push(c),
         }
     }

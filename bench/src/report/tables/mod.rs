@@ -20,6 +20,7 @@ pub(super) mod remarks;
 pub mod text;
 
 use super::input::Column;
+use crate::io::text::visible_line;
 
 /// A table, ready to be written in any form.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,7 +165,8 @@ impl Table {
     /// The label of a row, with a dagger where its numbers are published among measured ones.
     pub(super) fn label(&self, row: &Row) -> String {
         let dagger = row.origin == Origin::Published && self.is_mixed();
-        format!("{}{}", row.label, if dagger { "†" } else { "" })
+        let label = visible_line(&row.label);
+        format!("{label}{}", if dagger { "†" } else { "" })
     }
 
     pub(super) fn is_ranked(&self) -> bool {

@@ -1,6 +1,7 @@
 //! A table for a terminal: aligned columns, `*` for the best.
 
 use super::{Cell, Table, letter, letters};
+use crate::io::text::visible_line;
 use crate::report::input::Column;
 
 /// Lines without trailing blanks, footnotes below. Width counts characters, which is exact for the arrows
@@ -24,7 +25,7 @@ pub fn text(table: &Table) -> String {
         .iter()
         .zip(widths[1..].chunks_mut(heads.len().max(1)))
     {
-        let mut title = group.title.clone() + &marks(group.note.as_slice());
+        let mut title = visible_line(&group.title).into_owned() + &marks(group.note.as_slice());
         if let Some(n) = group.pairs {
             title += &format!(" (n={n})");
         }

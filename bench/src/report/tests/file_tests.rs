@@ -311,16 +311,23 @@ fn pictures_shrink_until_all_pairs_fit() {
 
 #[test]
 fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
+    let run = std::env::temp_dir().join("run");
+    let lost = format!("{}/b.png: is gone", run.display());
     let records = [
         record("middlebury", "p", "a", 0.1, &[("psnr", 20.0)]),
         record("booster", "p", "a", 0.1, &[("psnr", 20.0)]),
         record("anyone's", "p", "a", 0.1, &[("psnr", 20.0)]),
+        failed(record("middlebury", "p", "b", 0.1, &[]), &lost),
     ];
     let page = |public: bool| {
         let mut input = input(&records);
-        let kept = HalfMasked(std::env::temp_dir().join("run"));
+        let kept = HalfMasked(run.clone());
         input.pictures = &kept;
         input.options.public = public;
+        input.methods = vec![ReportMethod {
+            description: format!("imported(dir={})", run.display()),
+            ..ReportMethod::named("a")
+        }];
         String::from_utf8(files(&input)["index.html"].clone()).unwrap()
     };
     // Target, mask, prediction and error of a pair, and links to prediction and target.
@@ -331,11 +338,22 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
         ]
     };
     let (all, public) = (page(false), page(true));
-    assert_eq!((count(&all), count(&public)), ([12, 6], [4, 2]));
+    assert_eq!((count(&all), count(&public)), ([12, 6], [4, 0]));
     assert!(!all.contains("class=\"withheld\""));
     assert!(public.contains("Terms of the pictures shown: middlebury: free to use and publish"));
     let notice = "the pictures of anyone&#39;s (terms unknown), booster (research use; do not redistribute).";
     assert!(public.contains(notice), "{public}");
+    // Nothing is said to lack a prediction that is withheld, and no folder of this machine is named.
+    let folder = run.display().to_string();
+    assert!(
+        all.contains(&folder) && !public.contains(&folder),
+        "{public}"
+    );
+    assert!(public.contains("…/b.png: is gone") && public.contains("(dir=…/run)"));
+    assert_eq!(public.matches("\"no target\"").count(), 0, "{public}");
+    let withheld = "terms do not let it be published";
+    // Source, target, prediction and error of two datasets.
+    assert_eq!(public.matches(withheld).count(), 8, "{public}");
 }
 
 #[test]

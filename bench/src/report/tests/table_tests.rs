@@ -141,6 +141,23 @@ fn latex_prints_labels_as_they_are() {
         escaped,
         r"50\%\_a\&b\#\{c\}\$d\textasciicircum{}\textasciitilde{}\textbackslash{}"
     );
+    // OT1 has neither glyph; a row must not begin with an option of the rule before it.
+    assert_eq!(latex::escape("[a]\"`é"), "{[}a]\\char34{}\\`{}é");
+    assert_eq!(
+        latex::escape("中✓e\u{301}ð\n"),
+        "{[U+4E2D]}{[U+2713]}e{[U+0301]}{[U+00F0]}\\textbackslash{}u000a"
+    );
+    let odd = psnr_table(&[record("d", "p", "中\n", 0.1, &[("psnr", 1.0)])]);
+    let fragment = latex::latex(&odd);
+    assert!(
+        fragment.starts_with("% [U+...] stands for the character")
+            && fragment.contains("\n{[U+4E2D]}\\textbackslash{}u000a & 1.00"),
+        "{fragment}"
+    );
+    for shown in [text::text(&odd), html_table::html(&odd, "t").unwrap()] {
+        assert!(shown.contains("中\\u000a"), "{shown}");
+    }
+    assert!(markdown::markdown(&odd).contains("| 中\\\\u000a |"));
     let table = psnr_table(&[record("data_set", "p", "100%", 0.1, &[("psnr", 1.0)])]);
     let latex = latex::latex(&table);
     assert!(
