@@ -1,5 +1,7 @@
 //! `bench/docs/security.md` lists every `unsafe` of the product, with tests that exist.
 
+#![allow(clippy::unwrap_used, reason = "test code outside of #[test] functions")]
+
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
