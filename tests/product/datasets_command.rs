@@ -173,6 +173,26 @@ fn the_list_has_every_format_with_its_readings() {
 }
 
 #[test]
+fn settings_of_every_dataset_are_in_the_help() {
+    let dir = tempfile::tempdir().unwrap();
+    for args in [
+        ["run", "--help"],
+        ["datasets", "--help"],
+        ["datasets", "list"],
+    ] {
+        let said = sharp_bench(dir.path(), &args).ends_with(0);
+        for part in [
+            "frame=RULE",
+            "width:W:KERNEL",
+            "pairs.KEY=VALUE",
+            "sweep=none",
+        ] {
+            assert!(said.out.contains(part), "{args:?}, {part}: {}", said.out);
+        }
+    }
+}
+
+#[test]
 fn a_pair_list_needs_exactly_these_files() {
     let dir = tempfile::tempdir().unwrap();
     middlebury(dir.path());

@@ -106,4 +106,9 @@ fn a_run_describes_itself_for_a_paper() {
     assert!(read(dir.join("t/methods.tex")).ends_with(&format!("{latex}\n")));
     assert!(read(dir.join("t/methods.bib")).ends_with(json["bibtex"].as_str().unwrap()));
     assert!(!dir.join("r/report").exists());
+    std::fs::create_dir(dir.join("u")).unwrap();
+    std::fs::write(dir.join("u/methods.bib"), "mine").unwrap();
+    sharp_bench(dir, &["report", "r", "--methods-text", "--out", "u"])
+        .is_error_with(&["methods.bib", "something else"]);
+    assert!(!dir.join("u/methods.tex").exists());
 }

@@ -78,10 +78,29 @@ fn a_controlled_sweep_from_pictures_to_tables() {
     let before = std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap();
     sharp_bench(dir.path(), &args).ends_with(0);
     assert!(before == std::fs::read(dir.path().join("out/sweep-psnr.pdf")).unwrap());
-    // What is somebody else's stays.
+    let sweep = |more: &[&str]| {
+        let common = ["sweep", "run", "--out", "out"];
+        sharp_bench(dir.path(), &[&common, more].concat())
+    };
+    let limits = ["--metrics", "psnr", "--threshold", "ssim=0.5"];
+    sweep(&limits).is_usage_error_with(&["--threshold ssim", "--metrics leaves"]);
+    let said = sweep(&["--bins", "1e3"]).ends_with(2);
+    assert!(said.err.contains("at most 15 digits"), "{}", said.err);
+    // Without crossings, those of before go; pairs beyond the edges are counted.
+    let said = sweep(&["--bins", "0,0.11"]).ends_with(0);
+    for part in [
+        "sweep-crossings.csv was of",
+        "S: 2 of 6 pairs lie outside all",
+    ] {
+        assert!(said.err.contains(part), "{part}: {}", said.err);
+    }
+    assert!(!dir.path().join("out/sweep-crossings.csv").exists());
+    // What is somebody else's stays, and nothing else is written then.
+    let drawn = read(dir.path().join("out/sweep-psnr.svg"));
     std::fs::write(dir.path().join("out/sweep.csv"), "mine\n").unwrap();
     sharp_bench(dir.path(), &args).is_error_with(&["sweep.csv", "something else"]);
     assert_eq!(read(dir.path().join("out/sweep.csv")), "mine\n");
+    assert_eq!(read(dir.path().join("out/sweep-psnr.svg")), drawn);
 }
 
 #[test]

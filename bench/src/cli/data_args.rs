@@ -11,6 +11,7 @@ use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weigh
 use super::outcome::UsageError;
 use super::output;
 use crate::evaluate::PairOrigin;
+use crate::pairs::frame::Frame;
 use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe};
 use crate::scoring::{ScaleChooser, Scoring};
 
@@ -244,6 +245,12 @@ pub(super) fn formats_help() -> String {
             );
         }
     }
+    text += &format!(
+        "  each of these, too\n    frame=RULE  its views at another size, cameras with them: {}\n    \
+         pairs.KEY=VALUE  a pair option for it alone (keys: `pairs --help`)\n  \
+         `datasets list` has the values of each setting\n",
+        Frame::forms()
+    );
     text
 }
 

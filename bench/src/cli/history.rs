@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::evaluate::Occasion;
-use crate::io::atomic_files::write_over_own;
+use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible_line;
 use crate::track::history::{self, HistoryError};
 
@@ -141,8 +141,7 @@ fn show(args: &ShowArgs) -> anyhow::Result<Outcome> {
             "<p class=\"eyebrow\">sharp-bench history</p>",
         ));
     }
-    for (path, bytes, mark) in &files {
-        write_over_own(path, bytes, mark)?;
+    for path in write_all_over_own(&files)? {
         if !args.json {
             output::line(path.display().to_string())?;
         }

@@ -120,7 +120,10 @@ fn methods_text(results: &Results, args: &ReportArgs) -> anyhow::Result<Outcome>
         return describe::methods_text(&text, args.json);
     };
     let files = text.write(out)?;
-    let files = files.map(|path| path.display().to_string());
+    let files: Vec<String> = files
+        .iter()
+        .map(|path| path.display().to_string())
+        .collect();
     if args.json {
         output::json(&json!({"files": files}))?;
     } else {

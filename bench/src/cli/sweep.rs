@@ -7,10 +7,11 @@ use clap::Args;
 use serde_json::json;
 use sharp_metrics::MetricKey;
 
+use super::outcome::UsageError;
 use super::report::warn_damaged;
 use super::{Outcome, output};
 use crate::evaluate::{Named, join};
-use crate::io::atomic_files::check_writable;
+use crate::io::counts::counted;
 use crate::pictures::keyed_scores::json_number;
 use crate::report::plots::bins::Binning;
 use crate::report::plots::style::FigureStyle;
@@ -42,8 +43,8 @@ pub(super) struct SweepArgs {
     /// What the pairs are told apart by
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
-    /// A width, 0.1; quantile:N for N bins of equally many pairs; or edges, 0,0.1,0.5. A bin holds its lower edge. Without
-    /// it at most ten bins of a round width
+    /// A width, 0.1; quantile:N for N bins of equally many pairs, up to 1000; or edges, 0,0.1,0.5, beyond which pairs are left
+    /// out. A bin holds its lower edge. Without it at most ten bins of a round width
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
     /// What is shaded around a mean
@@ -70,6 +71,12 @@ pub(super) struct SweepArgs {
 }
 
 pub(super) fn execute(args: &SweepArgs) -> anyhow::Result<Outcome> {
+    let left_out = |key: &&MetricKey| !args.metrics.is_empty() && !args.metrics.contains(key);
+    let mut limited = args.thresholds.iter().map(|threshold| &threshold.metric);
+    if let Some(key) = limited.find(left_out) {
+        let reason = format!("--threshold {key}=…: --metrics leaves {key} out");
+        return Err(UsageError(reason).into());
+    }
     let style = style(args.style.as_ref())?;
     let spec = SweepSpec {
         x: args.x,
@@ -102,9 +109,14 @@ pub(super) fn sweep(
     as_json: bool,
 ) -> anyhow::Result<Outcome> {
     let results = join(runs)?;
-    check_writable(out)?;
     let sweep = Sweep::of(&results, spec)?;
     let files = files::write(&sweep, out, stem, style)?;
+    let names = |files: &[PathBuf]| -> Vec<String> {
+        files
+            .iter()
+            .map(|file| file.display().to_string())
+            .collect()
+    };
     if as_json {
         let crossings = sweep.crossings.iter().map(|crossing| {
             let interval = crossing.found.interval;
@@ -122,30 +134,38 @@ pub(super) fn sweep(
         });
         output::json(&json!({
             "out": out.display().to_string(),
-            "files": files.iter().map(|file| file.display().to_string()).collect::<Vec<_>>(),
+            "files": names(&files.written),
+            "removed": names(&files.removed),
             "crossings": crossings.collect::<Vec<_>>(),
         }))?;
     } else {
         for crossing in &sweep.crossings {
             output::line(table::sentence(&sweep, crossing))?;
         }
-        for file in &files {
-            output::line(format!("wrote {}", file.display()))?;
+        for file in names(&files.written) {
+            output::line(format!("wrote {file}"))?;
         }
     }
-    for panel in sweep.panels.iter().filter(|panel| panel.unplaced > 0) {
+    for file in names(&files.removed) {
         output::remark(format!(
-            "note: {}: {} of {} pairs have no known {}",
-            panel.split,
-            panel.unplaced,
-            panel.pairs,
-            sweep.spec.x.title()
+            "note: {file} was of an earlier sweep and is removed"
         ));
+    }
+    let x = sweep.spec.x.title();
+    for panel in &sweep.panels {
+        for (count, what) in [
+            (panel.unplaced, "have no known place"),
+            (panel.outside, "lie outside all bins"),
+        ] {
+            if count > 0 {
+                let (split, all) = (&panel.split, counted(panel.pairs, "pair"));
+                output::remark(format!("note: {split}: {count} of {all} {what} ({x})"));
+            }
+        }
     }
     if sweep.panels.is_empty() {
         output::remark(format!(
-            "warning: no pair has a score and a known {}",
-            sweep.spec.x.title()
+            "warning: no pair has a score and a known {x} within the bins"
         ));
     }
     Ok(Outcome::of_problems(

@@ -18,6 +18,7 @@ use super::pipeline::{Job, RunOptions};
 use super::record::Status;
 use super::score::missing;
 use super::shard::Shard;
+use crate::io::counts::counted;
 use crate::io::fingerprints;
 use crate::io::observer::Observer;
 use crate::methods::spec::check_label;
@@ -162,7 +163,7 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         }
         PairOrigin::Given(path) => {
             let list = PairList::read(&path)?;
-            warn_of_other_files(&list, &scenes, observer);
+            check_files(&list, &scenes, observer)?;
             let left = list.pairs.len() - list.resolve_readable(&scenes, &request.datasets)?.len();
             if left > 0 {
                 let all = list.pairs.len();
@@ -230,24 +231,35 @@ fn check_independence(
     Ok(())
 }
 
-/// A list that was made from other photographs or poses is evaluated all the same, and said to be so.
-fn warn_of_other_files(list: &PairList, scenes: &[Scene], observer: &dyn Observer) {
+/// A list that was made from other photographs is evaluated all the same, and said to be so. One of other poses is refused:
+/// its baselines and rotations, by which results are sorted, plotted and chosen, are not those of what is evaluated.
+fn check_files(
+    list: &PairList,
+    scenes: &[Scene],
+    observer: &dyn Observer,
+) -> Result<(), PairError> {
     let found = list.verify(scenes);
+    if let Some(first) = found.moved.first() {
+        let ([listed_m, found_m], [listed_deg, found_deg]) = (first.baseline_m, first.rotation_deg);
+        return Err(PairError::List {
+            path: list.path.clone(),
+            line: first.line,
+            reason: format!(
+                "the cameras of {} are {found_m} m and {found_deg}° apart, not {listed_m} m and {listed_deg}° as the list \
+                 says ({} in all): it was made from other poses, or opened by other settings; `pairs verify` compares the \
+                 two, `pairs` makes a list of these",
+                first.pair_id,
+                counted(found.moved.len(), "such pair"),
+            ),
+        });
+    }
     for mismatch in found.different {
         observer.warn(&format!(
             "{}/{}/{}: the photograph is not the one the list was made from (sha256 {} instead of {})",
             mismatch.dataset, mismatch.scene, mismatch.view, mismatch.found, mismatch.expected
         ));
     }
-    if let Some(first) = found.moved.first() {
-        observer.warn(&format!(
-            "{} of the list's pairs have other cameras than it says, such as {}: baseline {} m instead of {} m",
-            found.moved.len(),
-            first.pair_id,
-            first.baseline_m[1],
-            first.baseline_m[0]
-        ));
-    }
+    Ok(())
 }
 
 impl Evaluation {

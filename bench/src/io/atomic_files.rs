@@ -55,28 +55,54 @@ pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
 
 /// As [`write_atomic`], but over nothing except an earlier file of the same kind, which has `mark` in it.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
-    write_unless(path, bytes, |there| {
-        String::from_utf8_lossy(there).contains(mark)
-    })
+    write_all_over_own(&[(path, bytes, mark)]).map(drop)
+}
+
+/// As [`write_over_own`], of several files, each with its mark. All names are looked at before the first file is written, so
+/// that a refusal leaves nothing half done. The paths are handed back.
+pub fn write_all_over_own(
+    files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
+) -> Result<Vec<PathBuf>, FileError> {
+    for (path, _, mark) in files {
+        refuse_others(path.as_ref(), |there| has_mark(there, mark))?;
+    }
+    let written = files.iter().map(|(path, bytes, _)| {
+        let path = path.as_ref();
+        write_atomic(path, bytes.as_ref()).map(|()| path.to_owned())
+    });
+    written.collect()
 }
 
 /// As [`write_atomic`], but over nothing except a file with the same bytes: for forms of others, which bear no mark of ours.
 pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
-    write_unless(path, bytes, |there| there == bytes)
+    refuse_others(path, |there| there == bytes)?;
+    write_atomic(path, bytes)
 }
 
-fn write_unless(
-    path: &Path,
-    bytes: &[u8],
-    is_own: impl Fn(&[u8]) -> bool,
-) -> Result<(), FileError> {
-    // Devices and pipes are never replaced.
-    let own = || path.is_file() && sharp::files::read(path).is_ok_and(|there| is_own(&there));
-    if path.exists() && !own() {
+/// Removes a file that has `mark` in it; false where there is none.
+pub fn remove_own(path: &Path, mark: &str) -> Result<bool, FileError> {
+    let is_own = is_file_that(path, |there| has_mark(there, mark));
+    if is_own {
+        fs::remove_file(path).map_err(FileError::new(path, "remove"))?;
+    }
+    Ok(is_own)
+}
+
+fn has_mark(bytes: &[u8], mark: &str) -> bool {
+    String::from_utf8_lossy(bytes).contains(mark)
+}
+
+/// Devices and pipes are none.
+fn is_file_that(path: &Path, test: impl Fn(&[u8]) -> bool) -> bool {
+    path.is_file() && sharp::files::read(path).is_ok_and(|there| test(&there))
+}
+
+fn refuse_others(path: &Path, is_own: impl Fn(&[u8]) -> bool) -> Result<(), FileError> {
+    if path.exists() && !is_file_that(path, is_own) {
         let reason = "what is there is something else, and not written over; choose another file";
         return Err(FileError::new(path, "write")(io::Error::other(reason)));
     }
-    write_atomic(path, bytes)
+    Ok(())
 }
 
 /// Writes a value as indented JSON with a final line end, in one step.
@@ -246,6 +272,22 @@ mod tests {
         check_writable(&new).unwrap();
         assert_eq!(fs::read_dir(&new).unwrap().count(), 0);
         assert!(check_writable(&path.join("below a file")).is_err());
+    }
+
+    #[test]
+    fn one_file_of_somebody_else_keeps_all_from_being_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let [ours, new, theirs] = ["ours", "new", "theirs"].map(|name| dir.path().join(name));
+        fs::write(&ours, "mark 1").unwrap();
+        fs::write(&theirs, "x").unwrap();
+        let all = [&ours, &new, &theirs].map(|path| (path, b"mark 2", "mark"));
+        let error = write_all_over_own(&all).unwrap_err().to_string();
+        assert!(error.contains("theirs: cannot write"), "{error}");
+        assert_eq!(fs::read(&ours).unwrap(), b"mark 1");
+        assert!(!new.exists());
+        assert_eq!(write_all_over_own(&all[..2]).unwrap(), [&*ours, &*new]);
+        assert!(remove_own(&new, "mark").unwrap() && !new.exists());
+        assert!(!remove_own(&theirs, "mark").unwrap() && theirs.exists());
     }
 
     #[test]

@@ -55,6 +55,14 @@ impl Frame {
         ResizeKernel::Area,
     ];
 
+    /// What it may be, for help and errors.
+    pub fn forms() -> String {
+        let kernels = Self::KERNELS.map(|kernel| kernel.name()).join("|");
+        format!(
+            "cover:WxH:KERNEL, cover8:WxH:KERNEL, stretch:WxH:KERNEL or width:W:KERNEL (pixels; KERNEL {kernels})"
+        )
+    }
+
     /// The error is the bare reason.
     fn fit(&self, (w, h): (u32, u32)) -> Result<Fit, String> {
         let fit = |resized, size: (u32, u32)| {
@@ -143,13 +151,7 @@ impl FromStr for Frame {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || {
-            let kernels = Self::KERNELS.map(|kernel| kernel.name()).join("|");
-            format!(
-                "frame={text}: cover:WxH:KERNEL, cover8:WxH:KERNEL, stretch:WxH:KERNEL or width:W:KERNEL is needed \
-                 (pixels; KERNEL {kernels})"
-            )
-        };
+        let wrong = || format!("frame={text}: {} is needed", Self::forms());
         let side = |text: &str| {
             let side = text.parse().ok();
             let side = side.filter(|side| (1..=1 << 14).contains(side));

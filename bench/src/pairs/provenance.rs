@@ -1,6 +1,7 @@
 //! How a pair list came about: from building it, or from the file beside it.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
@@ -78,8 +79,20 @@ impl ListCompanion {
 
     /// The companion of exactly this list; a list may well have none.
     pub fn of(list: &PairList) -> Option<Self> {
-        let bytes = sharp::files::read(&Self::path(&list.path)).ok()?;
-        let companion: Self = serde_json::from_slice(&bytes).ok()?;
+        let companion = Self::read(&Self::path(&list.path))?;
         (companion.schema == SCHEMA && companion.sha256 == list.sha256).then_some(companion)
+    }
+
+    fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&sharp::files::read(path).ok()?).ok()
+    }
+
+    /// Removes that of an earlier list in the place of one that has none. A file of somebody else stays.
+    pub fn remove(list: &Path) -> Result<(), FileError> {
+        let path = Self::path(list);
+        match Self::read(&path) {
+            Some(_) => fs::remove_file(&path).map_err(FileError::new(&path, "remove")),
+            None => Ok(()),
+        }
     }
 }

@@ -9,7 +9,7 @@ use sharp_metrics::{
     SsimBorder, SsimCovariance, SsimVariant, SsimWindow, WeightsUsed,
 };
 
-use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::atomic_files::{FileError, write_all_over_own};
 
 /// References of the metrics and their networks, of the paper and its datasets, a blank line between them.
 const CITATIONS: &str = include_str!("citations.bib");
@@ -72,13 +72,12 @@ impl MethodsText {
     /// Writes `methods.tex`, to be `\\input`, and `methods.bib`.
     ///
     /// # Errors
-    /// When one cannot be written, or the name is taken by something else.
-    pub fn write(&self, folder: &Path) -> Result<[PathBuf; 2], FileError> {
-        let [tex, bib] = ["methods.tex", "methods.bib"].map(|name| folder.join(name));
-        let content = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
-        write_over_own(&tex, content.as_bytes(), MARK)?;
-        write_over_own(&bib, format!("{MARK}\n\n{}", self.bibtex).as_bytes(), MARK)?;
-        Ok([tex, bib])
+    /// When one cannot be written, or the name is taken by something else; then none is written.
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
+        let tex = format!("{MARK}; references: methods.bib\n{}\n", self.latex);
+        let bib = format!("{MARK}\n\n{}", self.bibtex);
+        let files = [("methods.tex", tex), ("methods.bib", bib)];
+        write_all_over_own(&files.map(|(name, text)| (folder.join(name), text, MARK)))
     }
 }
 

@@ -162,15 +162,20 @@ impl Column {
         shown(value, self.decimals)
     }
 
-    /// Part of a file name: runs of letters and digits of the key, in lower case, joined by dashes.
+    /// Part of a file name.
     pub fn slug(&self) -> String {
-        let parts = self.key.split(|c: char| !c.is_ascii_alphanumeric());
-        let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();
-        if parts.is_empty() {
-            "x".into()
-        } else {
-            parts.join("-").to_lowercase()
-        }
+        slug(&self.key)
+    }
+}
+
+/// Runs of letters and digits of a column's key, in lower case, joined by dashes.
+pub(super) fn slug(key: &str) -> String {
+    let parts = key.split(|c: char| !c.is_ascii_alphanumeric());
+    let parts: Vec<_> = parts.filter(|part| !part.is_empty()).collect();
+    if parts.is_empty() {
+        "x".into()
+    } else {
+        parts.join("-").to_lowercase()
     }
 }
 

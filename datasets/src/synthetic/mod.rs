@@ -71,7 +71,8 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
         ),
         Setting::free(
             "step",
-            "of a sweep, which has views − 1 of them: metres (auto: 0.05), degrees (2) or posts (1)",
+            "of a sweep, which has views − 1 of them: metres (auto: 0.05; 10 in all at most), degrees (2; 90) or posts \
+             (1; 15)",
             "auto",
         ),
     ],

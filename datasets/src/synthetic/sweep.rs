@@ -12,7 +12,8 @@ use crate::{DatasetError, DatasetSpec, Pairing, Scene};
 
 /// How far the target's camera of an occlusion sweep stands to the right, metres.
 const OCCLUSION_BASELINE_M: f64 = 0.1;
-/// Beyond this hardly anything of the source is left in the picture, degrees.
+/// Beyond these hardly anything of the source is left in the picture, metres and degrees.
+const FARTHEST_MOVE: f64 = 10.0;
 const FARTHEST_TURN: f64 = 90.0;
 /// More would stand in each other's place.
 const MOST_POSTS: f64 = 15.0;
@@ -48,7 +49,11 @@ impl SweepKind {
             "rotation" => Self::RotationDeg(given.unwrap_or(2.0)),
             "occlusion" => match given.unwrap_or(1.0) {
                 posts if posts.fract() == 0.0 && posts <= MOST_POSTS => Self::Posts(posts as usize),
-                _ => return Err(wrong("it is a whole number of posts")),
+                _ => {
+                    return Err(wrong(&format!(
+                        "it is a whole number of posts up to {MOST_POSTS}"
+                    )));
+                }
             },
             _ if given.is_some() => return Err(wrong("there is no sweep")),
             _ => return Ok(None),
@@ -73,15 +78,15 @@ impl SweepKind {
         let lens = options.lens().map_err(|e| refuse(e.to_string()))?;
         let source = rings.views[0].camera_from_world;
         let cluster = rings.scene(dataset).cluster;
-        let last = (options.views - 1) as f64;
-        let (reach, most) = match self {
-            Self::TranslationM(_) => (0.0, 0.0),
-            Self::RotationDeg(step) => (step * last, FARTHEST_TURN),
-            Self::Posts(step) => (step as f64 * last, MOST_POSTS),
+        let (step, most, unit) = match self {
+            Self::TranslationM(step) => (step, FARTHEST_MOVE, "m"),
+            Self::RotationDeg(step) => (step, FARTHEST_TURN, "degrees"),
+            Self::Posts(step) => (step as f64, MOST_POSTS, "posts"),
         };
-        if reach > most {
+        let count = options.views - 1;
+        if step * count as f64 > most {
             return Err(refuse(format!(
-                "a sweep to {reach} is too far; up to {most} are possible: fewer views or a smaller step"
+                "a sweep of {count} steps of that size goes beyond {most} {unit}: fewer views or a smaller step"
             )));
         }
         let view = |world: &Arc<World>, step: usize, pose| {
@@ -182,6 +187,23 @@ mod tests {
             assert!((motions(scene)[0].0 - 0.1).abs() < 1e-12);
             assert_eq!(scene.cluster, "seed0");
         }
+    }
+
+    #[test]
+    fn what_goes_too_far_is_refused() {
+        for (settings, reason) in [
+            ("sweep=translation,step=1e9", "5 steps"),
+            ("sweep=translation,step=2.1", "beyond 10 m"),
+            ("sweep=rotation,step=18.1", "beyond 90 degrees"),
+            ("sweep=occlusion,step=4", "beyond 15 posts"),
+            ("sweep=occlusion,step=16", "whole number of posts up to 15"),
+            ("sweep=translation,step=0", "above zero"),
+        ] {
+            let text = format!("synthetic=size=96x72,views=6,{settings}");
+            let error = crate::open(&DatasetSpec::parse(&text).unwrap()).unwrap_err();
+            assert!(error.to_string().contains(reason), "{settings}: {error}");
+        }
+        assert_eq!(scenes("sweep=translation,step=2").len(), 1);
     }
 
     #[test]

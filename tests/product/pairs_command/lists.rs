@@ -86,6 +86,62 @@ fn lists_are_verified_against_files() {
 }
 
 #[test]
+fn a_list_of_other_cameras_is_not_evaluated() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    build(dir, "p.csv", &["--pair-options", "limit=2"]).ends_with(0);
+    let list = read(dir.join("p.csv"));
+    let row: Vec<&str> = list.lines().nth(2).unwrap().split(',').collect();
+    let run = |baseline: &str, rotation: &str| {
+        let mut other = row.clone();
+        (other[10], other[11]) = (baseline, rotation);
+        let text = list.replace(&row.join(","), &other.join(","));
+        std::fs::write(dir.join("q.csv"), text).unwrap();
+        let run = ["run", "--dataset", SYNTHETIC, "--pairs", "q.csv", "--out"];
+        let method = ["r", "--method", "copy", "--metrics", "psnr"];
+        sharp_bench(dir, &[&run[..], &method].concat())
+    };
+    run("5", row[11]).is_error_with(&["q.csv:3: the cameras of", "not 5 m", "1 such pair in all"]);
+    run(row[10], "179").is_error_with(&["q.csv:3", "179° as the list says"]);
+    run("5", "1e3").is_error_with(&["q.csv:3: rotation_deg is '1e3', not a number from 0 to 180"]);
+    assert!(!dir.join("r").exists());
+    let rounded = row[10].parse::<f64>().unwrap() + 1e-12;
+    run(&rounded.to_string(), row[11]).ends_with(0);
+}
+
+#[test]
+fn lists_of_others_are_counted_and_imported() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let list = r#"{"seed0": {"context": [4, 0], "target": [1, 2, 4, 2]}, "cup": null}"#;
+    std::fs::write(dir.join("theirs.json"), list).unwrap();
+    let import = |more: &[&str]| {
+        let args = ["pairs", "import", "theirs.json", "--form", "index"];
+        sharp_bench(dir, &[&args[..], more].concat())
+    };
+    let said = import(&[]).ends_with(0);
+    assert_eq!(
+        said.out,
+        "2 scenes, 1 with targets: 4 targets in all, 1 among their own inputs\n"
+    );
+    // What says how an earlier list of this name came about is not of this one.
+    build(dir, "p.csv", &[]).ends_with(0);
+    assert!(dir.join("p.csv.json").exists());
+    let ours = ["--dataset", SYNTHETIC, "--out", "p.csv"];
+    let said = import(&ours).ends_with(0);
+    assert!(said.err.contains("names 1 pair again"), "{}", said.err);
+    assert_eq!(read(dir.join("p.csv")).lines().count(), 4);
+    assert!(!dir.join("p.csv.json").exists());
+    // A file of somebody else stays.
+    std::fs::write(dir.join("p.csv.json"), "{}").unwrap();
+    import(&ours).ends_with(0);
+    assert_eq!(read(dir.join("p.csv.json")), "{}");
+    let empty = r#"{"seed0": {"context": [4, 0], "target": []}}"#;
+    std::fs::write(dir.join("theirs.json"), empty).unwrap();
+    import(&ours).is_error_with(&["theirs.json", "names no target"]);
+}
+
+#[test]
 fn an_empty_list_says_why() {
     let dir = tempfile::tempdir().unwrap();
     let said = build(dir.path(), "p.csv", &["--pair-options", "threshold=2"]).ends_with(4);

@@ -4,6 +4,7 @@ use sharp_datasets::DatasetEntry;
 use sharp_datasets::entry::ENTRIES;
 
 use crate::cli::{Outcome, output};
+use crate::pairs::frame::Frame;
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     if json {
@@ -31,6 +32,10 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         }
         output::line("")?;
     }
+    output::line(format!(
+        "each of these also takes frame=RULE, its views at another size: {}; and pairs.KEY=VALUE, a pair option for it alone",
+        Frame::forms()
+    ))?;
     output::line(
         "open: the paper does not say which; proxy: known to differ from what the paper did; reports say so",
     )?;

@@ -8,17 +8,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::Outcome;
+use super::{Outcome, data_args};
 
 /// List datasets, name the files that a pair list needs, check a dataset before a long run
 #[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  sharp-bench datasets list
-  sharp-bench datasets list --needed-for pairs.csv
-  sharp-bench datasets list --needed-for pairs.csv --dataset eth3d=/data/eth3d
-  sharp-bench datasets check middlebury=/data/middlebury
-  sharp-bench datasets check scannetpp=/data/scannetpp,split=nvs_sem_val --views 3 --json")]
+#[command(after_help = help())]
 pub(super) struct DatasetsArgs {
     #[command(subcommand)]
     command: DatasetsCommand,
@@ -57,6 +51,18 @@ enum DatasetsCommand {
         #[arg(long)]
         json: bool,
     },
+}
+
+fn help() -> String {
+    format!(
+        "{}\nExamples:\n  \
+         sharp-bench datasets list\n  \
+         sharp-bench datasets list --needed-for pairs.csv\n  \
+         sharp-bench datasets list --needed-for pairs.csv --dataset eth3d=/data/eth3d\n  \
+         sharp-bench datasets check middlebury=/data/middlebury\n  \
+         sharp-bench datasets check scannetpp=/data/scannetpp,split=nvs_sem_val --views 3 --json",
+        data_args::formats_help()
+    )
 }
 
 pub(super) fn execute(args: &DatasetsArgs) -> anyhow::Result<Outcome> {

@@ -12,15 +12,17 @@ use crate::io::atomic_files::{write_new, write_over_own};
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
 use crate::pairs::pair_list::LIST_MARK;
+use crate::pairs::provenance::ListCompanion;
 
 /// Read someone else's list of pairs: count it, write it again, or turn it into one of ours
 ///
 /// With --dataset the list is matched with the dataset's scenes and views and --out is a list for `run --pairs`; scenes
-/// that are not there are left out, with exit code 4. Without, --out is the list in its own form.
+/// that are not there are left out, with exit code 4. Without, --out is the list in its own form. Without --out it is only
+/// counted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sharp-bench pairs import evaluation_index_re10k.json --form index
+  sharp-bench pairs import evaluation_index_re10k.json --form index       # what it has
   sharp-bench pairs import theirs.json --form index --context nearest --dataset colmap=data --out pairs.csv
   sharp-bench run --protocol pixelsplat --pairs pairs.csv --dataset colmap=data --method copy --out runs/theirs")]
 pub(super) struct ImportArgs {
@@ -43,7 +45,7 @@ pub(super) struct ImportArgs {
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,
     /// What to write
-    #[arg(long, value_name = "FILE", required_unless_present = "json")]
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
@@ -58,9 +60,13 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
     let counts = list.counts();
     let mut said = json!({ "list": args.list.display().to_string(), "counts": counts });
     let mut outcome = Outcome::Done;
+    let entry = match args.form {
+        ListForm::Index | ListForm::Seva => "scene",
+        ListForm::Flash3d | ListForm::Mine | ListForm::Unisharp => "line",
+    };
     let mut summary = format!(
-        "{} scenes or lines, {} with pairs: {}, {} of which are inputs, too",
-        counts.entries,
+        "{}, {} with targets: {} in all, {} among their own inputs",
+        counted(counts.entries, entry),
         counts.with_pairs,
         counted(counts.targets, "target"),
         counts.targets_that_are_inputs
@@ -74,10 +80,6 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
         };
         let datasets = datasets.open()?;
         let imported = list.import(args.context, args.slot, &datasets)?;
-        if imported.pairs.is_empty() {
-            let reason = "none of its scenes is in the datasets";
-            anyhow::bail!("{}: {reason}", args.list.display());
-        }
         if !imported.absent.is_empty() {
             let named: Vec<&str> = imported
                 .absent
@@ -92,7 +94,15 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             ));
             outcome = Outcome::RecordedFailures;
         }
+        if imported.repeated > 0 {
+            output::remark(format!(
+                "note: the list names {} again, which {} kept once",
+                counted(imported.repeated, "pair"),
+                if imported.repeated == 1 { "is" } else { "are" }
+            ));
+        }
         said["absent"] = json!(imported.absent);
+        said["repeated"] = json!(imported.repeated);
         said["pairs"] = json!(imported.pairs.len());
         summary += &format!(
             "; {} of the datasets",
@@ -111,6 +121,7 @@ pub(super) fn execute(args: &ImportArgs) -> anyhow::Result<Outcome> {
             true => write_new(out, &bytes)?,
             false => write_over_own(out, &bytes, LIST_MARK)?,
         }
+        ListCompanion::remove(out)?;
         said["out"] = json!(out.display().to_string());
     }
     match args.json {

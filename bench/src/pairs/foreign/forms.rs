@@ -26,7 +26,9 @@ pub(super) struct Index(pub(super) Vec<(String, Option<IndexEntry>)>);
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct IndexEntry {
+    #[serde(deserialize_with = "positions")]
     pub(super) context: Vec<u32>,
+    #[serde(deserialize_with = "positions")]
     pub(super) target: Vec<u32>,
 }
 
@@ -68,8 +70,20 @@ pub(super) struct ManifestLine {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SevaSplit {
+    #[serde(deserialize_with = "positions")]
     pub(super) train_ids: Vec<u32>,
+    #[serde(deserialize_with = "positions")]
     pub(super) test_ids: Vec<u32>,
+}
+
+/// Positions, or a word on what stands for none.
+fn positions<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<u32>, D::Error> {
+    let places = Option::deserialize(deserializer)?;
+    places.ok_or_else(|| {
+        serde::de::Error::custom(
+            "null instead of a list of positions, which is [] where there are none",
+        )
+    })
 }
 
 /// A pair as the list names it.
@@ -209,7 +223,10 @@ impl Content {
             });
             ForeignCounts {
                 entries,
-                with_pairs: inputs_and_targets.len(),
+                with_pairs: inputs_and_targets
+                    .iter()
+                    .filter(|(_, targets)| !targets.is_empty())
+                    .count(),
                 targets: targets.sum(),
                 targets_that_are_inputs: inputs.sum(),
             }
@@ -354,6 +371,9 @@ fn manifest_line(line: &str) -> Result<ManifestLine, String> {
             fields.len()
         ));
     };
+    if targets.trim().is_empty() {
+        return Err("no target after the last '|'".to_owned());
+    }
     let line = ManifestLine {
         fields: scene.iter().map(ToString::to_string).collect(),
         source: (*source).to_owned(),

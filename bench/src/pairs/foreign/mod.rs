@@ -109,7 +109,7 @@ pub(in crate::pairs) enum FrameName {
 pub struct ForeignCounts {
     /// Scenes or lines.
     pub entries: usize,
-    /// Of these, with pairs.
+    /// Of these, with a target.
     pub with_pairs: usize,
     pub targets: usize,
     /// Of these, views that are inputs, too.
@@ -122,6 +122,8 @@ pub struct ImportedPairs {
     pub pairs: Vec<Pair>,
     /// Scenes of the list that the datasets do not have, each once.
     pub absent: Vec<String>,
+    /// How often the list names a pair again.
+    pub repeated: usize,
 }
 
 impl ForeignList {
@@ -154,7 +156,7 @@ impl ForeignList {
     /// that occur several times come once. All are selected; overlaps and depths are not measured.
     ///
     /// # Errors
-    /// [`PairError::List`] where the list names a view that its scene lacks, or several scenes match.
+    /// [`PairError::List`] where the list names a view that its scene lacks, several scenes match, or no pair is left.
     pub fn import(
         &self,
         context: Context,
@@ -184,6 +186,7 @@ impl ForeignList {
             .collect();
         let mut pairs: BTreeMap<String, Pair> = BTreeMap::new();
         let mut absent = BTreeSet::new();
+        let mut repeated = 0;
         let mut hashes = BTreeMap::new();
         let mut sha256 = |view: &View, key: (&str, &str)| -> String {
             let key = (key.0.to_owned(), key.1.to_owned(), view.id.clone());
@@ -231,11 +234,19 @@ impl ForeignList {
                 selected: true,
                 ..row(scene, source, target, dataset.root.as_ref())
             };
-            pairs.insert(row.pair_id.clone(), row);
+            repeated += usize::from(pairs.insert(row.pair_id.clone(), row).is_some());
+        }
+        if pairs.is_empty() {
+            let reason = match self.counts().targets {
+                0 => "it names no target: its scenes are null or their targets empty",
+                _ => "none of its scenes with targets is in the datasets",
+            };
+            return Err(wrong(1, reason.to_owned()));
         }
         Ok(ImportedPairs {
             pairs: pairs.into_values().collect(),
             absent: absent.into_iter().collect(),
+            repeated,
         })
     }
 }

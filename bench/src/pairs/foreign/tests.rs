@@ -42,6 +42,11 @@ fn what_is_read_is_written_byte_for_byte() {
         (FLASH3D.to_owned(), ListForm::Flash3d, [2, 2, 6, 0]),
         (MANIFEST.to_owned(), ListForm::Unisharp, [2, 2, 3, 0]),
         (SPLIT.to_owned(), ListForm::Seva, [1, 1, 2, 0]),
+        (
+            r#"{"a": {"context": [0], "target": []}}"#.to_owned(),
+            ListForm::Index,
+            [1, 0, 0, 0],
+        ),
         (mine(0) + &mine(1), ListForm::Mine, [2, 2, 6, 0]),
     ] {
         let list = list(&text, form).unwrap();
@@ -122,7 +127,28 @@ fn lists_become_pairs_of_the_dataset() {
             std::slice::from_ref(&dataset),
         )
         .unwrap();
-    assert_eq!(all.absent, ["cup"]);
+    assert_eq!((all.absent, all.repeated), (vec!["cup".to_owned()], 0));
+    let import = |text: &str, form| {
+        let datasets = std::slice::from_ref(&dataset);
+        let list = list(text, form).unwrap();
+        list.import(Context::First, TargetSlot::Five, datasets)
+    };
+    let again = r#"{"apple": {"context": [4], "target": [1, 2, 1, 1]}}"#;
+    let again = import(again, ListForm::Index).unwrap();
+    assert_eq!((again.pairs.len(), again.repeated), (2, 2));
+    for (text, reason) in [
+        (
+            r#"{"apple": {"context": [4], "target": []}, "b": null}"#,
+            "no target",
+        ),
+        (
+            r#"{"b": {"context": [4], "target": [1]}}"#,
+            "none of its scenes",
+        ),
+    ] {
+        let error = import(text, ListForm::Index).unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}");
+    }
     let beyond = list("apple 6 1 1 1", ListForm::Flash3d).unwrap();
     let error = beyond
         .import(Context::First, TargetSlot::Five, &[dataset])
@@ -228,6 +254,11 @@ fn hostile_lists_are_one_clear_error() {
         (ListForm::Index, r#"{"/etc": null}"#, "no scene's name"),
         (ListForm::Index, r#"{"C:\\x": null}"#, "no scene's name"),
         (ListForm::Index, r#"{"a/../b": null}"#, "no scene's name"),
+        (
+            ListForm::Index,
+            r#"{"a": {"context": [0], "target": null}}"#,
+            "null instead of a list",
+        ),
         (ListForm::Index, "[1]", "object of scenes"),
         (ListForm::Index, "{}", "empty"),
         (ListForm::Index, "", "EOF"),
@@ -240,6 +271,12 @@ fn hostile_lists_are_one_clear_error() {
         (ListForm::Unisharp, "/data/a|1|2", "no scene's name"),
         (ListForm::Unisharp, "a|1|../../2", "no view's name"),
         (ListForm::Unisharp, "a|1|2,,3", "no view's name"),
+        (ListForm::Unisharp, "a|1|", "no target"),
+        (
+            ListForm::Seva,
+            r#"{"train_ids": null, "test_ids": []}"#,
+            "null instead of a list",
+        ),
         (ListForm::Mine, r#"{"sequence_id": 5}"#, "string"),
         (ListForm::Mine, "{\"sequence_id\": \"a\"\u{1}}", "1: "),
     ] {

@@ -1,5 +1,6 @@
 //! Rows of a pair list as CSV.
 
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use crate::io::text::{csv_cell, csv_text};
@@ -71,19 +72,20 @@ pub(super) fn fields(pair: &Pair) -> [String; COLUMNS.len()] {
 pub(super) fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
     let field = |i: usize| row.get(i).unwrap_or_default();
     let text = |i: usize| csv_text(field(i)).to_owned();
-    let number = |i: usize| -> Result<f64, String> {
+    let number = |i: usize, (range, expected): &(RangeInclusive<f64>, &str)| {
         let value = field(i).parse::<f64>().ok();
         value
-            .filter(|v| v.is_finite() && *v >= 0.0)
-            .ok_or_else(|| wrong_field(i, field(i), "a number of 0 or more"))
+            .filter(|v| range.contains(v))
+            .ok_or_else(|| wrong_field(i, field(i), expected))
     };
-    let number_or_none = |i: usize| {
-        if field(i).is_empty() {
-            Ok(None)
-        } else {
-            number(i).map(Some)
-        }
+    let number_or_none = |i: usize, range| match field(i) {
+        "" => Ok(None),
+        _ => number(i, range).map(Some),
     };
+    let metres = (0.0..=f64::MAX, "a number of 0 or more");
+    let degrees = (0.0..=180.0, "a number from 0 to 180");
+    let depth = (f64::MIN_POSITIVE..=f64::MAX, "a number above 0");
+    let share = (0.0..=1.0, "a number from 0 to 1");
     let hash = |i: usize| {
         let is_digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
         let value = field(i);
@@ -109,11 +111,11 @@ pub(super) fn parse_row(row: &csv::StringRecord) -> Result<Pair, String> {
         target_file: text(7),
         source_sha256: hash(8)?,
         target_sha256: hash(9)?,
-        baseline_m: number(10)?,
-        rotation_deg: number(11)?,
-        median_depth_m: number_or_none(12)?,
-        overlap: number_or_none(13)?,
-        overlap_source_to_target: number_or_none(14)?,
+        baseline_m: number(10, &metres)?,
+        rotation_deg: number(11, &degrees)?,
+        median_depth_m: number_or_none(12, &depth)?,
+        overlap: number_or_none(13, &share)?,
+        overlap_source_to_target: number_or_none(14, &share)?,
         selected: bool::from_str(field(15))
             .map_err(|_| wrong_field(15, field(15), "true or false"))?,
     };

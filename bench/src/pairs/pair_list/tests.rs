@@ -121,6 +121,7 @@ fn photographs_and_cameras_are_verified() {
     let found = build(moved.clone()).verify(&scenes);
     assert_eq!(found.moved.len(), 1);
     assert_eq!(found.moved[0].pair_id, moved[2].pair_id);
+    assert_eq!(found.moved[0].line, 4);
 
     let mut shorter = scene();
     shorter.views.pop();
@@ -158,12 +159,27 @@ fn malformed_lists_name_the_line_and_the_field() {
     let good = text(&list());
     let line = |n: usize| good.lines().nth(n).unwrap().to_owned();
     let with = |from: &str, to: &str| good.replacen(from, to, 1);
+    let overlap = |value: &str| {
+        let mut fields: Vec<&str> = good.lines().nth(1).unwrap().rsplitn(4, ',').collect();
+        fields[2] = value;
+        fields.reverse();
+        good.replacen(good.lines().nth(1).unwrap(), &fields.join(","), 1)
+    };
     let cases = [
         (String::new(), 1, "columns"),
         (with("pair_id,", "id,"), 1, "columns"),
         (with(",0,v0", ",zero,v0"), 2, "set is 'zero'"),
         (with(",0.25,", ",nan,"), 2, "baseline_m is 'nan'"),
         (with(",0.25,", ",-1,"), 2, "baseline_m is '-1'"),
+        (with(",0.25,", ",inf,"), 2, "baseline_m is 'inf'"),
+        (with(",0.25,0,2,", ",0.25,181,2,"), 2, "from 0 to 180"),
+        (with(",0.25,0,2,", ",0.25,0,0,"), 2, "a number above 0"),
+        (
+            overlap("1.5"),
+            2,
+            "overlap is '1.5', not a number from 0 to 1",
+        ),
+        (overlap("-0.1"), 2, "overlap is '-0.1'"),
         (with("0000021", "000002Z"), 2, "source_sha256"),
         (with("v0__v1", "v0__v2"), 2, "disagrees"),
         (with("d%2Cx", "d,x"), 2, ""),

@@ -64,6 +64,8 @@ pub struct Unreadable {
 /// A pair whose cameras are elsewhere than in the list: the list's value, then that of the files.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MovedCamera {
+    /// In the list's file.
+    pub line: u64,
     pub pair_id: String,
     pub baseline_m: [f64; 2],
     pub rotation_deg: [f64; 2],
@@ -76,7 +78,7 @@ impl PairList {
         let mut report = Verification::default();
         let mut absent = BTreeSet::new();
         let mut photographs: BTreeMap<(&str, &str, &str), Photograph> = BTreeMap::new();
-        for pair in &self.pairs {
+        for (pair, &line) in self.pairs.iter().zip(&self.lines) {
             let Some(scene) = scenes
                 .iter()
                 .find(|s| s.dataset == pair.dataset && s.id == pair.scene)
@@ -107,7 +109,7 @@ impl PairList {
                 found.push(view);
             }
             if let [source, target] = found.as_slice() {
-                report.moved.extend(moved(pair, source, target));
+                report.moved.extend(moved(pair, line, source, target));
             }
         }
         report.absent = absent.into_iter().collect();
@@ -161,13 +163,14 @@ fn compare(photographs: BTreeMap<(&str, &str, &str), Photograph>, report: &mut V
     }
 }
 
-fn moved(pair: &Pair, source: &View, target: &View) -> Option<MovedCamera> {
+fn moved(pair: &Pair, line: u64, source: &View, target: &View) -> Option<MovedCamera> {
     let (s, t) = (&source.camera_from_world, &target.camera_from_world);
     let baseline_m = [pair.baseline_m, baseline_m(s, t)];
     let rotation_deg = [pair.rotation_deg, t.after(&s.inverse()).rotation_deg()];
     let same = |[listed, found]: [f64; 2], tolerance| (listed - found).abs() <= tolerance;
     let unmoved = same(baseline_m, SAME_BASELINE_M) && same(rotation_deg, SAME_ROTATION_DEG);
     (!unmoved).then(|| MovedCamera {
+        line,
         pair_id: pair.pair_id.clone(),
         baseline_m,
         rotation_deg,

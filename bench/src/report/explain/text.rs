@@ -6,7 +6,7 @@ use serde::Serialize;
 use sharp_metrics::identity::MetricRegion;
 
 use crate::evaluate::record::finite_or_text;
-use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::atomic_files::{FileError, write_all_over_own};
 use crate::io::text::{csv_cell, visible};
 use crate::report::tables::grid::{GridCell, TextGrid};
 use crate::report::tables::markdown::{escape, rich};
@@ -180,16 +180,13 @@ pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathB
         }
     }
     let csv = csv.into_inner().unwrap_or_default();
-    let mut written = Vec::new();
-    for (name, text, mark) in [
+    let files = [
         ("explain.md", page.into(), MARK),
         ("readings.csv", String::from_utf8_lossy(&csv), CSV_MARK),
-    ] {
-        let path = out.join(name);
-        write_over_own(&path, visible(&text).as_bytes(), mark)?;
-        written.push(path);
-    }
-    Ok(written)
+    ];
+    write_all_over_own(
+        &files.map(|(name, text, mark)| (out.join(name), visible(&text).into_owned(), mark)),
+    )
 }
 
 /// Which readings print the published number.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use askama::Template;
 
-use crate::io::atomic_files::write_over_own;
+use crate::io::atomic_files::write_all_over_own;
 use crate::io::text::visible;
 use crate::report::ReportError;
 use crate::report::html::STYLE;
@@ -66,16 +66,14 @@ pub fn write_table(
         ("-document.tex", document),
         (".html", page.render()?),
     ];
-    let mut written = Vec::new();
-    for (suffix, text) in files {
+    let files = files.map(|(suffix, text)| {
         let path = out.join(format!("{}{suffix}", paper.name));
         let mark = if suffix == ".csv" {
             "row,origin,dataset"
         } else {
             MARK
         };
-        write_over_own(&path, visible(&text).as_bytes(), mark)?;
-        written.push(path);
-    }
-    Ok(written)
+        (path, visible(&text).into_owned(), mark)
+    });
+    Ok(write_all_over_own(&files)?)
 }

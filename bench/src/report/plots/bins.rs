@@ -22,6 +22,9 @@ pub enum Binning {
     Edges(Vec<f64>),
 }
 
+/// Given edges lie within this, so that what is computed with them stays finite.
+const FARTHEST_EDGE: f64 = 1e15;
+
 impl FromStr for Binning {
     type Err = &'static str;
 
@@ -37,17 +40,18 @@ impl FromStr for Binning {
         }
         if !text.contains(',') {
             let step = Step::parse(text);
-            return step
-                .map(Self::Width)
-                .ok_or("a width such as 0.1, quantile:8, or edges such as 0,0.1,0.5");
+            return step.map(Self::Width).ok_or(
+                "a width is a decimal above 0 of at most 15 digits and without an exponent, such as 0.1; there are also \
+                 quantile:N, N from 1 to 1000, and edges such as 0,0.1,0.5",
+            );
         }
         let edges: Result<Vec<f64>, _> = text.split(',').map(|edge| edge.trim().parse()).collect();
         let edges = edges.map_err(|_| "edges are numbers, as in 0,0.1,0.5")?;
         let ascend = edges.windows(2).all(|two| two[0] < two[1]);
-        let finite = edges.iter().all(|edge| edge.is_finite());
-        (ascend && finite)
+        let bounded = edges.iter().all(|edge| edge.abs() <= FARTHEST_EDGE);
+        (ascend && bounded)
             .then_some(Self::Edges(edges))
-            .ok_or("edges ascend and are finite")
+            .ok_or("edges ascend and lie between -1e15 and 1e15")
     }
 }
 
@@ -84,7 +88,13 @@ impl Binning {
             Self::Edges(edges) => Cuts::Edges(edges.clone()),
             Self::Round(count) => {
                 let span = ends.map_or(0.0, |(first, last)| {
-                    last - low.map_or(*first, |low| low.min(*first))
+                    let span = last - low.map_or(*first, |low| low.min(*first));
+                    // Places that only rounding tells apart are one.
+                    if span > ROUNDING * last.abs() {
+                        span
+                    } else {
+                        0.0
+                    }
                 });
                 Cuts::Steps(Step::nice(span, *count))
             }
@@ -103,13 +113,22 @@ impl Binning {
 /// A place this share of a bin's width below an edge is at it: camera centres, and what is computed from them, are rounded.
 const ROUNDING: f64 = 1e-9;
 
+/// From this multiple of a step on, floating-point numbers hardly tell it from the next one.
+const LAST_STEP: u64 = 1 << 50;
+
 impl Cuts {
-    /// Number, lower and upper edge of the bin of a place; `None` outside all edges.
+    /// Whether a place is in a bin.
+    pub fn hold(&self, x: f64) -> bool {
+        self.bin(x).is_some()
+    }
+
+    /// Number, lower and upper edge of the bin of a place; `None` outside all edges, or steps too far out.
     fn bin(&self, x: f64) -> Option<(i64, f64, f64)> {
         match self {
             Self::Steps(step) => {
                 let k = step.index(x + ROUNDING * step.at(1));
-                Some((k, step.at(k), step.at(k.saturating_add(1))))
+                let bin = (k.unsigned_abs() < LAST_STEP).then(|| (k, step.at(k), step.at(k + 1)));
+                bin.filter(|(_, low, high)| low.is_finite() && high.is_finite())
             }
             Self::Edges(edges) => {
                 let (first, last) = edges.first().zip(edges.last())?;
@@ -272,6 +291,21 @@ mod tests {
     }
 
     #[test]
+    fn what_no_step_reaches_is_in_no_bin() {
+        let far = [(1e30, 1.0), (0.25, 2.0), (-1e30, 3.0)];
+        assert_eq!(cut("0.1", &far), [(0.2, 0.3, 1, 2.0)]);
+        let cuts = |low: f64, high: f64| Binning::Round(10).cuts([low, high], None);
+        assert!(!cuts(0.0, f64::MAX).hold(f64::MAX));
+        assert!(cuts(0.0, 1e30).hold(1e30));
+        // Far more than ten steps of their distance from zero, were rounding taken for a distance.
+        let close = [0.75, 0.75_f64.next_up()];
+        assert_eq!(
+            bins(&close.map(|x| (x, 1.0)), &cuts(close[0], close[1])).len(),
+            1
+        );
+    }
+
+    #[test]
     fn infinite_and_missing_values() {
         let samples = [
             (0.05, f64::INFINITY),
@@ -303,6 +337,9 @@ mod tests {
             "0,0",
             "0,inf",
             "0,x",
+            "0,1e16",
+            "1e3",
+            "0.1234567890123456",
         ] {
             assert!(wrong.parse::<Binning>().is_err(), "{wrong}");
         }

@@ -18,7 +18,7 @@ use super::pdf::Pdf;
 use super::png;
 use super::style::Medium;
 use super::text::{self, FAMILY, Weight};
-use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::atomic_files::{FileError, write_all_over_own};
 use crate::io::text::visible;
 use crate::report::error::ReportError;
 
@@ -131,23 +131,28 @@ pub struct Figure {
 /// Stands in every file of a figure, so that the next one may take its place.
 pub const MARK: &str = "sharp-bench";
 
+/// The files of a figure, by the ends of their names.
+pub const FORMS: [&str; 3] = ["svg", "png", "pdf"];
+
 impl Figure {
     /// Writes `STEM.svg`, `STEM.png` and `STEM.pdf`.
     ///
     /// # Errors
-    /// When one cannot be written, or a file of that name is none of ours.
-    pub fn write(&self, out: &Path, stem: &str) -> Result<Vec<PathBuf>, FileError> {
+    /// When one cannot be written, or a file of that name is none of ours; then none is written.
+    pub fn write(self, out: &Path, stem: &str) -> Result<Vec<PathBuf>, FileError> {
+        write_all_over_own(&self.files(out, stem))
+    }
+
+    /// The files of [`Self::write`], for [`write_all_over_own`].
+    pub fn files(self, out: &Path, stem: &str) -> [(PathBuf, Vec<u8>, &'static str); 3] {
         let svg = format!("<!-- {MARK} -->\n{}", visible(&self.svg));
-        let forms = [
-            ("svg", svg.as_bytes()),
-            ("png", &self.png),
-            ("pdf", &self.pdf),
-        ];
-        let written = forms.map(|(extension, bytes)| {
-            let path = out.join(format!("{stem}.{extension}"));
-            write_over_own(&path, bytes, MARK).map(|()| path)
-        });
-        written.into_iter().collect()
+        let path = |form: &str| out.join(format!("{stem}.{form}"));
+        let [svg_form, png_form, pdf_form] = FORMS.map(path);
+        [
+            (svg_form, svg.into_bytes(), MARK),
+            (png_form, self.png, MARK),
+            (pdf_form, self.pdf, MARK),
+        ]
     }
 
     /// Draws once for each form; the size is in units.

@@ -27,13 +27,14 @@ impl Step {
             .unwrap_or(fallback)
     }
 
-    /// A positive decimal without an exponent, exactly: `0.25`.
+    /// A positive decimal of at most 15 digits without an exponent, exactly: `0.25`.
     pub fn parse(text: &str) -> Option<Self> {
         let (whole, part) = text.split_once('.').unwrap_or((text, ""));
         let digits = format!("{whole}{part}");
         let plain = !digits.is_empty() && digits.bytes().all(|c| c.is_ascii_digit());
-        // Beyond 2⁵³ not every whole number is a floating-point number.
-        let mantissa = digits.parse().ok().filter(|m| (1..1 << 53).contains(m))?;
+        // Below 2⁵³ every whole number is a floating-point number.
+        let mantissa = digits.parse().ok();
+        let mantissa = mantissa.filter(|m| (1..1_000_000_000_000_000).contains(m))?;
         let exponent = -i32::try_from(part.len()).ok()?;
         (plain && exponent >= -22).then_some(Self { mantissa, exponent })
     }

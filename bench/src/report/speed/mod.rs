@@ -13,7 +13,7 @@ use super::tables::grid::TextGrid;
 use super::tables::{latex, markdown, text};
 use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
-use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::atomic_files::{FileError, write_all_over_own};
 
 /// What was measured anew.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +57,7 @@ impl SpeedReport {
     /// Writes `speed.md` and `speed.tex`, and where something was measured `speed.csv`.
     ///
     /// # Errors
-    /// When one cannot be written, or the name is taken by something else.
+    /// When one cannot be written, or the name is taken by something else; then none is written.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, FileError> {
         let mut md = format!("<!-- {MARK} -->\n");
         let mut tex = format!("% {MARK}\n");
@@ -71,21 +71,15 @@ impl SpeedReport {
             md += &format!("\n## {title}\n\n{}", grid.markdown());
             tex += &format!("\n{}", latex::grid(&grid));
         }
-        let mut files = vec![("speed.md", md), ("speed.tex", tex)];
+        let mut files = vec![
+            (folder.join("speed.md"), md, MARK),
+            (folder.join("speed.tex"), tex, MARK),
+        ];
         if let Some(measured) = &self.measured {
-            files.push(("speed.csv", tables::csv(measured)));
+            let csv = tables::csv(measured);
+            files.push((folder.join("speed.csv"), csv, tables::CSV_HEAD));
         }
-        let mut written = Vec::new();
-        for (name, content) in files {
-            let path = folder.join(name);
-            let mark = match name {
-                "speed.csv" => tables::CSV_HEAD,
-                _ => MARK,
-            };
-            write_over_own(&path, content.as_bytes(), mark)?;
-            written.push(path);
-        }
-        Ok(written)
+        write_all_over_own(&files)
     }
 }
 

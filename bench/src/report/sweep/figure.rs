@@ -120,11 +120,11 @@ fn has(panel: &SweepPanel, metric: usize) -> bool {
 }
 
 fn remark(panel: &SweepPanel) -> String {
-    match panel.unplaced {
+    match panel.unplaced + panel.outside {
         0 => counted(panel.pairs, "pair"),
-        unplaced => format!(
+        left_out => format!(
             "{} of {}",
-            panel.pairs - unplaced,
+            panel.pairs - left_out,
             counted(panel.pairs, "pair")
         ),
     }

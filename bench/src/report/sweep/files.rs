@@ -1,43 +1,73 @@
 //! A sweep into a folder.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::study::Sweep;
 use super::{figure, table};
-use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::atomic_files::{FileError, remove_own, write_all_over_own};
+use crate::io::text::csv_text;
 use crate::report::error::ReportError;
+use crate::report::input::slug;
+use crate::report::plots::canvas;
 use crate::report::plots::style::FigureStyle;
+
+/// What became of a folder.
+#[derive(Debug)]
+pub struct SweepFiles {
+    pub written: Vec<PathBuf>,
+    /// Of an earlier sweep, which had other metrics or crossings: beside the new files they would pass for theirs.
+    pub removed: Vec<PathBuf>,
+}
 
 /// Writes `STEM-METRIC.svg`, `.png` and `.pdf` of each metric, `STEM.csv`, `STEM.tex`, and where crossings were asked for
 /// `STEM-crossings.csv`.
 ///
 /// # Errors
-/// When a file cannot be written, or one of those names is somebody else's.
+/// When a file cannot be written, or one of those names is somebody else's; then none is written.
 pub fn write(
     sweep: &Sweep,
     out: &Path,
     stem: &str,
     style: &FigureStyle,
-) -> Result<Vec<PathBuf>, ReportError> {
+) -> Result<SweepFiles, ReportError> {
     let encoded = |bytes: Result<Vec<u8>, ::csv::Error>| {
         bytes.map_err(|error| FileError::new(out, "encode")(error.into()))
     };
     let mut files = Vec::new();
     for (metric, figure) in figure::figures(sweep, style)? {
-        files.extend(figure.write(out, &format!("{stem}-{}", metric.slug()))?);
+        files.extend(figure.files(out, &format!("{stem}-{}", metric.slug())));
     }
-    let mut texts = vec![
-        (".csv", encoded(table::csv(sweep))?, table::COLUMNS),
-        (".tex", table::latex(sweep).into_bytes(), table::MARK),
-    ];
+    let named = |end: &str| out.join(format!("{stem}{end}"));
+    let tex = table::latex(sweep).into_bytes();
+    files.push((named(".csv"), encoded(table::csv(sweep))?, table::COLUMNS));
+    files.push((named(".tex"), tex, table::MARK));
     if !sweep.crossings.is_empty() {
         let bytes = encoded(table::crossings_csv(sweep))?;
-        texts.push(("-crossings.csv", bytes, table::CROSSINGS));
+        files.push((named("-crossings.csv"), bytes, table::CROSSINGS));
     }
-    for (end, bytes, mark) in texts {
-        let path = out.join(format!("{stem}{end}"));
-        write_over_own(&path, &bytes, mark)?;
-        files.push(path);
+    let earlier = earlier(out, stem);
+    let written = write_all_over_own(&files)?;
+    let mut removed = Vec::new();
+    for (path, mark) in earlier {
+        if !written.contains(&path) && remove_own(&path, mark)? {
+            removed.push(path);
+        }
     }
-    Ok(files)
+    Ok(SweepFiles { written, removed })
+}
+
+/// What an earlier sweep may have left besides its tables, with its mark: plots of the metrics that its table has, and
+/// crossings.
+fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
+    let named = |end: &str| out.join(format!("{stem}{end}"));
+    let table = sharp::files::read(&named(".csv")).unwrap_or_default();
+    let mut rows = ::csv::Reader::from_reader(table.as_slice());
+    let place = table::COLUMNS.split(',').position(|name| name == "metric");
+    let mut files = BTreeMap::from([(named("-crossings.csv"), table::CROSSINGS)]);
+    let metrics = rows.records().flatten();
+    let metrics = metrics.filter_map(|row| Some(slug(csv_text(row.get(place?)?))));
+    let names = metrics.flat_map(|metric| canvas::FORMS.map(|form| format!("-{metric}.{form}")));
+    files.extend(names.map(|name| (named(&name), canvas::MARK)));
+    files
 }

@@ -44,8 +44,10 @@ impl FromStr for Threshold {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, value) = text.split_once('=').ok_or("it has the form METRIC=VALUE")?;
         let metric: MetricKey = name.parse().map_err(|error| format!("{error}"))?;
-        let value = value.parse().ok().filter(|v: &f64| v.is_finite());
-        let value = value.ok_or("the value is a finite number")?;
+        // No metric leaves this range, and an axis has to reach from the value to the scores.
+        let value = value.parse().ok();
+        let value = value.filter(|v| (-1000.0..=1000.0).contains(v));
+        let value = value.ok_or("the value is a number from -1000 to 1000")?;
         Ok(Self { metric, value })
     }
 }

@@ -38,6 +38,8 @@ pub struct SweepPanel {
     pub pairs: usize,
     /// Of these, such whose motion is not known.
     pub unplaced: usize,
+    /// Of these, such whose motion lies in no bin: beyond given edges, or farther than bins can be told apart.
+    pub outside: usize,
     pub lines: Vec<SweepLine>,
 }
 
@@ -177,6 +179,7 @@ impl Sweep {
         let mut panel = SweepPanel {
             pairs: pairs().count(),
             unplaced: pairs().count() - places.len(),
+            outside: places.iter().filter(|x| !cuts.hold(**x)).count(),
             lines: Vec::new(),
             split,
         };

@@ -105,14 +105,14 @@ pub fn rule(sweep: &Sweep, crossing: &FoundCrossing) -> String {
 pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
     let metric = &sweep.metrics[crossing.metric];
     let x = crossing.found.x;
-    let known = match x {
-        f64::NEG_INFINITY => "in every bin".to_owned(),
-        f64::INFINITY => "not in the last bin".to_owned(),
-        x => format!("from {} on", short(x)),
+    let (is, from) = match x {
+        f64::NEG_INFINITY => ("is", "in every bin".to_owned()),
+        f64::INFINITY => ("is not", "in the last bin".to_owned()),
+        x => ("is", format!("from {} on", short(x))),
     };
     let end = |x: f64| match x {
         f64::NEG_INFINITY => "the first bin".to_owned(),
-        f64::INFINITY => "none".to_owned(),
+        f64::INFINITY => "beyond the last bin".to_owned(),
         x => short(x),
     };
     let interval = match crossing.found.interval {
@@ -123,12 +123,11 @@ pub fn sentence(sweep: &Sweep, crossing: &FoundCrossing) -> String {
         None => " (no interval: a single scene)".to_owned(),
     };
     format!(
-        "{}: {} is {} in {} {}{interval}; {}",
+        "{}: the {} of {} {is} {} {from}{interval}; {}",
         crossing.split,
+        metric.label,
         crossing.method,
         rule(sweep, crossing),
-        metric.label,
-        known,
         sweep.spec.x.label(),
     )
 }

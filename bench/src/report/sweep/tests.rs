@@ -192,7 +192,12 @@ fn a_method_falls_behind_and_below() {
     let text = table::sentence(&sweep, &sweep.crossings[2]);
     assert_eq!(
         text,
-        "d_1 & co: <script>=100 % is behind a in PSNR from 0.375 on (no interval: a single scene); camera baseline (m)"
+        "d_1 & co: the PSNR of <script>=100 % is behind a from 0.375 on (no interval: a single scene); camera baseline (m)"
+    );
+    let text = table::sentence(&sweep, &sweep.crossings[0]);
+    assert!(
+        text.starts_with("d_1 & co: the PSNR of a is not below 15.5 in the last bin ("),
+        "{text}"
     );
     let csv = String::from_utf8(table::crossings_csv(&sweep).unwrap()).unwrap();
     let row = "d_1 & co,a,d_1 & co,psnr,below 15.5,inf,,,1,10000,0";
@@ -223,6 +228,75 @@ fn figures_escape_names_and_are_the_same_in_any_order() {
             .unwrap()
             .is_empty()
     );
+}
+
+#[test]
+fn pairs_outside_all_bins_are_counted() {
+    let outside = |binning: &str, far: f64| {
+        let mut records = records();
+        records[4].baseline_m = far;
+        records[9].baseline_m = far;
+        let spec = SweepSpec {
+            binning: binning.parse().unwrap(),
+            ..SweepSpec::default()
+        };
+        sweep(&records, spec).panels[0].outside
+    };
+    assert_eq!(outside("0,1", 1.75), 2);
+    assert_eq!(outside("0,2", 1.75), 0);
+    assert_eq!(outside("0.1", 1e30), 1);
+}
+
+#[test]
+fn what_an_earlier_sweep_left_is_removed_and_what_others_wrote_is_not() {
+    let mut records = records();
+    for record in &mut records {
+        let key = MetricKey::SSIM.to_string();
+        record.scores.insert(key, Score::Value(0.5));
+    }
+    let board = Board::new(&records, &[], &[ReportMethod::named("a")]).unwrap();
+    let sweep = |metrics: Vec<MetricKey>, against: Option<&str>| {
+        let columns = [MetricKey::PSNR, MetricKey::SSIM].map(Column::from);
+        let spec = SweepSpec {
+            metrics,
+            against: against.map(str::to_owned),
+            ..halves()
+        };
+        Sweep::new(&board, &columns, &BTreeSet::new(), spec).unwrap()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let write =
+        |sweep: &Sweep, stem: &str| files::write(sweep, dir.path(), stem, &FigureStyle::default());
+    // A name that begins with another's is none of the other's.
+    write(&sweep(vec![], None), "sweep-x").unwrap();
+    let first = write(&sweep(vec![], Some("a")), "sweep").unwrap();
+    assert_eq!((first.written.len(), first.removed.len()), (9, 0));
+    let svg = dir.path().join("sweep-ssim-gauss11-valid.svg");
+    std::fs::write(&svg, "mine").unwrap();
+    let second = write(&sweep(vec![MetricKey::PSNR], None), "sweep").unwrap();
+    let removed = [
+        "sweep-crossings.csv",
+        "sweep-ssim-gauss11-valid.pdf",
+        "sweep-ssim-gauss11-valid.png",
+    ];
+    assert_eq!(second.removed, removed.map(|name| dir.path().join(name)));
+    assert!(second.removed.iter().all(|path| !path.exists()) && svg.exists());
+    assert!(dir.path().join("sweep-x-ssim-gauss11-valid.svg").exists());
+
+    // A name that is taken keeps all from being written.
+    let error = write(&sweep(vec![], None), "sweep")
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("gauss11-valid.svg: cannot write"), "{error}");
+    assert!(!removed.iter().any(|name| dir.path().join(name).exists()));
+}
+
+#[test]
+fn a_threshold_is_a_number_that_a_metric_may_have() {
+    assert!("psnr=16".parse::<spec::Threshold>().is_ok());
+    for wrong in ["psnr=1e308", "psnr=nan", "psnr=-inf", "psnr"] {
+        assert!(wrong.parse::<spec::Threshold>().is_err(), "{wrong}");
+    }
 }
 
 #[test]
