@@ -18,7 +18,7 @@ pub(crate) fn is_there() -> bool {
             .output();
         found.is_ok_and(|found| found.status.success())
     };
-    is_root && programs.iter().all(|program| has(&program))
+    is_root && programs.iter().all(has)
 }
 
 /// A cluster of its own: configuration, ports and processes; all of it ends when it is dropped.
