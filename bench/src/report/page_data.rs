@@ -26,15 +26,30 @@ pub(super) fn json(page: &Page<'_>) -> String {
     });
     let datasets = page.board.datasets.iter();
     let datasets = datasets.map(|d| visible_line(d.dataset.title()));
-    let pairs = page.gallery.pairs.iter().enumerate();
-    let data = json!({
+    let shared = json!({
         "datasets": datasets.collect::<Vec<_>>(),
         "methods": methods.collect::<Vec<_>>(),
         "heads": Column::heads(page.metrics),
         "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
-        "pairs": pairs.map(|(at, pair)| pair_data(page, at, pair)).collect::<Vec<_>>(),
     });
-    data.to_string().replace('<', "\\u003c")
+    // Pair by pair: the tree of all of them would take many times the memory of their text.
+    let pairs = page.gallery.pairs.iter().enumerate();
+    let pairs = pairs.map(|(at, pair)| without_tags(&pair_data(page, at, pair)));
+    let mut text = without_tags(&shared);
+    // The object goes on.
+    text.pop();
+    text += ",\"pairs\":[";
+    for (at, pair) in pairs.enumerate() {
+        if at > 0 {
+            text.push(',');
+        }
+        text += &pair;
+    }
+    text + "]}"
+}
+
+fn without_tags(value: &Value) -> String {
+    value.to_string().replace('<', "\\u003c")
 }
 
 fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
