@@ -330,7 +330,7 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
         }];
         String::from_utf8(files(&input)["index.html"].clone()).unwrap()
     };
-    // Target, mask, prediction and error of a pair, and links to prediction and target.
+    // Target, mask, prediction and error of a pair, and links to predictions (here also to that of the failed one) and targets.
     let count = |html: &str| {
         [
             html.matches("base64,").count(),
@@ -338,7 +338,7 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
         ]
     };
     let (all, public) = (page(false), page(true));
-    assert_eq!((count(&all), count(&public)), ([12, 6], [4, 0]));
+    assert_eq!((count(&all), count(&public)), ([12, 7], [4, 0]));
     assert!(!all.contains("class=\"withheld\""));
     assert!(public.contains("Terms of the pictures shown: middlebury: free to use and publish"));
     let notice = "the pictures of anyone&#39;s (terms unknown), booster (research use; do not redistribute).";
@@ -352,8 +352,8 @@ fn a_public_report_leaves_out_what_terms_forbid_and_names_it() {
     assert!(public.contains("…/b.png: is gone") && public.contains("(dir=…/run)"));
     assert_eq!(public.matches("\"no target\"").count(), 0, "{public}");
     let withheld = "terms do not let it be published";
-    // Source, target, prediction and error of two datasets.
-    assert_eq!(public.matches(withheld).count(), 8, "{public}");
+    // Of two datasets: source, target and the depth of both; prediction, error and alpha.
+    assert_eq!(public.matches(withheld).count(), 14, "{public}");
 }
 
 #[test]
