@@ -225,6 +225,7 @@ fn disturbed() {
         (&4.into(), &4.into())
     );
     sharp_bench(dir.path(), &["merge", "P"]).ends_with(75);
+    assert!(!plan_file(dir.path(), "scores.csv").exists());
     let said = sharp_bench(dir.path(), &["status", "P", "--unfinished-shards", "12"]).ends_with(0);
     let unfinished = said.out.trim().split(',').count();
     assert!((1..=4).contains(&unfinished), "{}", said.out);
@@ -348,7 +349,35 @@ fn planned() {
         dir.path(),
         &["--plan", "P", "--shard", "1/1", "--method", "mean"],
     )
-    .is_error_with(&["'mean' is not in the plan"]);
+    .is_usage_error_with(&["--method", "--threads"]);
+    for option in ["--dry-run", "--estimate", "--out=elsewhere", "--limit=2"] {
+        run(dir.path(), &["--plan", "P", "--shard", "1/1", option]).is_usage_error_with(&[option]);
+    }
+    // What was changed since is said, not worked around.
+    for (name, from, to) in [
+        ("plan.json", "\"--limit=24\"", "\"--limit=3\""),
+        ("pairs.csv", "view_0", "view_9"),
+    ] {
+        let path = plan_file(dir.path(), name);
+        let text = fs::read_to_string(&path).unwrap();
+        fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let said = run(dir.path(), &["--plan", "P", "--shard", "1/1"]);
+        assert_eq!(said.code, 1, "{name}: {}{}", said.out, said.err);
+        assert!(said.err.contains(name), "{}", said.err);
+        fs::write(&path, text).unwrap();
+    }
+    let pairs = fs::read_to_string(plan_file(dir.path(), "pairs.csv")).unwrap();
+    let shorter = pairs.trim_end().rsplit_once('\n').unwrap().0;
+    fs::write(plan_file(dir.path(), "pairs.csv"), format!("{shorter}\n")).unwrap();
+    for args in [
+        &["run", "--plan", "P", "--shard", "1/1"][..],
+        &["score", "P", "--shard", "1/1"],
+        &["status", "P"],
+        &["merge", "P"],
+    ] {
+        sharp_bench(dir.path(), args).is_error_with(&["pairs.csv"]);
+    }
+    fs::write(plan_file(dir.path(), "pairs.csv"), pairs).unwrap();
     for args in [
         &["--plan", "alone", "--shard", "1/1"][..],
         &["--plan", "nowhere", "--shard", "1/1"],
@@ -391,7 +420,7 @@ fn stages() {
     let expected = undisturbed(dir.path());
     let score = |shard: &str| sharp_bench(dir.path(), &["score", "P", "--shard", shard, "--json"]);
     // Nothing to score yet.
-    assert_eq!(score("1/1").ends_with(0).json()["waiting"], 72);
+    assert_eq!(score("1/1").ends_with(75).json()["waiting"], 72);
     for shard in ["1/2", "2/2"] {
         run(
             dir.path(),

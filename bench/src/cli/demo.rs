@@ -67,7 +67,7 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
         RunOptions::default(),
         &terminal,
     )?;
-    let outcome = outcome(finished.counts);
+    let outcome = outcome(finished.counts, true);
     if !args.json {
         print_tables(&finished.results)?;
     }

@@ -10,6 +10,22 @@ use super::run::RunArgs;
 use crate::evaluate::{PlannedCommand, RunFolder};
 use crate::methods::MethodSpec;
 
+/// Options of a shard: those that say which one it is, and those that change no value.
+const OF_SHARDS: [&str; 12] = [
+    "--plan",
+    "--shard",
+    "--stage",
+    "--threads",
+    "--memory-limit",
+    "--time-budget",
+    "--simd",
+    "--allow-programs",
+    "--json",
+    "--quiet",
+    "-q",
+    "--help",
+];
+
 /// The arguments of a command line; those of `run --plan DIR` with the ones that DIR was planned with before them, so that
 /// its own count.
 ///
@@ -34,6 +50,20 @@ pub fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString
             None => None,
         });
     if let Some(root) = plan {
+        let foreign = own
+            .iter()
+            .filter_map(|argument| argument.to_str())
+            .find(|argument| {
+                let name = argument.split('=').next().unwrap_or_default();
+                name.starts_with('-') && !OF_SHARDS.contains(&name)
+            });
+        if let Some(option) = foreign {
+            let options = OF_SHARDS[1..9].join(", ");
+            let reason = format!(
+                "{option}: a shard does what was planned; beside --plan there are {options}"
+            );
+            return Err(UsageError(reason).into());
+        }
         let planned = planned(&root)?;
         let planned = planned.arguments.into_iter().map(OsString::from);
         arguments.splice(run + 1..run + 1, planned);

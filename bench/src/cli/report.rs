@@ -160,8 +160,15 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
     output::line(assemble::tables(results)?)
 }
 
-/// Exit code 4 where units are recorded failures.
-pub(super) fn outcome(counts: UnitCounts) -> Outcome {
+/// Exit code 4 where units are recorded failures; 75 where some are left, or still wait although this was the last stage.
+pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
+    if is_last_stage && counts.waiting > 0 {
+        output::remark(format!(
+            "warning: {} of {} units have no prediction to score",
+            counts.waiting, counts.units
+        ));
+        return Outcome::Resumable;
+    }
     if counts.left > 0 {
         return Outcome::Resumable;
     }

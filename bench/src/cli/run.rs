@@ -64,7 +64,13 @@ pub(super) struct RunArgs {
     plan_only: bool,
     /// Do a shard of what was planned in this folder, with the arguments that it was planned with; write units only
     /// (`merge` makes the tables)
-    #[arg(long, value_name = "DIR", requires = "shard", overrides_with_all = ["out", "plan_only"])]
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "shard",
+        conflicts_with_all = ["dry_run", "estimate"],
+        overrides_with_all = ["out", "plan_only"]
+    )]
     plan: Option<PathBuf>,
     /// Which shard, I/N with I from 1 to N; auto, or auto/N, in an array of Slurm, Kubernetes or AWS Batch
     #[arg(long, value_name = "I/N", requires = "plan")]
@@ -240,7 +246,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Resumable);
         };
         print_counts(&counts, root, shard, args.json)?;
-        return Ok(match outcome(counts) {
+        return Ok(match outcome(counts, args.stage.scores()) {
             Outcome::Done => complete,
             other => other,
         });
@@ -263,7 +269,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         finished.folder.root().display().to_string(),
         finished.folder.scores_path().display().to_string(),
     );
-    let outcome = match outcome(counts) {
+    let outcome = match outcome(counts, args.stage.scores()) {
         Outcome::Done => complete,
         other => other,
     };
@@ -395,7 +401,7 @@ pub(super) fn print_counts(
         ..
     } = counts;
     output::line(format!(
-        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} left",
+        "shard {shard} of {root}: {}, {reused} done before, {scored} scored, {failed} failed, {waiting} waiting, {left} not come to",
         counted(*units, "unit")
     ))
 }

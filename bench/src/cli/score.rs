@@ -14,6 +14,7 @@ use super::report::{outcome, print_tables};
 use super::run::{print_counts, time};
 use super::{Outcome, output};
 use crate::evaluate::{RunFolder, Shard, rescore, score_shard};
+use crate::io::counts::counted;
 
 /// Add metrics to a run from its kept predictions
 ///
@@ -58,7 +59,7 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         let scoring = args.metrics.complete_scoring(&selection)?;
         let counts = score_shard(&args.run, &scoring, shard, &terminal)?;
         print_counts(&counts, &args.run, shard, args.json)?;
-        return Ok(outcome(counts));
+        return Ok(outcome(counts, true));
     }
     let scoring = args.metrics.complete_scoring(&args.metrics.selection()?)?;
     let (counts, results) = rescore(&args.run, &scoring, &terminal)?;
@@ -75,5 +76,15 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
     } else {
         print_tables(&results)?;
     }
-    Ok(outcome(counts))
+    if !results.missing.is_empty() {
+        output::remark(format!(
+            "warning: {} of the run have no result yet",
+            counted(results.missing.len(), "unit")
+        ));
+        return Ok(Outcome::Resumable);
+    }
+    Ok(match outcome(counts, false) {
+        Outcome::Done => Outcome::of_problems(counts.waiting > 0),
+        other => other,
+    })
 }

@@ -152,6 +152,13 @@ pub(super) fn sweep(
         ));
     }
     let x = sweep.spec.x.title();
+    for panel in &sweep.without_lines {
+        output::remark(format!(
+            "warning: {}: none of {} has a score and a known {x} within the bins; it is not shown",
+            panel.split,
+            counted(panel.pairs, "pair")
+        ));
+    }
     for panel in &sweep.panels {
         for (count, what) in [
             (panel.unplaced, "have no known place"),
@@ -163,12 +170,11 @@ pub(super) fn sweep(
             }
         }
     }
-    if sweep.panels.is_empty() {
-        output::remark(format!(
-            "warning: no pair has a score and a known {x} within the bins"
-        ));
+    let nothing = sweep.panels.is_empty();
+    if nothing && sweep.without_lines.is_empty() {
+        output::remark("warning: the runs have no such method, or no pair");
     }
     Ok(Outcome::of_problems(
-        warn_damaged(&results) || sweep.panels.is_empty(),
+        warn_damaged(&results) || nothing || !sweep.without_lines.is_empty(),
     ))
 }

@@ -342,11 +342,16 @@ fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
 pub fn merge(folders: &[PathBuf], out: Option<&Path>) -> Result<Results, EvaluateError> {
     let out = match (folders, out) {
         ([folder], None) => {
-            Results::read(folder)?;
+            let results = Results::read(folder)?;
             // Shards may be at work; their units count from when they are written.
             let folder = RunFolder::join(folder)?;
             folder.remove_old_leftovers();
-            return write_tables(&folder);
+            if results.missing.is_empty() {
+                return write_tables(&folder);
+            }
+            // Without tables: it has not ended.
+            folder.remove_tables()?;
+            return Ok(results);
         }
         (_, Some(out)) => out,
         (_, None) => {

@@ -51,7 +51,8 @@ pub enum Stages {
 }
 
 impl Stages {
-    fn scores(self) -> bool {
+    /// True if units have their scores after it.
+    pub fn scores(self) -> bool {
         matches!(self, Self::All | Self::Score)
     }
 }

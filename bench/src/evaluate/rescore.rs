@@ -12,7 +12,7 @@ use super::keys::Keys;
 use super::manifest::{Manifest, metric_records};
 use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
-use super::results::{Current, Results, units_folder, write_tables};
+use super::results::{Current, Results, check_rows, units_folder, write_tables};
 use super::run::difference;
 use super::score::{PairTruth, Unscored, crop, missing, score_pair};
 use super::shard::Shard;
@@ -94,6 +94,9 @@ pub fn score_shard(
         });
     }
     let plan = folder.plan()?;
+    let list = PairList::read(&folder.pairs_path())?;
+    check_rows(&folder, &manifest.pairs, &plan, &list)?;
+    folder.remove_tables()?;
     let own: BTreeSet<&str> = shard
         .of(plan.pairs().into_iter().collect(), |id| id)
         .into_iter()
@@ -107,7 +110,7 @@ pub fn score_shard(
         units,
         scoring,
     };
-    let mut counts = work.score(PairList::read(&folder.pairs_path())?, observer)?;
+    let mut counts = work.score(list, observer)?;
     // Nothing was predicted of these.
     counts.units += of_shard - there;
     counts.waiting += of_shard - there;

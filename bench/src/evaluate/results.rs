@@ -7,7 +7,8 @@ use super::bundle::Bundle;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::keys::method_identity;
-use super::manifest::Manifest;
+use super::manifest::{Manifest, PairsRecord};
+use super::plan::RunPlan;
 use super::record::{Record, Score, Status, finite_or_text};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
@@ -114,8 +115,8 @@ impl Current {
     /// Refuses a pair list or a plan that has lost rows since the manifest was written, and a list whose pairs are
     /// elsewhere than their units say.
     fn check_list(&self, folder: &RunFolder, list: &PairList) -> Result<(), EvaluateError> {
-        let planned = folder.plan()?;
-        let (planned, said) = (planned.pairs(), &self.manifest.pairs);
+        let said = &self.manifest.pairs;
+        check_rows(folder, said, &folder.plan()?, list)?;
         let pairs: BTreeMap<&str, &Pair> =
             list.pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
         let moved = self.units.iter().find(|unit| {
@@ -128,32 +129,15 @@ impl Current {
                     || bits(record.overlap) != bits(pair.overlap)
             })
         });
-        let what = if list.pairs.len() < said.listed {
-            format!(
-                "pairs.csv has {} of the {} pairs",
-                list.pairs.len(),
-                said.listed
-            )
-        } else if planned.len() < said.evaluated {
-            format!(
-                "plan.json has {} of the {} pairs",
-                planned.len(),
-                said.evaluated
-            )
-        } else if let Some(pair) = planned.iter().find(|id| !pairs.contains_key(**id)) {
-            format!("pairs.csv lacks pair '{pair}' of those")
-        } else if let Some(unit) = moved.filter(|_| list.sha256 != said.sha256) {
-            let pair = &unit.slot.pair_id;
-            format!("pairs.csv says otherwise where pair '{pair}' is than the results")
-        } else {
-            return Ok(());
-        };
-        Err(EvaluateError::NotKept {
-            folder: folder.root().to_owned(),
-            reason: format!(
-                "{what} that manifest.json says were evaluated: it was changed; `run` with the same options writes it anew"
-            ),
-        })
+        match moved.filter(|_| list.sha256 != said.sha256) {
+            Some(unit) => {
+                let pair = &unit.slot.pair_id;
+                let what =
+                    format!("pairs.csv says otherwise where pair '{pair}' is than the results");
+                Err(changed(folder, &what))
+            }
+            None => Ok(()),
+        }
     }
 
     /// The records of the units, with what the pair list says of their pairs.
@@ -173,6 +157,44 @@ impl Current {
                 record
             })
             .collect()
+    }
+}
+
+/// Refuses a pair list or a plan that has lost rows since the manifest was written.
+pub(super) fn check_rows(
+    folder: &RunFolder,
+    said: &PairsRecord,
+    plan: &RunPlan,
+    list: &PairList,
+) -> Result<(), EvaluateError> {
+    let planned = plan.pairs();
+    let listed: BTreeSet<&str> = list.pairs.iter().map(|p| p.pair_id.as_str()).collect();
+    let what = if listed.len() < said.listed {
+        format!(
+            "pairs.csv has {} of the {} pairs",
+            listed.len(),
+            said.listed
+        )
+    } else if planned.len() < said.evaluated {
+        format!(
+            "plan.json has {} of the {} pairs",
+            planned.len(),
+            said.evaluated
+        )
+    } else if let Some(pair) = planned.iter().find(|id| !listed.contains(**id)) {
+        format!("pairs.csv lacks pair '{pair}' of those")
+    } else {
+        return Ok(());
+    };
+    Err(changed(folder, &what))
+}
+
+fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
+    EvaluateError::NotKept {
+        folder: folder.root().to_owned(),
+        reason: format!(
+            "{what} that manifest.json says were evaluated: it was changed; `run` with the same options writes it anew"
+        ),
     }
 }
 

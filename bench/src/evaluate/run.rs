@@ -15,7 +15,7 @@ use super::pipeline::{Keep, RunOptions, Stages, UnitCounts, run as run_pipeline}
 use super::plan::{PlanBlock, PlannedCommand, RunPlan};
 use super::prepare::Evaluation;
 use super::rescore::score_common_region;
-use super::results::{Results, write_tables};
+use super::results::{Results, check_rows, write_tables};
 use super::shard::Shard;
 use crate::io::atomic_files::write_atomic;
 use crate::io::observer::Observer;
@@ -127,16 +127,18 @@ impl Evaluation {
         observer: &dyn Observer,
     ) -> Result<UnitCounts, EvaluateError> {
         let folder = RunFolder::join(root)?;
-        if let Some(planned) = folder.manifest()?
-            && let Some(difference) = difference(&planned, self.manifest()?, root)?
-        {
+        let Some(planned) = folder.manifest()? else {
+            return Err(refused(root, "it has no manifest.json: plan it again"));
+        };
+        let plan = folder.plan()?;
+        check_rows(&folder, &planned.pairs, &plan, &self.list)?;
+        if let Some(difference) = difference(&planned, self.manifest()?, root)? {
             let reason = format!(
                 "{difference}; a shard needs the binary, the files and the class of CPU kernels (`run --simd`) that the plan \
                  was made with"
             );
             return Err(refused(root, &reason));
         }
-        let plan = folder.plan()?;
         let own: BTreeSet<&str> = shard
             .of(plan.pairs().into_iter().collect(), |id| *id)
             .into_iter()
@@ -144,6 +146,16 @@ impl Evaluation {
         let mut pairs = self.pairs()?;
         pairs.retain(|planned| own.contains(planned.pair.pair_id.as_str()));
         if pairs.len() < own.len() {
+            let readable = self.list.resolve_readable(&self.scenes, &self.datasets)?;
+            let readable = readable
+                .iter()
+                .filter(|p| own.contains(p.pair.pair_id.as_str()));
+            if readable.count() > pairs.len() {
+                return Err(refused(
+                    root,
+                    "the arguments in plan.json choose other pairs than it lists: it was changed",
+                ));
+            }
             observer.warn(&format!(
                 "{} of the {} pairs of shard {shard} are in scenes that cannot be read here",
                 own.len() - pairs.len(),
@@ -151,6 +163,8 @@ impl Evaluation {
             ));
         }
         self.check_files(root, &pairs)?;
+        // They are of before, and `merge` writes them when all is there.
+        folder.remove_tables()?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let missing = (own.len() - pairs.len()) * self.methods.len();
         let mut counts = run_pipeline(&self.job(pairs, &keys, options, shard), &folder, observer)?;

@@ -9,10 +9,12 @@ use serde::Serialize;
 use super::error::EvaluateError;
 use super::estimate::Estimate;
 use super::folder::RunFolder;
+use super::plan::RunPlan;
 use super::prepare::RunStatus;
 use super::record::Status;
-use super::results::{Current, is_done};
+use super::results::{Current, check_rows, is_done};
 use super::shard::Shard;
+use crate::pairs::PairList;
 
 /// Units of a folder, counted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -39,8 +41,7 @@ impl Standing {
     /// When it is none, or cannot be read.
     pub fn read(root: &Path) -> Result<Self, EvaluateError> {
         let folder = RunFolder::open(root)?;
-        let plan = folder.plan()?;
-        let current = Current::read(&folder)?;
+        let (plan, current) = read(&folder)?;
         let units: BTreeMap<(&str, &str), &super::unit::Unit> = current
             .units
             .iter()
@@ -105,7 +106,7 @@ pub fn unfinished_shards(
     retry_failed: bool,
 ) -> Result<Vec<usize>, EvaluateError> {
     let folder = RunFolder::open(root)?;
-    let current = Current::read(&folder)?;
+    let (plan, current) = read(&folder)?;
     let mut open: BTreeSet<&str> = current
         .missing
         .iter()
@@ -118,11 +119,17 @@ pub fn unfinished_shards(
             .filter(|unit| unit.record.status != Status::Ok);
         open.extend(failed.map(|unit| unit.slot.pair_id.as_str()));
     }
-    let plan = folder.plan()?;
     let shares = Shard::deal(plan.pairs().into_iter().collect(), count, |id| *id);
     let unfinished = shares.iter().enumerate();
     let unfinished = unfinished.filter(|(_, share)| share.iter().any(|id| open.contains(id)));
     Ok(unfinished.map(|(at, _)| at + 1).collect())
+}
+
+fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
+    let (plan, current) = (folder.plan()?, Current::read(folder)?);
+    let list = PairList::read(&folder.pairs_path())?;
+    check_rows(folder, &current.manifest.pairs, &plan, &list)?;
+    Ok((plan, current))
 }
 
 /// How many units ended in the window before the last one, and the seconds between them; nothing where that is long ago.

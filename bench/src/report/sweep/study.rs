@@ -22,8 +22,10 @@ use crate::report::plots::curves::Banded;
 pub struct Sweep {
     pub spec: SweepSpec,
     pub metrics: Vec<Column>,
-    /// Without those that have no line.
+    /// Those that have a line.
     pub panels: Vec<SweepPanel>,
+    /// Those whose pairs have no score or no known place.
+    pub without_lines: Vec<SweepPanel>,
     /// In the order of the panels, their lines and the metrics.
     pub crossings: Vec<FoundCrossing>,
     pub resampling: Resampling,
@@ -154,6 +156,7 @@ impl Sweep {
         let mut sweep = Self {
             metrics,
             panels: Vec::new(),
+            without_lines: Vec::new(),
             crossings: Vec::new(),
             resampling: Resampling::default(),
             spec,
@@ -216,8 +219,11 @@ impl Sweep {
                 panel.lines.push(line);
             }
         }
-        if !panel.lines.is_empty() {
-            self.panels.push(panel);
+        match panel.lines.is_empty() {
+            false => self.panels.push(panel),
+            // Nothing of it is there to be shown, not even a method.
+            true if methods.is_empty() => {}
+            true => self.without_lines.push(panel),
         }
     }
 
