@@ -491,7 +491,7 @@ fn full_disk() {
     copy(&dir.path().join("Q"), &dir.path().join("small/P"));
     let small = dir.path().join("small");
     // Until there is no room, and again: what was finished stays, nothing half written is taken for a result.
-    let said = run(&small, &["--plan", "P", "--shard", "1/1", "--keep", "all"]);
+    let said = run(&small, &["--plan", "P", "--shard", "1/1"]);
     said.is_error_with(&["No space left"]);
     let done = unit_files(&small).len();
     assert!(done > 0);

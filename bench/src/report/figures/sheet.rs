@@ -58,8 +58,7 @@ impl SheetMedium {
     /// When text has no room in them, in words.
     pub fn print(style: &FigureStyle, columns: usize) -> Result<Self, String> {
         let gap = (style.font_pixels() * 0.25).round().max(1.0) as u32;
-        // A sheet of one column would be as high as it is wide, times its pictures and crops.
-        let columns = u32::try_from(columns.max(3)).unwrap_or(u32::MAX);
+        let columns = u32::try_from(columns.max(1)).unwrap_or(u32::MAX);
         let room = style
             .pixels()
             .saturating_sub(gap.saturating_mul(columns - 1));
