@@ -356,6 +356,12 @@ fn planned() {
     // What was changed since is said, not worked around.
     for (name, from, to) in [
         ("plan.json", "\"--limit=24\"", "\"--limit=3\""),
+        // Or a plan could start programs by itself.
+        (
+            "plan.json",
+            "\"--limit=24\"",
+            "\"--limit=24\", \"--allow-programs\"",
+        ),
         ("pairs.csv", "view_0", "view_9"),
     ] {
         let path = plan_file(dir.path(), name);

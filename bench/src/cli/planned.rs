@@ -10,27 +10,25 @@ use super::run::RunArgs;
 use crate::evaluate::{PlannedCommand, RunFolder};
 use crate::methods::MethodSpec;
 
-/// Options of a shard: those that say which one it is, and those that change no value.
-const OF_SHARDS: [&str; 12] = [
-    "--plan",
+/// Options of a shard beside `--plan`: which one it is, whether programs start, and what changes no value.
+const OF_SHARDS: [&str; 8] = [
     "--shard",
+    ALLOW_PROGRAMS,
     "--stage",
     "--threads",
     "--memory-limit",
     "--time-budget",
     "--simd",
-    "--allow-programs",
     "--json",
-    "--quiet",
-    "-q",
-    "--help",
 ];
+
+const ALLOW_PROGRAMS: &str = "--allow-programs";
 
 /// The arguments of a command line; those of `run --plan DIR` with the ones that DIR was planned with before them, so that
 /// its own count.
 ///
 /// # Errors
-/// When there is no such plan.
+/// When there is no such plan, or an option beside it that would change what was planned.
 pub fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
     let is_command = |argument: &OsString| !argument.to_string_lossy().starts_with('-');
     let command = arguments.iter().skip(1).position(is_command);
@@ -50,23 +48,32 @@ pub fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString
             None => None,
         });
     if let Some(root) = plan {
+        let name = |argument: &str| argument.split('=').next().unwrap_or_default().to_owned();
+        let others = ["--plan", "--quiet", "-q", "--help", "-h"];
         let foreign = own
             .iter()
             .filter_map(|argument| argument.to_str())
-            .find(|argument| {
-                let name = argument.split('=').next().unwrap_or_default();
-                name.starts_with('-') && !OF_SHARDS.contains(&name)
+            .map(name)
+            .find(|option| {
+                option.starts_with('-')
+                    && !OF_SHARDS.iter().chain(&others).any(|known| option == known)
             });
         if let Some(option) = foreign {
-            let options = OF_SHARDS[1..9].join(", ");
+            let options = OF_SHARDS.join(", ");
             let reason = format!(
                 "{option}: a shard does what was planned; beside --plan there are {options}"
             );
             return Err(UsageError(reason).into());
         }
-        let planned = planned(&root)?;
-        let planned = planned.arguments.into_iter().map(OsString::from);
-        arguments.splice(run + 1..run + 1, planned);
+        let planned = planned(&root)?.arguments;
+        // That is for whoever starts the shard to say, not for whoever made the plan.
+        if planned.iter().any(|argument| argument == ALLOW_PROGRAMS) {
+            bail!(
+                "{}: its arguments hold {ALLOW_PROGRAMS}, which no plan does: it was changed",
+                root.join("plan.json").display()
+            );
+        }
+        arguments.splice(run + 1..run + 1, planned.into_iter().map(OsString::from));
     }
     Ok(arguments)
 }

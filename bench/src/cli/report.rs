@@ -164,7 +164,7 @@ pub(super) fn print_tables(results: &Results) -> anyhow::Result<()> {
 pub(super) fn outcome(counts: UnitCounts, is_last_stage: bool) -> Outcome {
     if is_last_stage && counts.waiting > 0 {
         output::remark(format!(
-            "warning: {} of {} units have no prediction to score",
+            "warning: {} of {} units wait: there is no prediction to score, or their scenes cannot be read",
             counts.waiting, counts.units
         ));
         return Outcome::Resumable;

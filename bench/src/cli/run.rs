@@ -255,8 +255,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         return dry_run(&evaluation, args).map(|_| complete);
     };
     if args.plan_only {
-        let estimate = evaluation.estimate(options)?;
-        evaluation.plan(out, planned::this_command()?, Some(estimate), &terminal)?;
+        let estimate = evaluation.plan(out, planned::this_command()?, options, &terminal)?;
         print_estimate(&estimate, args.json)?;
         return Ok(complete);
     }

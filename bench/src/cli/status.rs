@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::output::span;
 use super::{Outcome, output};
-use crate::evaluate::{Standing, status::unfinished_shards};
+use crate::evaluate::{RunProgress, status::unfinished_shards};
 
 /// How far a run is
 ///
@@ -50,35 +50,35 @@ pub(super) fn execute(args: &StatusArgs) -> anyhow::Result<Outcome> {
         }
         return Ok(Outcome::Done);
     }
-    let standing = Standing::read(&args.run)?;
+    let progress = RunProgress::read(&args.run)?;
     if args.json {
-        let mut json = serde_json::to_value(&standing)?;
-        json["secs_left"] = json!(standing.secs_left());
+        let mut json = serde_json::to_value(&progress)?;
+        json["secs_left"] = json!(progress.secs_left());
         output::json(&json)?;
     } else {
         output::line("               units      done    failed  to score   missing")?;
-        let all = [("all".to_owned(), standing.all)];
-        for (label, count) in standing.methods.iter().chain(&all) {
+        let all = [("all".to_owned(), progress.all)];
+        for (label, count) in progress.methods.iter().chain(&all) {
             output::line(format!(
                 "{label:<12}{:>8}{:>10}{:>10}{:>10}{:>10}",
                 count.units, count.done, count.failed, count.unscored, count.missing
             ))?;
         }
-        if let (Some((units, secs)), true) = (standing.pace, standing.open() > 0) {
-            let left = span(standing.secs_left().unwrap_or_default());
+        if let (Some((units, secs)), true) = (progress.pace, progress.open() > 0) {
+            let left = span(progress.secs_left().unwrap_or_default());
             output::line(format!(
                 "{units} units in the last {}; {left} left at this pace",
                 span(secs)
             ))?;
         }
-        if standing.damaged > 0 {
+        if progress.damaged > 0 {
             output::remark(format!(
                 "warning: {} files of units are damaged; they are done again",
-                standing.damaged
+                progress.damaged
             ));
         }
     }
-    Ok(match (standing.open(), standing.all.failed) {
+    Ok(match (progress.open(), progress.all.failed) {
         (0, 0) => Outcome::Done,
         (0, _) => Outcome::RecordedFailures,
         _ => Outcome::Resumable,

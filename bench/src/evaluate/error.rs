@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use sharp::render::RenderError;
 use sharp_metrics::WeightsError;
 
+use super::shard::ShardError;
 use crate::io::atomic_files::FileError;
 use crate::methods::SpecError;
 use crate::pairs::PairError;
@@ -104,6 +105,9 @@ pub enum EvaluateError {
         /// The first difference.
         difference: String,
     },
+    /// A number of shards that cannot be.
+    #[error(transparent)]
+    Shard(#[from] ShardError),
     /// What is there does not suffice for what is asked.
     #[error("{}: {reason}", folder.display())]
     NotKept {

@@ -70,4 +70,4 @@ pub use rescore::{rescore, score_shard};
 pub use results::Results;
 pub use run::Finished;
 pub use shard::Shard;
-pub use status::Standing;
+pub use status::RunProgress;

@@ -82,17 +82,17 @@ impl Evaluation {
         })
     }
 
-    /// Writes what a run into this folder would do, for shards to do it.
+    /// Writes what a run into this folder would do, for shards to do it, and what it would cost, as [`Self::estimate`].
     ///
     /// # Errors
-    /// When the folder holds another run, or the evaluation needs all units at once.
+    /// When the folder holds another run, or the evaluation needs all units at once; as [`Self::estimate`].
     pub fn plan(
         &self,
         out: &Path,
         command: PlannedCommand,
-        estimate: Option<Estimate>,
+        options: RunOptions,
         observer: &dyn Observer,
-    ) -> Result<(), EvaluateError> {
+    ) -> Result<Estimate, EvaluateError> {
         if self.common_region {
             return Err(refused(
                 out,
@@ -107,12 +107,14 @@ impl Evaluation {
                 "it holds another run: plan into a folder of its own; `merge` joins folders",
             ));
         }
+        let estimate = self.estimate(options)?;
         let plan = RunPlan {
             command: Some(command),
-            estimate,
+            estimate: Some(estimate),
             ..plan
         };
-        self.begin(&folder, &plan, observer)
+        self.begin(&folder, &plan, observer)?;
+        Ok(estimate)
     }
 
     /// Does a shard of the plan of a folder, beside others: writes units, and neither manifest nor tables.

@@ -33,12 +33,12 @@ impl Shard {
     /// The share of a list that is sorted by the ids of its pairs. The pairs of a source stay together, since they share
     /// its prediction; the largest groups are dealt first, each to the share that has least.
     pub(super) fn of<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<T> {
-        let mut shares = Self::deal(list, self.count, pair_id);
+        let mut shares = self.deal(list, pair_id);
         shares.swap_remove(self.index - 1)
     }
 
-    /// All shares of a list.
-    pub(super) fn deal<T>(list: Vec<T>, count: usize, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
+    /// All shares of a list, this one among them.
+    pub(super) fn deal<T>(self, list: Vec<T>, pair_id: impl Fn(&T) -> &str) -> Vec<Vec<T>> {
         let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
         for at in 0..list.len() {
             match groups.last_mut() {
@@ -53,7 +53,7 @@ impl Shard {
         // Stable: equal ones stay in the order of their ids.
         groups.sort_by_key(|group| Reverse(group.len()));
         // The least load first, of equal ones the lowest number.
-        let mut loads: BTreeSet<(usize, usize)> = (0..count).map(|share| (0, share)).collect();
+        let mut loads: BTreeSet<(usize, usize)> = (0..self.count).map(|share| (0, share)).collect();
         let mut share_of = vec![0; list.len()];
         for group in groups {
             let Some((load, share)) = loads.pop_first() else {
@@ -63,7 +63,7 @@ impl Shard {
             share_of[group].fill(share);
         }
         let mut shares: Vec<Vec<T>> = Vec::new();
-        shares.resize_with(count, Vec::new);
+        shares.resize_with(self.count, Vec::new);
         for (item, share) in list.into_iter().zip(share_of) {
             shares[share].push(item);
         }

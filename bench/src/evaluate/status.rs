@@ -18,7 +18,7 @@ use crate::pairs::PairList;
 
 /// Units of a folder, counted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Standing {
+pub struct RunProgress {
     /// All of them.
     pub all: RunStatus,
     /// By method, in the order of the plan.
@@ -34,7 +34,7 @@ pub struct Standing {
 /// How far back the pace is measured.
 const WINDOW: Duration = Duration::from_secs(600);
 
-impl Standing {
+impl RunProgress {
     /// Reads a folder.
     ///
     /// # Errors
@@ -99,12 +99,13 @@ impl Standing {
 /// The shards of so many that have units without a result, or with a failure where those are to be tried again.
 ///
 /// # Errors
-/// As [`Standing::read`].
+/// As [`RunProgress::read`], and when there cannot be so many.
 pub fn unfinished_shards(
     root: &Path,
     count: usize,
     retry_failed: bool,
 ) -> Result<Vec<usize>, EvaluateError> {
+    let shards = Shard::new(1, count)?;
     let folder = RunFolder::open(root)?;
     let (plan, current) = read(&folder)?;
     let mut open: BTreeSet<&str> = current
@@ -119,7 +120,7 @@ pub fn unfinished_shards(
             .filter(|unit| unit.record.status != Status::Ok);
         open.extend(failed.map(|unit| unit.slot.pair_id.as_str()));
     }
-    let shares = Shard::deal(plan.pairs().into_iter().collect(), count, |id| *id);
+    let shares = shards.deal(plan.pairs().into_iter().collect(), |id| id);
     let unfinished = shares.iter().enumerate();
     let unfinished = unfinished.filter(|(_, share)| share.iter().any(|id| open.contains(id)));
     Ok(unfinished.map(|(at, _)| at + 1).collect())

@@ -117,7 +117,7 @@ pub struct Sheet {
 }
 
 /// A tile as it is drawn.
-struct Drawn {
+struct DrawnTile {
     pictures: Vec<RgbImage>,
     lines: Vec<String>,
 }
@@ -196,7 +196,7 @@ impl Sheet {
         if !self.tiles().any(|tile| tile.picture.is_ok()) {
             return None;
         }
-        let rows: Vec<(&str, Vec<Drawn>)> = self
+        let rows: Vec<(&str, Vec<DrawnTile>)> = self
             .rows
             .iter()
             .map(|(label, tiles)| {
@@ -206,7 +206,7 @@ impl Sheet {
             .collect();
         let gap = medium.gap;
         let line = |size: f64| (size * 1.3).round() as u32;
-        let of_row = |(label, tiles): &(&str, Vec<Drawn>)| {
+        let of_row = |(label, tiles): &(&str, Vec<DrawnTile>)| {
             let pictures = tiles.iter().map(|tile| stacked(tile, gap));
             let pictures = pictures.max().unwrap_or(0);
             let below = tiles.iter().map(|tile| {
@@ -283,7 +283,7 @@ impl Sheet {
 }
 
 /// The picture, its enlarged parts side by side below it.
-fn paste(sheet: &mut RgbImage, tile: &Drawn, (left, top): (u32, u32), gap: u32) {
+fn paste(sheet: &mut RgbImage, tile: &DrawnTile, (left, top): (u32, u32), gap: u32) {
     let Some((picture, parts)) = tile.pictures.split_first() else {
         return;
     };
@@ -296,7 +296,7 @@ fn paste(sheet: &mut RgbImage, tile: &Drawn, (left, top): (u32, u32), gap: u32) 
 }
 
 /// Height of a tile's pictures.
-fn stacked(tile: &Drawn, gap: u32) -> u32 {
+fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     let Some((picture, parts)) = tile.pictures.split_first() else {
         return 0;
     };
@@ -305,19 +305,19 @@ fn stacked(tile: &Drawn, gap: u32) -> u32 {
 }
 
 /// Where a tile's text begins: below the row's pictures, or in the place of one that is not there.
-fn text_top(tile: &Drawn, pictures: u32) -> u32 {
+fn text_top(tile: &DrawnTile, pictures: u32) -> u32 {
     match tile.pictures.is_empty() {
         true => 0,
         false => pictures,
     }
 }
 
-fn drawn(tile: &Tile, medium: &SheetMedium) -> Drawn {
+fn drawn(tile: &Tile, medium: &SheetMedium) -> DrawnTile {
     let (room, small) = (f64::from(medium.tile), medium.small);
     let picture = match &tile.picture {
         Ok(picture) => picture,
         Err(reason) => {
-            return Drawn {
+            return DrawnTile {
                 pictures: Vec::new(),
                 lines: text::wrapped_to(
                     REASON_LINES,
@@ -355,7 +355,7 @@ fn drawn(tile: &Tile, medium: &SheetMedium) -> Drawn {
         let place = (at(crop.x), at(crop.y), at(crop.width), at(crop.height));
         outline(&mut shown, place, frame, *ink);
     }
-    Drawn {
+    DrawnTile {
         pictures: std::iter::once(shown).chain(parts).collect(),
         lines: text::wrapped(&tile.text, small, Weight::Regular, room),
     }
