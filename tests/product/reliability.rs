@@ -398,6 +398,11 @@ fn planned() {
     ] {
         assert_eq!(run(dir.path(), args).code, 2, "{args:?}");
     }
+    let job = [
+        "scale", "slurm", "--plan", "P", "--shards", "3", "--out", "jobs",
+    ];
+    sharp_bench(dir.path(), &[&job[..], &["--sbatch", "gpu=1"]].concat())
+        .is_usage_error_with(&["gpu=1", "pictures"]);
     // A folder with results of another run is no place for a plan.
     run(
         dir.path(),

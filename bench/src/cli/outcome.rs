@@ -10,6 +10,7 @@ use crate::evaluate::EvaluateError;
 use crate::methods::SpecError;
 use crate::pairs::{OpenDataset, PairError};
 use crate::report::ReportError;
+use crate::scale::ScaleError;
 
 /// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,6 +70,7 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
         cause.is::<UsageError>()
             || cause.is::<SelectionError>()
             || cause.is::<UnknownBackbone>()
+            || matches!(cause.downcast_ref(), Some(ScaleError::Refused { .. }))
             || matches!(
                 cause.downcast_ref::<SpecError>(),
                 Some(SpecError::UnknownKind { .. })
