@@ -48,16 +48,19 @@ pub fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString
             None => None,
         });
     if let Some(root) = plan {
-        let name = |argument: &str| argument.split('=').next().unwrap_or_default().to_owned();
         let others = ["--plan", "--quiet", "-q", "--help", "-h"];
+        let is_known = |argument: &str| {
+            let name = argument.split('=').next();
+            !argument.starts_with('-')
+                || OF_SHARDS
+                    .iter()
+                    .chain(&others)
+                    .any(|known| name == Some(*known))
+        };
         let foreign = own
             .iter()
             .filter_map(|argument| argument.to_str())
-            .map(name)
-            .find(|option| {
-                option.starts_with('-')
-                    && !OF_SHARDS.iter().chain(&others).any(|known| option == known)
-            });
+            .find(|argument| !is_known(argument));
         if let Some(option) = foreign {
             let options = OF_SHARDS.join(", ");
             let reason = format!(
