@@ -1,4 +1,4 @@
-//! Measures one metric: CPU seconds, wall seconds, peak memory, as a line of JSON.
+//! Measures one metric: CPU seconds, wall seconds, peak memory and what `memory_bytes` counts of it, as a line of JSON.
 //!
 //! ```text
 //! measure KEY WIDTH HEIGHT [predictions=N] [apart] [repeat=N] [turns] [threads=N] [strip=N] [simd=NAME] [direct]
@@ -103,16 +103,23 @@ impl Work {
         }
         let share = |seconds: f64| seconds / f64::from(self.repeat);
         let (width, height) = self.pictures[0].dimensions();
+        let together = if self.apart {
+            1
+        } else {
+            self.pictures.len() - 1
+        };
+        let counted = self.scorer.memory_bytes((width, height), together);
         Ok(format!(
             "{{\"key\": \"{}\", \"width\": {width}, \"height\": {height}, \"predictions\": {}, \
              \"apart\": {}, \"cpu_s\": {:.6}, \"wall_s\": {:.6}, \"peak_mib\": {:.0}, \
-             \"score\": {value:.9}, \"networks\": \"{}\"}}",
+             \"counted_mib\": {:.0}, \"score\": {value:.9}, \"networks\": \"{}\"}}",
             self.scorer.keys()[0],
             self.pictures.len() - 1,
             self.apart,
             share(cpu.elapsed().as_secs_f64()),
             share(wall.elapsed().as_secs_f64()),
             peak_mib(),
+            counted as f64 / f64::from(1 << 20),
             self.scorer.options().arithmetic(),
         ))
     }

@@ -57,6 +57,10 @@ impl Dists {
         }
     }
 
+    pub(crate) fn network(&self) -> &Extractor {
+        &self.network
+    }
+
     /// Compares predictions with their target at their own resolution, from one pass of the
     /// network over each picture. The target is the first of `pictures`, which are of one size.
     pub(crate) fn compare(

@@ -103,6 +103,21 @@ impl Engines {
         Ok(distance.layers.iter().sum())
     }
 
+    /// Bytes that [`run`](Self::run) takes besides pictures and networks, about.
+    pub(crate) fn memory(&self, size: (u32, u32), predictions: usize, keys: &[MetricKey]) -> usize {
+        let size = (size.0 as usize, size.1 as usize);
+        let of = |network: &Extractor| network.memory(size, predictions + 1, self.strip);
+        let lpips = self.lpips.values().map(|engine| of(engine.network()));
+        let dists = self.dists.iter().map(|engine| of(engine.network()));
+        let rows = lpips.chain(dists).max().unwrap_or(0);
+        // Local distances of masked keys: at most those of a tap at full resolution and of some that halve it each.
+        let maps = keys.iter().filter(|key| {
+            key.is_masked() && matches!(key.metric(), Metric::Lpips(_, variant) if variant != LpipsVariant::BoxPaste)
+        });
+        let map = size.0 * size.1 * size_of::<f32>() * 4 / 3;
+        rows + maps.count() * predictions * map
+    }
+
     /// Runs the learned metrics among `keys` that are of whole pictures: the results of each prediction. The target is the
     /// first of `pictures`, which are of one size. Maps are kept if asked for and for masked keys.
     pub(crate) fn run(

@@ -111,6 +111,10 @@ impl Lpips {
         }
     }
 
+    pub(crate) fn network(&self) -> &Extractor {
+        &self.network
+    }
+
     /// The distances of predictions from their target, from one pass of the network over each
     /// picture: for each prediction one distance for each of `epsilons`. The target is the first
     /// of `pictures`, which are of one size.

@@ -146,7 +146,7 @@ impl Scorer {
     ///
     /// A prediction that cannot be compared is an error of its own and changes no other's scores;
     /// a target or mask that cannot be used is the error of all. Memory grows with the number of
-    /// predictions by the rows that the networks hold of each picture.
+    /// predictions; see [`memory_bytes`](Self::memory_bytes).
     pub fn score_all(
         &self,
         target: &Picture,
@@ -175,6 +175,13 @@ impl Scorer {
             *scores = self.scores_of([prediction, target], mask, &learned);
         }
         results
+    }
+
+    /// What [`score_all`](Self::score_all) takes for predictions of a size, besides the pictures and the networks' weights:
+    /// the rows that the networks hold of each picture, and the local distances of masked metrics. About, bytes; nothing
+    /// for what another device holds.
+    pub fn memory_bytes(&self, size: (u32, u32), predictions: usize) -> u64 {
+        self.engines.memory(size, predictions, &self.keys) as u64
     }
 
     /// [`score`](Self::score), the terms of LPIPS and DISTS and, if wanted, the maps of SSIM and

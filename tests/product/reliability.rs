@@ -1,7 +1,7 @@
 //! Runs that are killed, starved and disturbed: whatever happens, the scores are those of a run that was left alone. Where
 //! a test needs what a machine may lack (a small disk of its own, Slurm), it is reported as ignored, by name.
 //!
-//! `SHARP_BENCH_KILLS=N` kills N times instead of 10.
+//! `SHARP_BENCH_KILLS=N` kills N times instead of 10; `SHARP_BENCH_SOAK=MINUTES` also disturbs one run for that long.
 
 #![allow(
     clippy::unwrap_used,
@@ -9,6 +9,7 @@
     reason = "test code outside of #[test] functions"
 )]
 
+mod memory;
 mod slurm;
 #[allow(dead_code, reason = "shared with the other tests of the binary")]
 mod support;
@@ -42,6 +43,10 @@ fn main() -> ExitCode {
             "a plan runs what it was planned with, and nothing else",
             planned,
         ),
+        trial("memory stays within its limit", memory::limit)
+            .with_ignored_flag(memory::peak_bytes(std::process::id()).is_none()),
+        trial("memory does not grow over a long run", memory::soak)
+            .with_ignored_flag(memory::minutes().is_none()),
         trial("a disk that is full, then has room", full_disk).with_ignored_flag(!can_mount()),
         trial("a folder that cannot be written", read_only).with_ignored_flag(!can_mount()),
         trial("Slurm, with a node that dies", slurm::survives_a_dead_node)
@@ -65,7 +70,7 @@ const WHAT: [&str; 11] = [
     "--limit=24",
 ];
 
-fn run(folder: &Path, args: &[&str]) -> support::Said {
+pub(crate) fn run(folder: &Path, args: &[&str]) -> support::Said {
     sharp_bench(folder, &[&["run"], args].concat())
 }
 
@@ -85,7 +90,7 @@ fn shard(folder: &Path, shard: &str) -> support::Said {
 }
 
 /// The same, left to itself.
-fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
+pub(crate) fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
         .args(["run", "--plan", "P", "--shard", shard])
         .args(more)
@@ -96,6 +101,15 @@ fn start(folder: &Path, shard: &str, more: &[&str]) -> Child {
         .unwrap()
 }
 
+/// Whether the process was there to get the signal.
+pub(crate) fn send(signal: &str, child: &Child) -> bool {
+    Command::new("kill")
+        .args(["-s", signal, &child.id().to_string()])
+        .status()
+        .unwrap()
+        .success()
+}
+
 /// What a merge makes of the plan.
 pub(crate) fn merged(folder: &Path) -> Vec<u8> {
     sharp_bench(folder, &["merge", "P"]).ends_with(0);
@@ -103,14 +117,14 @@ pub(crate) fn merged(folder: &Path) -> Vec<u8> {
 }
 
 /// Numbers that look random and are the same each time.
-fn random(state: &mut u64, below: u64) -> u64 {
+pub(crate) fn random(state: &mut u64, below: u64) -> u64 {
     *state = state
         .wrapping_mul(6_364_136_223_846_793_005)
         .wrapping_add(1_442_695_040_888_963_407);
     (*state >> 33) % below
 }
 
-fn unit_files(folder: &Path) -> Vec<PathBuf> {
+pub(crate) fn unit_files(folder: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder.join("P/units"))
         .into_iter()
         .flatten()
@@ -310,13 +324,11 @@ fn stopped() {
             }
             std::thread::sleep(Duration::from_millis(2));
         }
-        let sent = Command::new("kill")
-            .args(["-s", signal, &child.id().to_string()])
-            .status();
+        let sent = send(signal, &child);
         let code = child.wait().unwrap().code();
         // Another exit than these would be death by the signal.
         assert!(matches!(code, Some(75 | 0)), "{signal}: {code:?}");
-        ended_early += usize::from(sent.unwrap().success() && code == Some(75));
+        ended_early += usize::from(sent && code == Some(75));
     }
     assert!(ended_early >= 1);
     // A plain run likewise, and it leaves no table that looks like its end.

@@ -13,6 +13,7 @@ mod explain;
 mod figure;
 mod gate;
 mod history;
+mod memory;
 mod merge;
 mod metrics;
 mod model;

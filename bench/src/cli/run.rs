@@ -9,6 +9,7 @@ use sharp::render::Backend;
 use sharp_metrics::{InstructionSet, Simd};
 
 use super::data_args::{self, DatasetArgs, MetricArgs, PairArgs};
+use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::{Terminal, span};
 use super::planned;
@@ -90,9 +91,8 @@ pub(super) struct RunArgs {
     /// Which stages to do; the others can follow on another machine
     #[arg(long, value_enum, default_value_t = Stages::All)]
     stage: Stages,
-    /// Memory for the Gaussians of one source, such as 512M or 2G; beyond it they wait on disk until the source is done
-    #[arg(long, value_name = "SIZE", default_value = "2G", value_parser = bytes)]
-    memory_limit: u64,
+    #[command(flatten)]
+    memory: MemoryArgs,
     /// Who renders: cpu, or wgpu (a GPU through Vulkan, Metal or Direct3D 12). The exact backend is part of every
     /// result's identity, and a run has one
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Cpu)]
@@ -145,21 +145,6 @@ pub(super) fn build_methods(
         .collect::<Result<_, _>>()?;
     let built = methods::build(&specs, chooser)?;
     Ok(specs.into_iter().map(|spec| spec.text).zip(built).collect())
-}
-
-/// `512M`, `2G`, `1048576`: bytes by powers of 1024.
-fn bytes(text: &str) -> Result<u64, String> {
-    let wrong = || format!("'{text}': a size such as 512M or 2G is needed");
-    let unit = text.trim_end_matches("iB").trim_end_matches('B');
-    let (number, shift) = match unit.chars().last() {
-        Some('K' | 'k') => (&unit[..unit.len() - 1], 10),
-        Some('M') => (&unit[..unit.len() - 1], 20),
-        Some('G') => (&unit[..unit.len() - 1], 30),
-        Some('T') => (&unit[..unit.len() - 1], 40),
-        _ => (unit, 0),
-    };
-    let number: u64 = number.trim().parse().map_err(|_| wrong())?;
-    number.checked_mul(1 << shift).ok_or_else(wrong)
 }
 
 /// `90s`, `55m`, `3h`.
@@ -234,7 +219,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         stages: args.stage,
         keep: args.keep,
         keep_gaussians: args.keep_gaussians,
-        memory_limit_bytes: args.memory_limit,
+        memory_limit_bytes: args.memory.limit_bytes(),
     };
     if args.estimate {
         print_estimate(&evaluation.estimate(options)?, args.json)?;
@@ -242,6 +227,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     }
     if let (Some(root), Some(shard)) = (&plan, args.shard) {
         let counts = evaluation.run_shard(root, shard, options, &terminal);
+        args.memory.say_if_exceeded();
         let Some(counts) = unless_stopped(counts)? else {
             return Ok(Outcome::Resumable);
         };
@@ -260,6 +246,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         return Ok(complete);
     }
     let finished = evaluation.run(out, options, &terminal);
+    args.memory.say_if_exceeded();
     let Some(finished) = unless_stopped(finished)? else {
         return Ok(Outcome::Resumable);
     };
@@ -460,18 +447,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_have_units() {
-        for (text, expected) in [
-            ("0", 0),
-            ("512M", 512 << 20),
-            ("2G", 2 << 30),
-            ("3KiB", 3 << 10),
-        ] {
-            assert_eq!(bytes(text), Ok(expected));
-        }
-        for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T"] {
-            assert!(bytes(text).is_err(), "{text}");
-        }
+    fn times_have_units() {
         for (text, secs) in [("90s", 90), ("55m", 3300), ("3h", 10_800)] {
             assert_eq!(time(text), Ok(Duration::from_secs(secs)));
         }

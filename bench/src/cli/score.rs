@@ -8,6 +8,7 @@ use serde_json::json;
 use sharp_metrics::{InstructionSet, Selection, Simd};
 
 use super::data_args::MetricArgs;
+use super::memory::MemoryArgs;
 use super::outcome::UsageError;
 use super::output::Terminal;
 use super::report::{outcome, print_tables};
@@ -37,6 +38,8 @@ pub(super) struct ScoreArgs {
     /// Class of CPU kernels: avx512, avx2 or portable; the fastest of the machine without it
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
+    #[command(flatten)]
+    memory: MemoryArgs,
     /// Threads; all cores without it. Results do not depend on it
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -51,18 +54,21 @@ pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
         Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
     }
     let terminal = Terminal::until(args.time_budget)?;
+    let limit = args.memory.limit_bytes();
     if let Some(shard) = args.shard {
         let manifest = RunFolder::open(&args.run)?.manifest()?;
         let metrics = manifest.iter().flat_map(|manifest| &manifest.metrics);
         let keys: Vec<String> = metrics.map(|metric| metric.info.key.to_string()).collect();
         let selection = Selection::parse(&keys.join(","))?;
         let scoring = args.metrics.complete_scoring(&selection)?;
-        let counts = score_shard(&args.run, &scoring, shard, &terminal)?;
+        let counts = score_shard(&args.run, &scoring, shard, limit, &terminal)?;
+        args.memory.say_if_exceeded();
         print_counts(&counts, &args.run, shard, args.json)?;
         return Ok(outcome(counts, true));
     }
     let scoring = args.metrics.complete_scoring(&args.metrics.selection()?)?;
-    let (counts, results) = rescore(&args.run, &scoring, &terminal)?;
+    let (counts, results) = rescore(&args.run, &scoring, limit, &terminal)?;
+    args.memory.say_if_exceeded();
     if args.json {
         output::json(&json!({
             "run": args.run.display().to_string(),

@@ -63,7 +63,7 @@ pub use estimate::Estimate;
 pub use folder::RunFolder;
 pub use join::{Named, join, join_under, merge};
 pub use manifest::Manifest;
-pub use pipeline::{Keep, RunOptions, Stages, UnitCounts};
+pub use pipeline::{Keep, MEMORY_LIMIT_BYTES, RunOptions, Stages, UnitCounts};
 pub use plan::{PlannedCommand, RunPlan};
 pub use prepare::{Evaluation, PairOrigin, Request, RunStatus, prepare};
 pub use rescore::{rescore, score_shard};

@@ -1,6 +1,7 @@
 //! Runs a plan: predicts and renders the pictures of a pair on one thread, scores those of the pair before on the other.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ use super::keys::{Keys, PictureKeys};
 use super::manifest::FORMAT;
 use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
-use super::score::{PairTruth, Unscored, crop, empty_record, missing, score_pair};
+use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::shard::Shard;
 use super::source_check::{check_source, doubt};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
@@ -69,6 +70,9 @@ pub enum Keep {
     None,
 }
 
+/// What [`RunOptions::memory_limit_bytes`] is unless it is set.
+pub const MEMORY_LIMIT_BYTES: u64 = 2 << 30;
+
 /// How a plan is run. No value depends on it.
 #[derive(Debug, Clone, Copy)]
 pub struct RunOptions {
@@ -78,7 +82,8 @@ pub struct RunOptions {
     pub keep: Keep,
     /// Whether predictions of sources are kept.
     pub keep_gaussians: bool,
-    /// Predictions of one source that are held in memory, bytes; those beyond it are on disk until the source is done.
+    /// Memory that is kept within, bytes: Gaussians of a source beyond their share wait on disk, and predictions of a pair
+    /// are made and scored in parts. What networks take of their own is not counted, and one picture is the least.
     pub memory_limit_bytes: u64,
 }
 
@@ -88,7 +93,7 @@ impl Default for RunOptions {
             stages: Stages::All,
             keep: Keep::All,
             keep_gaussians: false,
-            memory_limit_bytes: 2 << 30,
+            memory_limit_bytes: MEMORY_LIMIT_BYTES,
         }
     }
 }
@@ -161,9 +166,9 @@ enum Reuse {
     New,
 }
 
-/// A pair with its prepared units.
+/// A pair with its prepared units, or with as many of them as memory takes at once.
 struct PreparedPair<'a> {
-    truth: PairTruth<'a>,
+    truth: Arc<PairTruth<'a>>,
     units: Vec<(String, Prepared)>,
     made: UnitCounts,
 }
@@ -172,7 +177,7 @@ struct PreparedPair<'a> {
 /// record and the others continue.
 ///
 /// While a pair is scored, the next one is predicted, and one step ahead only: the pictures of at most two pairs are in
-/// memory. No value depends on it.
+/// memory, or of two parts of a pair where memory is too small for all methods' pictures. No value depends on it.
 pub(super) fn run(
     job: &Job,
     folder: &RunFolder,
@@ -185,6 +190,7 @@ pub(super) fn run(
     // A channel without room: who predicts waits until who scores is ready for it.
     let (sender, pairs) = sync_channel(0);
     let units = job.pairs.len() * job.methods.len();
+    let memory = MemoryShares::of(job.options.memory_limit_bytes);
     observer.begin("", units, "units");
     std::thread::scope(|scope| {
         scope.spawn(move || prepare_all(job, folder, &sender, observer));
@@ -220,8 +226,8 @@ pub(super) fn run(
             }
             if observer.stop() && job.options.keeps_pictures() {
                 counts.left += unscored.len();
-            } else if !unscored.is_empty() {
-                for unit in score_pair(&truth, unscored, job.scoring, job.keys, folder)? {
+            } else {
+                for unit in score_pair(&truth, unscored, job.scoring, job.keys, memory, folder)? {
                     counts.scored += 1;
                     counts.count(&unit.record, observer);
                 }
@@ -243,11 +249,12 @@ fn prepare_all<'a>(
 ) {
     let runs_at_once = matches!(job.options.stages, Stages::All | Stages::Pictures);
     let kept = job.options.keep_gaussians || !runs_at_once;
+    let memory = MemoryShares::of(job.options.memory_limit_bytes);
     let mut sources = Sources {
         gaussians: GaussianStore::new(
             kept.then(|| folder.gaussians_path()),
             folder.root(),
-            job.options.memory_limit_bytes,
+            memory.gaussians,
         ),
         photograph: None,
         depth: None,
@@ -263,29 +270,30 @@ fn prepare_all<'a>(
             folder,
             source: planned.source.into(),
             target: planned.target.into(),
-            truth: PairTruth::new(*planned),
+            truth: Arc::new(PairTruth::new(*planned)),
             made: UnitCounts::default(),
         };
-        let units: Result<Vec<_>, EvaluateError> = job
-            .methods
-            .iter()
-            .map(|method| {
-                let prepared = match observer.stop() {
-                    true => Prepared::Left,
-                    false => pair.prepare(method.as_ref(), &mut sources)?,
-                };
-                Ok((method.label().to_owned(), prepared))
-            })
-            .collect();
-        let failed = units.is_err();
-        let prepared = units.map(|units| PreparedPair {
-            truth: pair.truth,
-            units,
-            made: pair.made,
-        });
-        // An error here: who scores has stopped, and says why itself.
-        if sender.send(prepared).is_err() || failed {
-            return;
+        for methods in job.methods.chunks(memory.pictures_of(planned.target)) {
+            let units: Result<Vec<_>, EvaluateError> = methods
+                .iter()
+                .map(|method| {
+                    let prepared = match observer.stop() {
+                        true => Prepared::Left,
+                        false => pair.prepare(method.as_ref(), &mut sources)?,
+                    };
+                    Ok((method.label().to_owned(), prepared))
+                })
+                .collect();
+            let failed = units.is_err();
+            let prepared = units.map(|units| PreparedPair {
+                truth: Arc::clone(&pair.truth),
+                units,
+                made: std::mem::take(&mut pair.made),
+            });
+            // An error here: who scores has stopped, and says why itself.
+            if sender.send(prepared).is_err() || failed {
+                return;
+            }
         }
     }
 }
@@ -358,7 +366,7 @@ struct PairWork<'j, 'a> {
     folder: &'j RunFolder,
     source: PosedCamera,
     target: PosedCamera,
-    truth: PairTruth<'a>,
+    truth: Arc<PairTruth<'a>>,
     made: UnitCounts,
 }
 

@@ -14,7 +14,7 @@ use super::pipeline::{UnitCounts, picture_sha256};
 use super::record::Status;
 use super::results::{Current, Results, check_rows, units_folder, write_tables};
 use super::run::difference;
-use super::score::{PairTruth, Unscored, crop, missing, score_pair};
+use super::score::{MemoryShares, PairTruth, Unscored, crop, missing, score_pair};
 use super::shard::Shard;
 use super::unit::{Slot, Unit};
 use crate::io::hash::file_sha256;
@@ -33,6 +33,7 @@ use crate::scoring::{Region, Scoring};
 pub fn rescore(
     root: &Path,
     scoring: &Scoring,
+    memory_limit_bytes: u64,
     observer: &dyn Observer,
 ) -> Result<(UnitCounts, Results), EvaluateError> {
     // Reading first: a mistyped path is not created.
@@ -59,6 +60,7 @@ pub fn rescore(
         datasets: &datasets,
         units: current.units,
         scoring,
+        memory: MemoryShares::of(memory_limit_bytes),
     };
     let list = PairList::read(&folder.pairs_path())?;
     let counts = work.score(list, observer)?;
@@ -78,6 +80,7 @@ pub fn score_shard(
     root: &Path,
     scoring: &Scoring,
     shard: Shard,
+    memory_limit_bytes: u64,
     observer: &dyn Observer,
 ) -> Result<UnitCounts, EvaluateError> {
     let folder = RunFolder::join(root)?;
@@ -109,6 +112,7 @@ pub fn score_shard(
         datasets: &open_datasets(&manifest)?,
         units,
         scoring,
+        memory: MemoryShares::of(memory_limit_bytes),
     };
     let mut counts = work.score(list, observer)?;
     // Nothing was predicted of these.
@@ -135,6 +139,7 @@ struct Kept<'a> {
     datasets: &'a [OpenDataset],
     units: Vec<Unit>,
     scoring: &'a Scoring,
+    memory: MemoryShares,
 }
 
 impl Kept<'_> {
@@ -147,6 +152,7 @@ impl Kept<'_> {
             folder,
             datasets,
             scoring,
+            memory,
             ..
         } = self;
         let scenes = scenes_of(datasets);
@@ -188,12 +194,11 @@ impl Kept<'_> {
                 continue;
             }
             let truth = PairTruth::new(planned);
-            let mut unscored = Vec::new();
+            let mut of_pair = Vec::new();
             for unit in units
                 .remove(planned.pair.pair_id.as_str())
                 .unwrap_or_default()
             {
-                observer.progress(counts.units, &planned.pair.pair_id);
                 counts.units += 1;
                 let Some(unit) = unit.scorable() else {
                     counts.failed += 1;
@@ -203,13 +208,19 @@ impl Kept<'_> {
                     counts.reused += 1;
                     continue;
                 }
-                match kept_picture(folder, &unit) {
-                    Some(picture) => unscored.push(Unscored { unit, picture }),
-                    None => not_kept += 1,
-                }
+                of_pair.push(unit);
             }
-            if !unscored.is_empty() {
-                for unit in score_pair(&truth, unscored, scoring, &keys, folder)? {
+            let mut of_pair = of_pair.into_iter().peekable();
+            while of_pair.peek().is_some() {
+                observer.progress(counts.units, &planned.pair.pair_id);
+                let mut unscored = Vec::new();
+                for unit in of_pair.by_ref().take(memory.pictures_of(planned.target)) {
+                    match kept_picture(folder, &unit) {
+                        Some(picture) => unscored.push(Unscored { unit, picture }),
+                        None => not_kept += 1,
+                    }
+                }
+                for unit in score_pair(&truth, unscored, scoring, &keys, memory, folder)? {
                     counts.scored += 1;
                     counts.count(&unit.record, observer);
                 }
@@ -258,6 +269,7 @@ pub(super) fn score_common_region(
     pairs: &[ResolvedPair],
     scoring: &Scoring,
     keys: &Keys,
+    memory: MemoryShares,
     observer: &dyn Observer,
 ) -> Result<(), EvaluateError> {
     let Some(mut manifest) = folder.manifest()? else {
@@ -295,31 +307,33 @@ pub(super) fn score_common_region(
             common.intersection(&region).unwrap_or(nothing)
         });
         let truth = PairTruth::new(*planned);
-        let mut unscored = Vec::new();
-        for unit in of_pair {
-            match cut(folder, unit, common, size) {
-                Cut::Failed(unit) => {
-                    common_folder.save(*unit)?;
-                }
-                Cut::Picture(mut item) => {
-                    let stored = common_folder.load(&item.unit.slot)?.filter(|stored| {
-                        let sha256 = |unit: &Unit| unit.picture.as_ref().map(|p| p.sha256.clone());
-                        sha256(stored) == sha256(&item.unit) && common_folder.has_picture(stored)
-                    });
-                    match stored {
-                        Some(unit) => item.unit = unit,
-                        None => keep_cut(&common_folder, &mut item)?,
+        for units in of_pair.chunks(memory.pictures_of(planned.target)) {
+            let mut unscored = Vec::new();
+            for unit in units {
+                match cut(folder, unit, common, size) {
+                    Cut::Failed(unit) => {
+                        common_folder.save(*unit)?;
                     }
-                    if missing(&item.unit, scoring, keys, planned).is_empty() {
-                        common_folder.save(item.unit)?;
-                    } else {
-                        unscored.push(*item);
+                    Cut::Picture(mut item) => {
+                        let stored = common_folder.load(&item.unit.slot)?.filter(|stored| {
+                            let sha256 =
+                                |unit: &Unit| unit.picture.as_ref().map(|p| p.sha256.clone());
+                            sha256(stored) == sha256(&item.unit)
+                                && common_folder.has_picture(stored)
+                        });
+                        match stored {
+                            Some(unit) => item.unit = unit,
+                            None => keep_cut(&common_folder, &mut item)?,
+                        }
+                        if missing(&item.unit, scoring, keys, planned).is_empty() {
+                            common_folder.save(item.unit)?;
+                        } else {
+                            unscored.push(*item);
+                        }
                     }
                 }
             }
-        }
-        if !unscored.is_empty() {
-            score_pair(&truth, unscored, scoring, keys, &common_folder)?;
+            score_pair(&truth, unscored, scoring, keys, memory, &common_folder)?;
         }
     }
     observer.end();

@@ -16,6 +16,7 @@ use super::plan::{PlanBlock, PlannedCommand, RunPlan};
 use super::prepare::Evaluation;
 use super::rescore::score_common_region;
 use super::results::{Results, check_rows, write_tables};
+use super::score::MemoryShares;
 use super::shard::Shard;
 use crate::io::atomic_files::write_atomic;
 use crate::io::observer::Observer;
@@ -67,7 +68,8 @@ impl Evaluation {
         let job = self.job(pairs, &keys, options, Shard::WHOLE);
         let counts = run_pipeline(&job, &folder, observer)?;
         if counts.left == 0 && self.common_region {
-            score_common_region(&folder, &job.pairs, &self.scoring, &keys, observer)?;
+            let memory = MemoryShares::of(options.memory_limit_bytes);
+            score_common_region(&folder, &job.pairs, &self.scoring, &keys, memory, observer)?;
         }
         let results = match counts.left {
             0 => write_tables(&folder)?,

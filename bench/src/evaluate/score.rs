@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use image::RgbImage;
-use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture};
+use sharp_datasets::View;
+use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture, Scorer};
 
 use super::error::EvaluateError;
 use super::folder::RunFolder;
@@ -114,15 +115,58 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
+/// How the memory that may be used is shared, bytes. What is not shared out is for what cannot be less: the networks of
+/// the metrics, the truth, and a picture while it is rendered.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MemoryShares {
+    /// Gaussians of a source.
+    pub(super) gaussians: u64,
+    /// Predicted pictures.
+    pictures: u64,
+    /// What metrics hold of the pictures that they compare.
+    metrics: u64,
+}
+
+impl MemoryShares {
+    pub(super) fn of(memory_limit_bytes: u64) -> Self {
+        let quarter = memory_limit_bytes / 4;
+        Self {
+            gaussians: quarter,
+            pictures: quarter,
+            metrics: quarter,
+        }
+    }
+
+    /// Predictions of a target that are handed to [`score_pair`] at once, at least 1. While they are scored, as many more are
+    /// made.
+    pub(super) fn pictures_of(self, target: &View) -> usize {
+        let picture = 3 * u64::from(target.intrinsics.width) * u64::from(target.intrinsics.height);
+        (self.pictures / (2 * picture).max(1)).max(1) as usize
+    }
+
+    /// Of `most` predictions those that are compared at once, at least 1.
+    fn compared(self, truth: &GroundTruth, scorer: &Scorer, most: usize) -> usize {
+        let fits = |count: &usize| {
+            let copies = *count as u64 * truth.copied_bytes();
+            copies + scorer.memory_bytes(truth.dimensions(), *count) <= self.metrics
+        };
+        (2..=most).take_while(fits).last().unwrap_or(1)
+    }
+}
+
 /// Computes the missing scores of a pair's units and saves them. Units that lack the same metrics share each network's
-/// pass over the truth.
+/// pass over the truth, as many as fit into memory.
 pub(super) fn score_pair(
     truth: &PairTruth,
     unscored: Vec<Unscored>,
     scoring: &Scoring,
     keys: &Keys,
+    memory: MemoryShares,
     folder: &RunFolder,
 ) -> Result<Vec<Unit>, EvaluateError> {
+    if unscored.is_empty() {
+        return Ok(Vec::new());
+    }
     let started = Instant::now();
     let count = unscored.len().max(1) as f64;
     let masks = truth.masks(scoring);
@@ -149,7 +193,13 @@ pub(super) fn score_pair(
         let shown: Vec<(&Picture, Option<Region>)> = pictures.iter().zip(regions).collect();
         let results = match read {
             Err(reason) => vec![Err(reason); units.len()],
-            Ok((truth, masks)) => truth.score(&scoring.scorer.restricted(&metrics), &shown, masks),
+            Ok((truth, masks)) => {
+                let scorer = scoring.scorer.restricted(&metrics);
+                let chunks = shown.chunks(memory.compared(truth, &scorer, shown.len()));
+                chunks
+                    .flat_map(|shown| truth.score(&scorer, shown, masks))
+                    .collect()
+            }
         };
         let changed = keys.changed(None, &truth.planned);
         for (mut unit, result) in units.into_iter().zip(results) {

@@ -154,7 +154,7 @@ fn another_metric_predicts_and_renders_nothing() {
     // The same by name, over kept pictures, in the bits of a run that had all metrics at once.
     let selection = Selection::parse("lpips-alex").unwrap();
     let scoring = Scoring::new(&selection, &Weights::deterministic("")).unwrap();
-    let (counts, results) = rescore(&out, &scoring, &Quiet).unwrap();
+    let (counts, results) = rescore(&out, &scoring, MEMORY_LIMIT_BYTES, &Quiet).unwrap();
     assert_eq!((counts.scored, counts.waiting), (3, 0));
     assert_eq!(results.manifest.metrics.len(), 3);
     let whole = dir.path().join("whole");
@@ -265,7 +265,7 @@ fn stages_run_apart_and_give_the_same_bytes() {
     }
     assert_eq!(Results::read(&elsewhere).unwrap().missing.len(), 8);
     let scoring = Scoring::new(&Selection::parse("psnr").unwrap(), &Weights::none()).unwrap();
-    let (counts, results) = rescore(&elsewhere, &scoring, &Quiet).unwrap();
+    let (counts, results) = rescore(&elsewhere, &scoring, MEMORY_LIMIT_BYTES, &Quiet).unwrap();
     assert_eq!((counts.scored, results.missing.len()), (8, 0));
     assert_eq!(scores(&whole), scores(&elsewhere));
 }
@@ -515,7 +515,7 @@ fn the_common_region_is_that_of_all_pairs_and_can_be_scored_again() {
     assert!(matches!(error, EvaluateError::NotKept { .. }), "{error}");
     let selection = Selection::parse("ssim-gauss11-valid").unwrap();
     let scoring = Scoring::new(&selection, &Weights::none()).unwrap();
-    let (counts, results) = rescore(&out, &scoring, &Quiet).unwrap();
+    let (counts, results) = rescore(&out, &scoring, MEMORY_LIMIT_BYTES, &Quiet).unwrap();
     assert_eq!((counts.scored, counts.waiting), (6, 0));
     assert!(
         results

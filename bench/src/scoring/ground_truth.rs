@@ -61,6 +61,17 @@ impl GroundTruth {
         share(&*region.crop_mask(self.valid.as_ref()?)?)
     }
 
+    /// Bytes of what [`score`](Self::score) makes of a prediction before it is compared: a crop, and floats where pixels
+    /// do not count.
+    pub(crate) fn copied_bytes(&self) -> u64 {
+        let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
+        pixels
+            * match self.valid {
+                Some(_) => 3 + 12,
+                None => 3,
+            }
+    }
+
     /// Scores pictures, each of a region or of the whole target, against that part of the truth, in one pass of each
     /// network over the truth for all that show the same part. An error concerns its picture alone; it is the bare reason.
     ///

@@ -2,7 +2,7 @@
 
 use super::network::{Kernels, Network};
 use super::rows::MapSize;
-use super::stream::{Taps, stream};
+use super::stream::{Taps, memory, stream};
 #[cfg(feature = "tensors")]
 use super::tensors::TensorNetwork;
 use crate::options::Device;
@@ -65,6 +65,20 @@ impl Extractor {
             Self::Kernels(network, _) => network.smallest_side(),
             #[cfg(feature = "tensors")]
             Self::Tensors(network, _) => network.smallest_side(),
+        }
+    }
+
+    /// Bytes that [`stream`](Self::stream) takes on our kernels, about; a device's own memory is not ours to count.
+    pub(crate) fn memory(
+        &self,
+        size: (usize, usize),
+        pictures: usize,
+        strip: Option<usize>,
+    ) -> usize {
+        match self {
+            Self::Kernels(network, _) => memory(network, size, pictures, strip),
+            #[cfg(feature = "tensors")]
+            Self::Tensors(..) => 0,
         }
     }
 

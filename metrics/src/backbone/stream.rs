@@ -3,7 +3,7 @@
 //! Each layer keeps just the rows that its next output rows need, so memory grows with the
 //! pictures' number and width and with the strip's height, but not with the pictures' height. Deep
 //! layers, which get few rows from a strip, wait for more: their weights are larger than any cache
-//! and should not be read for a handful of rows. Every output row is computed once, from the same
+//! and should not be read for a handful of pixels. Every output row is computed once, from the same
 //! inputs by the same operations, whatever the strip's height and the number of pictures: the
 //! results are the same bits.
 
@@ -29,8 +29,14 @@ pub(crate) struct Taps<'a> {
 /// is not given.
 const MEMORY: usize = 64 << 20;
 
-/// Rows that a layer with weights waits for, unless strips are smaller.
+/// Pixels that a layer with weights waits for, in whole rows of tiles: fewer would not be worth reading the weights.
+const BATCH_PIXELS: usize = 2048;
+
+/// Rows of a batch, at most.
 const BATCH: usize = 16;
+
+/// Rows of a tile of Winograd's convolution: batches that end inside of one compute its other rows in vain.
+const TILE: usize = 4;
 
 /// Pictures that are computed at the same time. The others wait for their turn at every layer, so
 /// that scratch memory does not grow with the number of pictures.
@@ -59,7 +65,6 @@ pub(crate) fn stream(
 ) -> Option<Vec<MapSize>> {
     let sizes = network.sizes(width, height)?;
     let strip = strip.unwrap_or_else(|| default_strip(&sizes, pictures));
-    let batch = BATCH.min(strip);
     // For each picture the rows held of it and of every layer's output.
     let mut held: Vec<Vec<Buffer>> = (0..pictures)
         .map(|_| sizes.iter().map(|&size| Buffer::new(size)).collect())
@@ -75,7 +80,7 @@ pub(crate) fn stream(
         });
         for (i, layer) in network.layers.iter().enumerate() {
             // In lockstep: what the first picture is ready for, all of them are.
-            let rows = ready(layer, &held[0][i], &held[0][i + 1], batch);
+            let rows = ready(layer, &held[0][i], &held[0][i + 1], strip);
             in_lanes(&mut held, &mut lanes, |_, buffers, lane| {
                 let (inputs, outputs) = buffers.split_at_mut(i + 1);
                 advance(layer, &mut inputs[i], &mut outputs[0], &rows, lane);
@@ -118,19 +123,62 @@ fn in_lanes(
     rayon::join(|| run(first, 0, a), || run(second, half, b));
 }
 
-/// The next output rows of a layer for which all input is there, if they are at least `batch` or
-/// the last.
-fn ready(layer: &Layer, input: &Buffer, output: &Buffer, batch: usize) -> Range<usize> {
-    let (first, height) = (output.end(), output.size().height);
+/// The next output rows of a layer for which all input is there, in whole tiles if strips are, and none if they are
+/// too few to be worth it; at the picture's end whatever is left.
+fn ready(layer: &Layer, input: &Buffer, output: &Buffer, strip: usize) -> Range<usize> {
+    let (first, MapSize { height, width, .. }) = (output.end(), output.size());
     let needs = |y: usize| layer.op.in_rows(y..y + 1, input.size().height);
     let mut end = first;
     while end < height && needs(end).end <= input.end() {
         end += 1;
     }
-    if end < height && end - first < batch && !layer.pools {
-        end = first;
+    if end < height && !layer.pools {
+        end = (end / tile(strip) * tile(strip)).max(first);
+        if end - first < batch(width, strip) {
+            end = first;
+        }
     }
     first..end
+}
+
+/// Bytes that [`stream`] takes for its rows, about; 0 if the pictures are too small.
+pub(super) fn memory(
+    network: &Network,
+    (width, height): (usize, usize),
+    pictures: usize,
+    strip: Option<usize>,
+) -> usize {
+    let Some(sizes) = network.sizes(width, height) else {
+        return 0;
+    };
+    let strip = strip.unwrap_or_else(|| default_strip(&sizes, pictures));
+    let (mut held, mut block) = (0, strip * sizes[0].row_len());
+    let mut fresh = strip;
+    for (layer, size) in network.layers.iter().zip(sizes.windows(2)) {
+        let (input, output) = (size[0], size[1]);
+        let waits = match layer.pools {
+            true => 1,
+            false => batch(output.width, strip),
+        };
+        // In the middle of the picture, where no window is cut.
+        let middle = output.height / 2 / TILE * TILE;
+        let window = middle..(middle + waits).min(output.height);
+        let rows = layer.op.in_rows(window, input.height).len();
+        held += rows * input.row_len();
+        fresh = waits - 1 + (fresh * output.height).div_ceil(input.height);
+        block = block.max(fresh * output.row_len());
+    }
+    (pictures * held + (pictures + LANES) * block) * size_of::<f32>()
+}
+
+/// Rows that a layer of this width waits for.
+fn batch(width: usize, strip: usize) -> usize {
+    let rows = BATCH_PIXELS.div_ceil(width).next_multiple_of(TILE);
+    rows.min(BATCH).min(strip)
+}
+
+fn tile(strip: usize) -> usize {
+    TILE.min(strip)
 }
 
 /// Computes the output `rows` of a layer for one picture and forgets the input that no later row
@@ -158,11 +206,11 @@ fn advance(
     input.keep_from(needed, &mut lane.blocks);
 }
 
-/// The picture rows whose new rows in any layer fit into [`MEMORY`], a multiple of [`BATCH`].
+/// The picture rows whose new rows in any layer fit into [`MEMORY`], in whole tiles.
 pub(super) fn default_strip(sizes: &[MapSize], pictures: usize) -> usize {
     let values = |size: &MapSize| (size.row_len() * size.height).div_ceil(sizes[0].height);
     let widest = sizes.iter().map(values).max().unwrap_or(1);
     // A block for each picture's input, and one for the output that each lane works on.
     let bytes_per_row = (pictures + LANES) * size_of::<f32>() * widest;
-    (MEMORY / bytes_per_row).max(BATCH).next_multiple_of(BATCH)
+    (MEMORY / bytes_per_row / TILE * TILE).max(TILE)
 }

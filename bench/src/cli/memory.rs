@@ -1,0 +1,70 @@
+//! How much memory a command may take.
+
+use super::output;
+use crate::evaluate::MEMORY_LIMIT_BYTES;
+use crate::io::machine::peak_bytes;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct MemoryArgs {
+    /// Memory to keep within, such as 512M or 4G: Gaussians wait on disk, and the predictions of a pair are made and scored in
+    /// parts. One picture at a time and the networks' weights are the least; what takes more is said [default: 2G]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    memory_limit: Option<u64>,
+}
+
+impl MemoryArgs {
+    pub(super) fn limit_bytes(&self) -> u64 {
+        self.memory_limit.unwrap_or(MEMORY_LIMIT_BYTES)
+    }
+
+    /// Says so if a limit that was asked for could not be kept.
+    pub(super) fn say_if_exceeded(&self) {
+        let (Some(limit), Some(peak)) = (self.memory_limit, peak_bytes()) else {
+            return;
+        };
+        if peak > limit {
+            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+            output::remark(format!(
+                "warning: memory reached {} MiB, above --memory-limit ({} MiB): networks' weights and single pictures cannot \
+                 be divided",
+                mib(peak),
+                mib(limit)
+            ));
+        }
+    }
+}
+
+/// `512M`, `2G`, `1048576`: bytes by powers of 1024.
+fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("'{text}': a size such as 512M or 2G is needed");
+    let unit = text.trim_end_matches("iB").trim_end_matches('B');
+    let (number, shift) = match unit.chars().last() {
+        Some('K' | 'k') => (&unit[..unit.len() - 1], 10),
+        Some('M') => (&unit[..unit.len() - 1], 20),
+        Some('G') => (&unit[..unit.len() - 1], 30),
+        Some('T') => (&unit[..unit.len() - 1], 40),
+        _ => (unit, 0),
+    };
+    let number: u64 = number.trim().parse().map_err(|_| wrong())?;
+    number.checked_mul(1 << shift).ok_or_else(wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_have_units() {
+        for (text, expected) in [
+            ("0", 0),
+            ("512M", 512 << 20),
+            ("2G", 2 << 30),
+            ("3KiB", 3 << 10),
+        ] {
+            assert_eq!(bytes(text), Ok(expected));
+        }
+        for text in ["", "M", "2X", "-1", "1.5G", "99999999999999T"] {
+            assert!(bytes(text).is_err(), "{text}");
+        }
+    }
+}
