@@ -324,6 +324,11 @@ fn a_number_is_explained_by_the_readings_of_its_pictures() {
         "given relative to where `run` was started",
         "why",
     ]);
+    // A prediction that is not kept any more is in no number, in either form.
+    std::fs::remove_dir_all(dir.join("itself/predictions")).unwrap();
+    for args in [&args[..], &args[..5]] {
+        sharp_bench(dir, args).ends_with(4);
+    }
 
     explain(&["--row", "Nobody"]).is_usage_error_with(&["--row Nobody", "Flash3D"]);
     sharp_bench(dir, &["explain", "param-count", "run"])

@@ -168,3 +168,65 @@ fn a_device_that_this_build_lacks_is_an_error_that_says_how_to_get_it() {
     parity(dir.path(), &tiny(), "500", &["--device", "auto"]).ends_with(0);
     parity(dir.path(), &tiny(), "500", &["--device", "tpu"]).ends_with(2);
 }
+
+/// In two folders, in one run and after each other, and one in the place of the other.
+#[test]
+fn two_models_of_one_file_name_share_no_number() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for (folder, head) in [("a", "geometry"), ("b", "texture")] {
+        std::fs::create_dir(dir.join(folder)).unwrap();
+        let bias = format!("feature_model.{head}_head.3.bias");
+        with_one_value_changed(&bias, &dir.join(folder).join("model.safetensors"));
+    }
+    let config = golden("tiny_config.json#tiny");
+    let method = |label: &str, folder: &str| {
+        format!("sharp:label={label},checkpoint={folder}/model.safetensors,config={config}")
+    };
+    let evaluated = |out: &str, methods: &[String]| {
+        let what = [
+            "run",
+            "--dataset=S:synthetic=size=96x72,views=20",
+            "--limit=2",
+            "--metrics=psnr",
+            "--keep-gaussians",
+            "--json",
+            "--out",
+            out,
+        ];
+        let methods = methods.iter().flat_map(|method| ["--method", method]);
+        let args: Vec<&str> = what.into_iter().chain(methods).collect();
+        let json = run(dir, &args).ends_with(0).json();
+        let scores = std::fs::read_to_string(dir.join(out).join("scores.csv")).unwrap();
+        (scores, json["reused"].as_u64().unwrap())
+    };
+    let net = |folder: &str| [method("net", folder)];
+    let (of_a, _) = evaluated("alone-a", &net("a"));
+    let (of_b, _) = evaluated("alone-b", &net("b"));
+    assert_ne!(of_a, of_b);
+    // After each other in one folder.
+    assert_eq!(evaluated("r", &net("a")), (of_a.clone(), 0));
+    assert_eq!(evaluated("r", &net("a")), (of_a.clone(), 2));
+    assert_eq!(evaluated("r", &net("b")), (of_b.clone(), 0));
+    // Side by side.
+    let (both, _) = evaluated("both", &[method("one", "a"), method("two", "b")]);
+    let rows = |label: &str| -> String {
+        let named = format!(",{label},");
+        let rows = both.lines().filter(|row| row.contains(&named));
+        rows.map(|row| row.replacen(&named, ",net,", 1) + "\n")
+            .collect()
+    };
+    assert!(of_a.ends_with(&rows("one")) && of_b.ends_with(&rows("two")));
+    // In each other's place, with the times of the first.
+    let (file, other) = (
+        dir.join("a/model.safetensors"),
+        dir.join("b/model.safetensors"),
+    );
+    assert_eq!(evaluated("s", &net("a")), (of_a, 0));
+    let written = std::fs::metadata(&file).unwrap().modified().unwrap();
+    std::fs::copy(other, &file).unwrap();
+    let opened = std::fs::File::options().write(true).open(&file).unwrap();
+    opened.set_modified(written).unwrap();
+    drop(opened);
+    assert_eq!(evaluated("s", &net("a")), (of_b, 0));
+}

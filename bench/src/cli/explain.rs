@@ -109,7 +109,7 @@ pub(super) fn execute(args: &ExplainArgs) -> anyhow::Result<Outcome> {
             "runs": runs.iter().map(to_json).collect::<Vec<_>>(),
             "files": written.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         }))?;
-        return Ok(Outcome::Done);
+        return Ok(outcome);
     }
     output::line(format!(
         "{} in {}, and what is kept here\n",

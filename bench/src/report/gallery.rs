@@ -6,6 +6,7 @@ use image::{GrayImage, RgbImage};
 use rayon::prelude::*;
 
 use crate::evaluate::record::{Crop, Record, Status};
+use crate::io::hash::sha256_hex;
 
 use super::board::{Board, PairBoard};
 use super::choice::{badness, choose};
@@ -100,19 +101,18 @@ pub struct GalleryPrediction<'a> {
 }
 
 impl GalleryPair<'_> {
-    /// With the position of the method, of those of a prediction.
-    fn pictures(&self) -> impl Iterator<Item = (Option<usize>, PictureKind, &Thumbnail)> {
-        let methods = self.methods.iter().enumerate();
-        let methods = methods.filter_map(|(at, shown)| Some((Some(at), &shown.as_ref()?.pictures)));
-        let all = std::iter::once((None, &self.views)).chain(methods);
-        all.flat_map(|(method, pictures)| {
-            let there = pictures.iter();
-            there.filter_map(move |(kind, picture)| Some((method, *kind, picture.as_ref().ok()?)))
-        })
+    /// Of its views and of its predictions.
+    fn all_pictures(&self) -> impl Iterator<Item = &Pictures> {
+        let methods = self.methods.iter().flatten();
+        std::iter::once(&self.views).chain(methods.map(|shown| &shown.pictures))
+    }
+
+    fn pictures(&self) -> impl Iterator<Item = &Thumbnail> {
+        self.all_pictures().flat_map(Pictures::values).flatten()
     }
 
     fn bytes(&self, layout: Layout) -> usize {
-        let sizes = self.pictures().map(|(_, _, picture)| picture.jpeg.len());
+        let sizes = self.pictures().map(|picture| picture.jpeg.len());
         let bytes: usize = sizes.sum();
         match layout {
             // As text.
@@ -175,30 +175,24 @@ impl<'a> Gallery<'a> {
 
     /// Whether any pair has a picture of that kind.
     pub(super) fn has(&self, kind: PictureKind) -> bool {
-        let mut pictures = self.pairs.iter().flat_map(GalleryPair::pictures);
-        pictures.any(|(_, of, _)| of == kind)
+        let mut pictures = self.pairs.iter().flat_map(GalleryPair::all_pictures);
+        pictures.any(|pictures| matches!(pictures.get(&kind), Some(Ok(_))))
     }
 
     /// Names and contents of the pictures that lie beside the page.
-    pub(super) fn files(&self) -> Vec<(String, &[u8])> {
+    pub(super) fn files(&self) -> BTreeMap<String, &[u8]> {
         if self.layout == Layout::File {
-            return Vec::new();
+            return BTreeMap::new();
         }
-        let pairs = self.pairs.iter().enumerate();
-        let files = pairs.flat_map(|(at, pair)| {
-            let pictures = pair.pictures();
-            pictures.map(move |(method, kind, picture)| {
-                (file_name(at, method, kind), picture.jpeg.as_slice())
-            })
-        });
+        let pictures = self.pairs.iter().flat_map(GalleryPair::pictures);
+        let files = pictures.map(|picture| (file_name(picture), picture.jpeg.as_slice()));
         files.collect()
     }
 }
 
-/// Of a picture of pair number `pair`; relative to the page.
-pub(super) fn file_name(pair: usize, method: Option<usize>, kind: PictureKind) -> String {
-    let method = method.map_or_else(String::new, |method| format!("-{method}"));
-    format!("{THUMBNAILS}/{pair:05}{method}-{}.jpg", kind.name())
+/// Of a picture, relative to the page. A view that stands in many pairs is one file.
+pub(super) fn file_name(picture: &Thumbnail) -> String {
+    format!("{THUMBNAILS}/{}.jpg", &sha256_hex(&picture.jpeg)[..16])
 }
 
 /// The folder of pictures beside the page.

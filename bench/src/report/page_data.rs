@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::evaluate::record::{Record, Score, Status, finite_or_text};
 use crate::io::text::visible_line;
 
-use super::gallery::{self, GalleryPair, PictureKind, Pictures};
+use super::gallery::{self, GalleryPair, Pictures};
 use super::html::Page;
 use super::input::{Column, Layout};
 use super::pictures::Thumbnail;
@@ -33,8 +33,8 @@ pub(super) fn json(page: &Page<'_>) -> String {
         "keys": page.metrics.iter().map(|metric| &metric.key).collect::<Vec<_>>(),
     });
     // Pair by pair: the tree of all of them would take many times the memory of their text.
-    let pairs = page.gallery.pairs.iter().enumerate();
-    let pairs = pairs.map(|(at, pair)| without_tags(&pair_data(page, at, pair)));
+    let pairs = page.gallery.pairs.iter();
+    let pairs = pairs.map(|pair| without_tags(&pair_data(page, pair)));
     let mut text = without_tags(&shared);
     // The object goes on.
     text.pop();
@@ -52,13 +52,13 @@ fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
 
-fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
+fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
     let facts = shown.pair.facts;
-    let methods = shown.methods.iter().enumerate().map(|(method, shown)| {
+    let methods = shown.methods.iter().map(|shown| {
         let shown = shown.as_ref()?;
         let record = shown.record;
         let mut data = json!({
-            "pictures": pictures(page, at, Some(method), &shown.pictures),
+            "pictures": pictures(page, &shown.pictures),
             "full": page.full_path(record),
         });
         match &record.status {
@@ -81,21 +81,21 @@ fn pair_data(page: &Page<'_>, at: usize, shown: &GalleryPair<'_>) -> Value {
         "overlap": facts.overlap.filter(|v| v.is_finite()),
         "facts": facts_of(facts),
         "losses": losses(page, facts),
-        "pictures": pictures(page, at, None, &shown.views),
+        "pictures": pictures(page, &shown.views),
         "full": {"source": source, "target": target},
         "methods": methods.collect::<Vec<_>>(),
     })
 }
 
 /// `[address, width, height]` or the reason why there is none, by kind.
-fn pictures(page: &Page<'_>, pair: usize, method: Option<usize>, pictures: &Pictures) -> Value {
-    let address = |kind: PictureKind, picture: &Thumbnail| match page.gallery.layout {
+fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
+    let address = |picture: &Thumbnail| match page.gallery.layout {
         Layout::File => format!("data:image/jpeg;base64,{}", STANDARD.encode(&picture.jpeg)),
-        Layout::Folder => gallery::file_name(pair, method, kind),
+        Layout::Folder => gallery::file_name(picture),
     };
     let shown = pictures.iter().map(|(kind, picture)| {
         let value = match picture {
-            Ok(picture) => json!([address(*kind, picture), picture.width, picture.height]),
+            Ok(picture) => json!([address(picture), picture.width, picture.height]),
             Err(reason) => json!(visible_line(&reason.to_string())),
         };
         (kind.name().to_owned(), value)

@@ -186,9 +186,7 @@ fn write(
 
     let thumbnails = gallery.files();
     let names = files.iter().map(|(name, _)| name);
-    let names: BTreeSet<&String> = names
-        .chain(thumbnails.iter().map(|(name, _)| name))
-        .collect();
+    let names: BTreeSet<&String> = names.chain(thumbnails.keys()).collect();
     let list = out.join(LIST);
     for name in listed_earlier(&list) {
         let path = out.join(&name);

@@ -78,13 +78,17 @@ pub fn explain_run(
 }
 
 impl ExplainedRun {
-    /// Whether pairs of the run are in no number, or there is nothing to compare at all.
+    /// Whether pairs of the run are in no number, or there is nothing to compare at all. A metric that was not asked for
+    /// lacks none.
     pub fn lacks_pairs(&self) -> bool {
         let cells = &self.explanation.cells;
-        let lacks = |cell: &CellExplanation| {
-            cell.readings
-                .first()
-                .is_none_or(|first| first.n < cell.pairs)
+        let is_read = |dataset: &str| {
+            let mut of_dataset = cells.iter().filter(|cell| cell.dataset == dataset);
+            of_dataset.any(|cell| !cell.readings.is_empty())
+        };
+        let lacks = |cell: &CellExplanation| match cell.readings.first() {
+            Some(first) => first.n < cell.pairs,
+            None => !is_read(&cell.dataset),
         };
         cells.is_empty() || cells.iter().any(lacks)
     }

@@ -1,5 +1,7 @@
 //! What a report leaves on disk.
 
+use std::collections::BTreeSet;
+
 use crate::evaluate::record::Crop;
 use crate::report::error_map::colour;
 use crate::report::figures::qualitative;
@@ -272,10 +274,17 @@ fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() 
         let thumbs = std::fs::read_dir(dir.path().join("thumbs"));
         (written, html, thumbs.map_or(0, Iterator::count))
     };
-    // Source, target, prediction and error of each.
+    // Source, target, prediction and error of each; equal ones are one file.
     let (written, html, thumbs) = report(&records, None);
-    assert_eq!((written.layout, thumbs), (Layout::Folder, 25 * 4));
-    assert!(html.contains("\"thumbs/00024-0-error.jpg\",64,48]") && !html.contains("base64,"));
+    let shown: Vec<&str> = html.split("\"thumbs/").skip(1).collect();
+    let names: BTreeSet<&str> = shown.iter().map(|rest| &rest[..20]).collect();
+    assert_eq!((written.layout, shown.len()), (Layout::Folder, 25 * 4));
+    assert!(thumbs == names.len() && thumbs < 25 * 4);
+    for (name, rest) in names.iter().zip(&shown) {
+        assert!(dir.path().join("thumbs").join(name).is_file());
+        assert!(rest[20..].starts_with("\",64,48]"), "{rest}");
+    }
+    assert!(!html.contains("base64,"));
     assert!(written.all.iter().all(|path| path.is_file()));
     assert!(html.contains("All pairs of the run."));
     // One pair less is few enough for one file.
@@ -284,7 +293,7 @@ fn many_pairs_have_their_pictures_beside_the_page_and_what_is_gone_is_removed() 
     assert_eq!(html.matches("base64,").count(), 24 * 4);
     let (_, html, _) = report(&records, Some(Layout::File));
     assert!(html.contains("24 of 25 pairs"));
-    assert_eq!(report(&records[..1], Some(Layout::Folder)).2, 4);
+    assert!((1..=4).contains(&report(&records[..1], Some(Layout::Folder)).2));
 }
 
 #[test]
