@@ -4,6 +4,7 @@ usage: manifests.py BINARY WORK_FOLDER
 """
 
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -11,8 +12,8 @@ import kubernetes_validate
 import yaml
 
 BINARY, WORK = sys.argv[1], pathlib.Path(sys.argv[2])
-# Names that a careless template would break: YAML's and the shell's own characters.
-PLAN = WORK / "it's: a #plan"
+# A name that a careless template would break: characters of YAML (one that ends a line there), the shell and Kubernetes.
+PLAN = WORK / "it's: a #plan\u2028kind: Secret $(HOME) $$(HOME) `touch pwned`; \\ \"x\" \U0001f600"
 DATASET = "synthetic=size=48x36,views=4"
 
 
@@ -25,10 +26,17 @@ sharp_bench(
     *["scale", "kubernetes", "--plan", PLAN, "--shards", 3, "--image", "registry/sharp-bench:1"],
     *["--claim", "data", "--mount", WORK.resolve(), "--out", WORK / "jobs"],
 )
+def expanded(part):
+    """As Kubernetes does it: two dollars are one, and $(NAME) a variable where there is one."""
+    return re.sub(r"\$\$|\$\((\w+)\)", lambda found: "$" if found[0] == "$$" else f"<value of {found[1]}>", part)
+
+
 for name in ["job.yaml", "merge.yaml"]:
     manifest = yaml.safe_load((WORK / "jobs" / name).read_text())
     version = kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+    assert manifest["kind"] == "Job", manifest["kind"]
     command = manifest["spec"]["template"]["spec"]["containers"][0]["command"]
+    command = [expanded(part) for part in command]
     if name == "job.yaml":
         # What a pod would do, done here by each index.
         for index in range(3):

@@ -1,7 +1,6 @@
 //! Memory: within its limit, and not more after twenty minutes of trouble than after five.
 
 use std::fs;
-use std::io::Write as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -90,6 +89,10 @@ while read -r line; do
 done
 "#;
 
+#[allow(
+    clippy::print_stderr,
+    reason = "the figures are for who asked for them"
+)]
 pub(crate) fn soak() {
     let Some(minutes) = minutes() else { return };
     let dir = tempfile::tempdir().unwrap();
@@ -140,7 +143,7 @@ pub(crate) fn soak() {
     let ended = child.wait().unwrap();
     let mib: Vec<u64> = peaks.iter().map(|bytes| bytes / MIB).collect();
     let told = format!("{faults} faults; resident at most, MiB, minute by minute: {mib:?}");
-    writeln!(std::io::stderr(), "{told}").unwrap();
+    eprintln!("{told}");
     // Stopped by the time budget: otherwise it was too short.
     assert_eq!(ended.code(), Some(75), "{told}");
     assert!(

@@ -124,6 +124,10 @@ fn a_protocol_is_followed_recorded_and_not_mixed_with_others() {
     sharp_bench(dir, &join).is_error_with(&["the protocol", "unisharp"]);
     let again = with_list(&["--metrics", "psnr@mask", "--out", "u"]);
     again.is_error_with(&["aggregation", "choose another folder"]);
+    // Another mean than the tables' is told.
+    let compared = sharp_bench(dir, &["compare", "u", "u"]).ends_with(0);
+    let note = "the runs' own tables have the mean over source views of means over targets";
+    assert!(compared.err.contains(note), "{}", compared.err);
     // The report's reader may ask for other means.
     let over = ["report", "plain", "--aggregate", "scenes", "--out", "over"];
     sharp_bench(dir, &over).ends_with(0);

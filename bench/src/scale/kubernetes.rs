@@ -21,6 +21,9 @@ pub struct Kubernetes {
     pub out: PathBuf,
 }
 
+/// Of a Job whose indices fail each for itself.
+const MOST_SHARDS: usize = 100_000;
+
 /// Writes `job.yaml` and `merge.yaml`.
 ///
 /// # Errors
@@ -32,6 +35,13 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
             what: "--mount",
             value: request.mount.display().to_string(),
             reason: "the plan does not lie below it, so that no pod would see it",
+        });
+    }
+    if shards.count > MOST_SHARDS {
+        return Err(ScaleError::Refused {
+            what: "--shards",
+            value: shards.count.to_string(),
+            reason: "an indexed Job that gives up on no index has at most 100000; a shard may hold many units",
         });
     }
     let (estimate, name) = planned(shards)?;
@@ -46,7 +56,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
         arguments(shards)
     );
     let values = vec![
-        ("plan", yaml(&shards.plan.to_string_lossy())),
+        ("plan", yaml(&unexpanded(&shards.plan.to_string_lossy()))),
         ("name", name),
         ("shards", shards.count.to_string()),
         ("parallel", request.parallel.min(shards.count).to_string()),
@@ -58,7 +68,7 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
             "memory_mib",
             memory_mib(estimate.total.peak_bytes).to_string(),
         ),
-        ("script", yaml(&script)),
+        ("script", yaml(&unexpanded(&script))),
     ];
     let files = [
         ("job.yaml", include_str!("../../templates/scale/job.yaml")),
@@ -71,7 +81,17 @@ pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     write(out, files.into_iter().collect::<Result<_, ScaleError>>()?)
 }
 
-/// A string as YAML takes it: JSON's form is one of YAML's.
+/// A part of a container's command: Kubernetes puts values in for `$(NAME)`, and one `$` for two.
+fn unexpanded(text: &str) -> String {
+    text.replace('$', "$$")
+}
+
+/// A string as every version of YAML takes it, also where a character would end a line or is forbidden.
 fn yaml(text: &str) -> String {
-    serde_json::Value::from(text).to_string()
+    let escaped = text.chars().map(|c| match u32::from(c) {
+        _ if "\"\\".contains(c) => format!("\\{c}"),
+        0x20..=0x7e => c.to_string(),
+        code => format!("\\U{code:08x}"),
+    });
+    format!("\"{}\"", escaped.collect::<String>())
 }

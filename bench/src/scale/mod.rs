@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use crate::evaluate::{Estimate, EvaluateError, RunFolder};
 use crate::io::atomic_files::{FileError, write_over_own};
+use crate::io::hash::sha256_hex;
 
 pub use kubernetes::{Kubernetes, kubernetes};
 pub use slurm::{Slurm, slurm};
@@ -135,13 +136,14 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
         .file_name()
         .unwrap_or_default()
         .to_string_lossy();
-    // As schedulers take names: Kubernetes takes the least.
+    // As schedulers take names: Kubernetes takes the least, and one Job by a name.
     let plain = name.chars().map(|c| match c.to_ascii_lowercase() {
         c if c.is_ascii_alphanumeric() => c,
         _ => '-',
     });
     let name: String = plain.take(40).collect();
-    Ok((estimate, format!("sharp-{}", name.trim_matches('-'))))
+    let place = sha256_hex(shards.plan.as_os_str().as_encoded_bytes());
+    Ok((estimate, format!("sharp-{name}-{}", &place[..8])))
 }
 
 /// As a shell takes it, whatever is in it.
@@ -153,7 +155,8 @@ fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
             reason: "control characters cannot stand in a script",
         });
     }
-    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=:@%".contains(c);
+    // `=` is quoted: the first word of a command would set a variable.
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+:@%".contains(c);
     Ok(match !text.is_empty() && text.chars().all(plain) {
         true => text.to_owned(),
         false => format!("'{}'", text.replace('\'', "'\\''")),

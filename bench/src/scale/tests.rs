@@ -125,7 +125,7 @@ fn templates_of_the_user_take_the_place_of_ours() {
     slurm(&request).unwrap();
     let merge = read(dir, "merge.sbatch");
     assert!(
-        merge.starts_with("#!/bin/zsh\n#") && merge.contains("p sharp-p\n"),
+        merge.starts_with("#!/bin/zsh\n#") && merge.contains("p sharp-p-"),
         "{merge}"
     );
     std::fs::write(templates.join("merge.sbatch"), "{{nonsense}}").unwrap();
@@ -181,8 +181,94 @@ fn an_indexed_job_is_one_pod_a_shard() {
         job.contains(r#"image: "registry/x:1\nkind: Secret""#),
         "{job}"
     );
-    assert!(job.contains("name: sharp-gr--e--1\n"), "{job}");
+    let name = job.lines().find_map(|line| line.strip_prefix("  name: "));
+    let name = name.unwrap();
+    assert!(name.starts_with("sharp-gr--e--1--"), "{name}");
+    // Another plan of that name elsewhere is another Job.
+    let mut second = request.clone();
+    second.shards = shards(plan(&dir.join("second"), "Größe \"1\""));
+    kubernetes(&second).unwrap();
+    assert!(!read(dir, "job.yaml").contains(name));
+    let mut too_many = request.clone();
+    too_many.shards.count = 100_001;
+    assert!(kubernetes(&too_many).is_err());
     assert!(!read(dir, "merge.yaml").contains("{{"));
     request.mount = dir.join("elsewhere");
     assert!(kubernetes(&request).is_err());
+}
+
+/// Records what it is called with, an argument a line, beside itself.
+const RECORDER: &str = "#!/bin/bash\nprintf '%s\\n' \"${0##*/}\" \"$@\" >> \"${0%/*}/called\"\n[ \"${2-}\" != status ] && [ \"$1\" != status ] || echo '0 1-2'\n";
+
+#[cfg(unix)]
+#[test]
+fn no_name_changes_what_runs() {
+    use std::os::unix::fs::PermissionsExt as _;
+    for name in [
+        "it's \"x\"",
+        "$(touch pwned)",
+        "`touch pwned`",
+        "x; touch pwned #",
+        "x && touch pwned",
+        "-rf",
+        "%j %%",
+        "*?[a]{1,2}",
+        "a\\'b\\",
+        " ~ ",
+        "!! $HOME ${HOME}",
+        "{{shards}}",
+        "A=b",
+        "größe \u{2028}touch pwned",
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let dir = dir.path();
+        let planned = plan(dir, name);
+        let programs = dir.join("bin");
+        std::fs::create_dir(&programs).unwrap();
+        let own = format!("own {name}");
+        for program in ["sbatch", "scontrol", &own] {
+            let path = programs.join(program);
+            std::fs::write(&path, RECORDER).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        let mut request = request(dir, planned.clone());
+        request.binary = programs.join(&own);
+        slurm(&request).unwrap();
+        let plan = planned.to_str().unwrap();
+        let called = |script: &str| {
+            let path = std::env::join_paths([
+                programs.as_path(),
+                Path::new("/usr/bin"),
+                Path::new("/bin"),
+            ]);
+            let status = std::process::Command::new("bash")
+                .arg(dir.join("jobs").join(script))
+                .current_dir(dir)
+                .env("PATH", path.unwrap())
+                .envs([("SHARD_OFFSET", "2"), ("SLURM_ARRAY_TASK_ID", "1")])
+                .status();
+            assert!(status.unwrap().success(), "{script} of {name}");
+            let text = std::fs::read_to_string(programs.join("called")).unwrap();
+            std::fs::remove_file(programs.join("called")).unwrap();
+            text
+        };
+        let shard = "--shard\n3/8\n--threads\n4\n";
+        assert_eq!(
+            called("pictures.sbatch"),
+            format!(
+                "{own}\n--quiet\nrun\n--plan\n{plan}\n--stage\npictures\n--allow-programs\n{shard}"
+            )
+        );
+        assert_eq!(
+            called("score.sbatch"),
+            format!("{own}\n--quiet\nscore\n{plan}\n{shard}")
+        );
+        assert_eq!(called("merge.sbatch"), format!("{own}\nmerge\n{plan}\n"));
+        let submitted = called("submit.sh");
+        // As sbatch reads the name of a file.
+        let logs = format!("--output={plan}/logs/slurm/").replace('%', "%%");
+        assert_eq!(submitted.matches(&logs).count(), 3, "{submitted}");
+        assert!(submitted.contains(&format!("{own}\nstatus\n{plan}\n--unfinished-shards\n8\n")));
+        assert!(!dir.join("pwned").exists(), "{name}");
+    }
 }

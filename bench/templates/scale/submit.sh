@@ -5,6 +5,8 @@ set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 logs={{plan}}/logs/slurm
 mkdir -p "$logs"
+# sbatch puts values in for % and a letter.
+logs=${logs//%/%%}
 # An array has indices below MaxArraySize: more shards are several arrays, each counting from an offset.
 size=$(scontrol show config | sed -n 's/^MaxArraySize *= *\([0-9]*\).*/\1/p')
 shards=$({{binary}} status {{plan}} --unfinished-shards {{shards}} --max-index $((${size:-1001} - 1)) {{retry}})

@@ -17,7 +17,7 @@ use sharp_statistics::{NoInference, Resampling, Verdict};
 use crate::evaluate::join::{join_results, label_under};
 use crate::evaluate::manifest::Manifest;
 use crate::evaluate::record::Record;
-use crate::evaluate::{EvaluateError, Named, Results};
+use crate::evaluate::{Aggregation, EvaluateError, Named, Results};
 use crate::io::counts::counted;
 use crate::pairs::pair_id::PairName;
 use rows::Sides;
@@ -370,6 +370,12 @@ fn notes([a, b]: &[Manifest; 2]) -> Vec<String> {
         ));
     } else if a.sources != b.sources {
         notes.push("A and B were made by different sources of this program".to_owned());
+    }
+    if a.aggregation != Aggregation::default() {
+        let (here, there) = (Aggregation::default(), a.aggregation);
+        notes.push(format!(
+            "compared is the {here}; the runs' own tables have the {there}"
+        ));
     }
     notes
 }
