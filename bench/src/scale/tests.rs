@@ -174,11 +174,11 @@ fn an_indexed_job_is_one_pod_a_shard() {
         "{job}"
     );
     assert!(
-        job.contains("--shard auto/8 --threads 4 --allow-programs & run=$!"),
+        job.contains("--shard auto/8 --threads 4 --allow-programs & run=$$!"),
         "{job}"
     );
     assert!(
-        job.contains(r#"image: "registry/x:1\nkind: Secret""#),
+        job.contains(r#"image: "registry/x:1\U0000000akind: Secret""#),
         "{job}"
     );
     let name = job.lines().find_map(|line| line.strip_prefix("  name: "));
