@@ -464,6 +464,16 @@ fn stages() {
     // The metrics are the plan's.
     let other = ["score", "P", "--shard", "1/1", "--metrics", "psnr"];
     assert_eq!(sharp_bench(dir.path(), &other).code, 2);
+    // So is the class of kernels, whatever is the fastest here.
+    let pinned = ["--simd=portable", "--limit=2", "--plan-only", "--out", "R"];
+    run(dir.path(), &[&WHAT[..], &pinned].concat()).ends_with(0);
+    run(
+        dir.path(),
+        &["--plan", "R", "--shard", "1/1", "--stage", "pictures"],
+    )
+    .ends_with(0);
+    sharp_bench(dir.path(), &["score", "R", "--shard", "1/1"]).ends_with(0);
+    sharp_bench(dir.path(), &["merge", "R"]).ends_with(0);
 }
 
 fn plan_file(folder: &Path, name: &str) -> PathBuf {

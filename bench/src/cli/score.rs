@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 use sharp_metrics::{InstructionSet, Selection, Simd};
@@ -35,7 +36,7 @@ pub(super) struct ScoreArgs {
     /// Begin no pair after this time, such as 55m, and end with exit code 75, as SIGTERM and SIGUSR1 do
     #[arg(long, value_name = "TIME", value_parser = time)]
     time_budget: Option<Duration>,
-    /// Class of CPU kernels: avx512, avx2 or portable; the fastest of the machine without it
+    /// Class of CPU kernels: avx512, avx2 or portable; the run's without it
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
     #[command(flatten)]
@@ -50,13 +51,21 @@ pub(super) struct ScoreArgs {
 
 pub(super) fn execute(args: &ScoreArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
-    if let Some(set) = args.simd {
-        Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
+    let manifest = RunFolder::open(&args.run)?.manifest()?;
+    match (args.simd, &manifest) {
+        (Some(set), _) => {
+            Simd::pin(set).map_err(|error| UsageError(format!("--simd {set}: {error}")))?;
+        }
+        // Any other would be refused.
+        (None, Some(manifest)) => {
+            let pinned = Simd::pin(manifest.kernels);
+            pinned.with_context(|| args.run.display().to_string())?;
+        }
+        (None, None) => {}
     }
     let terminal = Terminal::until(args.time_budget)?;
     let limit = args.memory.limit_bytes();
     if let Some(shard) = args.shard {
-        let manifest = RunFolder::open(&args.run)?.manifest()?;
         let metrics = manifest.iter().flat_map(|manifest| &manifest.metrics);
         let keys: Vec<String> = metrics.map(|metric| metric.info.key.to_string()).collect();
         let selection = Selection::parse(&keys.join(","))?;
