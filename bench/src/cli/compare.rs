@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
-use serde_json::json;
 use sharp_metrics::Family;
 
 use super::data_args::weights;
@@ -132,16 +131,7 @@ pub(super) fn execute(args: &CompareArgs) -> anyhow::Result<Outcome> {
         None => None,
     };
     if args.json {
-        output::json(&json!({
-            "schema": 1,
-            "a": args.a.display().to_string(),
-            "b": b.display().to_string(),
-            "seed": comparison.resampling.seed,
-            "resamples": comparison.resampling.count,
-            "rows": comparison.rows,
-            "breakdown": strata,
-            "pairs": comparison.pair_lines(Some(10)),
-        }))?;
+        output::json(&comparison.json(&strata))?;
     } else {
         print(&comparison, &strata, args)?;
         if let Some(files) = &files {

@@ -35,12 +35,13 @@ mod sweep;
 mod table;
 mod weights;
 
+use std::borrow::Cow;
+use std::ffi::OsString;
+
 use clap::{Parser, Subcommand};
 
-pub use outcome::{Outcome, is_usage};
-pub use planned::with_planned;
-
-use outcome::UsageError;
+use crate::io::text::{one_line, shortened, visible, visible_line};
+use outcome::{Outcome, UsageError, is_usage};
 
 /// Evaluates single-photograph view synthesis the way the SHARP paper does.
 #[derive(Debug, Parser)]
@@ -54,7 +55,7 @@ use outcome::UsageError;
                   75 stopped early, the same command continues\n\n\
                   Start with: sharp-bench demo"
 )]
-pub struct Cli {
+struct Cli {
     /// Show no progress; warnings, results and errors stay
     #[arg(long, short, global = true)]
     quiet: bool,
@@ -97,12 +98,49 @@ enum CliCommand {
     Completions(completions::CompletionsArgs),
 }
 
+/// Does what a command line, which begins with the program's name, asks for. The exit code; see `sharp-bench --help`.
+pub fn main(arguments: Vec<OsString>) -> u8 {
+    let arguments = match planned::with_planned(arguments) {
+        Ok(arguments) => arguments,
+        Err(error) => return failed(&error),
+    };
+    match Cli::try_parse_from(arguments) {
+        Ok(cli) => match cli.execute() {
+            Ok(outcome) => outcome.exit_code(),
+            Err(error) => failed(&error),
+        },
+        Err(error) => {
+            let text = error.render().to_string();
+            // It quotes the command line, which is shown with nothing that a terminal obeys.
+            match visible(&text) {
+                // Nothing is left to do when standard error itself is gone.
+                Cow::Borrowed(_) => drop(error.print()),
+                Cow::Owned(harmless) => say(&harmless),
+            }
+            u8::from(error.exit_code() != 0) * 2
+        }
+    }
+}
+
+/// Characters of an error that are printed: a file that is one line would come back whole.
+const LONGEST_ERROR: usize = 4000;
+
+fn failed(error: &anyhow::Error) -> u8 {
+    let text = one_line(error);
+    say(&format!(
+        "error: {}\n",
+        visible_line(&shortened(&text, LONGEST_ERROR))
+    ));
+    if is_usage(error) { 2 } else { 1 }
+}
+
+fn say(text: &str) {
+    // As above.
+    let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
+}
+
 impl Cli {
-    /// Does what was asked.
-    ///
-    /// # Errors
-    /// What could not be finished, with its context; exit code 1.
-    pub fn execute(self) -> anyhow::Result<Outcome> {
+    fn execute(self) -> anyhow::Result<Outcome> {
         if self.quiet {
             output::silence_progress();
         }

@@ -1,7 +1,5 @@
 //! How a command ends: its exit code.
 
-use std::process::ExitCode;
-
 use sharp_datasets::DatasetError;
 use sharp_metrics::SelectionError;
 use sharp_metrics::weights::UnknownBackbone;
@@ -14,7 +12,7 @@ use crate::scale::ScaleError;
 
 /// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub(super) enum Outcome {
     /// Exit code 0.
     Done,
     /// A gate fired: exit code 3.
@@ -45,16 +43,14 @@ impl Outcome {
             false => Self::Done,
         }
     }
-}
 
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        match outcome {
-            Outcome::Done => Self::SUCCESS,
-            Outcome::GateFired => Self::from(3),
-            Outcome::RecordedFailures => Self::from(4),
-            Outcome::GateInconclusive => Self::from(5),
-            Outcome::Resumable => Self::from(75),
+    pub(super) fn exit_code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::GateFired => 3,
+            Self::RecordedFailures => 4,
+            Self::GateInconclusive => 5,
+            Self::Resumable => 75,
         }
     }
 }
@@ -65,7 +61,7 @@ impl From<Outcome> for ExitCode {
 pub(super) struct UsageError(pub(super) String);
 
 /// True where another command line is needed, not another file: exit code 2.
-pub fn is_usage(error: &anyhow::Error) -> bool {
+pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause.is::<UsageError>()
             || cause.is::<SelectionError>()

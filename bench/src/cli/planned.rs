@@ -29,7 +29,7 @@ const ALLOW_PROGRAMS: &str = "--allow-programs";
 ///
 /// # Errors
 /// When there is no such plan, or an option beside it that would change what was planned.
-pub fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
+pub(super) fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
     let is_command = |argument: &OsString| !argument.to_string_lossy().starts_with('-');
     let command = arguments.iter().skip(1).position(is_command);
     let Some(run) = command

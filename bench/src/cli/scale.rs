@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
+use super::outcome::UsageError;
 use super::{Outcome, output};
 use crate::scale::{Kubernetes, Shards, Slurm, kubernetes, slurm};
 
@@ -108,6 +109,17 @@ struct KubernetesArgs {
     mount: PathBuf,
 }
 
+/// This program, unless it runs within another.
+fn own_program() -> anyhow::Result<PathBuf> {
+    let program = std::env::current_exe()?;
+    let stem = program.file_stem().unwrap_or_default();
+    if stem != env!("CARGO_PKG_NAME") {
+        let reason = "--binary FILE is needed: the program's own, as the nodes see it";
+        return Err(UsageError(reason.to_owned()).into());
+    }
+    Ok(program)
+}
+
 fn option(text: &str) -> Result<(String, String), &'static str> {
     let (job, option) = text.split_once('=').ok_or("JOB=OPTION is needed")?;
     Ok((job.to_owned(), option.to_owned()))
@@ -120,7 +132,7 @@ pub(super) fn execute(args: &ScaleArgs) -> anyhow::Result<Outcome> {
                 shards: args.shards.shards(args.retry_failed)?,
                 binary: match &args.binary {
                     Some(binary) => binary.clone(),
-                    None => std::env::current_exe()?,
+                    None => own_program()?,
                 },
                 stages_apart: !args.one_array,
                 options: args.options.clone(),

@@ -539,7 +539,11 @@ impl<'a> PairWork<'_, 'a> {
                 };
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, depth.as_ref());
-                plain(pictures.predict(&source, &target)?)
+                let prediction = pictures.predict(&source, &target)?;
+                // Rounding to 8 bit would hide it.
+                let checked = prediction.picture.check();
+                checked.map_err(|error| MethodError::Model(format!("the prediction: {error}")))?;
+                plain(prediction)
             }
             Approach::Scales(sweep) => {
                 let image = sources.photograph(view)?;

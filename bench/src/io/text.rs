@@ -34,6 +34,22 @@ fn escaped(text: &str, is_escaped: impl Fn(char) -> bool) -> Cow<'_, str> {
     out.into()
 }
 
+/// An error with its causes, without those that its text already holds: one line that names file and reason.
+pub fn one_line(error: &anyhow::Error) -> String {
+    error
+        .chain()
+        .map(ToString::to_string)
+        .fold(String::new(), |line, cause| {
+            if line.is_empty() {
+                cause
+            } else if line.contains(&cause) {
+                line
+            } else {
+                format!("{line}: {cause}")
+            }
+        })
+}
+
 /// The longest reason of a failure that is kept, characters.
 const LONGEST_REASON: usize = 1000;
 

@@ -12,7 +12,8 @@ use super::input::{
     ReportMethod, ReportOptions,
 };
 use super::pictures::{NoPictures, ReportPictures};
-use super::{MissingPicture, ReportError, ReportFiles, text_tables, write_report};
+use super::tables::html::html;
+use super::{MissingPicture, ReportError, ReportFiles, mean_tables, text_tables, write_report};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{
     DatasetRecord, ListRecord, Manifest, MethodRecord, ProtocolRecord,
@@ -91,6 +92,17 @@ fn written(
 /// When the results contradict each other.
 pub fn tables(results: &Results) -> Result<String, ReportError> {
     text_tables(&input(results, &NoPictures, PublishedNumbers::Never))
+}
+
+/// The same for a page, each a `figure`.
+///
+/// # Errors
+/// As [`tables`].
+pub fn html_tables(results: &Results) -> Result<String, ReportError> {
+    let tables = mean_tables(&input(results, &NoPictures, PublishedNumbers::Never))?;
+    let figures = tables.iter().enumerate();
+    let figures = figures.map(|(at, table)| html(table, &format!("means{at}")));
+    Ok(figures.collect::<Result<String, _>>()?)
 }
 
 /// The scenes of results, for their pictures. A dataset that is gone costs the pictures, nothing else.

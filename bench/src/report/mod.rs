@@ -49,4 +49,4 @@ pub use input::{
     ReportInput, ReportMethod, ReportOptions,
 };
 pub use pictures::{NoPictures, ReportPictures};
-pub use write::{ReportFiles, text_tables, write_report};
+pub use write::{ReportFiles, mean_tables, text_tables, write_report};

@@ -215,14 +215,22 @@ fn write(
     })
 }
 
-/// The scores of a run as a table for a terminal.
+/// The means of scores as tables.
 ///
 /// # Errors
 /// When records contradict each other.
-pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
+pub fn mean_tables(input: &ReportInput<'_>) -> Result<Vec<Table>, ReportError> {
     check(input)?;
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
-    let texts: Vec<String> = score_tables(input, &board).1.iter().map(text).collect();
+    Ok(score_tables(input, &board).1)
+}
+
+/// The same for a terminal.
+///
+/// # Errors
+/// As [`mean_tables`].
+pub fn text_tables(input: &ReportInput<'_>) -> Result<String, ReportError> {
+    let texts: Vec<String> = mean_tables(input)?.iter().map(text).collect();
     Ok(texts.join("\n"))
 }
 

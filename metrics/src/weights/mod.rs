@@ -23,7 +23,7 @@ pub(crate) use embedded::{dists_weights, linear_weights};
 #[cfg(any(feature = "download", test))]
 pub use fetch::{FetchError, fetch};
 pub(crate) use load::Tensors;
-pub use registry::{Published, cache_folder, mirrored, torch_hub, user_cache};
+pub use registry::{Published, cache_folder, lies_in, mirrored, torch_hub, user_cache};
 
 use crate::identity::{LpipsNet, Metric};
 use crate::options::Device;

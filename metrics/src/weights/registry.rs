@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use super::{Backbone, Weights, WeightsSource};
 
@@ -116,13 +117,24 @@ fn variable(name: &str) -> Option<PathBuf> {
     value.map(PathBuf::from)
 }
 
+/// Where a program's own files lie that is none by itself.
+static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
+
+/// Where VGG16's weights lie, instead of beside the executable: for a library that something else runs. The first call
+/// counts, before any weights are looked for.
+pub fn lies_in(folder: impl Into<PathBuf>) {
+    OWN_FOLDER.get_or_init(|| folder.into());
+}
+
 impl Weights {
     /// The weights on this machine, for each network from the first place that has them: the folder
     /// that is fetched to ([`cache_folder`]); this program, which carries AlexNet's, and the folder
-    /// of its executable or the sources that it was built from, where VGG16's lie; torch's hub folder.
+    /// of its executable ([or another](lies_in)) or the sources that it was built from, where VGG16's
+    /// lie; torch's hub folder.
     pub fn at_hand() -> Self {
         let executable = std::env::current_exe().ok();
         let beside = executable.and_then(|file| Some(file.parent()?.to_owned()));
+        let beside = OWN_FOLDER.get().cloned().or(beside);
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
         let bundled = [beside, Some(sources)].map(Option::unwrap_or_default);
         let [cache, hub] = [cache_folder(), torch_hub()].map(Option::unwrap_or_default);

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
+use serde_json::{Value, json};
 use sharp_datasets::Scene;
 use sharp_metrics::MetricKey;
 
@@ -59,6 +60,20 @@ impl RunComparison {
             let key = metric.info.key;
             MetricKey::whole(key.metric()).to_string() == stratum.metric
                 && key.region() == stratum.region
+        })
+    }
+
+    /// All of it as `compare --json` prints it, with what [`Self::strata`] found.
+    pub fn json(&self, strata: &[Stratum]) -> Value {
+        json!({
+            "schema": 1,
+            "a": self.a.display().to_string(),
+            "b": self.b.display().to_string(),
+            "seed": self.resampling.seed,
+            "resamples": self.resampling.count,
+            "rows": self.rows,
+            "breakdown": strata,
+            "pairs": self.pair_lines(Some(10)),
         })
     }
 

@@ -1,0 +1,307 @@
+"""Evaluate single-photograph view synthesis from Python, by the numbers of the ``sharp-bench`` command.
+
+Cameras are OpenCV's: x right, y down, z forward; lengths are metres, extrinsics world-to-camera, and pixel centres lie at
++ 0.5. Pictures are sRGB: uint8, or floats in 0..1, which are scored as they are and never rounded.
+"""
+
+import functools
+import hashlib
+import inspect
+import json
+import os
+import sys
+import textwrap
+import threading
+import warnings
+
+import numpy as np
+
+from . import _arrays, _sharp_bench
+from ._sharp_bench import Camera, Dataset, Error, Gaussians, Rendering, Scene, Source, Sweep, Table, View, bundled_data
+
+_sharp_bench.lies_in(os.path.dirname(os.path.abspath(__file__)))
+
+__all__ = [
+    "Camera",
+    "Dataset",
+    "Error",
+    "Gaussians",
+    "Rendering",
+    "Run",
+    "Scene",
+    "Source",
+    "Sweep",
+    "Table",
+    "View",
+    "bundled_data",
+    "compare",
+    "conventions",
+    "datasets",
+    "evaluate",
+    "load_scores",
+    "metrics",
+    "pairs",
+    "predict",
+    "render",
+    "sweep",
+]
+
+
+def metrics(prediction, target, metrics="paper", mask=None, layout="hwc", weights=None):
+    """Scores of a prediction against its target: a dictionary from metric key to number.
+
+    Both are arrays or tensors [H, W, 3] of one size, uint8 or floats in 0..1 (sRGB), or batches [N, H, W, 3], of which each
+    score is an array [N]; with ``layout="chw"`` [3, H, W] and [N, 3, H, W]. ``metrics`` is a list of keys or groups as
+    ``sharp-bench metrics --metrics`` takes it, ``mask`` [H, W] adds the scores inside it under keys that end in ``@mask``, and
+    ``weights`` maps a network to its file. Numbers are those of the command line to the last digit.
+
+    A metric of a group that cannot be computed is left out with a warning; one that was named itself is an error.
+    """
+    metrics = metrics if isinstance(metrics, str) else ",".join(metrics)
+    files = tuple(sorted((name, os.fspath(file)) for name, file in (weights or {}).items()))
+    scorer = _scorer(metrics, mask is not None, files)
+    predictions, is_batch = _arrays.pictures("prediction", prediction, layout)
+    targets, _ = _arrays.pictures("target", target, layout)
+    if len(targets) not in (1, len(predictions)):
+        raise ValueError(f"{len(predictions)} predictions and {len(targets)} targets: as many are needed, or one target")
+    targets = targets * (len(predictions) // len(targets))
+    given = [None] * len(predictions) if mask is None else _arrays.masks(mask, len(predictions))
+    all_scores, reasons = [], {}
+    for at, (one, other, inside) in enumerate(zip(predictions, targets, given)):
+        try:
+            scores, absent = scorer.score(one, other, inside)
+        except (Error, ValueError) as error:
+            raise type(error)(f"picture {at}: {error}") if is_batch else error
+        all_scores.append(dict(scores))
+        reasons.update(absent)
+    for key, reason in reasons.items():
+        warnings.warn(f"{key} is left out: {reason}", stacklevel=2)
+    if not is_batch:
+        return all_scores[0]
+    keys = list(dict.fromkeys(key for scores in all_scores for key in scores))
+    return {key: np.array([scores.get(key, np.nan) for scores in all_scores]) for key in keys}
+
+
+@functools.lru_cache(maxsize=8)
+def _scorer(metrics, masked, weights):
+    return _sharp_bench.Scorer(metrics, masked, dict(weights))
+
+
+def conventions(metrics="all"):
+    """What each key means: window, borders, colour, weights, and the public code that computes the same."""
+    return json.loads(_scorer(metrics, False, ()).conventions())
+
+
+def datasets(*specs, scenes=None):
+    """Opens datasets, each ``[NAME:]FORMAT=PATH[,key=value…]`` as ``--dataset`` takes it; ``scenes`` is a pattern of their ids."""
+    return _sharp_bench.datasets([os.fspath(spec) for spec in specs], scenes)
+
+
+def pairs(*specs, options="", scenes=None, out=None):
+    """The pairs of datasets by the paper's rules, changed by ``options`` as ``--pair-options`` takes them; also written to ``out``."""
+    table, notes = _sharp_bench.pairs(list(specs), scenes, options, out)
+    _warn(notes)
+    return table
+
+
+def load_scores(run):
+    """The records of a run folder or bundle, one a pair and method."""
+    return _sharp_bench.load_scores(run)
+
+
+def compare(a, b=None, methods=()):
+    """Run B against run A pair by pair: the dictionary of ``sharp-bench compare --json``.
+
+    ``methods`` are ``(label in A, label in B)``; without any, methods of equal label stand against each other. Without ``b``,
+    methods of one run do.
+    """
+    text, notes = _sharp_bench.compare(a, a if b is None else b, list(methods))
+    _warn(notes)
+    return json.loads(text)
+
+
+def sweep(*runs, **options):
+    """Scores against how far the camera moved: ``x``, ``bins``, ``band``, ``split`` and ``metrics`` as ``sharp-bench sweep`` takes them."""
+    return Sweep([os.fspath(run) for run in runs], **options)
+
+
+def render(gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"):
+    """Renders Gaussians that lie in the camera's world, as a run does; see :class:`Rendering`."""
+    return _sharp_bench.render(gaussians, camera, background=background, eps2d=eps2d, backend=backend)
+
+
+def predict(image, focal_px=None, *, checkpoint=None, config=None, layout="hwc"):
+    """Gaussians of a photograph by the SHARP network, in the metric space of its camera.
+
+    Without ``focal_px`` (pixels) the focal length is that of a 30 mm lens on 35 mm film, which sets the metric scale; without
+    ``checkpoint`` the release's is looked for where it is kept.
+    """
+    found, is_batch = _arrays.pictures("image", image, layout)
+    if is_batch:
+        raise ValueError(f"image: a batch of {len(found)}, where one photograph is needed")
+    return _predictor(checkpoint and os.fspath(checkpoint), config).predict(found[0], focal_px)
+
+
+@functools.lru_cache(maxsize=1)
+def _predictor(checkpoint, config):
+    return _sharp_bench.Predictor(checkpoint, config)
+
+
+class Run:
+    """A run folder. In a notebook it shows the means of its scores; ``print`` does, too."""
+
+    def __init__(self, path, counts=None):
+        self.path = os.fspath(path)
+        self.counts = counts
+        """Of the evaluation that made it: units, reused, scored, failed, left."""
+
+    @property
+    def scores(self):
+        """Its records as a table."""
+        return load_scores(self.path)
+
+    def __repr__(self):
+        return f"Run({self.path!r})"
+
+    def __str__(self):
+        return _sharp_bench.means_text(self.path)
+
+    def _repr_html_(self):
+        return _sharp_bench.means_html(self.path)
+
+
+def evaluate(
+    function,
+    datasets,
+    out,
+    *,
+    label=None,
+    version=None,
+    privilege=None,
+    methods=(),
+    metrics="paper",
+    pairs=None,
+    pair_options="",
+    limit=None,
+    progress=None,
+):
+    """Evaluates a function as a method, into the run folder ``out``; a :class:`Run`.
+
+    ``function(source, camera)`` returns the picture that ``camera`` sees, [H, W, 3] of its size, uint8 or floats in 0..1 (which
+    a run rounds to levels, whoever made them), or :class:`Gaussians`. ``camera.camera_from_world`` leads from the source camera's space, in which Gaussians lie, to the
+    camera's. ``function(source)`` with one parameter returns Gaussians for all targets of a source. ``source`` has ``name``,
+    ``camera``, ``image()``, and with ``privilege="source-depth"`` the true ``depth()``.
+
+    What it raises becomes a recorded failure of that pair, and the others continue. A run that was stopped, also by Ctrl-C, goes
+    on where it was when it is called again; what is done is not done again as long as ``version`` is the same. Without it, it is
+    a hash of the function's source text, which sees no change of what the function calls: give one that names your weights.
+
+    ``methods`` are evaluated beside it (``"copy"``, ``"depth-splat"``, …), ``pairs`` is a list as ``sharp-bench pairs`` writes it,
+    ``progress`` is called with phase, done and of how many; True prints them.
+    """
+    if privilege not in (None, "source-depth"):
+        raise ValueError(f"privilege={privilege!r}: None or 'source-depth'")
+    function_of = _parameters(function)
+    asked = {
+        "datasets": [datasets] if isinstance(datasets, str) else [os.fspath(spec) for spec in datasets],
+        "out": out,
+        "label": label or getattr(function, "__name__", type(function).__name__).strip("<>"),
+        "version": version or _source_hash(function),
+        "of_source": function_of == 1,
+        "privileged": privilege is not None,
+        "methods": list(methods),
+        "metrics": metrics if isinstance(metrics, str) else ",".join(metrics),
+        "pairs": pairs,
+        "pair_options": pair_options,
+        "limit": limit,
+    }
+    adapted = _of_source(function) if function_of == 1 else _of_pair(function)
+    counts, notes = _interruptible(lambda stop: _sharp_bench.evaluate(adapted, asked, stop, _display(progress)))
+    _warn(notes)
+    return Run(out, counts)
+
+
+def _parameters(function):
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:
+        return 2
+    needed = [p for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    starred = any(p.kind == p.VAR_POSITIONAL for p in parameters)
+    count = max(len(needed), 2 if starred else 0)
+    if count not in (1, 2):
+        raise TypeError(f"the function takes {count} arguments, where (source, camera) or (source) are needed")
+    return count
+
+
+def _of_pair(function):
+    def call(source, camera):
+        answer = function(source, camera)
+        if isinstance(answer, Gaussians):
+            return answer
+        found, is_batch = _arrays.pictures("the returned picture", answer)
+        if is_batch:
+            raise ValueError(f"the returned picture: shape {np.shape(answer)}, where [H, W, 3] is needed")
+        return found[0]
+
+    return call
+
+
+def _of_source(function):
+    def call(source):
+        answer = function(source)
+        if not isinstance(answer, Gaussians):
+            raise TypeError(f"a function of a source returns Gaussians, not {type(answer).__name__}")
+        return answer
+
+    return call
+
+
+def _source_hash(function):
+    try:
+        text = textwrap.dedent(inspect.getsource(function))
+    except (OSError, TypeError):
+        raise ValueError("version= is needed: the function has no source text by which a change could be seen") from None
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _interruptible(work):
+    """Does the work in a thread, so that Ctrl-C reaches it as a wish to stop."""
+    stop, done = _sharp_bench.Stop(), {}
+
+    def run():
+        try:
+            done["value"] = work(stop)
+        except BaseException as error:  # raised again below
+            done["error"] = error
+
+    thread = threading.Thread(target=run, name="sharp-bench")
+    thread.start()
+    interrupted = None
+    while thread.is_alive():
+        try:
+            thread.join(0.2)
+        except KeyboardInterrupt as error:
+            stop.set()
+            interrupted = error
+    if interrupted is not None:
+        raise interrupted
+    if "error" in done:
+        raise done["error"]
+    return done["value"]
+
+
+def _display(progress):
+    if progress is not True:
+        return progress or None
+
+    def show(phase, done, of):
+        end = "\n" if of and done == of else ""
+        print(f"\r{phase}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
+
+    return show
+
+
+def _warn(notes):
+    for note in notes:
+        warnings.warn(note, stacklevel=3)

@@ -1,0 +1,67 @@
+"""What users hand in, as contiguous arrays [H, W, C] that the core takes."""
+
+import sys
+
+import numpy as np
+
+LAYOUTS = {"hwc": False, "chw": True}
+
+
+def array(name, value):
+    """A NumPy array of the same memory where there is one: NumPy's own, a tensor on the CPU, anything with DLPack or a buffer."""
+    if isinstance(value, np.ndarray):
+        return value
+    torch = sys.modules.get("torch")
+    if torch is not None and isinstance(value, torch.Tensor):
+        value = value.detach()
+        if value.dtype == torch.bfloat16:
+            raise TypeError(f"{name}: bfloat16 has 8 bits of precision; convert it to float32 where it was computed")
+        return value.cpu().numpy()
+    if isinstance(value, (list, tuple, str, bytes)):
+        raise TypeError(f"{name}: a {type(value).__name__}, where an array or tensor is needed; stack or read pictures first")
+    if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+        return np.from_dlpack(value)
+    found = np.asarray(value)
+    if found.dtype == object:
+        raise TypeError(f"{name}: {type(value).__name__} is neither an array nor a tensor")
+    return found
+
+
+def pictures(name, value, layout="hwc"):
+    """A list of pictures [H, W, 3] of uint8 or float32, and whether it was a batch."""
+    if layout not in LAYOUTS:
+        raise ValueError(f"layout={layout!r}: one of {', '.join(LAYOUTS)}")
+    found = array(name, value)
+    form = "[3, H, W] or [N, 3, H, W]" if LAYOUTS[layout] else "[H, W, 3] or [N, H, W, 3]"
+    if found.ndim not in (3, 4) or found.shape[-3 if LAYOUTS[layout] else -1] != 3:
+        other = "hwc" if LAYOUTS[layout] else "chw"
+        hint = f"; layout={other!r} takes it" if _fits(found, other) else ""
+        raise ValueError(f"{name}: shape {found.shape}, where {form} is needed{hint}")
+    if found.dtype == np.uint8:
+        dtype = np.uint8
+    elif found.dtype.kind == "f":
+        dtype = np.float32
+    else:
+        raise TypeError(f"{name}: {found.dtype}, where uint8 or a float in 0..1 is needed")
+    batch = found if found.ndim == 4 else found[None]
+    if LAYOUTS[layout]:
+        batch = np.moveaxis(batch, 1, -1)
+    return [np.ascontiguousarray(picture, dtype) for picture in batch], found.ndim == 4
+
+
+def _fits(found, layout):
+    return found.ndim in (3, 4) and found.shape[-3 if LAYOUTS[layout] else -1] == 3
+
+
+def masks(value, count):
+    """A list of ``count`` masks [H, W] of bool: one for all, or one each."""
+    found = array("mask", value)
+    if found.dtype == np.uint8:
+        found = found >= 128
+    if found.dtype != np.bool_:
+        raise TypeError(f"mask: {found.dtype}, where bool is needed, or uint8, of which 128 and more count")
+    if found.ndim == 2:
+        return [np.ascontiguousarray(found)] * count
+    if found.ndim == 3 and len(found) == count:
+        return [np.ascontiguousarray(mask) for mask in found]
+    raise ValueError(f"mask: shape {found.shape}, where [H, W] or [{count}, H, W] is needed")

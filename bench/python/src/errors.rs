@@ -1,0 +1,27 @@
+//! Errors as Python's exceptions.
+
+use pyo3::PyErr;
+use pyo3::create_exception;
+use pyo3::exceptions::{PyException, PyValueError};
+use sharp_bench::io::text::{one_line, visible_line};
+
+create_exception!(
+    sharp_bench,
+    Error,
+    PyException,
+    "What cannot be read, computed or finished: a line that names file and reason."
+);
+
+fn line(error: impl Into<anyhow::Error>) -> String {
+    visible_line(&one_line(&error.into())).into_owned()
+}
+
+/// What a file, a dataset or a run is to blame for.
+pub(crate) fn failed(error: impl Into<anyhow::Error>) -> PyErr {
+    Error::new_err(line(error))
+}
+
+/// What the caller is to blame for.
+pub(crate) fn refused(error: impl Into<anyhow::Error>) -> PyErr {
+    PyValueError::new_err(line(error))
+}

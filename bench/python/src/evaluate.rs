@@ -1,0 +1,347 @@
+//! A function of Python's, evaluated as a method.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use numpy::{PyArray2, PyArray3};
+use pyo3::prelude::*;
+use sharp::render::Backend;
+use sharp_bench::evaluate::{PairOrigin, Request, RunOptions, prepare};
+use sharp_bench::io::observer::Observer;
+use sharp_bench::methods::{
+    self, Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
+    PicturePrediction, PredictGaussians, PredictPicture, SourceView, TargetCamera,
+};
+use sharp_bench::pairs::{OpenDataset, PairOptions, PairRecipe};
+use sharp_bench::rendering::RenderSettings;
+use sharp_bench::scoring::Scoring;
+use sharp_datasets::DepthMap;
+use sharp_metrics::{Picture, Selection, Weights};
+
+use crate::arrays;
+use crate::errors::{failed, refused};
+use crate::gaussians::{Gaussians, rendered};
+use crate::pairs::{Warnings, cache};
+use crate::views::Camera;
+
+/// The view that a method starts from.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Source {
+    name: String,
+    camera: Camera,
+    image: image::RgbImage,
+    depth: Option<DepthMap>,
+}
+
+#[pymethods]
+impl Source {
+    /// dataset/scene/view.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[getter]
+    fn camera(&self) -> Camera {
+        self.camera
+    }
+
+    /// The photograph [H, W, 3], uint8 sRGB.
+    fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        arrays::from_rgb8(py, self.image.clone())
+    }
+
+    /// The true z-depth [H, W], float32 metres, 0 where there is none: only with privilege="source-depth".
+    fn depth<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
+        self.depth
+            .clone()
+            .map(|depth| arrays::from_depth(py, depth))
+            .transpose()
+    }
+}
+
+impl From<&SourceView<'_>> for Source {
+    fn from(view: &SourceView<'_>) -> Self {
+        Self {
+            name: view.name().to_owned(),
+            camera: Camera::from(view.camera()),
+            image: view.image().clone(),
+            depth: view.depth().cloned(),
+        }
+    }
+}
+
+struct Function {
+    label: String,
+    version: String,
+    privileged: bool,
+    /// From a source and a camera to a picture or to Gaussians; from a source alone to Gaussians.
+    of_source: bool,
+    function: Py<PyAny>,
+}
+
+impl Function {
+    fn model(error: impl ToString) -> MethodError {
+        MethodError::Model(error.to_string())
+    }
+
+    /// Calls it; `None` for the camera of a function of a source alone.
+    fn call<T>(
+        &self,
+        source: &SourceView<'_>,
+        camera: Option<Camera>,
+        take: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+    ) -> Result<T, MethodError> {
+        Python::attach(|py| {
+            let source = Py::new(py, Source::from(source))?;
+            let answer = match camera {
+                Some(camera) => self.function.bind(py).call1((source, camera)),
+                None => self.function.bind(py).call1((source,)),
+            };
+            take(&answer?)
+        })
+        .map_err(Self::model)
+    }
+}
+
+/// A picture, or Gaussians in the space of the source's camera.
+enum Answer {
+    Picture(Picture),
+    Gaussians(sharp::gaussians::Gaussians),
+}
+
+impl Method for Function {
+    fn label(&self) -> &str {
+        &self.label
+    }
+
+    fn identity(&self) -> MethodIdentity {
+        MethodIdentity::new("python", [("version", self.version.clone())])
+    }
+
+    fn privilege(&self) -> methods::Privilege {
+        match self.privileged {
+            true => methods::Privilege::SourceDepth,
+            false => methods::Privilege::None,
+        }
+    }
+
+    fn approach(&self) -> Approach<'_> {
+        match self.of_source {
+            true => Approach::Gaussians(self),
+            false => Approach::Pictures(self),
+        }
+    }
+}
+
+impl PredictPicture for Function {
+    fn predict(
+        &self,
+        source: &SourceView,
+        target: &TargetCamera,
+    ) -> Result<PicturePrediction, MethodError> {
+        let camera = Camera {
+            intrinsics: *target.intrinsics(),
+            camera_from_world: target.target_from_source(source),
+        };
+        let answer = self.call(source, Some(camera), |answer| {
+            match answer.cast::<Gaussians>() {
+                Ok(gaussians) => Ok(Answer::Gaussians(gaussians.get().core.clone())),
+                Err(_) => arrays::picture(answer).map(Answer::Picture),
+            }
+        })?;
+        let picture = match answer {
+            Answer::Picture(picture) => picture,
+            Answer::Gaussians(gaussians) => {
+                let settings = RenderSettings::default();
+                let output =
+                    rendered(&gaussians, &camera, settings, &Backend::Cpu).map_err(Self::model)?;
+                Picture::Rgb8(output.srgb8(settings.background, settings.quantization))
+            }
+        };
+        Ok(PicturePrediction {
+            picture,
+            region: None,
+            resized_from: None,
+            extras: BTreeMap::new(),
+        })
+    }
+}
+
+impl PredictGaussians for Function {
+    fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
+        let gaussians = self.call(source, None, |answer| {
+            Ok(answer.cast::<Gaussians>()?.get().core.clone())
+        })?;
+        Ok(GaussianPrediction {
+            gaussians,
+            space: GaussianSpace::Camera,
+            first_layer: None,
+            extras: BTreeMap::new(),
+        })
+    }
+}
+
+/// Asks an evaluation to stop after the unit that it is at.
+#[pyclass(frozen)]
+#[derive(Default)]
+pub(crate) struct Stop(AtomicBool);
+
+#[pymethods]
+impl Stop {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Between two calls of a progress function.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// Progress for a function `(phase, done, of)`, warnings for later.
+struct Progress<'a> {
+    stop: &'a AtomicBool,
+    function: Option<&'a Py<PyAny>>,
+    warnings: &'a Warnings,
+    phase: Mutex<(String, usize, Option<Instant>)>,
+    done: AtomicUsize,
+}
+
+impl Progress<'_> {
+    fn tell(&self, done: usize, at_once: bool) {
+        let Some(function) = self.function else {
+            return;
+        };
+        let told = {
+            let mut phase = self
+                .phase
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            if !at_once && phase.2.is_some_and(|at| at.elapsed() < PAUSE) {
+                return;
+            }
+            phase.2 = Some(Instant::now());
+            (phase.0.clone(), done, phase.1)
+        };
+        // What a display gets wrong stops no evaluation.
+        Python::attach(|py| drop(function.call1(py, told)));
+    }
+}
+
+impl Observer for Progress<'_> {
+    fn warn(&self, text: &str) {
+        self.warnings.push(text);
+    }
+
+    fn begin(&self, phase: &str, steps: usize, _unit: &'static str) {
+        *self
+            .phase
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner) = (phase.to_owned(), steps, None);
+        self.done.store(0, Ordering::Relaxed);
+        self.tell(0, true);
+    }
+
+    fn progress(&self, done: usize, _current: &str) {
+        self.done.store(done, Ordering::Relaxed);
+        self.tell(done, false);
+    }
+
+    fn step(&self) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        self.tell(done, false);
+    }
+
+    fn end(&self) {
+        self.tell(self.done.load(Ordering::Relaxed), true);
+    }
+
+    fn stop(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// What is to be evaluated.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Asked {
+    datasets: Vec<String>,
+    out: PathBuf,
+    label: String,
+    version: String,
+    of_source: bool,
+    privileged: bool,
+    methods: Vec<String>,
+    metrics: String,
+    pairs: Option<PathBuf>,
+    pair_options: String,
+    limit: Option<usize>,
+}
+
+/// Evaluates a function, and methods of the command line beside it. Counts by name, and warnings.
+#[pyfunction]
+pub(crate) fn evaluate(
+    py: Python<'_>,
+    function: Py<PyAny>,
+    asked: Asked,
+    stop: &Stop,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(BTreeMap<&'static str, usize>, Vec<String>)> {
+    let warnings = Warnings::default();
+    let observer = Progress {
+        stop: &stop.0,
+        function: progress.as_ref(),
+        warnings: &warnings,
+        phase: Mutex::default(),
+        done: AtomicUsize::default(),
+    };
+    let selection = Selection::parse(&asked.metrics).map_err(refused)?;
+    let pair_options: PairOptions = asked.pair_options.parse().map_err(refused)?;
+    let specs = asked
+        .methods
+        .iter()
+        .map(|text| text.parse().map_err(refused));
+    let specs: Vec<methods::MethodSpec> = specs.collect::<PyResult<_>>()?;
+    let own = Function {
+        label: asked.label.clone(),
+        version: asked.version,
+        privileged: asked.privileged,
+        of_source: asked.of_source,
+        function,
+    };
+    let run = || -> anyhow::Result<_> {
+        let mut all: Vec<Box<dyn Method>> = vec![Box::new(own)];
+        all.extend(methods::build(&specs, None)?);
+        let scoring = Scoring::new(&selection, &Weights::at_hand())?;
+        let datasets = OpenDataset::open_all(&asked.datasets, None)?;
+        let mut request = Request::new(datasets, all, scoring);
+        request.limit = asked.limit;
+        request.pairs = match asked.pairs {
+            Some(list) => PairOrigin::Given(list),
+            None => PairOrigin::Built {
+                recipe: Box::new(PairRecipe::new(pair_options)),
+                cache: cache(),
+            },
+        };
+        let evaluation = prepare(request, &observer)?;
+        Ok(evaluation
+            .run(&asked.out, RunOptions::default(), &observer)?
+            .counts)
+    };
+    let counts = py.detach(run).map_err(failed)?;
+    let counts = [
+        ("units", counts.units),
+        ("reused", counts.reused),
+        ("scored", counts.scored),
+        ("failed", counts.failed),
+        ("left", counts.left),
+    ];
+    Ok((counts.into(), warnings.take()))
+}

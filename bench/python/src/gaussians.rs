@@ -1,0 +1,256 @@
+//! Gaussians: made, rendered, predicted.
+
+use std::path::PathBuf;
+
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike1, PyArrayLike2};
+use pyo3::prelude::*;
+use sharp::gaussians::Gaussians as Core;
+use sharp::model::preprocess::focal_px_from_35mm;
+use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor as Network};
+use sharp::ply::{self, GaussianScene, PlyForm};
+use sharp::render::{Backend, Background, RenderOutput, RenderView};
+use sharp::unprojection::{release_intrinsics, unproject};
+use sharp_bench::io::checkpoint::find_checkpoint;
+use sharp_bench::io::pictures::to_rgb8;
+use sharp_bench::rendering::RenderSettings;
+use sharp_metrics::Picture;
+
+use crate::arrays;
+use crate::errors::{failed, refused};
+use crate::views::Camera;
+
+/// 3D Gaussians, float32 arrays: means [N, 3] in metres, quaternions [N, 4] as w, x, y, z, scales [N, 3] (standard
+/// deviations, metres), opacities [N] in 0..1, colors [N, 3] in linear RGB.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Gaussians {
+    pub(crate) core: Core,
+}
+
+#[pymethods]
+impl Gaussians {
+    #[new]
+    fn new(
+        means: PyArrayLike2<'_, f32, AllowTypeChange>,
+        quaternions: PyArrayLike2<'_, f32, AllowTypeChange>,
+        scales: PyArrayLike2<'_, f32, AllowTypeChange>,
+        opacities: PyArrayLike1<'_, f32, AllowTypeChange>,
+        colors: PyArrayLike2<'_, f32, AllowTypeChange>,
+    ) -> PyResult<Self> {
+        let core = Core::new(
+            arrays::rows("means", &means)?,
+            arrays::rows("quaternions", &quaternions)?,
+            arrays::rows("scales", &scales)?,
+            opacities.as_array().to_vec(),
+            arrays::rows("colors", &colors)?,
+        );
+        Ok(Self {
+            core: core.map_err(refused)?,
+        })
+    }
+
+    /// Reads a PLY file of this program, of SHARP's release or of 3D Gaussian Splatting.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        let scene = ply::load(&path, None).map_err(failed)?;
+        Ok(Self {
+            core: scene.gaussians,
+        })
+    }
+
+    /// Writes a PLY file as SHARP's release does; the camera's intrinsics go into it.
+    fn save(&self, path: PathBuf, camera: &Camera) -> PyResult<()> {
+        let scene = GaussianScene::new(self.core.clone(), camera.intrinsics);
+        scene.save(&path, PlyForm::Release).map_err(failed)
+    }
+
+    #[getter]
+    fn means<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_rows(py, &self.core.means)
+    }
+
+    #[getter]
+    fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_rows(py, &self.core.quaternions)
+    }
+
+    #[getter]
+    fn scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_rows(py, &self.core.scales)
+    }
+
+    #[getter]
+    fn opacities<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_slice(py, &self.core.opacities)
+    }
+
+    #[getter]
+    fn colors<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_rows(py, &self.core.colors)
+    }
+
+    fn __len__(&self) -> usize {
+        self.core.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("{} Gaussians", self.core.len())
+    }
+}
+
+/// A rendered view.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Rendering {
+    output: RenderOutput,
+    background: Background,
+}
+
+#[pymethods]
+impl Rendering {
+    /// [H, W, 3], uint8 sRGB over the background: what a run scores.
+    #[getter]
+    fn picture<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let rule = RenderSettings::default().quantization;
+        arrays::from_rgb8(py, self.output.srgb8(self.background, rule))
+    }
+
+    /// [H, W, 3], float32 linear RGB, premultiplied by alpha, without background.
+    #[getter]
+    fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        arrays::from_values(
+            py,
+            self.output.rgb_linear.as_flattened().to_vec(),
+            self.size(),
+        )
+    }
+
+    /// [H, W], float32: coverage in 0..0.9999.
+    #[getter]
+    fn alpha<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_plane(py, self.output.alpha.clone(), self.size())
+    }
+
+    /// [H, W], float32: expected z-depth, metres, 0 where nothing is.
+    #[getter]
+    fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        arrays::from_depth(py, self.output.expected_depth())
+    }
+
+    fn __repr__(&self) -> String {
+        let (width, height) = self.size();
+        format!(
+            "Rendering {width}×{height} of {} Gaussians",
+            self.output.drawn
+        )
+    }
+}
+
+impl Rendering {
+    fn size(&self) -> (u32, u32) {
+        (self.output.width, self.output.height)
+    }
+}
+
+/// Renders as a run does.
+pub(crate) fn rendered(
+    gaussians: &Core,
+    camera: &Camera,
+    settings: RenderSettings,
+    backend: &Backend,
+) -> Result<RenderOutput, sharp::render::RenderError> {
+    let mut view = RenderView::new(camera.camera_from_world.to_affine(), camera.intrinsics);
+    view.eps2d = settings.eps2d;
+    backend.open()?.render(gaussians, &view)
+}
+
+/// Renders Gaussians that lie in the world of a camera.
+#[pyfunction]
+#[pyo3(signature = (gaussians, camera, *, background="black", eps2d=0.0, backend="cpu"))]
+pub(crate) fn render(
+    py: Python<'_>,
+    gaussians: &Gaussians,
+    camera: &Camera,
+    background: &str,
+    eps2d: f32,
+    backend: &str,
+) -> PyResult<Rendering> {
+    let background = match background {
+        "black" => Background::Black,
+        "white" => Background::White,
+        other => {
+            return Err(refused(anyhow::anyhow!(
+                "background {other:?}: black or white"
+            )));
+        }
+    };
+    let backend: Backend = backend.parse().map_err(refused)?;
+    let settings = RenderSettings {
+        eps2d,
+        background,
+        ..RenderSettings::default()
+    };
+    let output = py.detach(|| rendered(&gaussians.core, camera, settings, &backend));
+    Ok(Rendering {
+        output: output.map_err(failed)?,
+        background,
+    })
+}
+
+/// The SHARP network with the weights of a checkpoint.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Predictor {
+    network: Network,
+}
+
+#[pymethods]
+impl Predictor {
+    /// Without a checkpoint, the release's where it is kept; config is FILE.json or FILE.json#NAME, the release's without it.
+    #[new]
+    #[pyo3(signature = (checkpoint=None, config=None))]
+    fn new(py: Python<'_>, checkpoint: Option<PathBuf>, config: Option<String>) -> PyResult<Self> {
+        let open = || -> anyhow::Result<Network> {
+            let spec = NetworkSpec {
+                checkpoint: match checkpoint {
+                    Some(file) => file,
+                    None => find_checkpoint()?,
+                },
+                config: match &config {
+                    Some(file) => ModelConfig::load(file)?,
+                    None => ModelConfig::release(),
+                },
+                allow_unused: Vec::new(),
+                device: DeviceChoice::Cpu,
+                convolution: Algorithm::Winograd,
+            };
+            Ok(Network::open(&spec)?)
+        };
+        Ok(Self {
+            network: py.detach(open).map_err(failed)?,
+        })
+    }
+
+    /// Gaussians in the metric space of the camera with this focal length, whose principal point is the middle, as the
+    /// release predicts them. Without a focal length it is that of a 30 mm lens on 35 mm film.
+    #[pyo3(signature = (image, focal_px=None))]
+    fn predict(
+        &self,
+        py: Python<'_>,
+        image: &Bound<'_, PyAny>,
+        focal_px: Option<f64>,
+    ) -> PyResult<Gaussians> {
+        let image = match arrays::picture(image)? {
+            Picture::Rgb8(image) => image,
+            Picture::RgbF32(image) => to_rgb8(&image),
+        };
+        let (width, height) = image.dimensions();
+        let focal_px =
+            focal_px.unwrap_or_else(|| focal_px_from_35mm(30.0, width as usize, height as usize));
+        let intrinsics = release_intrinsics(focal_px, width, height).map_err(refused)?;
+        let factor = (focal_px / f64::from(width)) as f32;
+        let output = py
+            .detach(|| self.network.predict_rgb8(&image, factor))
+            .map_err(failed)?;
+        Ok(Gaussians {
+            core: unproject(&output.gaussians, &intrinsics),
+        })
+    }
+}

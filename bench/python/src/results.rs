@@ -1,0 +1,191 @@
+//! What runs say: scores, means, comparisons, sweeps.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use pyo3::prelude::*;
+use sharp_bench::evaluate::record::{Record, Score, Status};
+use sharp_bench::evaluate::{Named, Results, join};
+use sharp_bench::report::assemble;
+use sharp_bench::report::plots::style::FigureStyle;
+use sharp_bench::report::sweep::{Motion, Split, Sweep as Core, SweepSpec, figure, table};
+use sharp_bench::track::compare::{Practical, compare as core_compare};
+
+use crate::errors::{failed, refused};
+use crate::table::{Column, Table};
+
+/// The records of runs, a row each, in the columns of scores.csv.
+#[pyfunction]
+pub(crate) fn load_scores(py: Python<'_>, run: PathBuf) -> PyResult<Table> {
+    let results = py.detach(|| Results::read(&run)).map_err(failed)?;
+    let records = &results.records;
+    let text = |of: fn(&Record) -> &str| Column::text(records.iter().map(of));
+    let number =
+        |of: &dyn Fn(&Record) -> Option<f64>| Column::Number(records.iter().map(of).collect());
+    let mut columns = vec![
+        ("pair_id", text(|r| &r.pair_id)),
+        ("dataset", text(|r| &r.dataset)),
+        ("scene", text(|r| &r.scene)),
+        ("source", text(|r| &r.source)),
+        ("target", text(|r| &r.target)),
+        ("method", text(|r| &r.method)),
+        ("baseline_m", number(&|r| Some(r.baseline_m))),
+        ("rotation_deg", number(&|r| Some(r.rotation_deg))),
+        ("median_depth_m", number(&|r| r.median_depth_m)),
+        ("overlap", number(&|r| r.overlap)),
+        (
+            "status",
+            text(|r| {
+                if r.status == Status::Ok {
+                    "ok"
+                } else {
+                    "failed"
+                }
+            }),
+        ),
+    ];
+    let keys = results
+        .manifest
+        .metrics
+        .iter()
+        .map(|metric| metric.info.key.to_string());
+    let keys: Vec<String> = keys.collect();
+    columns.extend(keys.iter().map(|key| {
+        let score = |r: &Record| r.scores.get(key).and_then(Score::value);
+        (key.as_str(), number(&score))
+    }));
+    let reported: BTreeSet<&str> = records
+        .iter()
+        .flat_map(|r| r.reported().into_keys())
+        .collect();
+    columns.extend(reported.iter().map(|name| {
+        let value = |r: &Record| r.reported().get(name).copied();
+        (*name, number(&value))
+    }));
+    let reason = |record: &Record| match &record.status {
+        Status::Failed { reason } => Some(reason.clone()),
+        Status::Ok => None,
+    };
+    columns.push(("reason", Column::Text(records.iter().map(reason).collect())));
+    let columns = columns
+        .into_iter()
+        .map(|(name, column)| (name.to_owned(), column));
+    Ok(Table::new(columns.collect()))
+}
+
+/// The tables of means, as a page shows them.
+#[pyfunction]
+pub(crate) fn means_html(py: Python<'_>, run: PathBuf) -> PyResult<String> {
+    let html = || -> anyhow::Result<String> { Ok(assemble::html_tables(&Results::read(&run)?)?) };
+    py.detach(html).map_err(failed)
+}
+
+/// The same for a terminal.
+#[pyfunction]
+pub(crate) fn means_text(py: Python<'_>, run: PathBuf) -> PyResult<String> {
+    let text = || -> anyhow::Result<String> { Ok(assemble::tables(&Results::read(&run)?)?) };
+    py.detach(text).map_err(failed)
+}
+
+/// What `compare --json` prints, with notes.
+#[pyfunction]
+pub(crate) fn compare(
+    py: Python<'_>,
+    a: PathBuf,
+    b: PathBuf,
+    methods: Vec<(String, String)>,
+) -> PyResult<(String, Vec<String>)> {
+    let compared = py
+        .detach(|| core_compare(&a, &b, &methods, &Practical::default()))
+        .map_err(failed)?;
+    let strata = compared.strata(&[]);
+    let text = compared.json(&strata).to_string();
+    Ok((text, compared.notes))
+}
+
+/// Scores against how far the camera moved: a table, and a figure a metric.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Sweep {
+    /// Column and SVG.
+    figures: Vec<(String, String)>,
+    #[pyo3(get)]
+    csv: String,
+    #[pyo3(get)]
+    latex: String,
+}
+
+#[pymethods]
+impl Sweep {
+    #[new]
+    #[pyo3(signature = (runs, x="baseline_m", bins=None, band="sd", split="dataset", metrics=Vec::new()))]
+    fn new(
+        py: Python<'_>,
+        runs: Vec<String>,
+        x: &str,
+        bins: Option<String>,
+        band: &str,
+        split: &str,
+        metrics: Vec<String>,
+    ) -> PyResult<Self> {
+        let default = SweepSpec::default();
+        let metrics = metrics.iter().map(|key| key.parse().map_err(refused));
+        let spec = SweepSpec {
+            x: choice::<Motion>("x", x)?,
+            band: choice("band", band)?,
+            split: choice::<Split>("split", split)?,
+            metrics: metrics.collect::<PyResult<_>>()?,
+            binning: match bins {
+                Some(bins) => bins
+                    .parse()
+                    .map_err(|reason| refused(anyhow::anyhow!("bins: {reason}")))?,
+                None => default.binning.clone(),
+            },
+            ..default
+        };
+        let runs = runs.iter().map(|run| {
+            run.parse::<Named>()
+                .map_err(|e| refused(anyhow::anyhow!("{e}")))
+        });
+        let runs: Vec<Named> = runs.collect::<PyResult<_>>()?;
+        let made = py.detach(|| -> anyhow::Result<Self> {
+            let sweep = Core::of(&join(&runs)?, spec)?;
+            let figures = figure::figures(&sweep, &FigureStyle::default())?;
+            Ok(Self {
+                figures: figures
+                    .into_iter()
+                    .map(|(column, figure)| (column.key, figure.svg))
+                    .collect(),
+                csv: String::from_utf8_lossy(&table::csv(&sweep)?).into_owned(),
+                latex: table::latex(&sweep),
+            })
+        });
+        made.map_err(failed)
+    }
+
+    /// SVG by metric.
+    #[getter]
+    fn figures(&self) -> std::collections::BTreeMap<&str, &str> {
+        self.figures
+            .iter()
+            .map(|(key, svg)| (key.as_str(), svg.as_str()))
+            .collect()
+    }
+
+    fn _repr_html_(&self) -> String {
+        self.figures.iter().map(|(_, svg)| svg.as_str()).collect()
+    }
+}
+
+fn choice<T: ValueEnum>(name: &str, text: &str) -> PyResult<T> {
+    T::from_str(text, false).map_err(|_| {
+        let known = T::value_variants()
+            .iter()
+            .filter_map(ValueEnum::to_possible_value);
+        let known: Vec<String> = known.map(|value| value.get_name().to_owned()).collect();
+        refused(anyhow::anyhow!(
+            "{name}={text:?}: one of {}",
+            known.join(", ")
+        ))
+    })
+}

@@ -1,0 +1,188 @@
+//! Tables that pandas, polars and notebooks take.
+
+use std::sync::Arc;
+
+use arrow_array::ffi_stream::FFI_ArrowArrayStream;
+use arrow_array::{
+    ArrayRef, BooleanArray, Float64Array, RecordBatch, RecordBatchIterator, StringArray,
+};
+use arrow_schema::{Field, Schema};
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::{PyCapsule, PyDict, PyList};
+
+use crate::errors::failed;
+
+/// The values of a column; what is unknown is null.
+#[derive(Clone)]
+pub(crate) enum Column {
+    Text(Vec<Option<String>>),
+    Number(Vec<Option<f64>>),
+    Truth(Vec<bool>),
+}
+
+impl Column {
+    pub(crate) fn text<'a>(values: impl Iterator<Item = &'a str>) -> Self {
+        Self::Text(
+            values
+                .map(|text| (!text.is_empty()).then(|| text.to_owned()))
+                .collect(),
+        )
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(values) => values.len(),
+            Self::Number(values) => values.len(),
+            Self::Truth(values) => values.len(),
+        }
+    }
+
+    fn arrow(&self) -> ArrayRef {
+        match self {
+            Self::Text(values) => Arc::new(StringArray::from(values.clone())),
+            Self::Number(values) => Arc::new(Float64Array::from(values.clone())),
+            Self::Truth(values) => Arc::new(BooleanArray::from(values.clone())),
+        }
+    }
+
+    fn python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        match self {
+            Self::Text(values) => PyList::new(py, values),
+            Self::Number(values) => PyList::new(py, values),
+            Self::Truth(values) => PyList::new(py, values),
+        }
+    }
+
+    fn cell(&self, row: usize) -> String {
+        match self {
+            Self::Text(values) => values[row].clone().unwrap_or_default(),
+            Self::Number(values) => {
+                values[row].map_or_else(String::new, |value| format!("{value:.6}"))
+            }
+            Self::Truth(values) => values[row].to_string(),
+        }
+    }
+}
+
+/// Columns of equal length. ``pandas.DataFrame.from_arrow`` and ``polars.DataFrame`` take it as it is, and any other
+/// reader of Arrow's stream interface; ``to_dict()`` is for everything else.
+#[pyclass(frozen, module = "sharp_bench")]
+pub(crate) struct Table {
+    columns: Vec<(String, Column)>,
+}
+
+/// Rows that a notebook shows at either end.
+const SHOWN: usize = 10;
+
+impl Table {
+    pub(crate) fn new(columns: Vec<(String, Column)>) -> Self {
+        Self { columns }
+    }
+}
+
+#[pymethods]
+impl Table {
+    #[getter]
+    fn columns(&self) -> Vec<&str> {
+        self.columns.iter().map(|(name, _)| name.as_str()).collect()
+    }
+
+    fn __len__(&self) -> usize {
+        self.columns.first().map_or(0, |(_, column)| column.len())
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
+        match self.columns.iter().find(|(known, _)| known == name) {
+            Some((_, column)) => column.python(py),
+            None => Err(PyKeyError::new_err(format!(
+                "there is no column {name:?}; there are {}",
+                self.columns().join(", ")
+            ))),
+        }
+    }
+
+    /// Each column as a list; None where a value is not known.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for (name, column) in &self.columns {
+            dict.set_item(name, column.python(py)?)?;
+        }
+        Ok(dict)
+    }
+
+    #[pyo3(signature = (requested_schema=None))]
+    fn __arrow_c_stream__<'py>(
+        &self,
+        py: Python<'py>,
+        requested_schema: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyCapsule>> {
+        // Ours is the only form; the protocol lets a producer ignore a wish.
+        drop(requested_schema);
+        let arrays: Vec<ArrayRef> = self
+            .columns
+            .iter()
+            .map(|(_, column)| column.arrow())
+            .collect();
+        let fields = self.columns.iter().zip(&arrays);
+        let fields =
+            fields.map(|((name, _), array)| Field::new(name, array.data_type().clone(), true));
+        let schema = Arc::new(Schema::new(fields.collect::<Vec<_>>()));
+        let batch = RecordBatch::try_new(Arc::clone(&schema), arrays).map_err(failed)?;
+        let reader = RecordBatchIterator::new([Ok(batch)], schema);
+        let stream = FFI_ArrowArrayStream::new(Box::new(reader));
+        PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Table of {} rows: {}",
+            self.__len__(),
+            self.columns().join(", ")
+        )
+    }
+
+    fn _repr_html_(&self) -> String {
+        let rows = self.__len__();
+        let row = |tag: &str, cells: Vec<String>| {
+            let cells = cells
+                .iter()
+                .map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell)));
+            format!("<tr>{}</tr>", cells.collect::<String>())
+        };
+        let line = |at: usize| {
+            row(
+                "td",
+                self.columns
+                    .iter()
+                    .map(|(_, column)| column.cell(at))
+                    .collect(),
+            )
+        };
+        let head = row(
+            "th",
+            self.columns().into_iter().map(str::to_owned).collect(),
+        );
+        let first = rows.min(SHOWN);
+        let last = rows.saturating_sub(SHOWN).max(first);
+        let gap = match last - first {
+            0 => String::new(),
+            more => format!(
+                "<tr><td colspan={}>… {more} more …</td></tr>",
+                self.columns.len()
+            ),
+        };
+        let body: String = (0..first)
+            .map(line)
+            .chain([gap])
+            .chain((last..rows).map(line))
+            .collect();
+        format!("<table><thead>{head}</thead><tbody>{body}</tbody></table>")
+    }
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}

@@ -1,0 +1,38 @@
+"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program."""
+
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+MODULE = os.environ.get("SHARP_BENCH_MODULE")
+PROGRAM = os.environ.get("SHARP_BENCH", str(ROOT / "target/release/sharp-bench"))
+
+if MODULE is not None:
+    package = ROOT / "bench/python/sharp_bench"
+    shutil.copyfile(MODULE, package / "_sharp_bench.abi3.so")
+    sys.path.insert(0, str(package.parent))
+
+
+@pytest.fixture(scope="session")
+def program():
+    def run(*arguments):
+        done = subprocess.run([PROGRAM, "--quiet", *map(str, arguments)], check=True, capture_output=True, text=True)
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture
+def pictures():
+    """A target and a prediction of it, [61, 83, 3] of uint8."""
+    y, x = np.mgrid[:61, :83]
+    waves = [128 + 90 * np.sin((x * x + y * y) / length) for length in (900, 1200, 1500)]
+    target = np.stack(waves, -1)
+    noise = np.random.default_rng(7).normal(0, 9, target.shape)
+    return [np.clip(array, 0, 255).astype(np.uint8) for array in (target + noise, target)]

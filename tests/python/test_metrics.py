@@ -1,0 +1,145 @@
+import json
+
+import numpy as np
+import pytest
+
+import sharp_bench as sb
+
+
+def of_program(program, folder, prediction, target, *options):
+    for name, array in (("prediction", prediction), ("target", target)):
+        np.save(folder / f"{name}.npy", array)
+    text = program("metrics", folder / "prediction.npy", folder / "target.npy", "--json", *options)
+    return json.loads(text)["pairs"][0]["scores"]
+
+
+def levels(program, folder, prediction, target, *options):
+    from PIL import Image
+
+    for name, array in (("prediction", prediction), ("target", target)):
+        Image.fromarray(array).save(folder / f"{name}.png")
+    text = program("metrics", folder / "prediction.png", folder / "target.png", "--json", *options)
+    return json.loads(text)["pairs"][0]["scores"]
+
+
+def test_numbers_are_those_of_the_command_line_to_the_last_digit(program, pictures, tmp_path):
+    prediction, target = pictures
+    scores = sb.metrics(prediction, target, "paper,ssim-all,lpips-vgg")
+    assert scores == levels(program, tmp_path, prediction, target, "--metrics", "paper,ssim-all,lpips-vgg")
+    floats = [(array / 255).astype(np.float32) for array in pictures]
+    assert sb.metrics(*floats) == of_program(program, tmp_path, *floats)
+    # Wider floats are what they are in a file of float32.
+    assert sb.metrics(*(array / 255 for array in pictures)) == sb.metrics(*floats)
+    # Never rounded to levels.
+    brighter = np.clip(floats[0] + 1e-4, 0, 1)
+    assert sb.metrics(brighter, floats[1], "psnr") != sb.metrics(floats[0], floats[1], "psnr")
+
+
+def test_layouts_batches_and_views_of_memory_give_the_same_numbers(pictures):
+    prediction, target = pictures
+    scores = sb.metrics(prediction, target)
+    planes = [np.ascontiguousarray(np.moveaxis(array, -1, 0)) for array in pictures]
+    assert sb.metrics(*planes, layout="chw") == scores
+    wide = np.zeros((61, 200, 3), np.uint8)
+    wide[:, 10:93] = prediction
+    assert sb.metrics(wide[:, 10:93], target) == scores
+    assert sb.metrics(prediction[::-1, ::-1], target[::-1, ::-1], "psnr")["psnr"] == pytest.approx(scores["psnr"], rel=1e-12)
+    batch = sb.metrics(np.stack([target, prediction]), np.stack([target, target]))
+    assert np.isinf(batch["psnr"][0]) and {key: value[1] for key, value in batch.items()} == scores
+    assert sb.metrics(np.stack([prediction] * 3), target, "psnr")["psnr"].tolist() == [scores["psnr"]] * 3
+
+
+def test_masks_add_the_scores_inside(pictures, program, tmp_path):
+    from PIL import Image
+
+    prediction, target = pictures
+    mask = np.zeros(target.shape[:2], bool)
+    mask[10:50, 5:60] = True
+    Image.fromarray(np.where(mask, 255, 0).astype(np.uint8)).save(tmp_path / "mask.png")
+    scores = sb.metrics(prediction, target, "psnr,ssim", mask=mask)
+    assert scores == levels(program, tmp_path, prediction, target, "--metrics", "psnr,ssim", "--mask", tmp_path / "mask.png")
+    assert set(scores) == {"psnr", "psnr@mask", "ssim[gauss11,valid]", "ssim[gauss11,valid]@mask"}
+    inside = ((prediction[mask] / 255.0 - target[mask] / 255.0) ** 2).mean()
+    assert scores["psnr@mask"] == pytest.approx(-10 * np.log10(inside), abs=1e-9)
+    assert sb.metrics(prediction, target, "psnr", mask=np.where(mask, 255, 0).astype(np.uint8))["psnr@mask"] == scores["psnr@mask"]
+
+
+def test_others_agree(pictures):
+    from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+    prediction, target = pictures
+    scores = sb.metrics(prediction, target, "psnr,ssim")
+    assert scores["psnr"] == pytest.approx(peak_signal_noise_ratio(target, prediction), abs=1e-12)
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "data_range": 255, "channel_axis": -1}
+    assert scores["ssim[gauss11,valid]"] == pytest.approx(structural_similarity(target, prediction, **options), abs=1e-12)
+
+
+def test_tensors(pictures):
+    torch = pytest.importorskip("torch")
+    prediction, target = (torch.from_numpy(array) for array in pictures)
+    scores = sb.metrics(*pictures)
+    assert sb.metrics(prediction, target) == scores
+    planes = [tensor.permute(2, 0, 1)[None] for tensor in (prediction, target)]
+    assert {key: value[0] for key, value in sb.metrics(*planes, layout="chw").items()} == scores
+    floats = [(tensor / 255).requires_grad_() for tensor in (prediction, target)]
+    assert sb.metrics(*floats, "psnr")["psnr"] == pytest.approx(scores["psnr"], abs=1e-6)
+    with pytest.raises(TypeError, match="bfloat16"):
+        sb.metrics((prediction / 255).bfloat16(), target)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "said"),
+    [
+        (lambda a: a[..., 0], ValueError, r"shape \(61, 83\), where \[H, W, 3\]"),
+        (lambda a: np.moveaxis(a, -1, 0), ValueError, "layout='chw' takes it"),
+        (lambda a: a.astype(np.int32), TypeError, "int32, where uint8 or a float"),
+        (lambda a: a.astype(np.float32), ValueError, r"prediction.*must lie in 0\.\.1"),
+        (lambda a: a / 255 * np.nan, ValueError, "finite"),
+        (lambda a: a[:50], ValueError, "83x50"),
+        (lambda a: a[:0], ValueError, "no pixel"),
+        (lambda a: a.tolist(), TypeError, "a list"),
+        (lambda a: "prediction.png", TypeError, "a str"),
+        (lambda a: object(), TypeError, "neither an array nor a tensor"),
+    ],
+)
+def test_what_cannot_be_scored_is_refused_with_what_was_expected(pictures, change, error, said):
+    prediction, target = pictures
+    with pytest.raises(error, match=said):
+        sb.metrics(change(prediction), target)
+
+
+def test_metrics_that_cannot_be_computed(pictures, tmp_path):
+    prediction, target = pictures
+    with pytest.raises(ValueError, match="unknown metric 'sim'"):
+        sb.metrics(prediction, target, "sim")
+    small = prediction[:8, :8], target[:8, :8]
+    with pytest.raises(sb.Error, match="ssim.*at least"):
+        sb.metrics(*small, "ssim")
+    with pytest.warns(UserWarning, match="ssim.* is left out"):
+        assert "psnr" in sb.metrics(*small, "all")
+    with pytest.raises(sb.Error, match="nowhere.pth"):
+        sb.metrics(prediction, target, "lpips", weights={"alexnet": tmp_path / "nowhere.pth"})
+
+
+def test_conventions_are_those_of_the_command_line(program):
+    explained = json.loads(program("metrics", "--explain", "--json", "--metrics", "all"))
+    assert sb.conventions() == explained
+
+
+def test_the_lock_is_released():
+    import threading
+
+    noise = np.random.default_rng(1).random((400, 600, 3)).astype(np.float32)
+    counted = [0]
+    done = threading.Event()
+
+    def count():
+        while not done.wait(0.002):
+            counted[0] += 1
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    sb.metrics(noise, noise[::-1].copy(), "dists")
+    done.set()
+    thread.join()
+    assert counted[0] > 5
