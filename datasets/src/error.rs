@@ -41,8 +41,19 @@ pub enum DatasetError {
     /// An invalid request for a dataset.
     #[error("dataset '{text}': {reason}")]
     Spec { text: String, reason: String },
-    #[error("unknown dataset format '{name}'; known: {}", ENTRIES.map(|entry| entry.format).join(", "))]
+    #[error("unknown dataset format '{name}'; {}", nearest_of(name, &ENTRIES.map(|entry| entry.format)))]
     UnknownFormat { name: String },
+}
+
+/// All names that are known, after the one that someone who wrote another may have meant.
+pub fn nearest_of(name: &str, known: &[&str]) -> String {
+    let near = known
+        .iter()
+        .map(|known| (strsim::jaro_winkler(name, known), known));
+    let near = near.filter(|(similarity, _)| *similarity > 0.8);
+    let nearest = near.max_by(|one, other| one.0.total_cmp(&other.0));
+    let meant = nearest.map(|(_, known)| format!("did you mean '{known}'? "));
+    format!("{}known: {}", meant.unwrap_or_default(), known.join(", "))
 }
 
 impl DatasetError {

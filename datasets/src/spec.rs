@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::entry::{DatasetEntry, entry};
+use crate::error::nearest_of;
 use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
 use crate::{DatasetError, Scene, processing, synthetic};
 
@@ -90,8 +91,8 @@ impl DatasetSpec {
             let Some(setting) = entry.settings.iter().find(|s| s.key == key) else {
                 let known: Vec<_> = entry.settings.iter().map(|s| s.key).collect();
                 return Err(error(format!(
-                    "{format} has no setting '{key}'; there are: {}",
-                    known.join(", ")
+                    "{format} has no setting '{key}'; {}",
+                    nearest_of(key, &known)
                 )));
             };
             if !setting.any && setting.choices.iter().all(|c| c.value != value) {

@@ -187,8 +187,8 @@ pub struct MetricKey {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum IdentityError {
     #[error(
-        "unknown metric '{name}'; keys, each also without brackets (lpips-vgg): {}; with a mask only: {}",
-        listed(&MetricKey::all()), listed(&MetricKey::with_mask_only())
+        "unknown metric '{name}'; {}keys, each also without brackets (lpips-vgg): {}; with a mask only: {}",
+        meant(name), listed(&MetricKey::all()), listed(&MetricKey::with_mask_only())
     )]
     Unknown { name: String },
     #[error(
@@ -215,6 +215,21 @@ pub enum IdentityError {
          map of local values"
     )]
     MaskedDists { name: String },
+}
+
+/// The key, alias or name of a family that someone who wrote another may have meant, as a question.
+fn meant(name: &str) -> String {
+    let families = Family::ALL.map(|family| family.name().to_owned());
+    let keys = MetricKey::all().into_iter();
+    let names = keys
+        .flat_map(|key| [key.to_string(), key.alias()])
+        .chain(families);
+    let near = names.map(|known| (strsim::jaro_winkler(name, &known), known));
+    let near = near.filter(|(similarity, _)| *similarity > 0.8);
+    let nearest = near.max_by(|one, other| one.0.total_cmp(&other.0));
+    nearest.map_or_else(String::new, |(_, known)| {
+        format!("did you mean '{known}'? ")
+    })
 }
 
 fn listed(keys: &[MetricKey]) -> String {

@@ -176,8 +176,8 @@ fn the_list_has_every_format_with_its_readings() {
 fn settings_of_every_dataset_are_in_the_help() {
     let dir = tempfile::tempdir().unwrap();
     for args in [
-        ["run", "--help"],
-        ["datasets", "--help"],
+        ["run", "--help-all"],
+        ["datasets", "--help-all"],
         ["datasets", "list"],
     ] {
         let said = sharp_bench(dir.path(), &args).ends_with(0);

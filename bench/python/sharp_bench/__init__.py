@@ -297,7 +297,7 @@ def _display(progress):
 
     def show(phase, done, of):
         end = "\n" if of and done == of else ""
-        print(f"\r{phase}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
+        print(f"\r{phase or 'evaluating'}: {done} of {of or '?'}   ", end=end, file=sys.stderr, flush=True)
 
     return show
 

@@ -1,9 +1,9 @@
 //! `completions SHELL`.
 
-use clap::{Args, CommandFactory};
+use clap::Args;
 use clap_complete::Shell;
 
-use super::{Cli, Outcome};
+use super::{Outcome, help};
 
 /// Write a completion script for a shell to standard output
 #[derive(Debug, Args)]
@@ -17,7 +17,7 @@ pub(super) struct CompletionsArgs {
 
 pub(super) fn execute(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "sharp-bench", &mut script);
+    clap_complete::generate(args.shell, &mut help::command(), "sharp-bench", &mut script);
     super::output::line(String::from_utf8_lossy(&script).trim_end())?;
     Ok(Outcome::Done)
 }

@@ -196,7 +196,7 @@ pub(super) struct PairArgs {
         conflicts_with_all = ["pair_options", "overlap_depth", "overlap_checkpoint", "cache", "no_cache"]
     )]
     pub(super) pairs: Option<PathBuf>,
-    /// Choices that the paper leaves open, key=value,…; see `pairs --help`. A dataset changes them for itself by
+    /// Choices that the paper leaves open, key=value,…; see `pairs --help-all`. A dataset changes them for itself by
     /// --dataset SPEC,pairs.key=value
     #[arg(long, value_name = "LIST")]
     pub(super) pair_options: Option<PairOptions>,
@@ -247,7 +247,7 @@ pub(super) fn formats_help() -> String {
     }
     text += &format!(
         "  each of these, too\n    frame=RULE  its views at another size, cameras with them: {}\n    \
-         pairs.KEY=VALUE  a pair option for it alone (keys: `pairs --help`)\n  \
+         pairs.KEY=VALUE  a pair option for it alone (keys: `pairs --help-all`)\n  \
          `datasets list` has the values of each setting\n",
         Frame::forms()
     );

@@ -12,7 +12,9 @@ mod doctor;
 mod explain;
 mod figure;
 mod gate;
+mod help;
 mod history;
+mod man;
 mod memory;
 mod merge;
 mod metrics;
@@ -38,7 +40,7 @@ mod weights;
 use std::borrow::Cow;
 use std::ffi::OsString;
 
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::io::text::{one_line, shortened, visible, visible_line};
 use outcome::{Outcome, UsageError, is_usage};
@@ -96,6 +98,7 @@ enum CliCommand {
     Doctor(doctor::DoctorArgs),
     Schema(schema::SchemaArgs),
     Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
 }
 
 /// Does what a command line, which begins with the program's name, asks for. The exit code; see `sharp-bench --help`.
@@ -104,7 +107,10 @@ pub fn main(arguments: Vec<OsString>) -> u8 {
         Ok(arguments) => arguments,
         Err(error) => return failed(&error),
     };
-    match Cli::try_parse_from(arguments) {
+    let mut command = help::command();
+    let matches = command.try_get_matches_from_mut(arguments);
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
+    match parsed.map_err(|error| error.format(&mut command)) {
         Ok(cli) => match cli.execute() {
             Ok(outcome) => outcome.exit_code(),
             Err(error) => failed(&error),
@@ -176,6 +182,7 @@ impl Cli {
             CliCommand::Doctor(args) => doctor::execute(&args),
             CliCommand::Schema(args) => schema::execute(&args),
             CliCommand::Completions(args) => completions::execute(&args),
+            CliCommand::Man(args) => man::execute(&args),
         }
     }
 }

@@ -48,7 +48,7 @@ pub(super) fn with_planned(mut arguments: Vec<OsString>) -> anyhow::Result<Vec<O
             None => None,
         });
     if let Some(root) = plan {
-        let others = ["--plan", "--quiet", "-q", "--help", "-h"];
+        let others = ["--plan", "--quiet", "-q", "--help", "-h", "--help-all"];
         let is_known = |argument: &str| {
             let name = argument.split('=').next();
             !argument.starts_with('-')

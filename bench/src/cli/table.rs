@@ -1,5 +1,6 @@
 //! `table`: the paper's tables with rows of one's own.
 
+use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -58,7 +59,11 @@ pub(super) fn execute(args: &TableArgs) -> anyhow::Result<Outcome> {
     }
     let Some(paper) = published(&args.name) else {
         let names: Vec<&str> = TABLES.iter().map(|table| table.name).collect();
-        let reason = format!("no table '{}'; there are {}", args.name, names.join(", "));
+        let reason = format!(
+            "no table '{0}'; {1}",
+            args.name,
+            nearest_of(&args.name, &names)
+        );
         return Err(UsageError(reason).into());
     };
     let metrics: Vec<MetricKey> = match &args.metrics {

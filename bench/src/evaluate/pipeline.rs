@@ -347,6 +347,23 @@ enum Failure {
     Waiting,
 }
 
+/// Refuses a picture that must not be kept: values that rounding to 8 bit would hide, another size than asked for.
+fn check(prediction: &PicturePrediction, target: (u32, u32)) -> Result<(), MethodError> {
+    let refused = |reason: String| MethodError::Model(format!("the prediction {reason}"));
+    let checked = prediction.picture.check();
+    checked.map_err(|error| refused(format!("cannot be used: {error}")))?;
+    let (of, asked) = match prediction.region {
+        None => ("the target", target),
+        Some(region) => ("its part of the target", (region.width, region.height)),
+    };
+    let (width, height) = prediction.picture.dimensions();
+    if (width, height) != asked {
+        let (w, h) = asked;
+        return Err(refused(format!("is {width}x{height} but {of} is {w}x{h}")));
+    }
+    Ok(())
+}
+
 impl From<MethodError> for Failure {
     fn from(error: MethodError) -> Self {
         Self::Pair(error.to_string())
@@ -540,9 +557,7 @@ impl<'a> PairWork<'_, 'a> {
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, depth.as_ref());
                 let prediction = pictures.predict(&source, &target)?;
-                // Rounding to 8 bit would hide it.
-                let checked = prediction.picture.check();
-                checked.map_err(|error| MethodError::Model(format!("the prediction: {error}")))?;
+                check(&prediction, target.size())?;
                 plain(prediction)
             }
             Approach::Scales(sweep) => {

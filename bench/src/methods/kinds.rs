@@ -1,5 +1,6 @@
 //! From specs on the command line to method instances.
 
+use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -111,7 +112,7 @@ fn kind_of(spec: &MethodSpec) -> Result<&'static MethodKind, SpecError> {
     let kind = KINDS.iter().find(|kind| kind.name == spec.kind);
     kind.ok_or_else(|| SpecError::UnknownKind {
         spec: spec.text.clone(),
-        known: KINDS.each_ref().map(|kind| kind.name).join(", "),
+        known: nearest_of(&spec.kind, &KINDS.each_ref().map(|kind| kind.name)),
     })
 }
 

@@ -8,7 +8,7 @@ use super::method::Privilege;
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SpecError {
-    #[error("method '{spec}': unknown kind; known: {known}")]
+    #[error("method '{spec}': unknown kind; {known}")]
     UnknownKind { spec: String, known: String },
     /// An option that is not understood, or a file or folder it names.
     #[error("method '{spec}': {reason}")]

@@ -8,6 +8,7 @@ mod table;
 
 use serde::Serialize;
 use sharp::color::Quantization;
+use sharp_datasets::error::nearest_of;
 use sharp_metrics::{MetricKey, Selection, SelectionError};
 
 use crate::evaluate::Aggregation;
@@ -93,7 +94,7 @@ pub struct Followed {
 /// Why a request cannot follow a protocol.
 #[derive(Debug, thiserror::Error)]
 pub enum ProtocolError {
-    #[error("no protocol '{name}'; known: {}", names())]
+    #[error("no protocol '{name}'; {}", nearest_of(name, &names()))]
     Unknown { name: String },
     #[error("--protocol {protocol} {rule}, which {option} contradicts")]
     Contradicted {
@@ -118,9 +119,8 @@ pub enum ProtocolError {
     },
 }
 
-fn names() -> String {
-    let names: Vec<&str> = PROTOCOLS.iter().map(|protocol| protocol.name).collect();
-    names.join(", ")
+fn names() -> Vec<&'static str> {
+    PROTOCOLS.iter().map(|protocol| protocol.name).collect()
 }
 
 impl Protocol {

@@ -70,7 +70,7 @@ const MVSPLAT: Protocol = Protocol {
 pub const PROTOCOLS: [Protocol; 15] = [
     Protocol {
         name: "sharp",
-        source: "the SHARP paper; what it leaves open is an option (`pairs --help`)",
+        source: "the SHARP paper; what it leaves open is an option (`pairs --help-all`)",
         metrics: &["dists", "lpips[alex,v0.1]", "psnr", "ssim[gauss11,valid]"],
         failures: "not stated",
         departures: &[

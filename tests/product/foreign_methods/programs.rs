@@ -217,7 +217,8 @@ def predict(path, pair):
     return Copy(path)
 "#;
     let docs = read(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/your-method.md"));
-    let program = docs.split("```python").nth(1).unwrap();
+    let mut programs = docs.split("```python").skip(1);
+    let program = programs.find(|text| text.contains("sys.stdin")).unwrap();
     let program = program.split("```").next().unwrap();
     std::fs::write(dir.path().join("my.py"), format!("{model}{program}")).unwrap();
     let methods = [

@@ -217,7 +217,7 @@ fn choices_that_differ_from_the_paper_are_marked() {
 #[test]
 fn help_lists_what_each_choice_may_be() {
     let dir = tempfile::tempdir().unwrap();
-    let said = sharp_bench(dir.path(), &["pairs", "--help"]).ends_with(0);
+    let said = sharp_bench(dir.path(), &["pairs", "--help-all"]).ends_with(0);
     for part in [
         "sets           consecutive, strided, whole, random:SEED\n",
         "limit          all or a number\n                 default 512; pairs of a dataset",

@@ -3,7 +3,7 @@
 //! The text is one line of `key=value` joined by commas, in a fixed order; it is what the command line
 //! accepts (any subset, in any order), what is printed beside a result and what manifests store.
 //!
-//! * `keys`: the table behind reading, writing and `pairs --help`.
+//! * `keys`: the table behind reading, writing and `pairs --help-all`.
 //! * [`paper`]: which values are known to differ from what the paper did.
 
 mod keys;
@@ -11,6 +11,7 @@ pub mod paper;
 #[cfg(test)]
 mod tests;
 
+use sharp_datasets::error::nearest_of;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
@@ -237,8 +238,8 @@ impl PairOptions {
     fn set(&mut self, key: &str, value: &str) -> Result<(), PairError> {
         let mut choices = self.choices();
         let Some((_, choice)) = choices.iter_mut().find(|(name, _)| *name == key) else {
-            let names = choices.map(|(name, _)| name).join(", ");
-            let reason = format!("unknown key '{key}'; known: {names}");
+            let known = nearest_of(key, &choices.map(|(name, _)| name));
+            let reason = format!("unknown key '{key}'; {known}");
             return Err(PairError::Options(reason));
         };
         choice

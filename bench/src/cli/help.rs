@@ -1,0 +1,148 @@
+//! Help in two sizes: `--help` is a screen, `--help-all` is all there is.
+
+use clap::builder::StyledStr;
+use clap::{Arg, ArgAction, Command, CommandFactory};
+
+use super::Cli;
+
+/// Options for special cases, which a screen has no room for.
+const RARE: [&str; 39] = [
+    "adapter",
+    "aggregate",
+    "allow-programs",
+    "allow-unused",
+    "background",
+    "cache",
+    "color-space",
+    "common-region",
+    "depth-range",
+    "device",
+    "eps2d",
+    "exact",
+    "far",
+    "fps",
+    "keep-gaussians",
+    "layer",
+    "look-at",
+    "max-disparity",
+    "max-pixels",
+    "max-zoom",
+    "memory-limit",
+    "near",
+    "no-cache",
+    "offset-m",
+    "overlap-checkpoint",
+    "overlap-config",
+    "overlap-depth",
+    "plan",
+    "plan-only",
+    "quantise",
+    "release-screen",
+    "repeats",
+    "scale-sweep",
+    "shard",
+    "simd",
+    "stage",
+    "time-budget",
+    "warmup",
+    "weights",
+];
+
+/// The command line with both.
+pub(super) fn command() -> Command {
+    two_sizes(Cli::command().disable_help_flag(true), "sharp-bench")
+}
+
+fn two_sizes(command: Command, path: &str) -> Command {
+    let both = [
+        Arg::new("help")
+            .short('h')
+            .long("help")
+            .action(ArgAction::HelpShort)
+            .help("This page"),
+        Arg::new("help-all")
+            .long("help-all")
+            .action(ArgAction::HelpLong)
+            .help("Every option in full"),
+    ];
+    let examples = command.get_after_help().map(ToString::to_string);
+    let examples = examples.map(|text| examples_of(&text)).unwrap_or_default();
+    let command = command.mut_args(short).args(both);
+    let command = match command.get_after_help().cloned() {
+        Some(all) => command.after_long_help(all),
+        None => command,
+    };
+    let more = format!("{examples}All options: {path} --help-all");
+    let command = command.after_help(more);
+    command.mut_subcommands(|sub| {
+        let path = format!("{path} {}", sub.get_name());
+        two_sizes(sub, &path)
+    })
+}
+
+/// The first clause of an option's help, unless it is one for special cases.
+fn short(arg: Arg) -> Arg {
+    let Some(help) = arg.get_help().map(ToString::to_string) else {
+        return arg;
+    };
+    let full = arg.get_long_help().cloned();
+    let full = full.unwrap_or_else(|| StyledStr::from(help.clone()));
+    let ends = [". ", "; ", ": ", " ("].iter();
+    let end = ends.filter_map(|end| help.find(end)).min();
+    let clause = help[..end.unwrap_or(help.len())].to_owned();
+    let is_rare = arg.get_long().is_some_and(|long| RARE.contains(&long));
+    arg.help(clause).long_help(full).hide_short_help(is_rare)
+}
+
+/// The paragraph of examples, with an empty line after it.
+fn examples_of(text: &str) -> String {
+    let lines = text.lines().skip_while(|line| !line.starts_with("Example"));
+    let lines: Vec<&str> = lines.take_while(|line| !line.is_empty()).collect();
+    match lines.is_empty() {
+        true => String::new(),
+        false => lines.join("\n") + "\n\n",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines and columns of a screen that is not small.
+    const SCREEN: (usize, usize) = (50, 110);
+
+    fn each(command: &mut Command, check: &mut dyn FnMut(&mut Command)) {
+        check(command);
+        command
+            .get_subcommands_mut()
+            .for_each(|sub| each(sub, check));
+    }
+
+    #[test]
+    fn help_is_a_screen_and_all_of_it_has_every_option() {
+        let mut command = command().term_width(SCREEN.1);
+        command.build();
+        each(&mut command, &mut |command| {
+            let (short, all) = (
+                command.render_help().to_string(),
+                command.render_long_help().to_string(),
+            );
+            let lines = short.lines().count();
+            assert!(lines <= SCREEN.0, "{lines} lines:\n{short}");
+            for option in command.get_arguments().filter_map(Arg::get_long) {
+                assert!(all.contains(&format!("--{option}")), "{option}:\n{all}");
+            }
+        });
+    }
+
+    #[test]
+    fn every_rare_option_exists() {
+        let mut found = std::collections::BTreeSet::new();
+        each(&mut command(), &mut |command| {
+            let options = command.get_arguments().filter_map(Arg::get_long);
+            found.extend(options.map(str::to_owned));
+        });
+        let gone: Vec<_> = RARE.iter().filter(|rare| !found.contains(**rare)).collect();
+        assert_eq!(gone, Vec::<&&str>::new());
+    }
+}
