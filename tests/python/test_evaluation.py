@@ -35,6 +35,8 @@ def test_datasets_are_scenes_and_views_as_arrays(tmp_path):
     assert np.allclose(again.camera_from_world, pose, atol=1e-14) and (again.K == camera.K).all()
     real = sb.datasets(f"middlebury={sb.bundled_data(tmp_path)}")[0].scenes[0]
     assert len(real.views) == 2 and real.views[0].image().shape[2] == 3
+    with pytest.raises(TypeError, match="a dataset is needed"):
+        sb.datasets()
     with pytest.raises(sb.Error, match="nowhere"):
         sb.datasets(f"middlebury={tmp_path / 'nowhere'}")
 

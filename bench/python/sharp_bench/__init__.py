@@ -1,7 +1,7 @@
 """Evaluate single-photograph view synthesis from Python, by the numbers of the ``sharp-bench`` command.
 
 Cameras are OpenCV's: x right, y down, z forward; lengths are metres, extrinsics world-to-camera, and pixel centres lie at
-+ 0.5. Pictures are sRGB: uint8, or floats in 0..1, which are scored as they are and never rounded.
++ 0.5. Pictures are sRGB: uint8, or floats in 0..1, which :func:`metrics` scores as they are and a run rounds to levels.
 """
 
 import functools
@@ -62,6 +62,8 @@ def metrics(prediction, target, metrics="paper", mask=None, layout="hwc", weight
     scorer = _scorer(metrics, mask is not None, files)
     predictions, is_batch = _arrays.pictures("prediction", prediction, layout)
     targets, _ = _arrays.pictures("target", target, layout)
+    if not predictions:
+        raise ValueError("prediction: a batch without a picture")
     if len(targets) not in (1, len(predictions)):
         raise ValueError(f"{len(predictions)} predictions and {len(targets)} targets: as many are needed, or one target")
     targets = targets * (len(predictions) // len(targets))
@@ -94,6 +96,8 @@ def conventions(metrics="all"):
 
 def datasets(*specs, scenes=None):
     """Opens datasets, each ``[NAME:]FORMAT=PATH[,key=value…]`` as ``--dataset`` takes it; ``scenes`` is a pattern of their ids."""
+    if not specs:
+        raise TypeError("a dataset is needed, [NAME:]FORMAT=PATH[,key=value…]")
     return _sharp_bench.datasets([os.fspath(spec) for spec in specs], scenes)
 
 
