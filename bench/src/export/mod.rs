@@ -3,12 +3,14 @@
 //! * [`pairs`]: the pairs of a list, a folder each.
 //! * [`cameras`]: every view of some scenes, for those who make depth maps or reconstructions.
 //! * [`camera_file`]: one camera in JSON.
+//! * [`viewer`]: Gaussians in a page that draws them.
 //! * `file`: files that are written once.
 
 pub mod camera_file;
 pub mod cameras;
 mod file;
 pub mod pairs;
+pub mod viewer;
 
 use std::path::PathBuf;
 

@@ -18,7 +18,8 @@ pub enum Background {
 }
 
 impl Background {
-    fn linear(self) -> [f32; 3] {
+    /// Linear RGB.
+    pub fn linear(self) -> [f32; 3] {
         match self {
             Self::Black => [0.0; 3],
             Self::White => [1.0; 3],

@@ -1,6 +1,6 @@
 //! One `render`: the scene, the views and where they go.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 
 use anyhow::{Context, bail, ensure};
@@ -17,6 +17,7 @@ use super::writer::{self, Appearance, OutputKind, ViewWriter};
 use super::{RenderArgs, Summary, frames};
 use crate::cli::output::Terminal;
 use crate::export::camera_file::CameraFile;
+use crate::export::viewer::Viewer;
 use crate::io::fingerprints;
 use crate::io::gaussian_files;
 use crate::io::hash::file_sha256;
@@ -26,16 +27,31 @@ use crate::rendering::BatchRenderer;
 /// Everything that is known before a backend is.
 pub(super) struct RenderJob<'a> {
     args: &'a RenderArgs,
-    kind: OutputKind,
+    /// Where pictures go, if anywhere.
+    pub(super) out: Option<Output<'a>>,
     pub(super) scene: Gaussians,
     pub(super) screen: Intrinsics,
+    photograph: DAffine3,
     views: Vec<RenderView>,
     pub(super) appearance: Appearance,
     path: String,
 }
 
+/// What the name given by `--out` asks for.
+pub(super) struct Output<'a> {
+    path: &'a Path,
+    kind: OutputKind,
+}
+
 impl<'a> RenderJob<'a> {
-    pub(super) fn prepare(args: &'a RenderArgs, kind: OutputKind) -> anyhow::Result<Self> {
+    pub(super) fn prepare(args: &'a RenderArgs) -> anyhow::Result<Self> {
+        let out = match &args.out {
+            None => None,
+            Some(path) => Some(Output {
+                path,
+                kind: OutputKind::of(path)?,
+            }),
+        };
         let file = gaussian_files::read(&args.scene, args.color_space)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
@@ -51,7 +67,9 @@ impl<'a> RenderJob<'a> {
             .path
             .poses(&scene, &photo, &camera_from_scene)
             .with_context(named)?;
-        check_kind(args, kind, poses.moved.as_ref().map(Vec::len))?;
+        if let Some(out) = &out {
+            out.check(args, poses.moved.as_ref().map(Vec::len))?;
+        }
 
         let screen = if args.release_screen {
             release_screen(&photo)
@@ -87,8 +105,9 @@ impl<'a> RenderJob<'a> {
         };
         Ok(Self {
             args,
-            kind,
+            out,
             screen,
+            photograph: camera_from_scene,
             views,
             appearance: Appearance {
                 background: rendering.background,
@@ -101,70 +120,37 @@ impl<'a> RenderJob<'a> {
         })
     }
 
-    /// Renders all views of the scene or of one layer of it.
-    pub(super) fn render(
+    /// Writes the page of `--viewer`.
+    pub(super) fn page(
         &self,
         renderer: &mut BatchRenderer,
-        (scene, layer): (&Gaussians, Option<usize>),
+        scene: &Gaussians,
+        path: &Path,
         summary: &mut Summary,
     ) -> anyhow::Result<()> {
-        let out = match (layer, self.args.layer) {
-            (Some(layer), Some(Layers::All)) => writer::of_layer(&self.args.out, self.kind, layer),
-            _ => self.args.out.clone(),
+        let name = self.args.scene.file_name().unwrap_or_default();
+        let page = Viewer {
+            title: &name.to_string_lossy(),
+            scene,
+            photograph: self.photograph,
+            views: &self.views,
+            background: self.appearance.background,
+            quantization: self.appearance.quantization,
         };
-        let mut waiting: Vec<usize> = (0..self.views.len()).collect();
-        let settings = self.settings(layer, &renderer.name())?;
-        let (view_writer, names) = match self.kind {
-            OutputKind::Picture => {
-                let paths = vec![out.clone()];
-                (ViewWriter::files(paths.clone(), self.appearance), paths)
-            }
-            OutputKind::Frames => {
-                frames::start(&out, &settings)?;
-                let name = |index| writer::frame_path(&out, index);
-                let paths: Vec<PathBuf> = (0..self.views.len()).map(name).collect();
-                waiting.retain(|&index| !paths[index].is_file());
-                (ViewWriter::files(paths.clone(), self.appearance), paths)
-            }
-            OutputKind::Gif | OutputKind::Mp4 => {
-                let size = (self.screen.width, self.screen.height);
-                let fps = self.args.fps.unwrap_or(DEFAULT_FPS);
-                let cameras = out.with_extension("cameras");
-                let name = |index| writer::frame_path(&cameras, index);
-                let view_writer = ViewWriter::movies(&out, size, fps, self.appearance)?;
-                (view_writer, (0..self.views.len()).map(name).collect())
-            }
-        };
-        if self.args.write_cameras {
-            for (view, name) in self.views.iter().zip(&names) {
-                let path = name.with_extension("json");
-                CameraFile::of(&view.intrinsics, &view.camera_from_scene).write(&path)?;
-            }
+        let chosen: Vec<RenderView> = page.pictured().iter().map(|&at| self.views[at]).collect();
+        let mut pictures = Vec::with_capacity(chosen.len());
+        renderer
+            .render::<RenderError>(scene, &chosen, |_, view| {
+                summary.add(&view);
+                pictures.push(self.appearance.color(&view));
+                Ok(())
+            })
+            .with_context(|| self.args.scene.display().to_string())?;
+        page.write(path, &pictures)?;
+        summary.files.push(path.display().to_string());
+        if self.out.is_none() {
+            summary.views = self.views.len();
         }
-        let fell_back_before = renderer.fallback().is_some();
-        self.draw(renderer, scene, &waiting, view_writer, summary)?;
-        if let (OutputKind::Frames, Some(fallback), false) =
-            (self.kind, renderer.fallback(), fell_back_before)
-        {
-            let from_frame = waiting.get(fallback.from_view).copied().unwrap_or(0);
-            frames::record_fallback(&out, &settings, fallback, from_frame)?;
-        }
-
-        summary.views += self.views.len();
-        summary.reused += self.views.len() - waiting.len();
-        let files = match self.kind {
-            OutputKind::Picture => self.appearance.files(&out),
-            OutputKind::Frames => vec![out],
-            OutputKind::Gif | OutputKind::Mp4 => {
-                let [color, depth, alpha] = writer::movie_paths(&out);
-                let depth = self.appearance.depth_m.map(|_| depth);
-                let alpha = self.appearance.alpha.then_some(alpha);
-                [Some(color), depth, alpha].into_iter().flatten().collect()
-            }
-        };
-        summary
-            .files
-            .extend(files.iter().map(|file| file.display().to_string()));
         Ok(())
     }
 
@@ -208,33 +194,6 @@ impl<'a> RenderJob<'a> {
         rendered.with_context(|| self.args.scene.display().to_string())?;
         view_writer.finish()
     }
-
-    fn settings(&self, layer: Option<usize>, backend: &str) -> anyhow::Result<Value> {
-        if self.kind != OutputKind::Frames {
-            return Ok(Value::Null);
-        }
-        let cameras: Vec<CameraFile> = self
-            .views
-            .iter()
-            .map(|view| CameraFile::of(&view.intrinsics, &view.camera_from_scene))
-            .collect();
-        Ok(json!({
-            "scene_sha256": file_sha256(&self.args.scene)?,
-            "layer": layer,
-            "path": self.path,
-            "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
-            "frames": self.views.len(),
-            "eps2d": self.args.rendering.settings().eps2d,
-            "near": self.args.near,
-            "far": self.args.far,
-            "background": self.appearance.background.to_string(),
-            "quantization": format!("{:?}", self.appearance.quantization),
-            "depth_range_m": self.appearance.depth_m,
-            "alpha": self.appearance.alpha,
-            "backend": backend,
-            "source_fingerprint": fingerprints::BUILD,
-        }))
-    }
 }
 
 /// The release's.
@@ -248,30 +207,132 @@ enum Stopped {
     Writing,
 }
 
-/// One view goes to a picture, a path to frames or a movie.
-fn check_kind(args: &RenderArgs, kind: OutputKind, moved: Option<usize>) -> anyhow::Result<()> {
-    let out = args.out.display();
-    match (kind, moved) {
-        (OutputKind::Picture, Some(n)) if n != 1 => {
-            bail!(
-                "{out}: a picture holds one view, the path has {n}: choose a folder, .gif or .mp4"
-            )
+impl Output<'_> {
+    /// One view goes to a picture, a path to frames or a movie.
+    fn check(&self, args: &RenderArgs, moved: Option<usize>) -> anyhow::Result<()> {
+        let out = self.path.display();
+        match (self.kind, moved) {
+            (OutputKind::Picture, Some(n)) if n != 1 => {
+                bail!(
+                    "{out}: a picture holds one view, the path has {n}: choose a folder, .gif or .mp4"
+                )
+            }
+            (OutputKind::Gif | OutputKind::Mp4, None) => {
+                bail!("{out}: nothing moves: add --trajectory or --offset-m")
+            }
+            (OutputKind::Frames, None) => bail!(
+                "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"
+            ),
+            _ => {}
         }
-        (OutputKind::Gif | OutputKind::Mp4, None) => {
-            bail!("{out}: nothing moves: add --trajectory or --offset-m")
-        }
-        (OutputKind::Frames, None) => bail!(
-            "{out}: one view goes to a .png, .exr or .safetensors; a folder of frames needs --trajectory or --offset-m"
-        ),
-        _ => {}
+        ensure!(
+            args.fps.is_none() || matches!(self.kind, OutputKind::Gif | OutputKind::Mp4),
+            "{out}: --fps is for .gif and .mp4"
+        );
+        let options = [
+            ("--background", args.rendering.background.is_some()),
+            ("--quantise", args.rendering.quantise.is_some()),
+        ];
+        writer::refuse_for_floats(self.path, &options)
     }
-    ensure!(
-        args.fps.is_none() || matches!(kind, OutputKind::Gif | OutputKind::Mp4),
-        "{out}: --fps is for .gif and .mp4"
-    );
-    let options = [
-        ("--background", args.rendering.background.is_some()),
-        ("--quantise", args.rendering.quantise.is_some()),
-    ];
-    writer::refuse_for_floats(&args.out, &options)
+
+    /// Renders all views of the scene or of one layer of it.
+    pub(super) fn render(
+        &self,
+        job: &RenderJob<'_>,
+        renderer: &mut BatchRenderer,
+        (scene, layer): (&Gaussians, Option<usize>),
+        summary: &mut Summary,
+    ) -> anyhow::Result<()> {
+        let out = match (layer, job.args.layer) {
+            (Some(layer), Some(Layers::All)) => writer::of_layer(self.path, self.kind, layer),
+            _ => self.path.to_owned(),
+        };
+        let mut waiting: Vec<usize> = (0..job.views.len()).collect();
+        let settings = self.settings(job, layer, &renderer.name())?;
+        let (view_writer, names) = match self.kind {
+            OutputKind::Picture => {
+                let paths = vec![out.clone()];
+                (ViewWriter::files(paths.clone(), job.appearance), paths)
+            }
+            OutputKind::Frames => {
+                frames::start(&out, &settings)?;
+                let name = |index| writer::frame_path(&out, index);
+                let paths: Vec<PathBuf> = (0..job.views.len()).map(name).collect();
+                waiting.retain(|&index| !paths[index].is_file());
+                (ViewWriter::files(paths.clone(), job.appearance), paths)
+            }
+            OutputKind::Gif | OutputKind::Mp4 => {
+                let size = (job.screen.width, job.screen.height);
+                let fps = job.args.fps.unwrap_or(DEFAULT_FPS);
+                let cameras = out.with_extension("cameras");
+                let name = |index| writer::frame_path(&cameras, index);
+                let view_writer = ViewWriter::movies(&out, size, fps, job.appearance)?;
+                (view_writer, (0..job.views.len()).map(name).collect())
+            }
+        };
+        if job.args.write_cameras {
+            for (view, name) in job.views.iter().zip(&names) {
+                let path = name.with_extension("json");
+                CameraFile::of(&view.intrinsics, &view.camera_from_scene).write(&path)?;
+            }
+        }
+        let fell_back_before = renderer.fallback().is_some();
+        job.draw(renderer, scene, &waiting, view_writer, summary)?;
+        if let (OutputKind::Frames, Some(fallback), false) =
+            (self.kind, renderer.fallback(), fell_back_before)
+        {
+            let from_frame = waiting.get(fallback.from_view).copied().unwrap_or(0);
+            frames::record_fallback(&out, &settings, fallback, from_frame)?;
+        }
+
+        summary.views += job.views.len();
+        summary.reused += job.views.len() - waiting.len();
+        let files = match self.kind {
+            OutputKind::Picture => job.appearance.files(&out),
+            OutputKind::Frames => vec![out],
+            OutputKind::Gif | OutputKind::Mp4 => {
+                let [color, depth, alpha] = writer::movie_paths(&out);
+                let depth = job.appearance.depth_m.map(|_| depth);
+                let alpha = job.appearance.alpha.then_some(alpha);
+                [Some(color), depth, alpha].into_iter().flatten().collect()
+            }
+        };
+        summary
+            .files
+            .extend(files.iter().map(|file| file.display().to_string()));
+        Ok(())
+    }
+
+    fn settings(
+        &self,
+        job: &RenderJob<'_>,
+        layer: Option<usize>,
+        backend: &str,
+    ) -> anyhow::Result<Value> {
+        if self.kind != OutputKind::Frames {
+            return Ok(Value::Null);
+        }
+        let cameras: Vec<CameraFile> = job
+            .views
+            .iter()
+            .map(|view| CameraFile::of(&view.intrinsics, &view.camera_from_scene))
+            .collect();
+        Ok(json!({
+            "scene_sha256": file_sha256(&job.args.scene)?,
+            "layer": layer,
+            "path": job.path,
+            "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),
+            "frames": job.views.len(),
+            "eps2d": job.args.rendering.settings().eps2d,
+            "near": job.args.near,
+            "far": job.args.far,
+            "background": job.appearance.background.to_string(),
+            "quantization": format!("{:?}", job.appearance.quantization),
+            "depth_range_m": job.appearance.depth_m,
+            "alpha": job.appearance.alpha,
+            "backend": backend,
+            "source_fingerprint": fingerprints::BUILD,
+        }))
+    }
 }

@@ -17,7 +17,6 @@ use sharp::render::{Backend, RenderOutput, RenderView};
 use self::args::Layers;
 use self::job::RenderJob;
 use self::path::PathArgs;
-use self::writer::OutputKind;
 use super::rendering_args::RenderingArgs;
 use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
@@ -36,6 +35,7 @@ Examples:
   sharp-bench render photo.ply --trajectory rotate_forward --depth --out photo.mp4
   sharp-bench render photo.ply --trajectory swipe --frames 30 --write-cameras --out frames
   sharp-bench render photo.ply --offset-m 0.05,0,0 --layer all --out right.png
+  sharp-bench render photo.ply --trajectory rotate_forward --viewer photo.html
 
 cam.json, pixel centres at +0.5, camera_from_world any affine map, both row by row:
   {\"width\": 640, \"height\": 480, \"K\": [500,0,320, 0,500,240, 0,0,1],
@@ -53,8 +53,12 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,
     /// Where to write: .png, .exr, .safetensors, .gif, .mp4, or a folder for frames
-    #[arg(long, value_name = "OUT")]
-    out: PathBuf,
+    #[arg(long, value_name = "OUT", required_unless_present = "viewer")]
+    out: Option<PathBuf>,
+    /// Write a page that draws the Gaussians in a browser (WebGPU), from the views rendered here and any other: one file
+    /// that loads nothing
+    #[arg(long, value_name = "OUT.html")]
+    viewer: Option<PathBuf>,
     /// Who renders: cpu, wgpu (a GPU through Vulkan, Metal or Direct3D 12), or auto (the first hardware adapter, else
     /// the CPU)
     #[arg(long, value_name = "BACKEND", default_value_t = Backend::Auto)]
@@ -104,7 +108,8 @@ pub(super) struct RenderArgs {
 
 #[derive(Debug, Serialize)]
 struct Summary {
-    out: String,
+    /// As given; none where only a page was asked for.
+    out: Option<String>,
     width: u32,
     height: u32,
     gaussians: usize,
@@ -129,13 +134,12 @@ struct Summary {
 }
 
 pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
-    let kind = OutputKind::of(&args.out)?;
-    let job = RenderJob::prepare(args, kind)?;
+    let job = RenderJob::prepare(args)?;
     let backend = data_args::backend(&args.backend, args.adapter.as_deref())?;
     let mut renderer = BatchRenderer::open(&backend)?;
 
     let mut summary = Summary {
-        out: args.out.display().to_string(),
+        out: args.out.as_ref().map(|out| out.display().to_string()),
         width: job.screen.width,
         height: job.screen.height,
         gaussians: job.scene.len(),
@@ -151,16 +155,29 @@ pub(super) fn execute(args: &RenderArgs) -> anyhow::Result<Outcome> {
         depth_range_m: job.appearance.depth_m,
         files: Vec::new(),
     };
-    match args.layer {
-        None => job.render(&mut renderer, (&job.scene, None), &mut summary)?,
-        Some(layers) => {
-            for layer in layers.indices() {
-                let part = Layers::of(&job.scene, layer).with_context(|| {
-                    let (scene, n) = (args.scene.display(), job.scene.len());
-                    format!("{scene}: {n} Gaussians are not two layers of equal size")
-                })?;
-                job.render(&mut renderer, (&part, Some(layer)), &mut summary)?;
+    let part = |layer| {
+        Layers::of(&job.scene, layer).with_context(|| {
+            let (scene, n) = (args.scene.display(), job.scene.len());
+            format!("{scene}: {n} Gaussians are not two layers of equal size")
+        })
+    };
+    if let Some(out) = &job.out {
+        match args.layer {
+            None => out.render(&job, &mut renderer, (&job.scene, None), &mut summary)?,
+            Some(layers) => {
+                for layer in layers.indices() {
+                    let scene = part(layer)?;
+                    out.render(&job, &mut renderer, (&scene, Some(layer)), &mut summary)?;
+                }
             }
+        }
+    }
+    if let Some(path) = &args.viewer {
+        match args.layer {
+            Some(Layers::One(layer)) => {
+                job.page(&mut renderer, &part(layer)?, path, &mut summary)?
+            }
+            None | Some(Layers::All) => job.page(&mut renderer, &job.scene, path, &mut summary)?,
         }
     }
     summary.fallback = renderer.fallback().map(|fallback| fallback.reason.clone());

@@ -51,7 +51,7 @@ pub(super) struct Appearance {
 }
 
 impl Appearance {
-    fn color(&self, view: &RenderOutput) -> RgbImage {
+    pub(super) fn color(&self, view: &RenderOutput) -> RgbImage {
         view.srgb8(self.background, self.quantization)
     }
 

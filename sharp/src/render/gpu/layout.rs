@@ -141,8 +141,8 @@ pub(super) fn dropped(counts: DroppedCounts) -> Dropped {
 
 #[cfg(test)]
 mod tests {
-    use super::super::passes::SOURCES;
     use super::*;
+    use sharp_shaders::PASSES;
     use wgpu::naga::{TypeInner, front::wgsl};
 
     #[test]
@@ -155,7 +155,7 @@ mod tests {
         ];
         for (twin, fields) in all {
             let mut seen = 0;
-            for (file, source) in SOURCES {
+            for (file, source) in PASSES {
                 let module = wgsl::parse_str(source).unwrap();
                 for (_, found) in module.types.iter() {
                     let TypeInner::Struct { members, .. } = &found.inner else {

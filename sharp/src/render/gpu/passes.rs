@@ -1,39 +1,7 @@
 //! The compute pipelines, one for each entry point under `shaders/`.
 
+use sharp_shaders::PASSES;
 use wgpu::ComputePipeline;
-
-macro_rules! shader {
-    ($($file:literal),*) => {
-        concat!($(include_str!(concat!("../../../../shaders/", $file)), "\n"),*)
-    };
-}
-
-/// Each pass: its file's name and its text with the shared pieces before it.
-pub(super) const SOURCES: [(&str, &str); 6] = [
-    ("project", shader!("shared/view.wgsl", "project.wgsl")),
-    ("scan", shader!("shared/view.wgsl", "scan.wgsl")),
-    (
-        "radix",
-        shader!("shared/view.wgsl", "shared/radix.wgsl", "radix.wgsl"),
-    ),
-    (
-        "emit",
-        shader!("shared/view.wgsl", "shared/frame.wgsl", "emit.wgsl"),
-    ),
-    (
-        "ranges",
-        shader!("shared/view.wgsl", "shared/frame.wgsl", "ranges.wgsl"),
-    ),
-    (
-        "raster",
-        shader!(
-            "shared/view.wgsl",
-            "shared/frame.wgsl",
-            "shared/exp2.wgsl",
-            "raster.wgsl"
-        ),
-    ),
-];
 
 /// The pipelines in the order in which a frame runs them.
 pub(super) struct Passes {
@@ -50,7 +18,7 @@ pub(super) struct Passes {
 
 impl Passes {
     pub(super) fn new(device: &wgpu::Device) -> Self {
-        let modules = SOURCES.map(|(name, source)| {
+        let modules = PASSES.map(|(name, source)| {
             device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(name),
                 source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -82,13 +50,13 @@ impl Passes {
 
 #[cfg(test)]
 mod tests {
-    use super::SOURCES;
+    use super::PASSES;
     use wgpu::naga::front::wgsl;
     use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
 
     #[test]
     fn every_shader_is_valid_without_any_capability() {
-        for (name, source) in SOURCES {
+        for (name, source) in PASSES {
             let module = wgsl::parse_str(source)
                 .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
             Validator::new(ValidationFlags::all(), Capabilities::empty())
@@ -108,10 +76,10 @@ mod tests {
             .filter(|name| name.ends_with(".wgsl"))
             .collect();
         files.sort();
-        let mut used = SOURCES.map(|(name, _)| format!("{name}.wgsl"));
+        let mut used = PASSES.map(|(name, _)| format!("{name}.wgsl"));
         used.sort();
         assert_eq!(files, used);
-        for (name, _) in SOURCES {
+        for (name, _) in PASSES {
             let twin = root.join("src/render").join(name).with_extension("rs");
             assert!(twin.is_file(), "{}", twin.display());
         }

@@ -1,0 +1,286 @@
+//! A page that draws Gaussians in a browser: one file that opens from disk and loads nothing.
+//!
+//! WebGPU runs the renderer's own shaders ([`sharp_shaders::PASSES`]); `screen.wgsl` brings the result onto the screen.
+//! Where there is no WebGPU, pictures that were rendered with the page take its place.
+
+use std::io::{self, Cursor, Write};
+use std::path::Path;
+
+use askama::Template;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use glam::DAffine3;
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::json;
+use sha2::{Digest as _, Sha256};
+use sharp::color::Quantization;
+use sharp::gaussians::Gaussians;
+use sharp::render::trajectory::DepthRange;
+use sharp::render::{Background, RenderView};
+
+use crate::io::atomic_files::{FileError, write_atomic};
+use crate::report::html::{STYLE, VERSION};
+
+const SCRIPT: &str = concat!(
+    "'use strict';\n",
+    include_str!("../../templates/gaussians/renderer.js"),
+    include_str!("../../templates/gaussians/page.js"),
+);
+const SCREEN: (&str, &str) = (
+    "screen",
+    include_str!("../../templates/gaussians/screen.wgsl"),
+);
+/// Pictures of a path at most.
+const PICTURES: usize = 12;
+const JPEG_QUALITY: u8 = 92;
+
+/// What a page shows.
+pub struct Viewer<'a> {
+    pub title: &'a str,
+    pub scene: &'a Gaussians,
+    /// The camera that the others are told from, such as the photograph's.
+    pub photograph: DAffine3,
+    /// At least one; all with the same intrinsics, `eps2d`, near and far.
+    pub views: &'a [RenderView],
+    pub background: Background,
+    pub quantization: Quantization,
+}
+
+#[derive(Template)]
+#[template(path = "gaussians/page.html")]
+struct Page<'a> {
+    title: &'a str,
+    lead: String,
+    views: usize,
+    /// Metres.
+    focus: String,
+    facts: String,
+    shaders: String,
+    gaussians: String,
+    /// As addresses with their content.
+    pictures: Vec<String>,
+}
+
+impl Page<'_> {
+    fn script_sha256(&self) -> String {
+        STANDARD.encode(Sha256::digest(SCRIPT))
+    }
+}
+
+impl Viewer<'_> {
+    /// The views of which [`Self::write`] takes pictures: evenly spread, the first and the last among them.
+    pub fn pictured(&self) -> Vec<usize> {
+        let last = self.views.len().saturating_sub(1);
+        let mut chosen: Vec<usize> = (0..PICTURES).map(|i| i * last / (PICTURES - 1)).collect();
+        chosen.dedup();
+        chosen
+    }
+
+    /// Writes the page, with a rendering of each of the [pictured](Self::pictured) views.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, path: &Path, pictures: &[RgbImage]) -> Result<(), FileError> {
+        let page = self
+            .page(pictures)
+            .map_err(FileError::new(path, "fill in"))?;
+        write_atomic(path, page.as_bytes())
+    }
+
+    fn page(&self, pictures: &[RgbImage]) -> io::Result<String> {
+        let visible = drawable(self.scene);
+        let depth = DepthRange::seen_from(&visible, &self.photograph);
+        let focus = depth.map_or(1.0, |depth| depth.focus);
+        let [near, far] = depth.map_or([1.0, 2.0], |depth| [depth.near, depth.far]);
+        let Some(first) = self.views.first() else {
+            return Err(io::Error::other("a page needs a view"));
+        };
+        let k = first.intrinsics;
+        let facts = json!({
+            "count": visible.len(),
+            "size": [k.width, k.height],
+            "K": [k.fx, k.fy, k.cx, k.cy],
+            "eps2d": first.eps2d,
+            "near": first.near,
+            "far": first.far,
+            "photograph": rows(&self.photograph),
+            "views": self.views.iter().map(|view| rows(&view.camera_from_scene)).collect::<Vec<_>>(),
+            "pictures": self.pictured(),
+            "focus_m": focus,
+            "inverse_depth": [1.0 / far, 1.0 / near],
+            "background": self.background.linear(),
+            "truncate": self.quantization == Quantization::Truncate,
+        });
+        let shaders: Vec<_> = sharp_shaders::PASSES.into_iter().chain([SCREEN]).collect();
+        let page = Page {
+            title: self.title,
+            lead: format!(
+                "{} Gaussians, {}×{} pixels, eps2d {}, over {}: drawn in this page by the renderer's own shaders.",
+                self.scene.len(),
+                k.width,
+                k.height,
+                first.eps2d,
+                self.background
+            ),
+            views: self.views.len(),
+            focus: format!("{focus:.2}"),
+            facts: for_script(&facts)?,
+            shaders: for_script(&shaders)?,
+            gaussians: STANDARD.encode(packed(&visible)?),
+            pictures: pictures.iter().map(address).collect::<io::Result<_>>()?,
+        };
+        page.render().map_err(io::Error::other)
+    }
+}
+
+/// Those that can leave a trace in a picture, in their order, which decides between equal depths.
+fn drawable(scene: &Gaussians) -> Gaussians {
+    scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
+}
+
+/// JSON that no end of a script can hide in.
+fn for_script(value: &impl serde::Serialize) -> io::Result<String> {
+    Ok(serde_json::to_string(value)?.replace('<', "\\u003c"))
+}
+
+/// Row by row, the offset last.
+fn rows(map: &DAffine3) -> [[f64; 4]; 3] {
+    let linear = map.matrix3.transpose();
+    let rows = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let offset = map.translation.to_array();
+    std::array::from_fn(|i| [rows[i].x, rows[i].y, rows[i].z, offset[i]])
+}
+
+/// Means, opacities, quaternions, scales and colours, a column each, of f32 split into planes of their bytes, which
+/// deflate to about three quarters.
+fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
+    let n = scene.len();
+    let columns: [&dyn Fn(usize) -> f32; 14] = [
+        &|k| scene.means[k][0],
+        &|k| scene.means[k][1],
+        &|k| scene.means[k][2],
+        &|k| scene.opacities[k],
+        &|k| scene.quaternions[k][0],
+        &|k| scene.quaternions[k][1],
+        &|k| scene.quaternions[k][2],
+        &|k| scene.quaternions[k][3],
+        &|k| scene.scales[k][0],
+        &|k| scene.scales[k][1],
+        &|k| scene.scales[k][2],
+        &|k| scene.colors[k][0],
+        &|k| scene.colors[k][1],
+        &|k| scene.colors[k][2],
+    ];
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let mut plane = vec![0; n];
+    for column in columns {
+        for byte in 0..4 {
+            for (k, out) in plane.iter_mut().enumerate() {
+                *out = column(k).to_le_bytes()[byte];
+            }
+            encoder.write_all(&plane)?;
+        }
+    }
+    encoder.finish()
+}
+
+fn address(picture: &RgbImage) -> io::Result<String> {
+    let mut bytes = Cursor::new(Vec::new());
+    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
+        .encode_image(picture)
+        .map_err(io::Error::other)?;
+    let encoded = STANDARD.encode(bytes.into_inner());
+    Ok(format!("data:image/jpeg;base64,{encoded}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read as _;
+
+    use flate2::read::GzDecoder;
+    use sharp::camera::Intrinsics;
+
+    use super::*;
+
+    fn scene() -> Gaussians {
+        let mut scene = Gaussians::default();
+        for k in 0..5_u8 {
+            let k = f32::from(k);
+            scene.means.push([k, -k, 2.0 + k]);
+            scene.quaternions.push([1.0, 0.0, 0.5, k]);
+            scene.scales.push([0.1, 0.2, 0.3 + k]);
+            scene.opacities.push(0.2 * k);
+            scene.colors.push([0.5, 0.25, k]);
+        }
+        scene
+    }
+
+    #[test]
+    fn what_is_packed_comes_back_and_leaves_out_only_what_leaves_no_trace() {
+        let mut scene = scene();
+        scene.means[3][1] = f32::NAN;
+        let visible = drawable(&scene);
+        // The first is transparent, the fourth no number.
+        assert_eq!(
+            visible.means,
+            [scene.means[1], scene.means[2], scene.means[4]]
+        );
+        let mut planes = Vec::new();
+        GzDecoder::new(packed(&visible).unwrap().as_slice())
+            .read_to_end(&mut planes)
+            .unwrap();
+        assert_eq!(planes.len(), 3 * 14 * 4);
+        let at = |column: usize, k: usize| {
+            let byte = |plane: usize| planes[(column * 4 + plane) * 3 + k];
+            f32::from_le_bytes(std::array::from_fn(byte))
+        };
+        for k in 0..3 {
+            assert_eq!([at(0, k), at(1, k), at(2, k)], visible.means[k]);
+            assert_eq!(at(3, k), visible.opacities[k]);
+            assert_eq!(
+                [at(4, k), at(5, k), at(6, k), at(7, k)],
+                visible.quaternions[k]
+            );
+            assert_eq!([at(8, k), at(9, k), at(10, k)], visible.scales[k]);
+            assert_eq!([at(11, k), at(12, k), at(13, k)], visible.colors[k]);
+        }
+    }
+
+    #[test]
+    fn a_hostile_name_stays_text() {
+        let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
+        let views = [RenderView::new(DAffine3::IDENTITY, intrinsics)];
+        let viewer = Viewer {
+            title: "</script><img src=x onerror=alert(1)>.ply",
+            scene: &scene(),
+            photograph: DAffine3::IDENTITY,
+            views: &views,
+            background: Background::Black,
+            quantization: Quantization::Round,
+        };
+        assert_eq!(viewer.pictured(), [0]);
+        let page = viewer.page(&[RgbImage::new(8, 8)]).unwrap();
+        assert!(!page.contains("<img src=x"));
+        assert_eq!(page.matches("</script>").count(), 4);
+    }
+
+    #[test]
+    fn pictures_are_spread_over_a_path() {
+        let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
+        let views = vec![RenderView::new(DAffine3::IDENTITY, intrinsics); 60];
+        let viewer = |n: usize| Viewer {
+            title: "",
+            scene: &Gaussians::default(),
+            photograph: DAffine3::IDENTITY,
+            views: &views[..n],
+            background: Background::Black,
+            quantization: Quantization::Round,
+        };
+        let many = viewer(60).pictured();
+        assert_eq!((many.len(), many[0], many[11]), (12, 0, 59));
+        assert_eq!(viewer(3).pictured(), [0, 1, 2]);
+    }
+}
