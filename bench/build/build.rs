@@ -18,21 +18,27 @@ fn main() -> io::Result<()> {
     let variable = |name| std::env::var(name).unwrap_or_default();
     let bench = PathBuf::from(variable("CARGO_MANIFEST_DIR"));
     let workspace = bench.parent().unwrap_or(&bench);
+    // As it comes from a registry, this crate stands alone and has a lock file of its own.
+    let packaged = bench.join("Cargo.lock").is_file();
     let mut files = BTreeMap::new();
     let mut folders: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();
     folders.sort_unstable();
     folders.dedup();
     for folder in folders {
-        let path = workspace.join(folder);
+        let path = match folder.strip_prefix("bench/") {
+            Some(own) => bench.join(own),
+            None if packaged => continue,
+            None => workspace.join(folder),
+        };
         println!("cargo::rerun-if-changed={}", path.display());
         if !path.exists() {
             let reason =
                 format!("{folder}: no such file or folder, named in bench/build/fingerprint.rs");
             return Err(io::Error::other(reason));
         }
-        collect(workspace, &path, &mut files)?;
+        collect(folder, &path, &mut files)?;
     }
-    let lock = workspace.join("Cargo.lock");
+    let lock = if packaged { &bench } else { workspace }.join("Cargo.lock");
     println!("cargo::rerun-if-changed={}", lock.display());
     let lock = fs::read_to_string(lock)?;
     // The compiler and the target too: functions such as `powf` come from the platform's mathematics.
@@ -43,7 +49,7 @@ fn main() -> io::Result<()> {
         String::from_utf8_lossy(&version),
         variable("TARGET")
     );
-    let code = Code::new(files, &lock, compiler);
+    let code = Code::new(files, &lock, compiler, packaged);
     let mut all = String::new();
     for group in &GROUPS {
         let fingerprint = code.fingerprint(group);
@@ -68,16 +74,16 @@ fn main() -> io::Result<()> {
     Ok(())
 }
 
-/// All files at or below a path, by their name below the workspace.
-fn collect(workspace: &Path, path: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> io::Result<()> {
+/// All files at or below a path, by their name below the workspace, where the path is `name`.
+fn collect(name: &str, path: &Path, files: &mut BTreeMap<String, Vec<u8>>) -> io::Result<()> {
     if path.is_dir() {
         for entry in fs::read_dir(path)? {
-            collect(workspace, &entry?.path(), files)?;
+            let entry = entry?;
+            let below = format!("{name}/{}", entry.file_name().to_string_lossy());
+            collect(&below, &entry.path(), files)?;
         }
     } else {
-        let name = path.strip_prefix(workspace).unwrap_or(path);
-        let name = name.to_string_lossy().replace('\\', "/");
-        files.insert(name, fs::read(path)?);
+        files.insert(name.to_owned(), fs::read(path)?);
     }
     Ok(())
 }

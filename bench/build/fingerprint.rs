@@ -173,12 +173,30 @@ const fn group(
     }
 }
 
+/// The crate of a source; `None` for this one.
+pub(crate) fn crate_of(source: &str) -> Option<&'static str> {
+    // The longer prefixes first.
+    let crates = [
+        ("bench/", None),
+        ("sharp/kernels/", Some("sharp-kernels")),
+        ("sharp/checkpoint/", Some("sharp-checkpoint")),
+        ("sharp/", Some("sharp")),
+        ("metrics/", Some("sharp-metrics")),
+        ("datasets/", Some("sharp-datasets")),
+        ("shaders", Some("sharp-shaders")),
+    ];
+    let found = crates.iter().find(|(folder, _)| source.starts_with(folder));
+    found.and_then(|(_, name)| *name)
+}
+
 /// The sources with the dependencies that are locked.
 pub(crate) struct Code {
     files: BTreeMap<String, Vec<u8>>,
     /// By name, the versions in the lock file, each with what it depends on.
     locked: BTreeMap<String, Vec<Locked>>,
     compiler: String,
+    /// Whether the other crates of the workspace come from a registry: their versions then stand for their sources.
+    packaged: bool,
 }
 
 struct Locked {
@@ -189,7 +207,12 @@ struct Locked {
 
 impl Code {
     /// Files by name below the workspace, the text of `Cargo.lock`, and who compiles.
-    pub(crate) fn new(files: BTreeMap<String, Vec<u8>>, lock: &str, compiler: String) -> Self {
+    pub(crate) fn new(
+        files: BTreeMap<String, Vec<u8>>,
+        lock: &str,
+        compiler: String,
+        packaged: bool,
+    ) -> Self {
         let mut locked: BTreeMap<String, Vec<Locked>> = BTreeMap::new();
         for entry in lock.split("[[package]]").skip(1) {
             let quoted = |line: &str| line.split('"').nth(1).map(str::to_owned);
@@ -210,6 +233,7 @@ impl Code {
             files,
             locked,
             compiler,
+            packaged,
         }
     }
 
@@ -235,7 +259,10 @@ impl Code {
             add(name.as_bytes());
             add(bytes);
         }
-        for dependency in self.closure(group.crates) {
+        let released = group.sources().filter_map(crate_of);
+        let released = released.filter(|_| self.packaged);
+        let crates: Vec<&str> = group.crates.iter().copied().chain(released).collect();
+        for dependency in self.closure(&crates) {
             add(dependency.as_bytes());
         }
         sha256_hex(&parts)

@@ -128,6 +128,7 @@
       return make('div', line.bad ? { class: 'bad' } : line.extra ? { class: 'extra' } : {}, [
         make('dt', line.key ? { title: line.key } : {}, line.name), make('dd', line.why ? { title: line.why } : {}, line.text)]);
     })));
+    if (shown.viewer) { inside.push(make('p', { class: 'viewer' }, make('a', { href: shown.viewer }, 'Its Gaussians'))); }
     return make('div', { class: 'col method', 'data-method': method }, inside);
   }
   function card(pair, methods) {

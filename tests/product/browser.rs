@@ -10,9 +10,13 @@
 mod support;
 
 use std::collections::BTreeMap;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
 
+use base64::Engine as _;
 use libtest_mimic::{Arguments, Trial};
 use support::{read, sharp_bench};
 
@@ -37,6 +41,14 @@ fn main() -> ExitCode {
     let trials = vec![
         trial("a report is sorted, filtered and looked through", report),
         trial("a comparison shows both sides", comparison),
+        trial(
+            "gaussians are drawn by webgpu as render draws them",
+            gaussians,
+        ),
+        trial(
+            "without webgpu a page of gaussians shows pictures",
+            pictures,
+        ),
     ];
     libtest_mimic::run(&arguments, trials).exit_code()
 }
@@ -242,4 +254,162 @@ fn comparison(browser: &str) {
             ("against the target", "0"),
         ],
     );
+}
+
+/// A predicted scene of the network's tiny variant, 18,432 Gaussians.
+const SCENE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../tests/golden/model/tiny_golden.ply"
+);
+
+/// Its frame, and one of a camera elsewhere on the path, are within a level of what `render` writes.
+fn gaussians(browser: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let path = [
+        "render",
+        SCENE,
+        "--trajectory",
+        "rotate_forward",
+        "--frames",
+        "5",
+    ];
+    sharp_bench(
+        dir,
+        &[&path[..], &["--out", "frames", "--viewer", "page.html"]].concat(),
+    )
+    .ends_with(0);
+    let script = "
+        const sent = [];
+        new MutationObserver(() => {
+          if (document.body.dataset.pictures) { send(document.body.dataset.pictures); return; }
+          if (document.body.dataset.drawn !== String(sent.length + 1)) { return; }
+          sent.push(document.querySelector('canvas').toDataURL('image/png').split(',')[1]);
+          if (sent.length === 2) { send(sent.join(' ') + ' ' + document.querySelector('#pose').textContent); return; }
+          const range = document.querySelector('#frame');
+          range.value = 3;
+          // Once the first drawing has ended.
+          setTimeout(() => range.dispatchEvent(new Event('input')), 0);
+        }).observe(document.body, { attributes: true });";
+    let flags = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
+    let said = sent(browser, &dir.join("page.html"), &flags, script);
+    let (first, rest) = said.split_once(' ').unwrap_or_else(|| panic!("{said}"));
+    let (fourth, pose) = rest.split_once(' ').unwrap_or_else(|| panic!("{said}"));
+    for (picture, frame) in [(first, "frame-00000.png"), (fourth, "frame-00003.png")] {
+        let bytes = base64::engine::general_purpose::STANDARD.decode(picture);
+        let drawn = image::load_from_memory(&bytes.unwrap_or_else(|_| panic!("{said}")));
+        let drawn = drawn.unwrap().into_rgb8();
+        let rendered = image::open(dir.join("frames").join(frame))
+            .unwrap()
+            .into_rgb8();
+        assert_eq!(drawn.dimensions(), rendered.dimensions());
+        let levels = drawn.iter().zip(rendered.iter());
+        let farthest = levels.map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(farthest <= Some(1), "{frame}: {farthest:?} levels apart");
+    }
+    assert!(
+        pose.starts_with("Camera 0.") && pose.contains("turned by"),
+        "{pose}"
+    );
+}
+
+fn pictures(browser: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let path = ["render", SCENE, "--trajectory", "swipe", "--frames", "30"];
+    sharp_bench(dir, &[&path[..], &["--viewer", "page.html"]].concat()).ends_with(0);
+    let script = "
+        addEventListener('load', async () => {
+          for (let i = 0; i < 100 && !document.body.dataset.pictures; i++) { await new Promise((done) => setTimeout(done, 50)); }
+          const shown = () => Array.from(document.querySelectorAll('main img')).map((image, at) => image.hidden ? '' : at).join('');
+          const range = document.querySelector('#frame'), first = shown();
+          range.value = 16;
+          range.dispatchEvent(new Event('input'));
+          send([first, shown(), range.value, document.querySelector('#what').textContent].join('|'));
+        });";
+    let said = sent(
+        browser,
+        &dir.join("page.html"),
+        &["--disable-features=WebGPU", "--disable-gpu"],
+        script,
+    );
+    // Twelve of thirty: every 29/11.
+    assert_eq!(
+        said,
+        "0|6|15|This browser has no WebGPU here: shown are 12 pictures rendered with the page."
+    );
+}
+
+/// Opens a page without its security policy, with a script of the test before its own, and returns what that sends:
+/// in real time, because a browser with virtual time does not wait for a GPU.
+fn sent(browser: &str, page: &Path, flags: &[&str], script: &str) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.set_nonblocking(true).unwrap();
+    let html = read(page);
+    let policy = html.find("<meta http-equiv=").unwrap();
+    let end = policy + html[policy..].find('>').unwrap() + 1;
+    let (before, after) = html[end..].rsplit_once("<script>").unwrap();
+    let folder = page.parent().unwrap();
+    let copy = folder.join("driven.html");
+    let text = format!(
+        "{}{before}<script>const send = (text) => fetch('http://{}/', {{ method: 'POST', mode: 'no-cors', body: text }});
+         addEventListener('error', (event) => send('error ' + event.message));
+         addEventListener('unhandledrejection', (event) => send('error ' + event.reason));
+         {{ {script} }}</script><script>{after}",
+        &html[..policy],
+        listener.local_addr().unwrap()
+    );
+    std::fs::write(&copy, text).unwrap();
+    let mut opened = Command::new(browser)
+        .args(["--headless", "--no-sandbox", "--remote-debugging-port=0"])
+        .arg(format!(
+            "--user-data-dir={}",
+            folder.join("profile").display()
+        ))
+        .args(flags)
+        .arg(format!("file://{}", copy.canonicalize().unwrap().display()))
+        .env("HOME", folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let until = Instant::now() + Duration::from_secs(120);
+    let said = loop {
+        match listener.accept() {
+            Ok((stream, _)) => break body(stream),
+            Err(error) if error.kind() == ErrorKind::WouldBlock && Instant::now() < until => {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            Err(error) => break format!("nothing was sent: {error}"),
+        }
+    };
+    opened.kill().unwrap();
+    opened.wait().unwrap();
+    said
+}
+
+/// What was posted.
+fn body(mut stream: TcpStream) -> String {
+    stream.set_nonblocking(false).unwrap();
+    let mut request = Vec::new();
+    let mut part = [0; 1 << 16];
+    loop {
+        let text = String::from_utf8_lossy(&request);
+        if let Some((head, body)) = text.split_once("\r\n\r\n") {
+            let length = head.lines().find_map(|line| {
+                let (name, value) = line.split_once(':')?;
+                name.eq_ignore_ascii_case("content-length").then_some(value)
+            });
+            let length: usize = length.unwrap().trim().parse().unwrap();
+            if body.len() >= length {
+                stream
+                    .write_all(b"HTTP/1.1 204 No Content\r\n\r\n")
+                    .unwrap();
+                return body.to_owned();
+            }
+        }
+        let read = stream.read(&mut part).unwrap();
+        assert!(read > 0, "the browser hung up");
+        request.extend_from_slice(&part[..read]);
+    }
 }

@@ -117,7 +117,7 @@ version = \"0.3.7\"
                 let content: &[u8] = if name == changed { b"new" } else { b"old" };
                 (name.to_owned(), content.to_vec())
             });
-            Code::new(files.into(), lock, "rustc 1".to_owned())
+            Code::new(files.into(), lock, "rustc 1".to_owned(), false)
         };
         let (before, after) = (code("", LOCK), code(file, lock));
         let groups = GROUPS.iter();
@@ -169,9 +169,25 @@ version = \"0.3.7\"
 
     #[test]
     fn locked_versions_are_found() {
-        let code = Code::new(Default::default(), LOCK, String::new());
+        let code = Code::new(Default::default(), LOCK, String::new(), false);
         assert_eq!(code.versions("half").collect::<Vec<_>>(), ["2.6.0"]);
         assert_eq!(code.versions("nothing").count(), 0);
+    }
+
+    #[test]
+    fn a_released_crate_stands_for_its_sources() {
+        let lock = |sharp: &str| {
+            format!(
+                "{LOCK}\n[[package]]\nname = \"sharp\"\nversion = \"{sharp}\"\ndependencies = [\n]\n"
+            )
+        };
+        let code = |sharp| Code::new(Default::default(), &lock(sharp), String::new(), true);
+        let groups = GROUPS.iter();
+        let changed =
+            groups.filter(|g| code("1.0.0").fingerprint(g) != code("1.0.1").fingerprint(g));
+        let changed: BTreeSet<_> = changed.map(|group| group.name).collect();
+        assert!(changed.contains("RENDER_CPU") && changed.contains("NETWORK"));
+        assert!(!changed.contains("SSIM") && !changed.contains("TRIVIAL"));
     }
 
     #[test]

@@ -115,6 +115,12 @@ impl Page<'_> {
         self.link(&kept.filter(|_| record.crop.is_none())?)
     }
 
+    /// The page of `render --viewer` that was written beside the kept prediction, if one was.
+    pub(super) fn viewer_path(&self, record: &Record) -> Option<String> {
+        let page = self.pictures.kept(record)?.with_extension("html");
+        page.is_file().then(|| self.link(&page))?
+    }
+
     /// Where the full source and target lie: as the self-test, which is not ranked, kept the target, else in the dataset.
     pub(super) fn full_views(&self, pair: &PairBoard<'_>) -> [Option<String>; 2] {
         let mut records = pair.by_method.iter().zip(&self.board.methods);

@@ -61,6 +61,9 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
             "pictures": pictures(page, &shown.pictures),
             "full": page.full_path(record),
         });
+        if let Some(viewer) = page.viewer_path(record) {
+            data["viewer"] = json!(viewer);
+        }
         match &record.status {
             Status::Failed { reason } => data["failed"] = json!(visible_line(reason)),
             Status::Ok => {

@@ -2,7 +2,7 @@
 
 const $ = (id) => document.getElementById(id);
 const facts = JSON.parse($('facts').textContent);
-const canvas = $('view'), still = $('still');
+const canvas = $('view');
 
 // Columns of f32, each as its four planes of bytes, deflated: what Rust packs in export/viewer.rs.
 async function unpacked() {
@@ -72,9 +72,9 @@ const turnBy = (yaw, pitch) => {
 const chosen = () => Number($('frame').value);
 function currentRows() {
   const fromView = axes().map((axis) => [...axis, -(axis[0] * moved.eye[0] + axis[1] * moved.eye[1] + axis[2] * moved.eye[2])]);
-  const still = moved.yaw === 0 && moved.pitch === 0 && moved.eye.every((value) => value === 0);
   const rows = facts.views[chosen()];
-  return still ? rows : after(fromView, rows);
+  const unmoved = moved.yaw === 0 && moved.pitch === 0 && moved.eye.every((value) => value === 0);
+  return unmoved ? rows : after(fromView, rows);
 }
 
 function say(rows) {
@@ -108,18 +108,18 @@ function view() {
 async function redraw() {
   say(currentRows());
   if (!renderer) {
-    const pictures = facts.pictures;
-    still.src = $('picture-' + pictures.indexOf(chosen())).getAttribute('href');
+    const shown = facts.pictures.indexOf(chosen());
+    document.querySelectorAll('main img').forEach((image, at) => { image.hidden = at !== shown; });
     return;
   }
   again = busy;
   if (busy) { return; }
   busy = true;
   try {
-    const now = view();
-    await renderer.draw(now);
-    if (canvas.width !== now.width || canvas.height !== now.height) { [canvas.width, canvas.height] = [now.width, now.height]; }
-    renderer.show(canvas.getContext('webgpu').getCurrentTexture(), look());
+    await renderer.draw(view());
+    const image = await renderer.levels(look());
+    if (canvas.width !== image.width || canvas.height !== image.height) { [canvas.width, canvas.height] = [image.width, image.height]; }
+    canvas.getContext('2d').putImageData(image, 0, 0);
     document.body.dataset.drawn = String(1 + Number(document.body.dataset.drawn || 0));
   } catch (error) {
     fallBack(String(error.message || error));
@@ -132,7 +132,8 @@ async function redraw() {
 function fallBack(reason) {
   renderer = null;
   Object.assign(moved, { eye: [0, 0, 0], yaw: 0, pitch: 0 });
-  document.body.classList.add('pictures');
+  document.body.classList.remove('live');
+  document.body.dataset.pictures = reason;
   const range = $('frame');
   const { pictures } = facts;
   $('what').textContent = reason + ': shown ' + (pictures.length === 1 ? 'is the picture' : 'are ' + pictures.length + ' pictures') + ' rendered with the page.';
@@ -184,13 +185,9 @@ function listen() {
   $('back').addEventListener('click', back);
   $('frame').addEventListener('input', back);
   $('shown').addEventListener('change', redraw);
-  $('save').addEventListener('click', async () => {
-    const image = await renderer.levels(look());
-    const sheet = document.createElement('canvas');
-    [sheet.width, sheet.height] = [image.width, image.height];
-    sheet.getContext('2d').putImageData(image, 0, 0);
+  $('save').addEventListener('click', () => {
     const link = document.createElement('a');
-    Object.assign(link, { download: 'view.png', href: sheet.toDataURL('image/png') });
+    Object.assign(link, { download: 'view.png', href: canvas.toDataURL('image/png') });
     link.click();
   });
 }
@@ -204,10 +201,9 @@ function listen() {
       return;
     }
     renderer.device.lost.then((lost) => { if (renderer) { fallBack('The GPU was lost (' + lost.message + ')'); } });
-    canvas.getContext('webgpu').configure({ device: renderer.device, format: navigator.gpu.getPreferredCanvasFormat(), alphaMode: 'opaque' });
-    document.body.classList.add('live');
     listen();
     await redraw();
+    if (renderer) { document.body.classList.add('live'); }
   } catch (error) {
     fallBack(String(error.message || error));
   }

@@ -27,9 +27,10 @@ class GaussianRenderer {
       emit: pass('emit', 'emit'), findRanges: pass('ranges', 'find_ranges'), raster: pass('raster', 'raster'),
     };
     const screen = modules.get('screen');
-    this.screens = new Map(['rgba8unorm', 'bgra8unorm'].map((format) => [format, device.createRenderPipeline({
-      layout: 'auto', vertex: { module: screen, entryPoint: 'corner' }, fragment: { module: screen, entryPoint: 'shade', targets: [{ format }] },
-    })]));
+    this.screen = device.createRenderPipeline({
+      layout: 'auto', vertex: { module: screen, entryPoint: 'corner' },
+      fragment: { module: screen, entryPoint: 'shade', targets: [{ format: 'rgba8unorm' }] },
+    });
     const n = this.count;
     const filled = (data) => {
       const buffer = this.storage(data.byteLength);
@@ -183,38 +184,29 @@ class GaussianRenderer {
     this.drawn = { width: view.width, height: view.height, stride: tiles[0] * TILE };
   }
 
-  // What was drawn last, into a texture.
-  show(texture, look) {
+  // What was drawn last, in 8 bit. Read back rather than shown from the GPU: a canvas of pixels works wherever a device does.
+  async levels(look) {
+    const { device, screen } = this;
     const { width, height, stride } = this.drawn;
     const words = new Float32Array(12);
     words.set(look.background, 4);
     words.set(look.inverseDepth, 8);
     new Uint32Array(words.buffer).set([width, height, stride, look.shown]);
     new Uint32Array(words.buffer)[7] = look.truncate ? 1 : 0;
-    const pipeline = this.screens.get(texture.format);
-    const encoder = this.device.createCommandEncoder();
-    const pass = encoder.beginRenderPass({ colorAttachments: [{ view: texture.createView(), loadOp: 'clear', storeOp: 'store' }] });
-    pass.setPipeline(pipeline);
-    const buffers = [this.uniform(words), this.target.picture, this.target.depths];
-    pass.setBindGroup(0, this.bindings(pipeline, buffers));
-    pass.draw(3);
-    pass.end();
-    this.device.queue.submit([encoder.finish()]);
-    this.transient.splice(0).forEach((buffer) => buffer.destroy());
-  }
-
-  // The levels of what was drawn last, RGBA.
-  async levels(look) {
-    const { width, height } = this.drawn;
     const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC;
-    const texture = this.device.createTexture({ size: [width, height], format: 'rgba8unorm', usage });
-    this.show(texture, look);
+    const texture = device.createTexture({ size: [width, height], format: 'rgba8unorm', usage });
     const bytesPerRow = Math.ceil(width / 64) * 256;
     const staging = this.staging(bytesPerRow * height);
-    const encoder = this.device.createCommandEncoder();
+    const encoder = device.createCommandEncoder();
+    const pass = encoder.beginRenderPass({ colorAttachments: [{ view: texture.createView(), loadOp: 'clear', storeOp: 'store' }] });
+    pass.setPipeline(screen);
+    pass.setBindGroup(0, this.bindings(screen, [this.uniform(words), this.target.picture, this.target.depths]));
+    pass.draw(3);
+    pass.end();
     encoder.copyTextureToBuffer({ texture }, { buffer: staging, bytesPerRow }, [width, height]);
     const rows = new Uint8ClampedArray(await this.read(encoder, staging, bytesPerRow * height));
     texture.destroy();
+    this.transient.splice(0).forEach((buffer) => buffer.destroy());
     const image = new ImageData(width, height);
     for (let y = 0; y < height; y++) { image.data.set(rows.subarray(y * bytesPerRow, y * bytesPerRow + width * 4), y * width * 4); }
     return image;
