@@ -15,7 +15,10 @@ PROGRAM = os.environ.get("SHARP_BENCH", str(ROOT / "target/release/sharp-bench")
 
 if MODULE is not None:
     package = ROOT / "bench/python/sharp_bench"
-    shutil.copyfile(MODULE, package / "_sharp_bench.abi3.so")
+    # In one step: another process may have the old one open.
+    copy = package / f"_sharp_bench.{os.getpid()}.partial"
+    shutil.copyfile(MODULE, copy)
+    copy.replace(package / "_sharp_bench.abi3.so")
     sys.path.insert(0, str(package.parent))
 
 

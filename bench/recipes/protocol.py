@@ -1,0 +1,133 @@
+"""What the recipes share: the lines of JSON of `--method command:…`, cutting pictures together with their intrinsics,
+and running a function that predicts Gaussians.
+
+Conventions of the harness, everywhere in these files: OpenCV axes, metres, target_from_source maps points of the
+source camera to the target camera, and the centre of pixel (i, j) lies at (i + 0.5, j + 0.5). In that convention a cut
+and a resize change intrinsics by a shift and a factor, nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+Box = tuple[float, float, float, float]  # left, top, right, bottom, in pixels; may lie outside of the picture
+
+
+@dataclass
+class Pair:
+    pair_id: str
+    source: Image.Image
+    K_s: np.ndarray
+    K_t: np.ndarray
+    target_from_source: np.ndarray
+    target_size: tuple[int, int]  # width, height
+
+    @property
+    def source_from_target(self) -> np.ndarray:
+        return np.linalg.inv(self.target_from_source)
+
+
+def serve(load: Callable[[], Callable[[Pair], np.ndarray]]) -> None:
+    """Answers requests until there are no more: `load` makes the network ready and returns what predicts one pair."""
+    # These projects print while they work, and standard output belongs to the answers alone.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    predict = load()
+    for line in sys.stdin:
+        request = json.loads(line)
+        answer = {"pair_id": request["pair_id"]}
+        try:
+            picture = np.asarray(predict(read(request)))
+            Image.fromarray(picture).save(request["write_to"])
+            answer["extras"] = {"rendered_width": picture.shape[1]}
+        except Exception as error:
+            traceback.print_exc()
+            answer["error"] = f"{type(error).__name__}: {error}"
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+def read(request: dict) -> Pair:
+    pair = request["pair"]
+    target = (pair["target"]["width"], pair["target"]["height"])
+    K_s, K_t = (np.reshape(pair[name], (3, 3)) for name in ("K_s", "K_t"))
+    source = Image.open(request["source_picture"]).convert("RGB")
+    return Pair(request["pair_id"], source, K_s, K_t, np.reshape(pair["target_from_source"], (4, 4)), target)
+
+
+def cut(picture: Image.Image, box: Box, size: tuple[int, int], kernel: int = Image.Resampling.LANCZOS) -> Image.Image:
+    """The part `box` of a picture at `size`, white where the box leaves the picture."""
+    # Edges that rounding put beside the picture lie on it: they shall not bring a white line in.
+    left, top = (0.0 if abs(edge) < 1e-6 else float(edge) for edge in box[:2])
+    right, bottom = (float(n) if abs(edge - n) < 1e-6 else float(edge) for edge, n in zip(box[2:], picture.size))
+    before = [max(0, math.ceil(-edge)) for edge in (left, top)]
+    after = [max(0, math.ceil(edge - n)) for edge, n in zip((right, bottom), picture.size)]
+    if any(before + after):
+        larger = [sum(lengths) for lengths in zip(before, picture.size, after)]
+        canvas = Image.new("RGB", tuple(larger), (255, 255, 255))
+        canvas.paste(picture, tuple(before))
+        picture = canvas
+    x, y = before
+    return picture.resize(size, kernel, box=(left + x, top + y, right + x, bottom + y))
+
+
+def cut_K(K: np.ndarray, box: Box, size: tuple[int, int]) -> np.ndarray:
+    """The intrinsics of `cut(picture, box, size)`."""
+    left, top, right, bottom = box
+    scale = np.array(size) / (right - left, bottom - top)
+    shifted = K - [[0, 0, left], [0, 0, top], [0, 0, 0]]
+    return np.diag([*scale, 1]) @ shifted
+
+
+def center_square(size: tuple[int, int]) -> Box:
+    """The largest square in the middle: the very pixels that `crop=center:1:1` scores."""
+    side = min(size)
+    x, y = ((length - side) // 2 for length in size)
+    return (x, y, x + side, y + side)
+
+
+def to_levels(chw) -> np.ndarray:
+    """A tensor [3, H, W] of sRGB in 0..1 as [H, W, 3] of uint8, rounded."""
+    return (chw.detach().float().clamp(0, 1) * 255).round().byte().permute(1, 2, 0).cpu().numpy()
+
+
+def arguments(text: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=text.splitlines()[0])
+    parser.add_argument("--device", default="cuda")
+    return parser
+
+
+def evaluation(text: str) -> argparse.ArgumentParser:
+    """Arguments of a recipe that evaluates by itself, because it predicts Gaussians."""
+    parser = arguments(text)
+    parser.add_argument("--checkpoint", required=True)
+    parser.add_argument("--dataset", required=True, action="append", help="as `sharp-bench run --dataset`; repeatable")
+    parser.add_argument("--out", required=True, help="the run folder")
+    parser.add_argument("--metrics", default="paper")
+    parser.add_argument("--pairs", help="a list as `sharp-bench pairs` writes it")
+    parser.add_argument("--pair-options", default="")
+    parser.add_argument("--limit", type=int)
+    return parser
+
+
+def evaluate(of_source: Callable, label: str, recipe: str, options: argparse.Namespace) -> None:
+    """Runs `of_source(source) -> sharp_bench.Gaussians`; other weights or another recipe predict anew."""
+    import sharp_bench as sb
+
+    digest = hashlib.sha256()
+    for path in (options.checkpoint, recipe):
+        with open(path, "rb") as file:
+            for block in iter(lambda: file.read(1 << 22), b""):
+                digest.update(block)
+    more = {name: getattr(options, name) for name in ("metrics", "pairs", "pair_options", "limit")}
+    print(sb.evaluate(of_source, options.dataset, options.out, label=label, version=digest.hexdigest()[:16], **more))

@@ -1,0 +1,5 @@
+import torch
+
+
+class CLIPConditioner(torch.nn.Module):
+    pass
