@@ -9,7 +9,7 @@ import pytest
 import sharp_bench as sb
 
 ROOT = pathlib.Path(__file__).parents[2]
-DOCS = ["bench/docs/your-method.md", "bench/python/README.md"]
+DOCS = ["README.md", "bench/docs/your-method.md", "bench/python/README.md"]
 
 
 def blocks(document):

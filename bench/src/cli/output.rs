@@ -69,7 +69,7 @@ const INTERVAL: Duration = Duration::from_secs(30);
 impl Phase {
     fn new(name: &str, unit: &str) -> Self {
         let template =
-            format!("{{msg:28!}} {{bar:32}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
+            format!("{{msg:28!}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{elapsed}} (left {{eta}})");
         let style = ProgressStyle::with_template(&template)
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = match is_quiet() {
