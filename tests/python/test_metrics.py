@@ -1,7 +1,9 @@
 import json
+from unittest import mock
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import sharp_bench as sb
 
@@ -47,6 +49,25 @@ def test_layouts_batches_and_views_of_memory_give_the_same_numbers(pictures):
     batch = sb.metrics(np.stack([target, prediction]), np.stack([target, target]))
     assert np.isinf(batch["psnr"][0]) and {key: value[1] for key, value in batch.items()} == scores
     assert sb.metrics(np.stack([prediction] * 3), target, "psnr")["psnr"].tolist() == [scores["psnr"]] * 3
+
+
+@pytest.mark.parametrize("net, architecture", [("alex", "alexnet"), ("vgg", "vgg16")])
+def test_lpips_is_that_of_its_package(net, architecture, pictures):
+    lpips, torchvision, torch = (pytest.importorskip(name) for name in ("lpips", "torchvision", "torch"))
+    from safetensors.torch import load_file
+
+    # torchvision's network with the published features, in place of its download.
+    with torch.device("meta"):
+        features = getattr(torchvision.models, architecture)(weights=None).features
+    stored = load_file(ROOT / f"metrics/weights/{architecture}.safetensors")
+    features = features.to_empty(device="cpu")
+    features.load_state_dict({name.removeprefix("features."): value.float() for name, value in stored.items()})
+    with mock.patch.object(torchvision.models, architecture, return_value=mock.Mock(features=features)):
+        package = lpips.LPIPS(net=net, pnet_rand=True, verbose=False).double()
+    tensors = [torch.from_numpy(array.transpose(2, 0, 1)[None] / 255.0) for array in pictures]
+    theirs = package(*tensors, normalize=True).item()
+    # The bound of the cross-check for published weights.
+    assert sb.metrics(*pictures, f"lpips-{net}")[f"lpips[{net},v0.1]"] == pytest.approx(theirs, abs=2e-6)
 
 
 def test_masks_add_the_scores_inside(pictures, program, tmp_path):

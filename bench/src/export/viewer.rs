@@ -271,9 +271,10 @@ mod tests {
     fn pictures_are_spread_over_a_path() {
         let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
         let views = vec![RenderView::new(DAffine3::IDENTITY, intrinsics); 60];
+        let empty = Gaussians::default();
         let viewer = |n: usize| Viewer {
             title: "",
-            scene: &Gaussians::default(),
+            scene: &empty,
             photograph: DAffine3::IDENTITY,
             views: &views[..n],
             background: Background::Black,
