@@ -1,4 +1,5 @@
-"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program."""
+"""The package as the workspace built it, without an installation: SHARP_BENCH_MODULE is the shared library, SHARP_BENCH the program, the
+one beside the library unless given."""
 
 import os
 import pathlib
@@ -11,7 +12,8 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
 MODULE = os.environ.get("SHARP_BENCH_MODULE")
-PROGRAM = os.environ.get("SHARP_BENCH", str(ROOT / "target/release/sharp-bench"))
+BUILT = pathlib.Path(MODULE).parent if MODULE is not None else ROOT / "target/release"
+PROGRAM = str(pathlib.Path(os.environ.get("SHARP_BENCH", BUILT / "sharp-bench")).absolute())
 
 if MODULE is not None:
     package = ROOT / "bench/python/sharp_bench"

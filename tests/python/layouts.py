@@ -76,6 +76,35 @@ def points(views):
     return np.concatenate(found)
 
 
+def surface(view):
+    """World points of every pixel, row by row, and triangles between neighbours of about the same depth."""
+    depth = view.depth()
+    height, width = depth.shape
+    y, x = np.mgrid[:height, :width]
+    local = np.linalg.inv(view.camera.K) @ np.stack([x + 0.5, y + 0.5, np.ones_like(depth)]).reshape(3, -1) * depth.ravel()
+    pose = world_from_camera(view)
+    corners = np.stack([(y * width + x)[a : height - 1 + a, b : width - 1 + b] for a, b in ((0, 0), (0, 1), (1, 0), (1, 1))], -1)
+    corners = corners.reshape(-1, 4)
+    at = depth.ravel()[corners]
+    corners = corners[(at.min(1) > 0) & (at.max(1) < 1.1 * at.min(1))]
+    return (pose[:3, :3] @ local + pose[:3, 3:]).T, np.concatenate([corners[:, [0, 2, 1]], corners[:, [1, 2, 3]]])
+
+
+def mesh_file(views):
+    vertices, triangles, count = [], [], 0
+    for view in views:
+        found, faces = surface(view)
+        vertices.append(found)
+        triangles.append(faces + count)
+        count += len(found)
+    vertices, triangles = np.concatenate(vertices), np.concatenate(triangles)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+    head += f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = np.zeros(len(triangles), [("n", "u1"), ("corners", "<i4", 3)])
+    rows["n"], rows["corners"] = 3, triangles
+    return head.encode() + vertices.astype("<f4").tobytes() + rows.tobytes()
+
+
 def write_all(data):
     """Writes `data/{colmap, nerfstudio, stereo, eth3d, wildrgbd, tanks, scannetpp, booster}`."""
     views = sb.datasets("synthetic=size=96x72,views=8")[0].scenes[0].views
@@ -99,6 +128,7 @@ def write_all(data):
         folder = "dslr_images" + "_undistorted" * (kind == "undistorted")
         colmap_model(data / f"eth3d/courtyard/dslr_calibration_{kind}", views, lambda view: f"{folder}/{view.id}.JPG")
     put(data / "scannetpp/splits/nvs_sem_val.txt", "a1b2c3\n")
+    put(data / "scannetpp/data/a1b2c3/scans/mesh_aligned_0.05.ply", mesh_file(views[::3]))
     put(
         data / "scannetpp/data/a1b2c3/dslr/nerfstudio/transforms_undistorted.json",
         transforms(views, lambda view: f"{view.id}.JPG", swapped=True),

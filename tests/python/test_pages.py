@@ -1,10 +1,13 @@
 """The blocks of commands in the documents, run as they stand, in a folder that holds what their text speaks of."""
 
+import collections
+import fcntl
 import os
 import pathlib
 import re
 import shutil
 import subprocess
+import textwrap
 
 import numpy as np
 import pytest
@@ -16,21 +19,28 @@ import sharp_bench as sb
 
 PAGES = ["README.md", "bench/python/README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "bench/docs").rglob("*.md"))]
 TEXTS = [*PAGES, "ARCHITECTURE.md", "TESTING.md"]
-# What other stages of CI run, and what needs more than this repository. A page says so above the block.
+# Blocks that need more than this repository, which a page says above them, and how many there are of each.
 NOT_RUN = {
-    ("bench/docs/network.md", "needs the official checkpoint"),
-    ("bench/docs/network.md", "a changed model of yours"),
-    ("bench/docs/recipes.md", "needs the project itself"),
-    ("bench/docs/scale.md", "needs a cluster"),
-    ("bench/docs/slurm.md", "needs a cluster"),
-    ("bench/docs/security.md", "needs cargo-deny and the network"),
+    ("bench/docs/network.md", "needs the official checkpoint"): 1,
+    ("bench/docs/network.md", "a changed model of yours"): 1,
+    ("bench/docs/recipes.md", "needs the project itself"): 6,
+    ("bench/docs/scale.md", "needs a cluster"): 2,
+    ("bench/docs/slurm.md", "needs a cluster"): 1,
+    ("bench/docs/security.md", "needs cargo-deny and the network"): 1,
 }
+# What other stages of CI run.
 ELSEWHERE = ("cargo run --release -p sharp-bench -- demo", "cargo test ", "cargo doc ", "pip install ./bench/python", ".ci/", "git clone ")
-BLOCK = re.compile(r"(?:<!-- not run: (.*?) -->\n)?```console\n(.*?)```", re.DOTALL)
+BUILT = "cargo run --release -p sharp-bench -- "
+LANGUAGES = {"console", "python", "rust", "text", "toml"}
+BLOCK = re.compile(r"(?:^ *<!-- not run: ([^\n]*?) -->\n)?^( *```console\n.*?)^ *```$", re.DOTALL | re.MULTILINE)
 
 
 def blocks(page):
-    return BLOCK.findall((ROOT / page).read_text())
+    """Pairs of why a block is not run, or nothing, and its lines; those within lists are indented."""
+    text = (ROOT / page).read_text()
+    found = [(reason, textwrap.dedent(block).partition("\n")[2]) for reason, block in BLOCK.findall(text)]
+    assert len(found) == text.count("```console"), f"{page}: a block that does not end"
+    return found
 
 
 def commands(block):
@@ -44,18 +54,38 @@ def commands(block):
     return found
 
 
+def run_here(block):
+    """Its commands, less those of other stages, and with the program that is built already."""
+    return [re.sub(f"^{BUILT}", "sharp-bench ", command) for command in commands(block) if not command.startswith(ELSEWHERE)]
+
+
 def run(command, folder):
     stated = re.search(r"# exits (\d+)", command)
     environment = dict(os.environ, PATH=f"{pathlib.Path(PROGRAM).parent}:{os.environ['PATH']}", HOME=str(folder), NO_COLOR="1")
-    done = subprocess.run(["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
+    done = subprocess.run(["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
     expected = int(stated[1]) if stated else 0
     assert done.returncode == expected, f"{command}\n{done.stdout}\n{done.stderr}"
 
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory):
+    """The folder that `build_world` fills, once where several processes share the tests."""
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+    folder, complete = base / "world", base / "world-is-complete"
+    with (base / "world.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not complete.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            build_world(folder)
+            complete.touch()
+    return folder
+
+
+def build_world(folder):
     """Datasets, runs, pictures and Gaussians under the names that the pages use."""
-    folder = tmp_path_factory.mktemp("world")
     (folder / "data").mkdir()
     pathlib.Path(sb.bundled_data(folder / "unpacked")).rename(folder / "data/Middlebury2014")
     scenes = "run --dataset synthetic=size=48x36,views=6,scenes=6 --limit 12 --method copy --keep float --quiet"
@@ -94,27 +124,37 @@ def world(tmp_path_factory):
     # Other people's list of the second of these.
     (folder / "theirs.json").write_text('{"room": {"context": [0, 3], "target": [1, 2]}}')
     run("git init -q . && git -c user.name=a -c user.email=a@b commit -q --allow-empty -m one", folder)
-    return folder
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run(page, world, tmp_path):
     found = blocks(page)
-    if not any(not reason for reason, _ in found):
+    if not any(run_here(block) for reason, block in found if not reason):
         pytest.skip("no commands, or none that run here")
     folder = tmp_path / "w"
     shutil.copytree(world, folder, symlinks=True)
     for reason, block in found:
-        if reason:
-            continue
-        for command in commands(block):
-            if not command.startswith(ELSEWHERE):
-                run(command, folder)
+        for command in [] if reason else run_here(block):
+            run(command, folder)
 
 
 def test_what_is_not_run_is_known():
-    named = {(page, reason) for page in PAGES for reason, _ in blocks(page) if reason}
-    assert named <= NOT_RUN
+    assert collections.Counter((page, reason) for page in PAGES for reason, _ in blocks(page) if reason) == NOT_RUN
+
+
+@pytest.mark.parametrize("page", TEXTS)
+def test_every_command_of_a_page_is_found(page):
+    text = (ROOT / page).read_text()
+    assert set(re.findall(r"^ *```(\S.*)$", text, re.MULTILINE)) <= LANGUAGES
+    listed = [command for _, block in blocks(page) for command in commands(block)]
+    assert len(listed) == len(re.findall(r"^ *\$ ", text, re.MULTILINE)), "a command outside of a block of commands"
+    assert all(commands(block) for _, block in blocks(page)), "a block without a command"
+
+
+def test_commands_are_those_behind_a_dollar():
+    text = "$ a  # exits 4\noutput\n$ b \\\n      c \\\n      d\n$ cargo test x\n$ cargo run --release -p sharp-bench -- e f\n"
+    assert commands(text)[:2] == ["a  # exits 4", "b c d"]
+    assert run_here(text) == ["a  # exits 4", "b c d", "sharp-bench e f"]
 
 
 def anchors(text):
