@@ -1,5 +1,9 @@
 """The page of `render --viewer` in a report; what it draws is tested in tests/product/browser.rs."""
 
+import json
+import subprocess
+
+import pytest
 from conftest import ROOT
 
 
@@ -17,3 +21,30 @@ def test_a_report_links_the_page_that_lies_beside_a_kept_picture(program, tmp_pa
     # It loads nothing, and nothing but its own script runs.
     text = page.read_text()
     assert "default-src 'none'" in text and "http" not in text.split("</style>")[1].split("<script id=")[0]
+
+
+def test_what_a_page_is_not_written_to(program, tmp_path):
+    scene = ROOT / "tests/golden/model/tiny_golden.ply"
+
+    def refused(*arguments):
+        with pytest.raises(subprocess.CalledProcessError) as found:
+            program("render", scene, *arguments)
+        return found.value.stderr
+
+    assert "--out" in refused()
+    assert "ends in .html" in refused("--viewer", tmp_path / "page.png")
+    mine = tmp_path / "mine.html"
+    mine.write_text("mine")
+    assert "mine.html" in refused("--viewer", mine) and mine.read_text() == "mine"
+    assert "absent.json" in refused("--camera", tmp_path / "absent.json", "--viewer", tmp_path / "page.html")
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_page_changes_nothing_of_what_is_said_of_the_pictures(program, tmp_path):
+    frames = ["render", ROOT / "tests/golden/model/tiny_golden.ply", "--trajectory", "swipe", "--frames", 20, "--json"]
+    alone = json.loads(program(*frames, "--out", tmp_path / "a"))
+    beside = json.loads(program(*frames, "--out", tmp_path / "b", "--viewer", tmp_path / "page.html"))
+    assert beside["files"][1:] == [str(tmp_path / "page.html")]
+    assert {key: alone[key] for key in ("mean_alpha", "views")} == {key: beside[key] for key in ("mean_alpha", "views")}
+    page = json.loads(program(*frames, "--viewer", tmp_path / "page.html"))
+    assert page["out"] is None and page["views"] == 20

@@ -3,7 +3,7 @@
 //! WebGPU runs the renderer's own shaders ([`sharp_shaders::PASSES`]); `screen.wgsl` brings the result onto the screen.
 //! Where there is no WebGPU, pictures that were rendered with the page take its place.
 
-use std::io::{self, Cursor, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use askama::Template;
@@ -13,7 +13,6 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use glam::DAffine3;
 use image::RgbImage;
-use image::codecs::jpeg::JpegEncoder;
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 use sharp::color::Quantization;
@@ -21,8 +20,9 @@ use sharp::gaussians::Gaussians;
 use sharp::render::trajectory::DepthRange;
 use sharp::render::{Background, RenderView};
 
-use crate::io::atomic_files::{FileError, write_atomic};
-use crate::report::html::{STYLE, VERSION};
+use crate::io::atomic_files::{FileError, write_over_own};
+use crate::report::html::{STYLE, VERSION, without_tags};
+use crate::report::pictures::Thumbnail;
 
 const SCRIPT: &str = concat!(
     "'use strict';\n",
@@ -35,7 +35,8 @@ const SCREEN: (&str, &str) = (
 );
 /// Pictures of a path at most.
 const PICTURES: usize = 12;
-const JPEG_QUALITY: u8 = 92;
+/// What an earlier page is known by.
+const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 
 /// What a page shows.
 pub struct Viewer<'a> {
@@ -51,7 +52,7 @@ pub struct Viewer<'a> {
 
 #[derive(Template)]
 #[template(path = "gaussians/page.html")]
-struct Page<'a> {
+struct ViewerPage<'a> {
     title: &'a str,
     lead: String,
     views: usize,
@@ -64,7 +65,7 @@ struct Page<'a> {
     pictures: Vec<String>,
 }
 
-impl Page<'_> {
+impl ViewerPage<'_> {
     fn script_sha256(&self) -> String {
         STANDARD.encode(Sha256::digest(SCRIPT))
     }
@@ -79,15 +80,15 @@ impl Viewer<'_> {
         chosen
     }
 
-    /// Writes the page, with a rendering of each of the [pictured](Self::pictured) views.
+    /// Writes the page, over nothing but an earlier one, with a rendering of each of the [pictured](Self::pictured) views.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file that cannot be written, or is something else.
     pub fn write(&self, path: &Path, pictures: &[RgbImage]) -> Result<(), FileError> {
         let page = self
             .page(pictures)
             .map_err(FileError::new(path, "fill in"))?;
-        write_atomic(path, page.as_bytes())
+        write_over_own(path, page.as_bytes(), MARK)
     }
 
     fn page(&self, pictures: &[RgbImage]) -> io::Result<String> {
@@ -105,7 +106,8 @@ impl Viewer<'_> {
             "K": [k.fx, k.fy, k.cx, k.cy],
             "eps2d": first.eps2d,
             "near": first.near,
-            "far": first.far,
+            // JSON has no infinity.
+            "far": first.far.min(f32::MAX),
             "photograph": rows(&self.photograph),
             "views": self.views.iter().map(|view| rows(&view.camera_from_scene)).collect::<Vec<_>>(),
             "pictures": self.pictured(),
@@ -115,7 +117,7 @@ impl Viewer<'_> {
             "truncate": self.quantization == Quantization::Truncate,
         });
         let shaders: Vec<_> = sharp_shaders::PASSES.into_iter().chain([SCREEN]).collect();
-        let page = Page {
+        let page = ViewerPage {
             title: self.title,
             lead: format!(
                 "{} Gaussians, {}×{} pixels, eps2d {}, over {}: drawn in this page by the renderer's own shaders.",
@@ -127,8 +129,8 @@ impl Viewer<'_> {
             ),
             views: self.views.len(),
             focus: format!("{focus:.2}"),
-            facts: for_script(&facts)?,
-            shaders: for_script(&shaders)?,
+            facts: without_tags(&facts),
+            shaders: without_tags(&json!(shaders)),
             gaussians: STANDARD.encode(packed(&visible)?),
             pictures: pictures.iter().map(address).collect::<io::Result<_>>()?,
         };
@@ -139,11 +141,6 @@ impl Viewer<'_> {
 /// Those that can leave a trace in a picture, in their order, which decides between equal depths.
 fn drawable(scene: &Gaussians) -> Gaussians {
     scene.filtered(|k| scene.is_finite(k) && scene.opacities[k] >= 1.0 / 255.0)
-}
-
-/// JSON that no end of a script can hide in.
-fn for_script(value: &impl serde::Serialize) -> io::Result<String> {
-    Ok(serde_json::to_string(value)?.replace('<', "\\u003c"))
 }
 
 /// Row by row, the offset last.
@@ -188,12 +185,8 @@ fn packed(scene: &Gaussians) -> io::Result<Vec<u8>> {
 }
 
 fn address(picture: &RgbImage) -> io::Result<String> {
-    let mut bytes = Cursor::new(Vec::new());
-    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
-        .encode_image(picture)
-        .map_err(io::Error::other)?;
-    let encoded = STANDARD.encode(bytes.into_inner());
-    Ok(format!("data:image/jpeg;base64,{encoded}"))
+    let whole = Thumbnail::new(picture, u32::MAX).map_err(io::Error::other)?;
+    Ok(whole.address())
 }
 
 #[cfg(test)]
@@ -265,6 +258,36 @@ mod tests {
         let page = viewer.page(&[RgbImage::new(8, 8)]).unwrap();
         assert!(!page.contains("<img src=x"));
         assert_eq!(page.matches("</script>").count(), 4);
+        assert!(page.contains(MARK));
+    }
+
+    #[test]
+    fn a_page_is_written_over_a_page_and_nothing_else() {
+        let intrinsics = Intrinsics::new((8.0, 8.0), (4.0, 4.0), (8, 8)).unwrap();
+        let mut views = [RenderView::new(DAffine3::IDENTITY, intrinsics)];
+        views[0].far = f32::INFINITY;
+        let viewer = Viewer {
+            title: "scene.ply",
+            scene: &scene(),
+            photograph: DAffine3::IDENTITY,
+            views: &views,
+            background: Background::Black,
+            quantization: Quantization::Round,
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("new/page.html");
+        let pictures = [RgbImage::new(8, 8)];
+        viewer.write(&path, &pictures).unwrap();
+        viewer.write(&path, &pictures).unwrap();
+        assert!(
+            std::fs::read_to_string(&path)
+                .unwrap()
+                .contains("\"far\":3.4028")
+        );
+        std::fs::write(&path, "mine").unwrap();
+        let error = viewer.write(&path, &pictures).unwrap_err().to_string();
+        assert!(error.contains("something else"), "{error}");
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "mine");
     }
 
     #[test]

@@ -71,7 +71,7 @@ mod fingerprint;
 mod tests {
     use std::collections::BTreeSet;
 
-    use super::fingerprint::{Code, GROUPS};
+    use super::fingerprint::{Code, GROUPS, crate_of};
     use super::*;
 
     const LOCK: &str = "\
@@ -176,6 +176,13 @@ version = \"0.3.7\"
 
     #[test]
     fn a_released_crate_stands_for_its_sources() {
+        // Every source is this crate's or a known one's.
+        for source in GROUPS.iter().flat_map(|group| group.sources()) {
+            assert!(
+                source.starts_with("bench/") != crate_of(source).is_some(),
+                "{source}"
+            );
+        }
         let lock = |sharp: &str| {
             format!(
                 "{LOCK}\n[[package]]\nname = \"sharp\"\nversion = \"{sharp}\"\ndependencies = [\n]\n"

@@ -9,6 +9,7 @@ use std::path::{Component, Path, PathBuf, absolute};
 use askama::Template;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 use sharp_metrics::Direction;
 
@@ -162,6 +163,11 @@ impl Page<'_> {
         groups.retain(|group| !group.facts.is_empty());
         groups
     }
+}
+
+/// JSON in which no end of a script can hide.
+pub(crate) fn without_tags(value: &Value) -> String {
+    value.to_string().replace('<', "\\u003c")
 }
 
 /// From a folder to a file, up to a folder of both that is not the root of the file system.

@@ -1,14 +1,12 @@
 //! What the page's script shows of the pairs: data, from which it makes the cards that are looked at.
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
 use crate::evaluate::record::{Record, Score, Status, finite_or_text};
 use crate::io::text::visible_line;
 
 use super::gallery::{self, GalleryPair, Pictures};
-use super::html::Page;
+use super::html::{Page, without_tags};
 use super::input::{Column, Layout};
 use super::pictures::Thumbnail;
 use super::plots::palette::style;
@@ -46,10 +44,6 @@ pub(super) fn json(page: &Page<'_>) -> String {
         text += &pair;
     }
     text + "]}"
-}
-
-fn without_tags(value: &Value) -> String {
-    value.to_string().replace('<', "\\u003c")
 }
 
 fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
@@ -93,7 +87,7 @@ fn pair_data(page: &Page<'_>, shown: &GalleryPair<'_>) -> Value {
 /// `[address, width, height]` or the reason why there is none, by kind.
 fn pictures(page: &Page<'_>, pictures: &Pictures) -> Value {
     let address = |picture: &Thumbnail| match page.gallery.layout {
-        Layout::File => format!("data:image/jpeg;base64,{}", STANDARD.encode(&picture.jpeg)),
+        Layout::File => picture.address(),
         Layout::Folder => gallery::file_name(picture),
     };
     let shown = pictures.iter().map(|(kind, picture)| {

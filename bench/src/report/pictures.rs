@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::{
     ExtendedColorType, GrayImage, ImageBuffer, ImageEncoder as _, Pixel, RgbImage, imageops,
@@ -172,6 +174,11 @@ impl Thumbnail {
             width,
             height,
         })
+    }
+
+    /// An address that holds the picture itself.
+    pub(crate) fn address(&self) -> String {
+        format!("data:image/jpeg;base64,{}", STANDARD.encode(&self.jpeg))
     }
 }
 

@@ -82,7 +82,7 @@ function say(rows) {
   const back = inverse(relative);
   const turned = Math.acos(Math.max(-1, Math.min(1, (relative[0][0] + relative[1][1] + relative[2][2] - 1) / 2))) * 180 / Math.PI;
   const [x, y, z] = back.map((row) => row[3]);
-  $('pose').textContent = 'Camera ' + Math.hypot(x, y, z).toFixed(3) + ' m from the first: right ' + x.toFixed(3) + ', down ' +
+  $('pose').textContent = 'Camera ' + Math.hypot(x, y, z).toFixed(3) + ' m from the photograph\'s: right ' + x.toFixed(3) + ', down ' +
     y.toFixed(3) + ', forward ' + z.toFixed(3) + ' m; turned by ' + turned.toFixed(1) + '°';
 }
 
@@ -120,6 +120,7 @@ async function redraw() {
     const image = await renderer.levels(look());
     if (canvas.width !== image.width || canvas.height !== image.height) { [canvas.width, canvas.height] = [image.width, image.height]; }
     canvas.getContext('2d').putImageData(image, 0, 0);
+    // For scripts that drive the page.
     document.body.dataset.drawn = String(1 + Number(document.body.dataset.drawn || 0));
   } catch (error) {
     fallBack(String(error.message || error));
@@ -195,7 +196,7 @@ function listen() {
 (async () => {
   try {
     const shaders = JSON.parse($('shaders').textContent);
-    renderer = navigator.gpu ? await GaussianRenderer.open(await unpacked(), shaders) : null;
+    renderer = await GaussianRenderer.open(unpacked, shaders);
     if (!renderer) {
       fallBack('This browser has no WebGPU here');
       return;

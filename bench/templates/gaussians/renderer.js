@@ -4,13 +4,14 @@ const GROUP = 256, RADIX_BLOCK = 4096, SCAN_BLOCK = 1024, TILE = 8;
 const blocksOf = (count, size) => Math.ceil(count / size);
 
 class GaussianRenderer {
-  // A device with the adapter's limits; null where the browser or the machine has none.
-  static async open(gaussians, shaders) {
+  // A device with the adapter's limits; null where the browser or the machine has none. `unpacked` gives the Gaussians.
+  static async open(unpacked, shaders) {
     const adapter = navigator.gpu ? await navigator.gpu.requestAdapter({ powerPreference: 'high-performance' }) : null;
     if (!adapter) { return null; }
     const { maxStorageBufferBindingSize, maxBufferSize } = adapter.limits;
     const device = await adapter.requestDevice({ requiredLimits: { maxStorageBufferBindingSize, maxBufferSize } });
     const limit = Math.min(maxStorageBufferBindingSize, maxBufferSize);
+    const gaussians = await unpacked();
     if (gaussians.count * 16 > limit) { throw new Error(gaussians.count + ' Gaussians do not fit a binding of this adapter'); }
     return new GaussianRenderer(device, limit, gaussians, shaders);
   }

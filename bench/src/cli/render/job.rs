@@ -52,6 +52,14 @@ impl<'a> RenderJob<'a> {
                 kind: OutputKind::of(path)?,
             }),
         };
+        if let Some(page) = &args.viewer {
+            ensure!(
+                page.extension()
+                    .is_some_and(|end| end.eq_ignore_ascii_case("html")),
+                "{}: the name of a page ends in .html",
+                page.display()
+            );
+        }
         let file = gaussian_files::read(&args.scene, args.color_space)?;
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
@@ -141,7 +149,10 @@ impl<'a> RenderJob<'a> {
         let mut pictures = Vec::with_capacity(chosen.len());
         renderer
             .render::<RenderError>(scene, &chosen, |_, view| {
-                summary.add(&view);
+                // Those of `--out` are counted already.
+                if self.out.is_none() {
+                    summary.add(&view);
+                }
                 pictures.push(self.appearance.color(&view));
                 Ok(())
             })

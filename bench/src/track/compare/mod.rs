@@ -463,8 +463,13 @@ fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
 fn pair_difference([a, b]: &[BTreeSet<&str>; 2]) -> Option<String> {
     let (only_a, only_b) = (a.difference(b).count(), b.difference(a).count());
     let first = a.symmetric_difference(b).next()?;
+    // A run keeps the whole list, whatever its limit.
+    let hint = match (only_a, only_b) {
+        (0, _) | (_, 0) => "; where one was run with --limit, run the other with the same",
+        _ => "",
+    };
     Some(format!(
-        "their pairs differ: {} only in A, {} only in B, the first is {first}",
+        "their pairs differ: {} only in A, {} only in B, the first is {first}{hint}",
         counted(only_a, "pair"),
         only_b
     ))
