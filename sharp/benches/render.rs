@@ -11,7 +11,7 @@ mod speed_scene;
 use cpu_time::ProcessTime;
 use criterion::measurement::{Measurement, ValueFormatter, WallTime};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use sharp::render::{CpuRenderer, Renderer, Simd};
+use sharp::render::{CpuRenderer, PictureGradient, Renderer, Simd};
 use std::time::Duration;
 
 struct CpuTime;
@@ -64,6 +64,33 @@ fn frames(criterion: &mut Criterion<CpuTime>) {
     group.finish();
 }
 
+/// The forward pass and the gradient, which runs one of its own, of the same frames.
+fn gradients(criterion: &mut Criterion<CpuTime>) {
+    let mut group = criterion.benchmark_group("gradient");
+    group.sample_size(10).warm_up_time(Duration::from_secs(1));
+    let (width, height) = (1536, 1536);
+    let pixels = width as usize * height as usize;
+    let (rgb, plane) = (vec![[0.3; 3]; pixels], vec![-0.2; pixels]);
+    let gradient = PictureGradient {
+        width: width as usize,
+        rgb_linear: &rgb,
+        alpha: &plane,
+        depth_acc: &plane,
+    };
+    for sigma in [1.0, 2.0] {
+        let (scene, view) = (speed_scene::scene(sigma), speed_scene::view(width, height));
+        let mut renderer = CpuRenderer::new();
+        let title = |pass: &str| BenchmarkId::new(pass, format!("sigma {sigma}"));
+        group.bench_function(title("forward"), |b| {
+            b.iter(|| renderer.render(&scene, &view));
+        });
+        group.bench_function(title("backward"), |b| {
+            b.iter(|| renderer.backward(&scene, &view, &gradient));
+        });
+    }
+    group.finish();
+}
+
 /// Frames of an uploaded scene.
 #[cfg(feature = "gpu")]
 fn gpu_frames(criterion: &mut Criterion<CpuTime>) {
@@ -98,6 +125,6 @@ fn gpu_frames(_criterion: &mut Criterion<CpuTime>) {}
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(CpuTime);
-    targets = frames, gpu_frames
+    targets = frames, gradients, gpu_frames
 }
 criterion_main!(benches);

@@ -15,10 +15,10 @@ use std::sync::{Mutex, PoisonError};
 /// The picture has the same bytes for any number of threads, any tile size and any SIMD level.
 #[derive(Debug)]
 pub struct CpuRenderer {
-    simd: Simd,
-    tile: TileSize,
+    pub(super) simd: Simd,
+    pub(super) tile: TileSize,
     pair_limit: u64,
-    projected: Projected,
+    pub(super) projected: Projected,
     bins: Mutex<Vec<BinScratch>>,
 }
 

@@ -14,6 +14,8 @@
 //! * [`Backend`]: a choice among them; [`Renderer`]: what every backend does, [`LoadedScene`] for
 //!   many views of one scene; [`CpuRenderer`]: the one without a GPU; `GpuRenderer` and
 //!   `GpuAdapter` (feature `gpu`): the one on wgpu.
+//! * [`CpuRenderer::backward`]: the derivative of the definition, for training;
+//!   [`covariances`] with theirs.
 //! * [`RenderOutput`]: linear colour, alpha, depth, [`Dropped`] by reason; its methods are the
 //!   post step: [`Background`], sRGB, 8 bit, expected depth.
 //! * [`trajectory`]: the release's camera paths; [`release_screen`]: its half-pixel shift and sizes;
@@ -27,6 +29,7 @@
 //! levels, which WGSL's `pow` does not promise, and scoring wants the f32 picture anyway.
 
 mod backend;
+mod backward;
 mod colormap;
 mod cpu;
 mod emit;
@@ -49,6 +52,7 @@ mod view;
 pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer};
 
 pub use backend::{Backend, UnknownBackend};
+pub use backward::{GaussianGradient, PictureGradient, backward_covariances, covariances};
 pub use colormap::turbo;
 pub use cpu::CpuRenderer;
 pub use output::{Dropped, RenderOutput};

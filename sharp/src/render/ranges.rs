@@ -10,20 +10,20 @@ use super::scan::scan;
 /// A Gaussian as one bin sees it: the mean is relative to the bin's corner, so that a pixel's
 /// distance from it keeps its digits anywhere in the image, and does not depend on the tile size.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LocalSplat {
-    pub(super) mean: [f32; 2],
-    pub(super) p: f32,
-    pub(super) q: f32,
-    pub(super) r: f32,
-    pub(super) opacity: f32,
-    pub(super) z: f32,
-    pub(super) color: [f32; 3],
+pub(super) struct LocalSplat<S = f32> {
+    pub(super) mean: [S; 2],
+    pub(super) p: S,
+    pub(super) q: S,
+    pub(super) r: S,
+    pub(super) opacity: S,
+    pub(super) z: S,
+    pub(super) color: [S; 3],
     /// First and last pixel within the bin: x0, x1, y0, y1.
-    reach: [u8; 4],
+    pub(super) reach: [u8; 4],
     /// Of the splat: see [`Splat::cut`].
-    cut: f32,
+    pub(super) cut: f32,
     /// Covers so little of its box that each row of tiles is worth its own columns.
-    slanted: bool,
+    pub(super) slanted: bool,
 }
 
 /// Share of the box that the ellipse covers, squared and without π/4, below which it is slanted.

@@ -14,9 +14,9 @@ use super::simd::{Lanes, Portable, per_instruction_set};
 pub(super) const BLOCK: usize = 4;
 
 /// No Gaussian covers a pixel more than this.
-const ALPHA_MAX: f32 = 0.999;
+pub(super) const ALPHA_MAX: f32 = 0.999;
 /// A pixel is done before its transmittance would fall to this.
-const TRANSMITTANCE_STOP: f32 = 1e-4;
+pub(super) const TRANSMITTANCE_STOP: f32 = 1e-4;
 
 /// The part of the output that one bin owns: its rows of pixels.
 #[derive(Default)]
@@ -33,7 +33,7 @@ per_instruction_set! {
 }
 
 #[inline(always)]
-fn band<L: Lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>) {
+fn band<L: Lanes<Scalar = f32>>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'_>) {
     let tile = lists.tile();
     let rows = out.alpha.len();
     let columns = out.alpha.first().map_or(0, |row| row.len());
@@ -58,7 +58,12 @@ fn band<L: Lanes>(lists: Band<'_>, scratch: &mut Vec<u32>, out: &mut BinPixels<'
 
 /// The members that may touch the block `at` a first pixel.
 #[inline(always)]
-fn reaching(splats: &[LocalSplat], members: &[u32], at: (usize, usize), into: &mut Vec<u32>) {
+pub(super) fn reaching(
+    splats: &[LocalSplat],
+    members: &[u32],
+    at: (usize, usize),
+    into: &mut Vec<u32>,
+) {
     into.clear();
     into.extend(
         members
@@ -70,58 +75,146 @@ fn reaching(splats: &[LocalSplat], members: &[u32], at: (usize, usize), into: &m
 /// What a block accumulated: red, green, blue, depth, transmittance.
 type Pixels = [[f32; 16]; 5];
 
+/// The centres of a block's pixels, x and y.
 #[inline(always)]
-fn block<L: Lanes>(splats: &[LocalSplat], members: &[u32], (x, y): (usize, usize)) -> Pixels {
-    let center = |axis: usize| -> [f32; 16] {
-        std::array::from_fn(|lane| {
-            let within = if axis == 0 {
-                lane % BLOCK
-            } else {
-                lane / BLOCK
-            };
-            // Below 64 and a half: exact.
-            ([x, y][axis] + within) as f32 + 0.5
-        })
+pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
+    let center = |first: usize, within: fn(usize) -> usize| {
+        // Below 64 and a half: exact.
+        L::from_array(&std::array::from_fn(|lane| {
+            L::Scalar::from((first + within(lane)) as f32 + 0.5)
+        }))
     };
-    let (px, py) = (L::from_array(&center(0)), L::from_array(&center(1)));
-    let (alpha_min, alpha_max) = (L::splat(ALPHA_MIN), L::splat(ALPHA_MAX));
-    let stop = L::splat(TRANSMITTANCE_STOP);
-    let zero = L::splat(0.0);
-    let (mut red, mut green, mut blue, mut depth) = (zero, zero, zero, zero);
-    let mut transmittance = L::splat(1.0);
-    // Pixels that are done keep their transmittance here and go on with zero, which adds nothing.
-    let mut done = zero;
-    for &member in members {
-        let s = &splats[member as usize];
+    [
+        center(x, |lane| lane % BLOCK),
+        center(y, |lane| lane / BLOCK),
+    ]
+}
+
+/// How a Gaussian covers a block: the definition of α that forward and backward share.
+pub(super) struct Coverage<L> {
+    /// Mean minus pixel centre.
+    pub(super) dx: L,
+    pub(super) dy: L,
+    /// `p dx + q dy` and `r dy`, whose squares add up to the exponent of 2.
+    pub(super) across: L,
+    pub(super) along: L,
+}
+
+impl<L: Lanes> Coverage<L> {
+    #[inline(always)]
+    pub(super) fn new(s: &LocalSplat<L::Scalar>, [px, py]: [L; 2]) -> Self {
         let dx = L::splat(s.mean[0]).sub(px);
         let dy = L::splat(s.mean[1]).sub(py);
         let across = L::splat(s.p).mul_add(dx, L::splat(s.q).mul(dy));
         let along = L::splat(s.r).mul(dy);
-        let exponent = across.mul_add(across, along.mul(along));
-        let alpha = L::splat(s.opacity)
-            .mul(zero.sub(exponent).exp2())
-            .min(alpha_max);
-        let hit = alpha_min.le(alpha);
-        let left = alpha.neg_mul_add(transmittance, transmittance);
-        let adds = left.gt_where(stop, hit);
-        let weight = alpha.mul(transmittance).masked(adds);
+        Self {
+            dx,
+            dy,
+            across,
+            along,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn alpha(&self, s: &LocalSplat<L::Scalar>, alpha_max: L) -> L {
+        let along = self.along.mul(self.along);
+        let exponent = self.across.mul_add(self.across, along);
+        L::splat(s.opacity)
+            .mul(L::zero().sub(exponent).exp2())
+            .min(alpha_max)
+    }
+}
+
+/// What a Gaussian does to a block's light.
+pub(super) struct Meeting<L: Lanes> {
+    hit: L::Mask,
+    /// The light behind it.
+    left: L,
+    /// Pixels that it adds to.
+    pub(super) adds: L::Mask,
+}
+
+/// The light that is left of a block's pixels, front to back.
+pub(super) struct Transmittance<L> {
+    /// Zero in pixels that are done.
+    pub(super) left: L,
+    /// What pixels that are done have kept.
+    done: L,
+    alpha_min: L,
+    stop: L,
+}
+
+impl<L: Lanes> Transmittance<L> {
+    #[inline(always)]
+    pub(super) fn full() -> Self {
+        Self {
+            left: L::splat(L::Scalar::from(1.0)),
+            done: L::zero(),
+            alpha_min: L::splat(ALPHA_MIN.into()),
+            stop: L::splat(TRANSMITTANCE_STOP.into()),
+        }
+    }
+
+    /// The pixels that a Gaussian of coverage `alpha` adds to.
+    #[inline(always)]
+    pub(super) fn meet(&self, alpha: L) -> Meeting<L> {
+        let hit = self.alpha_min.le(alpha);
+        let left = alpha.neg_mul_add(self.left, self.left);
+        Meeting {
+            hit,
+            left,
+            adds: left.gt_where(self.stop, hit),
+        }
+    }
+
+    /// Takes its light; false when every pixel is done.
+    #[inline(always)]
+    pub(super) fn take(&mut self, meeting: &Meeting<L>) -> bool {
+        // A pixel that would fall to the stop is done, without this Gaussian.
+        let stops = meeting.left.not_gt_where(self.stop, meeting.hit);
+        if L::any(stops) {
+            self.done = self.done.add(self.left.masked(stops));
+            self.left = L::select(stops, L::zero(), self.left);
+            let all = L::zero().le(L::zero());
+            if !L::any(self.left.gt_where(L::zero(), all)) {
+                return false;
+            }
+        }
+        self.left = L::select(meeting.adds, meeting.left, self.left);
+        true
+    }
+
+    /// What reaches the background.
+    #[inline(always)]
+    pub(super) fn end(&self) -> L {
+        self.left.add(self.done)
+    }
+}
+
+#[inline(always)]
+fn block<L: Lanes<Scalar = f32>>(
+    splats: &[LocalSplat],
+    members: &[u32],
+    at: (usize, usize),
+) -> Pixels {
+    let centers = centers::<L>(at);
+    let alpha_max = L::splat(ALPHA_MAX);
+    let [mut red, mut green, mut blue, mut depth] = [L::zero(); 4];
+    let mut transmittance = Transmittance::<L>::full();
+    for &member in members {
+        let s = &splats[member as usize];
+        let alpha = Coverage::new(s, centers).alpha(s, alpha_max);
+        let meeting = transmittance.meet(alpha);
+        let weight = alpha.mul(transmittance.left).masked(meeting.adds);
         red = weight.mul_add(L::splat(s.color[0]), red);
         green = weight.mul_add(L::splat(s.color[1]), green);
         blue = weight.mul_add(L::splat(s.color[2]), blue);
         depth = weight.mul_add(L::splat(s.z), depth);
-        // A pixel that would fall to the stop is done, without this Gaussian.
-        let stops = left.not_gt_where(stop, hit);
-        if L::any(stops) {
-            done = done.add(transmittance.masked(stops));
-            transmittance = L::select(stops, zero, transmittance);
-            if !L::any(transmittance.gt_where(zero, zero.le(zero))) {
-                break;
-            }
+        if !transmittance.take(&meeting) {
+            break;
         }
-        transmittance = L::select(adds, left, transmittance);
     }
-    let transmittance = transmittance.add(done);
-    [red, green, blue, depth, transmittance].map(L::to_array)
+    [red, green, blue, depth, transmittance.end()].map(L::to_array)
 }
 
 #[inline(always)]

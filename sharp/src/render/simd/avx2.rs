@@ -28,6 +28,7 @@ macro_rules! both {
 
 impl Lanes for Avx2 {
     type Mask = [__m256; 2];
+    type Scalar = f32;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -54,6 +55,10 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self(both!(|i| _mm256_mul_ps(self.0[i], other.0[i])))
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self(both!(|i| _mm256_div_ps(self.0[i], other.0[i])))
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -102,5 +107,18 @@ impl Lanes for Avx2 {
     fn any(mask: Self::Mask) -> bool {
         let [low, high] = both!(|i| _mm256_movemask_ps(mask[i]));
         low | high != 0
+    }
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        // SAFETY: as in `both`.
+        unsafe {
+            let eight = _mm256_add_ps(self.0[0], self.0[1]);
+            let four = _mm_add_ps(
+                _mm256_castps256_ps128(eight),
+                _mm256_extractf128_ps::<1>(eight),
+            );
+            let two = _mm_add_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
+        }
     }
 }

@@ -16,6 +16,7 @@ macro_rules! sound {
 
 impl Lanes for Avx512 {
     type Mask = __mmask16;
+    type Scalar = f32;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -42,6 +43,10 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self(sound!(_mm512_mul_ps(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self(sound!(_mm512_div_ps(self.0, other.0)))
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -91,5 +96,18 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {
         mask != 0
+    }
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        sound!({
+            let high = _mm512_extractf32x8_ps::<1>(self.0);
+            let eight = _mm256_add_ps(_mm512_castps512_ps256(self.0), high);
+            let four = _mm_add_ps(
+                _mm256_castps256_ps128(eight),
+                _mm256_extractf128_ps::<1>(eight),
+            );
+            let two = _mm_add_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
+        })
     }
 }

@@ -19,20 +19,34 @@ pub(super) use portable::Portable;
 // The network's kernels and this renderer detect, and are pinned, together.
 pub(super) use sharp_kernels::{Simd, per_instruction_set};
 
-/// Sixteen f32 values, one for each pixel of a 4×4 block.
+/// A number of a lane: f32, and f64 where tests look at what rounding hides.
+pub(super) trait Scalar: Copy + Default + From<f32> + std::ops::AddAssign {
+    /// Rounded to this type.
+    fn of(x: f64) -> Self;
+}
+
+impl Scalar for f32 {
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+}
+
+/// Sixteen values, one for each pixel of a 4×4 block.
 ///
 /// Implementations on intrinsics may only run inside a function compiled for their instruction
 /// set, which [`per_instruction_set`] sees to.
 pub(super) trait Lanes: Copy {
     /// One truth value a lane.
     type Mask: Copy;
+    type Scalar: Scalar;
 
-    fn splat(x: f32) -> Self;
-    fn from_array(x: &[f32; 16]) -> Self;
-    fn to_array(self) -> [f32; 16];
+    fn splat(x: Self::Scalar) -> Self;
+    fn from_array(x: &[Self::Scalar; 16]) -> Self;
+    fn to_array(self) -> [Self::Scalar; 16];
     fn add(self, other: Self) -> Self;
     fn sub(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
+    fn div(self, other: Self) -> Self;
     /// `self * b + c`, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// `c - self * b`, rounded once.
@@ -52,20 +66,28 @@ pub(super) trait Lanes: Copy {
     /// `a` where the mask holds, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     fn any(mask: Self::Mask) -> bool;
+    /// The sum of the lanes: halves are added until one value is left.
+    fn sum(self) -> Self::Scalar;
+
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::splat(Self::Scalar::default())
+    }
 
     /// 2^self for −126 ≤ self ≤ 127 and at least 2⁻¹²⁶ below, to 1.2e-7 relative; exactly 1 at 0.
     #[inline(always)]
     fn exp2(self) -> Self {
         const ROUND: f32 = 12_582_912.0; // 1.5 · 2²³
-        let x = self.max(Self::splat(-126.0));
-        let shifted = x.add(Self::splat(ROUND));
-        let fraction = x.sub(shifted.sub(Self::splat(ROUND)));
+        let constant = |x: f32| Self::splat(x.into());
+        let x = self.max(constant(-126.0));
+        let shifted = x.add(constant(ROUND));
+        let fraction = x.sub(shifted.sub(constant(ROUND)));
         // Minimax of relative error over ±1/2 with the constant fixed at 1.
-        let mut sum = Self::splat(EXP2_COEFFICIENTS[4]);
+        let mut sum = constant(EXP2_COEFFICIENTS[4]);
         for k in (0..4).rev() {
-            sum = sum.mul_add(fraction, Self::splat(EXP2_COEFFICIENTS[k]));
+            sum = sum.mul_add(fraction, constant(EXP2_COEFFICIENTS[k]));
         }
-        sum.mul_add(fraction, Self::splat(1.0))
+        sum.mul_add(fraction, constant(1.0))
             .scaled_by_low_bits(shifted)
     }
 }
@@ -87,7 +109,7 @@ mod tests {
     use super::*;
 
     fn exp2_of(simd: Simd, x: &[f32; 16]) -> [f32; 16] {
-        fn body<L: Lanes>(x: &[f32; 16], out: &mut [f32; 16]) {
+        fn body<L: Lanes<Scalar = f32>>(x: &[f32; 16], out: &mut [f32; 16]) {
             *out = L::from_array(x).exp2().to_array();
         }
         per_instruction_set! {
@@ -96,6 +118,33 @@ mod tests {
         let mut out = [0.0; 16];
         run(simd, x, &mut out);
         out
+    }
+
+    #[test]
+    fn lanes_are_summed_in_one_order_on_every_level() {
+        fn body<L: Lanes<Scalar = f32>>(x: &[f32; 16], out: &mut f32) {
+            *out = L::from_array(x).sum();
+        }
+        per_instruction_set! {
+            fn run(x: &[f32; 16], out: &mut f32) = body::<Avx512>, body::<Avx2>, body::<Portable>
+        }
+        let mut random = 1_u32;
+        for _ in 0..1000 {
+            let x: [f32; 16] = std::array::from_fn(|_| {
+                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (random as f32 / 4e9 - 0.5) * 2_f32.powi((random >> 20) as i32 % 20)
+            });
+            let exact: f64 = x.iter().map(|v| f64::from(*v)).sum();
+            let size: f32 = x.iter().map(|v| v.abs()).sum();
+            for simd in Simd::available() {
+                let mut found = 0.0;
+                run(simd, &x, &mut found);
+                assert!((f64::from(found) - exact).abs() <= f64::from(4.0 * f32::EPSILON * size));
+                let mut portable = 0.0;
+                run(Simd::available()[0], &x, &mut portable);
+                assert_eq!(found.to_bits(), portable.to_bits());
+            }
+        }
     }
 
     #[test]

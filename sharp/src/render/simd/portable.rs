@@ -12,6 +12,7 @@ fn map2(a: Portable, b: Portable, f: impl Fn(f32, f32) -> f32) -> Portable {
 
 impl Lanes for Portable {
     type Mask = [bool; 16];
+    type Scalar = f32;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -36,6 +37,10 @@ impl Lanes for Portable {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         map2(self, other, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        map2(self, other, |a, b| a / b)
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
@@ -90,5 +95,11 @@ impl Lanes for Portable {
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {
         mask.contains(&true)
+    }
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        let eight: [f32; 8] = std::array::from_fn(|i| self.0[i] + self.0[i + 8]);
+        let four: [f32; 4] = std::array::from_fn(|i| eight[i] + eight[i + 4]);
+        (four[0] + four[2]) + (four[1] + four[3])
     }
 }

@@ -1,0 +1,302 @@
+//! From the gradient of a picture to that of its Gaussians: the derivative of exactly the forward
+//! definition, clamps, skips, stop and `eps2d` included. Order and culling are constants.
+//!
+//! Passes carry the forward's names: `raster` sums over pixels, `project` applies the chain rule.
+
+mod project;
+mod raster;
+#[cfg(test)]
+mod tests;
+
+use super::cpu::CpuRenderer;
+use super::emit::{BIN, BinGrid, count, emit};
+use super::project::{Projected, Splat, ViewConstants, project as forward};
+use super::ranges::TileLists;
+use super::renderer::check_scene;
+use super::{RenderError, RenderView, radix};
+use crate::gaussians::Gaussians;
+use project::{Projection, ScreenGradient, ShapeGradient};
+use raster::{BlockScratch, SplatSums, Upstream};
+use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+
+/// Gradient of a loss with respect to what [`RenderOutput`](super::RenderOutput) holds, row-major like it.
+#[derive(Debug, Clone, Copy)]
+pub struct PictureGradient<'a> {
+    /// Pixels of a row.
+    pub width: usize,
+    /// Of [`RenderOutput::rgb_linear`](super::RenderOutput::rgb_linear).
+    pub rgb_linear: &'a [[f32; 3]],
+    /// Of [`RenderOutput::alpha`](super::RenderOutput::alpha).
+    pub alpha: &'a [f32],
+    /// Of [`RenderOutput::depth_acc`](super::RenderOutput::depth_acc).
+    pub depth_acc: &'a [f32],
+}
+
+/// Gradient of a loss with respect to one Gaussian; zeros for one that was not drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GaussianGradient {
+    pub mean: [f32; 3],
+    /// Of the quaternion as it is, w first; perpendicular to it.
+    pub quaternion: [f32; 4],
+    pub scales: [f32; 3],
+    pub opacity: f32,
+    /// Of linear RGB.
+    pub color: [f32; 3],
+    /// Of the centre's z in the view where it enters the accumulated depth; the gradient of the
+    /// mean contains it.
+    pub view_depth: f32,
+}
+
+/// (Gaussian, bin) pairs whose sums exist at a time, 48 bytes each.
+const PAIR_LIMIT: u64 = 1 << 22;
+/// Gaussians a task takes at once.
+const CHUNK: usize = 4096;
+
+impl PictureGradient<'_> {
+    fn height(&self) -> usize {
+        self.alpha.len() / self.width.max(1)
+    }
+
+    /// The 4×4 pixels from `[x, y]`.
+    fn block(&self, [x, y]: [usize; 2]) -> Upstream<f32> {
+        let mut out = [[0.0; 16]; 5];
+        let (columns, rows) = (self.width - x, self.height() - y);
+        for lane in 0..16 {
+            let (dx, dy) = (lane % 4, lane / 4);
+            if dx < columns && dy < rows {
+                let pixel = (y + dy) * self.width + x + dx;
+                for channel in 0..3 {
+                    out[channel][lane] = self.rgb_linear[pixel][channel];
+                }
+                out[3][lane] = self.alpha[pixel];
+                out[4][lane] = self.depth_acc[pixel];
+            }
+        }
+        out
+    }
+
+    fn check(&self, view: &RenderView) -> Result<(), RenderError> {
+        let (width, height) = (
+            view.intrinsics.width as usize,
+            view.intrinsics.height as usize,
+        );
+        let lengths = [
+            self.rgb_linear.len(),
+            self.alpha.len(),
+            self.depth_acc.len(),
+        ];
+        if self.width != width || lengths != [width * height; 3] {
+            return Err(RenderError::View(format!(
+                "a gradient of {lengths:?} values in rows of {} for a picture of {width}x{height}",
+                self.width
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// What a thread needs for a bin.
+#[derive(Default)]
+struct BinScratch {
+    keys: Vec<u64>,
+    sorting: Vec<u64>,
+    lists: TileLists,
+    block: BlockScratch,
+}
+
+/// A bin's sums: each Gaussian's index and what it collected.
+type BinSums = Vec<(u32, SplatSums)>;
+
+impl CpuRenderer {
+    /// Gradient of a loss with respect to the scene, from its gradient with respect to the picture
+    /// that [`render`](super::Renderer::render) gives for the same scene and view.
+    ///
+    /// Gaussians that are not finite, and those that the forward pass dropped, get zeros. The same
+    /// bytes for any number of threads.
+    ///
+    /// # Errors
+    /// [`RenderError::View`] also where the gradient is not of the picture's size.
+    pub fn backward(
+        &mut self,
+        scene: &Gaussians,
+        view: &RenderView,
+        gradient: &PictureGradient<'_>,
+    ) -> Result<Vec<GaussianGradient>, RenderError> {
+        check_scene(scene)?;
+        view.check()?;
+        gradient.check(view)?;
+        forward(self.simd, scene, view, &mut self.projected);
+        let Projected {
+            splats, footprints, ..
+        } = &self.projected;
+        let grid = BinGrid::new(view.intrinsics.width, view.intrinsics.height);
+        let counts = count(grid, footprints);
+        let pool: Mutex<Vec<BinScratch>> = Mutex::default();
+        let mut totals = vec![SplatSums::<f64>::default(); scene.len()];
+        for bins in counts.groups(grid, PAIR_LIMIT) {
+            let lists = emit(grid, footprints, &counts, bins.clone());
+            let sums: Vec<BinSums> = bins
+                .into_par_iter()
+                .with_max_len(1)
+                .map(|bin| {
+                    let mut scratch = lock(&pool).pop().unwrap_or_default();
+                    let BinScratch {
+                        keys,
+                        sorting,
+                        lists: tiles,
+                        block,
+                    } = &mut scratch;
+                    lists.gather(bin, keys);
+                    let mut sums = vec![SplatSums::default(); keys.len()];
+                    if !keys.is_empty() {
+                        radix::sort(keys, sorting);
+                        let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
+                        tiles.load(keys, splats, footprints, corner);
+                        tiles.for_each_band(self.tile.pixels(), |band| {
+                            raster::raster(self.simd, band, corner, gradient, block, &mut sums);
+                        });
+                    }
+                    // The low half of a key is the index.
+                    let sums = keys.iter().map(|key| *key as u32).zip(sums).collect();
+                    lock(&pool).push(scratch);
+                    sums
+                })
+                .collect();
+            // In the order of the bins, whoever computed them.
+            for (index, sums) in sums.iter().flatten() {
+                totals[*index as usize].add(sums);
+            }
+        }
+        Ok(through_projection(scene, view, splats, &totals))
+    }
+}
+
+impl SplatSums<f64> {
+    fn add(&mut self, other: &SplatSums) {
+        self.opacity += f64::from(other.opacity);
+        self.z += f64::from(other.z);
+        self.across += f64::from(other.across);
+        self.along += f64::from(other.along);
+        for c in 0..3 {
+            self.color[c] += f64::from(other.color[c]);
+            self.factor[c] += f64::from(other.factor[c]);
+        }
+    }
+
+    /// The gradient of what the projection yields, for a splat with this conic.
+    fn on_screen(&self, [p, q, r]: [f64; 3]) -> ScreenGradient {
+        ScreenGradient {
+            center: [p * self.across, q * self.across + r * self.along],
+            factor: self.factor,
+            covariance: [0.0; 3],
+            z: self.z,
+        }
+    }
+}
+
+impl GaussianGradient {
+    fn add_shape(&mut self, shape: &ShapeGradient) {
+        for c in 0..3 {
+            self.mean[c] = narrow(f64::from(self.mean[c]) + shape.mean[c]);
+            self.scales[c] = narrow(f64::from(self.scales[c]) + shape.scales[c]);
+        }
+        for c in 0..4 {
+            self.quaternion[c] = narrow(f64::from(self.quaternion[c]) + shape.quaternion[c]);
+        }
+    }
+}
+
+/// Rounds to f32; what f32 cannot hold becomes its largest value, which clipping can handle.
+fn narrow(x: f64) -> f32 {
+    (x as f32).clamp(f32::MIN, f32::MAX)
+}
+
+fn projection(k: &ViewConstants, scene: &Gaussians, index: usize) -> Projection {
+    Projection::new(
+        k,
+        scene.means[index].map(f64::from),
+        scene.quaternions[index].map(f64::from),
+        scene.scales[index].map(f64::from),
+    )
+}
+
+/// Pass `project`, backward, on the threads of the current pool.
+fn through_projection(
+    scene: &Gaussians,
+    view: &RenderView,
+    splats: &[Splat],
+    totals: &[SplatSums<f64>],
+) -> Vec<GaussianGradient> {
+    let constants = ViewConstants::new(view);
+    let one = |(k, sums): (usize, &SplatSums<f64>)| {
+        let mut out = GaussianGradient::default();
+        // Also for those that were dropped, whose splat means nothing.
+        if *sums == SplatSums::default() {
+            return out;
+        }
+        let splat = &splats[k];
+        let screen = sums.on_screen([splat.p, splat.q, splat.r].map(f64::from));
+        out.add_shape(&projection(&constants, scene, k).pull(&constants, &screen));
+        out.opacity = narrow(sums.opacity / f64::from(splat.opacity));
+        out.color = sums.color.map(narrow);
+        out.view_depth = narrow(sums.z);
+        out
+    };
+    let totals = totals.par_iter().enumerate().with_min_len(CHUNK);
+    totals.map(one).collect()
+}
+
+/// Entries uu, uv, vv of each Gaussian's 2D covariance in a view, px², without `eps2d`. They mean
+/// something where the centre lies before the camera.
+///
+/// # Errors
+/// Those of [`CpuRenderer::backward`].
+pub fn covariances(scene: &Gaussians, view: &RenderView) -> Result<Vec<[f64; 3]>, RenderError> {
+    check_scene(scene)?;
+    view.check()?;
+    let constants = ViewConstants::new(view);
+    let each = (0..scene.len()).into_par_iter().with_min_len(CHUNK);
+    Ok(each
+        .map(|k| projection(&constants, scene, k).covariance())
+        .collect())
+}
+
+/// Adds to `out` what the gradient of [`covariances`] means for the scene. uv stands twice in the
+/// matrix and once here.
+///
+/// # Errors
+/// Those of [`CpuRenderer::backward`]; [`RenderError::View`] also where a length is not the scene's.
+pub fn backward_covariances(
+    scene: &Gaussians,
+    view: &RenderView,
+    gradient: &[[f64; 3]],
+    out: &mut [GaussianGradient],
+) -> Result<(), RenderError> {
+    check_scene(scene)?;
+    view.check()?;
+    if [gradient.len(), out.len()] != [scene.len(); 2] {
+        return Err(RenderError::View(format!(
+            "{} gradients of covariances into {} for {} Gaussians",
+            gradient.len(),
+            out.len(),
+            scene.len()
+        )));
+    }
+    let constants = ViewConstants::new(view);
+    let each = out.par_iter_mut().zip(gradient).enumerate();
+    each.with_min_len(CHUNK).for_each(|(k, (out, gradient))| {
+        if *gradient != [0.0; 3] {
+            let screen = ScreenGradient {
+                covariance: *gradient,
+                ..ScreenGradient::default()
+            };
+            out.add_shape(&projection(&constants, scene, k).pull(&constants, &screen));
+        }
+    });
+    Ok(())
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

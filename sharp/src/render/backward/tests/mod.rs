@@ -1,0 +1,599 @@
+//! The production code against central differences of an f64 oracle: the kernel in f64 to 1e-5,
+//! in f32 to 1e-4 of the largest gradient of its kind.
+
+mod oracle;
+
+use super::raster::{BlockScratch, SplatSums, Upstream, block};
+use super::*;
+use crate::camera::Intrinsics;
+use crate::random::SplitMix64;
+use crate::render::ranges::LocalSplat;
+use crate::render::simd::{Lanes, Scalar};
+use crate::render::{Renderer, Simd};
+use glam::{DAffine3, DMat3, DMat4, DVec2};
+use oracle::{ATTRIBUTES, Attributes, OracleSplat, attributes, pixel, splat};
+use safetensors::SafeTensors;
+
+impl Scalar for f64 {
+    fn of(x: f64) -> Self {
+        x
+    }
+}
+
+/// The lanes in f64.
+#[derive(Clone, Copy)]
+struct Double([f64; 16]);
+
+fn map2(a: Double, b: Double, f: impl Fn(f64, f64) -> f64) -> Double {
+    Double(std::array::from_fn(|i| f(a.0[i], b.0[i])))
+}
+
+impl Lanes for Double {
+    type Mask = [bool; 16];
+    type Scalar = f64;
+
+    fn splat(x: f64) -> Self {
+        Self([x; 16])
+    }
+    fn from_array(x: &[f64; 16]) -> Self {
+        Self(*x)
+    }
+    fn to_array(self) -> [f64; 16] {
+        self.0
+    }
+    fn add(self, other: Self) -> Self {
+        map2(self, other, |a, b| a + b)
+    }
+    fn sub(self, other: Self) -> Self {
+        map2(self, other, |a, b| a - b)
+    }
+    fn mul(self, other: Self) -> Self {
+        map2(self, other, |a, b| a * b)
+    }
+    fn div(self, other: Self) -> Self {
+        map2(self, other, |a, b| a / b)
+    }
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        self.mul(b).add(c)
+    }
+    fn neg_mul_add(self, b: Self, c: Self) -> Self {
+        c.sub(self.mul(b))
+    }
+    fn min(self, other: Self) -> Self {
+        map2(self, other, f64::min)
+    }
+    fn max(self, other: Self) -> Self {
+        map2(self, other, f64::max)
+    }
+    fn scaled_by_low_bits(self, _: Self) -> Self {
+        unreachable!("only `exp2` of f32 needs it")
+    }
+    fn le(self, other: Self) -> Self::Mask {
+        std::array::from_fn(|i| self.0[i] <= other.0[i])
+    }
+    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|i| mask[i] && self.0[i] > other.0[i])
+    }
+    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
+        std::array::from_fn(|i| mask[i] && self.0[i] <= other.0[i])
+    }
+    fn masked(self, mask: Self::Mask) -> Self {
+        Self::select(mask, self, Self([0.0; 16]))
+    }
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(
+            |i| if mask[i] { a.0[i] } else { b.0[i] },
+        ))
+    }
+    fn any(mask: Self::Mask) -> bool {
+        mask.contains(&true)
+    }
+    fn sum(self) -> f64 {
+        self.0.iter().sum()
+    }
+    fn exp2(self) -> Self {
+        Self(self.0.map(f64::exp2))
+    }
+}
+
+/// A scene of `golden/render` with its view.
+fn golden(name: &str, eps2d: f32) -> (Gaussians, RenderView) {
+    let (scene, view, _) = golden_with_mask(name, eps2d);
+    (scene, view)
+}
+
+/// With the pixels where rounding to f32 may change a decision: skipped, clamped, stopped.
+fn golden_with_mask(name: &str, eps2d: f32) -> (Gaussians, RenderView, Vec<bool>) {
+    let path = format!(
+        "{}/../tests/golden/render/{name}.safetensors",
+        env!("CARGO_MANIFEST_DIR")
+    );
+    let bytes = std::fs::read(path).unwrap();
+    let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
+    let meta = header.metadata().clone().unwrap();
+    let size = |key: &str| meta[key].parse::<u32>().unwrap();
+    let file = SafeTensors::deserialize(&bytes).unwrap();
+    let floats = |key: &str| -> Vec<f32> {
+        let (values, _) = file.tensor(key).unwrap().data().as_chunks::<4>();
+        values.iter().map(|v| f32::from_le_bytes(*v)).collect()
+    };
+    fn rows<const D: usize>(values: &[f32]) -> Vec<[f32; D]> {
+        values.as_chunks::<D>().0.to_vec()
+    }
+    let scene = Gaussians::new(
+        rows(&floats("means")),
+        rows(&floats("quats_wxyz")),
+        rows(&floats("scales")),
+        floats("opacities"),
+        rows(&floats("colors_linear")),
+    )
+    .unwrap();
+    let matrix = |key: &str| {
+        let m: Vec<f64> = floats(key).iter().map(|v| f64::from(*v)).collect();
+        DMat4::from_cols_slice(&m).transpose()
+    };
+    let (k, camera_from_scene) = if file.tensor("K_tgt").is_ok() {
+        let placed = matrix("E_tgt") * matrix("E_src").inverse() * matrix("K_src").inverse();
+        (DMat3::from_mat4(matrix("K_tgt")), placed)
+    } else {
+        let k: Vec<f64> = floats("K").iter().map(|v| f64::from(*v)).collect();
+        (DMat3::from_cols_slice(&k).transpose(), matrix("viewmat"))
+    };
+    let focal = (k.x_axis.x, k.y_axis.y);
+    let center = (k.z_axis.x, k.z_axis.y);
+    let intrinsics = Intrinsics::new(focal, center, (size("width"), size("height"))).unwrap();
+    let view = RenderView::new(DAffine3::from_mat4(camera_from_scene), intrinsics);
+    let mask = [format!("fragile.eps{eps2d}"), "fragile".to_owned()];
+    let fragile = mask.iter().find_map(|key| file.tensor(key).ok()).unwrap();
+    let fragile = fragile.data().iter().map(|v| *v != 0).collect();
+    (scene, RenderView { eps2d, ..view }, fragile)
+}
+
+/// A random gradient of a picture.
+struct Gradient {
+    width: usize,
+    rgb: Vec<[f32; 3]>,
+    alpha: Vec<f32>,
+    depth: Vec<f32>,
+}
+
+impl Gradient {
+    fn random(view: &RenderView, seed: u64) -> Self {
+        let (width, height) = (
+            view.intrinsics.width as usize,
+            view.intrinsics.height as usize,
+        );
+        let mut random = SplitMix64::new(seed);
+        let mut value = |_: usize| random.between(-1.0, 1.0) as f32;
+        let pixels = 0..width * height;
+        Self {
+            width,
+            rgb: pixels.clone().map(|_| [0, 1, 2].map(&mut value)).collect(),
+            alpha: pixels.clone().map(&mut value).collect(),
+            depth: pixels.map(&mut value).collect(),
+        }
+    }
+
+    fn without(mut self, pixels: &[bool]) -> Self {
+        for at in (0..pixels.len()).filter(|at| pixels[*at]) {
+            (self.rgb[at], self.alpha[at], self.depth[at]) = ([0.0; 3], 0.0, 0.0);
+        }
+        self
+    }
+
+    fn view(&self) -> PictureGradient<'_> {
+        PictureGradient {
+            width: self.width,
+            rgb_linear: &self.rgb,
+            alpha: &self.alpha,
+            depth_acc: &self.depth,
+        }
+    }
+
+    fn pixel(&self, at: usize) -> [f64; 5] {
+        let [r, g, b] = self.rgb[at];
+        [r, g, b, self.alpha[at], self.depth[at]].map(f64::from)
+    }
+}
+
+/// A scene in f64, front to back: what the forward pass draws, with production's projection and
+/// the oracle's splats.
+struct Ordered {
+    view: RenderView,
+    indices: Vec<usize>,
+    attributes: Vec<Attributes>,
+    projections: Vec<Projection>,
+    oracles: Vec<OracleSplat>,
+    locals: Vec<LocalSplat<f64>>,
+}
+
+impl Ordered {
+    fn new(scene: &Gaussians, view: &RenderView) -> Self {
+        let mut projected = Projected::default();
+        forward(Simd::detect(), scene, view, &mut projected);
+        let drawn = |k: &usize| !projected.footprints[*k].is_empty();
+        let mut indices: Vec<usize> = (0..scene.len()).filter(drawn).collect();
+        let z = |k: usize| projected.footprints[k].z;
+        indices.sort_by(|a, b| z(*a).total_cmp(&z(*b)).then(a.cmp(b)));
+        let constants = ViewConstants::new(view);
+        let attributes: Vec<Attributes> = indices.iter().map(|k| attributes(scene, *k)).collect();
+        let oracles: Vec<OracleSplat> = attributes.iter().map(|a| splat(view, a)).collect();
+        let projections: Vec<Projection> = indices
+            .iter()
+            .map(|k| projection(&constants, scene, *k))
+            .collect();
+        let locals = projections
+            .iter()
+            .zip(&oracles)
+            .map(|(p, o)| local(p, o, constants.eps2d));
+        Self {
+            view: *view,
+            locals: locals.collect(),
+            indices,
+            attributes,
+            projections,
+            oracles,
+        }
+    }
+
+    /// For every pixel the members that come near 1/255 there, front to back.
+    fn lists(&self) -> Vec<Vec<u32>> {
+        let (width, height) = (self.view.intrinsics.width, self.view.intrinsics.height);
+        let at = |i: u32| DVec2::new(f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
+        let near = |i: u32| {
+            let members = 0..self.oracles.len() as u32;
+            members
+                .filter(|m| self.oracles[*m as usize].alpha(at(i)) > 0.9 / 255.0)
+                .collect()
+        };
+        (0..width * height).into_par_iter().map(near).collect()
+    }
+
+    /// The production kernel and chain rule in f64, by member.
+    fn gradients(&self, gradient: &Gradient) -> Vec<(Attributes, f64)> {
+        let (width, height) = (gradient.width, gradient.alpha.len() / gradient.width);
+        let everyone: Vec<u32> = (0..self.locals.len() as u32).collect();
+        let mut scratch = BlockScratch::default();
+        let mut sums = vec![SplatSums::<f64>::default(); self.locals.len()];
+        for y in (0..height).step_by(4) {
+            for x in (0..width).step_by(4) {
+                let upstream = gradient.view().block([x, y]);
+                let upstream: Upstream<f64> = upstream.map(|lane| lane.map(f64::from));
+                block::<Double>(
+                    &self.locals,
+                    &everyone,
+                    (x, y),
+                    &upstream,
+                    &mut scratch,
+                    &mut sums,
+                );
+            }
+        }
+        let constants = ViewConstants::new(&self.view);
+        let one = |(m, sums): (usize, &SplatSums<f64>)| {
+            let l = &self.locals[m];
+            let shape = self.projections[m].pull(&constants, &sums.on_screen([l.p, l.q, l.r]));
+            let mut out = [0.0; ATTRIBUTES];
+            out[..3].copy_from_slice(&shape.mean);
+            out[3..7].copy_from_slice(&shape.quaternion);
+            out[7..10].copy_from_slice(&shape.scales);
+            out[10] = sums.opacity / l.opacity;
+            out[11..].copy_from_slice(&sums.color);
+            (out, sums.z)
+        };
+        sums.iter().enumerate().map(one).collect()
+    }
+
+    /// Central difference of the oracle's loss with respect to attribute `c` of member `m`, with an
+    /// estimate of its own error; `None` where some pixel decides otherwise on either side.
+    fn difference(
+        &self,
+        lists: &[Vec<u32>],
+        gradient: &Gradient,
+        m: usize,
+        c: usize,
+    ) -> Option<(f64, f64)> {
+        let (width, s) = (gradient.width, &self.oracles[m]);
+        let pixels: Vec<usize> = (0..lists.len())
+            .filter(|i| lists[*i].contains(&(m as u32)))
+            .collect();
+        let thickness = s.thickness(self.view.eps2d);
+        let a = &self.attributes[m];
+        let norm = a[3..7].iter().map(|v| v * v).sum::<f64>().sqrt();
+        let largest = a[7..10].iter().fold(0.0, |l: f64, v| l.max(*v));
+        // A thousandth of what moves an edge by its own thickness, roughly.
+        let unit = match c {
+            0..3 => {
+                thickness * s.z
+                    / self.view.intrinsics.fx
+                    / self.view.camera_from_scene.matrix3.x_axis.length()
+            }
+            3..7 => {
+                norm * (thickness / s.covariance.x_axis.x.max(s.covariance.y_axis.y).sqrt())
+                    .min(1.0)
+            }
+            7..10 => largest.min(a[c].max(1e-3 * largest)),
+            _ => 1.0,
+        };
+        let at = |h: f64| -> Option<f64> {
+            let moved = |h: f64| {
+                let mut a = *a;
+                a[c] += h;
+                splat(&self.view, &a)
+            };
+            let (plus, minus) = (moved(h), moved(-h));
+            let mut sum = 0.0;
+            for i in &pixels {
+                let at = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+                let g = gradient.pixel(*i);
+                let with = |changed: &OracleSplat| {
+                    let members = lists[*i].iter().map(|k| *k as usize);
+                    let list: Vec<OracleSplat> = members
+                        .map(|k| if k == m { *changed } else { self.oracles[k] })
+                        .collect();
+                    pixel(&list.iter().collect::<Vec<_>>(), at, &g)
+                };
+                let ((up, how), (down, other)) = (with(&plus), with(&minus));
+                if how != other {
+                    return None;
+                }
+                sum += up - down;
+            }
+            Some(sum / (2.0 * h))
+        };
+        let (coarse, fine) = (at(1e-3 * unit)?, at(5e-4 * unit)?);
+        let better = (4.0 * fine - coarse) / 3.0;
+        Some((better, (better - fine).abs()))
+    }
+}
+
+/// A splat for the kernel, from production's projection.
+fn local(p: &Projection, o: &OracleSplat, eps: f64) -> LocalSplat<f64> {
+    let [_, uv, vv] = p.covariance();
+    let root = p.determinant(eps).sqrt();
+    let (d, kappa) = ((vv + eps).sqrt(), (0.5 * std::f64::consts::LOG2_E).sqrt());
+    LocalSplat {
+        mean: o.mean.to_array(),
+        p: kappa * d / root,
+        q: -kappa * uv / (d * root),
+        r: kappa / d,
+        opacity: o.opacity,
+        z: o.z,
+        color: o.color.to_array(),
+        reach: [0, 63, 0, 63],
+        cut: 0.0,
+        slanted: false,
+    }
+}
+
+/// The kinds that a tolerance is relative to the largest gradient of.
+const KINDS: [std::ops::Range<usize>; 5] = [0..3, 3..7, 7..10, 10..11, 11..14];
+
+/// The largest gradient of a kind. The orientation of balls means nothing: their quaternions'
+/// gradients are held against a thousandth of what their scales' amount to.
+fn largest(ordered: &Ordered, gradients: &[(Attributes, f64)], kind: usize) -> f64 {
+    let values = gradients.iter().flat_map(|(g, _)| &g[KINDS[kind].clone()]);
+    let of_kind = values.fold(0.0, |l: f64, v| l.max(v.abs()));
+    let balls = gradients.iter().zip(&ordered.attributes);
+    let of_scales = balls.map(|((g, _), a)| (7..10).map(|c| (g[c] * a[c]).abs()).sum());
+    match kind {
+        1 => of_scales.fold(of_kind, |l: f64, v: f64| l.max(1e-3 * v)),
+        _ => of_kind,
+    }
+}
+
+/// Compares `samples` attributes (all where there are fewer) with central differences.
+fn check_f64(name: &str, eps2d: f32, samples: usize) {
+    let (scene, view) = golden(name, eps2d);
+    let ordered = Ordered::new(&scene, &view);
+    let gradient = Gradient::random(&view, 5);
+    let analytic = ordered.gradients(&gradient);
+    let lists = ordered.lists();
+    let mut all: Vec<(usize, usize)> = (0..ordered.indices.len())
+        .flat_map(|m| (0..ATTRIBUTES).map(move |c| (m, c)))
+        .collect();
+    if all.len() > samples {
+        SplitMix64::new(11).shuffle(&mut all);
+        all.truncate(samples);
+    }
+    let scale = [0, 1, 2, 3, 4].map(|kind| largest(&ordered, &analytic, kind));
+    let compared: Vec<Option<f64>> = all
+        .par_iter()
+        .map(|&(m, c)| {
+            let (numeric, noise) = ordered.difference(&lists, &gradient, m, c)?;
+            let found = analytic[m].0[c];
+            let kind = KINDS.iter().position(|kind| kind.contains(&c)).unwrap();
+            let off = (found - numeric).abs();
+            let bound = 1e-5 * found.abs().max(1e-3 * scale[kind]) + noise;
+            assert!(noise < 1e-3 * found.abs().max(1e-2 * scale[kind]), "{name} {m} {c}: noise {noise:e}");
+            assert!(off <= bound, "{name}: Gaussian {} attribute {c}: {found:e} against {numeric:e} (noise {noise:e}, largest {:e}) of {:?} {:?}", ordered.indices[m], scale[kind], ordered.attributes[m], ordered.oracles[m]);
+            Some(off / found.abs().max(1e-3 * scale[kind]))
+        })
+        .collect();
+    let count = compared.iter().flatten().count();
+    assert!(
+        count * 2 > all.len(),
+        "{name}: only {count} of {}",
+        all.len()
+    );
+}
+
+#[test]
+fn f64_kernel_is_the_derivative_of_the_oracle() {
+    for (name, eps2d, samples) in [
+        ("s1_one", 0.0, usize::MAX),
+        ("s1_one", 0.3, usize::MAX),
+        ("s2_two", 0.0, usize::MAX),
+        ("s2_two", 0.3, usize::MAX),
+        ("s3_five", 0.0, usize::MAX),
+        ("s4_rand2k", 0.01, 1000),
+        ("s5_degenerate20k", 0.0, 1000),
+        ("s6_sharp_P", 0.01, 1000),
+    ] {
+        check_f64(name, eps2d, samples);
+    }
+}
+
+#[test]
+fn f32_follows_f64() {
+    for (name, eps2d) in [
+        ("s1_one", 0.01),
+        ("s2_two", 0.0),
+        ("s3_five", 0.0),
+        ("s4_rand2k", 0.0),
+        ("s4_rand2k", 0.3),
+        ("s5_degenerate20k", 0.0),
+        ("s6_sharp_P", 0.0),
+    ] {
+        let (scene, view, fragile) = golden_with_mask(name, eps2d);
+        let ordered = Ordered::new(&scene, &view);
+        let gradient = Gradient::random(&view, 5).without(&fragile);
+        let truth = ordered.gradients(&gradient);
+        let found = CpuRenderer::new()
+            .backward(&scene, &view, &gradient.view())
+            .unwrap();
+        let mut worst = [0.0_f64; 6];
+        let scale = [0, 1, 2, 3, 4].map(|kind| largest(&ordered, &truth, kind));
+        let depth = truth.iter().fold(0.0, |l: f64, (_, z)| l.max(z.abs()));
+        for (m, (truth_of, z)) in truth.iter().enumerate() {
+            // Next to a needle of less than a hundredth of a pixel, the rounding of its position to
+            // f32 is a ten-thousandth of its thickness and more.
+            let needle = ordered.oracles[m].thickness(view.eps2d) < 0.01;
+            let allowed = if needle { 1e-3 } else { 1e-4 };
+            let found = flat(&found[ordered.indices[m]]);
+            for (kind, range) in KINDS.iter().enumerate() {
+                for c in range.clone() {
+                    let off = (f64::from(found[c]) - truth_of[c]).abs() / scale[kind] / allowed;
+                    worst[kind] = worst[kind].max(off);
+                }
+            }
+            let off = (f64::from(found[ATTRIBUTES]) - z).abs() / depth / allowed;
+            worst[5] = worst[5].max(off);
+        }
+        assert!(
+            worst.iter().all(|off| *off <= 1.0),
+            "{name}: {worst:?} of what is allowed"
+        );
+    }
+}
+
+fn flat(g: &GaussianGradient) -> [f32; ATTRIBUTES + 1] {
+    let mut out = [0.0; ATTRIBUTES + 1];
+    out[..3].copy_from_slice(&g.mean);
+    out[3..7].copy_from_slice(&g.quaternion);
+    out[7..10].copy_from_slice(&g.scales);
+    out[10] = g.opacity;
+    out[11..14].copy_from_slice(&g.color);
+    out[14] = g.view_depth;
+    out
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_instruction_sets() {
+    let (scene, view) = golden("s5_degenerate20k", 0.0);
+    let gradient = Gradient::random(&view, 1);
+    let bits = |mut renderer: CpuRenderer, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let found = pool.install(|| renderer.backward(&scene, &view, &gradient.view()).unwrap());
+        found
+            .iter()
+            .flat_map(|g| flat(g).map(f32::to_bits))
+            .collect::<Vec<_>>()
+    };
+    let expected = bits(CpuRenderer::new(), 1);
+    assert!(expected == bits(CpuRenderer::new(), 4));
+    for simd in Simd::available() {
+        assert!(expected == bits(CpuRenderer::with_simd(simd), 2));
+    }
+}
+
+#[test]
+fn hostile_scenes_have_finite_gradients() {
+    let (scene, view) = golden("s5_degenerate20k", 0.0);
+    let gradient = Gradient::random(&view, 2);
+    let found = CpuRenderer::new()
+        .backward(&scene, &view, &gradient.view())
+        .unwrap();
+    assert!(found.iter().all(|g| flat(g).iter().all(|v| v.is_finite())));
+    assert!(found.iter().any(|g| g.mean != [0.0; 3]));
+    let drawn = CpuRenderer::new().render(&scene, &view).unwrap().drawn as usize;
+    let moved = found
+        .iter()
+        .filter(|g| **g != GaussianGradient::default())
+        .count();
+    assert!(moved <= drawn, "{moved} of {drawn}");
+    let nothing = Gaussians::default();
+    assert!(
+        CpuRenderer::new()
+            .backward(&nothing, &view, &gradient.view())
+            .unwrap()
+            .is_empty()
+    );
+}
+
+#[test]
+fn gradients_of_another_size_are_refused() {
+    let (scene, view) = golden("s1_one", 0.0);
+    let mut gradient = Gradient::random(&view, 3);
+    gradient.alpha.pop();
+    let refused = CpuRenderer::new().backward(&scene, &view, &gradient.view());
+    assert!(refused.unwrap_err().to_string().contains("64x64"));
+    let refused = backward_covariances(&scene, &view, &[], &mut []);
+    assert!(refused.unwrap_err().to_string().contains("for 1 Gaussians"));
+}
+
+#[test]
+fn covariances_and_their_gradients_are_the_oracles() {
+    let (scene, view) = golden("s6_sharp_P", 0.0);
+    let found = covariances(&scene, &view).unwrap();
+    let mut random = SplitMix64::new(4);
+    let of: Vec<[f64; 3]> = (0..scene.len())
+        .map(|_| [0, 1, 2].map(|_| random.between(-1.0, 1.0)))
+        .collect();
+    let mut gradients = vec![GaussianGradient::default(); scene.len()];
+    backward_covariances(&scene, &view, &of, &mut gradients).unwrap();
+    let loss = |k: usize, a: &Attributes| {
+        let [a, b, _, c] = splat(&view, a).covariance.to_cols_array();
+        [a, b, c]
+            .iter()
+            .zip(&of[k])
+            .map(|(v, g)| v * g)
+            .sum::<f64>()
+    };
+    for k in (0..scene.len()).step_by(37) {
+        let a = attributes(&scene, k);
+        let [uu, uv, _, vv] = splat(&view, &a).covariance.to_cols_array();
+        for (x, y) in found[k].iter().zip([uu, uv, vv]) {
+            assert!((x - y).abs() <= 1e-9 * (uu + vv), "{k}");
+        }
+        let differences: Vec<f64> = (0..10)
+            .map(|c| {
+                let h = 1e-5 * a[c].abs().max(1e-3);
+                let at = |h: f64| {
+                    let mut a = a;
+                    a[c] += h;
+                    loss(k, &a)
+                };
+                (at(h) - at(-h)) / (2.0 * h)
+            })
+            .collect();
+        let found = flat(&gradients[k]);
+        for kind in &KINDS[..3] {
+            let size = differences[kind.clone()]
+                .iter()
+                .fold(0.0, |l: f64, v| l.max(v.abs()));
+            for c in kind.clone() {
+                let off = (f64::from(found[c]) - differences[c]).abs();
+                assert!(
+                    off <= 1e-5 * size.max(1e-6),
+                    "{k} {c}: {} against {}",
+                    found[c],
+                    differences[c]
+                );
+            }
+        }
+    }
+}
