@@ -1,7 +1,7 @@
 //! The backend without a GPU: the passes on rayon's threads, sixteen pixels a lane group.
 
-use super::emit::{BIN, BinGrid, count, emit};
-use super::project::{Projected, project};
+use super::emit::{BIN, BinGrid, BinLists, count, emit};
+use super::project::{Footprint, Projected, Splat, project};
 use super::ranges::TileLists;
 use super::raster::{BinPixels, raster};
 use super::renderer::{LoadedScene, check_scene};
@@ -28,11 +28,30 @@ const PAIR_LIMIT: u64 = 1 << 25;
 
 /// What a thread needs for a bin.
 #[derive(Debug, Default)]
-struct BinScratch {
-    keys: Vec<u64>,
+pub(super) struct BinScratch {
+    /// Of the bin's Gaussians, front to back.
+    pub(super) keys: Vec<u64>,
     sorting: Vec<u64>,
-    lists: TileLists,
-    members: Vec<u32>,
+    pub(super) lists: TileLists,
+    pub(super) members: Vec<u32>,
+}
+
+impl BinScratch {
+    /// Collects a bin's Gaussians, front to back, relative to the bin's first pixel, which it
+    /// returns.
+    pub(super) fn load(
+        &mut self,
+        (grid, bin): (BinGrid, usize),
+        emitted: &BinLists,
+        splats: &[Splat],
+        footprints: &[Footprint],
+    ) -> [usize; 2] {
+        emitted.gather(bin, &mut self.keys);
+        radix::sort(&mut self.keys, &mut self.sorting);
+        let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
+        self.lists.load(&self.keys, splats, footprints, corner);
+        corner
+    }
 }
 
 impl Default for CpuRenderer {
@@ -131,17 +150,9 @@ impl CpuRenderer {
                 .with_max_len(1)
                 .for_each(|(area, bin)| {
                     let mut scratch = self.take_scratch();
-                    lists.gather(bin, &mut scratch.keys);
+                    scratch.load((grid, bin), &lists, splats, footprints);
                     if !scratch.keys.is_empty() {
-                        radix::sort(&mut scratch.keys, &mut scratch.sorting);
-                        let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
-                        let BinScratch {
-                            keys,
-                            lists,
-                            members,
-                            ..
-                        } = &mut scratch;
-                        lists.load(keys, splats, footprints, corner);
+                        let BinScratch { lists, members, .. } = &mut scratch;
                         lists.for_each_band(self.tile.pixels(), |band| {
                             raster(self.simd, band, members, area);
                         });
@@ -153,12 +164,12 @@ impl CpuRenderer {
         out
     }
 
-    fn take_scratch(&self) -> BinScratch {
+    pub(super) fn take_scratch(&self) -> BinScratch {
         let mut pool = self.bins.lock().unwrap_or_else(PoisonError::into_inner);
         pool.pop().unwrap_or_default()
     }
 
-    fn return_scratch(&self, scratch: BinScratch) {
+    pub(super) fn return_scratch(&self, scratch: BinScratch) {
         let mut pool = self.bins.lock().unwrap_or_else(PoisonError::into_inner);
         pool.push(scratch);
     }

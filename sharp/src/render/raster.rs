@@ -126,7 +126,7 @@ impl<L: Lanes> Coverage<L> {
 }
 
 /// What a Gaussian does to a block's light.
-pub(super) struct Meeting<L: Lanes> {
+pub(super) struct Absorption<L: Lanes> {
     hit: L::Mask,
     /// The light behind it.
     left: L,
@@ -157,10 +157,10 @@ impl<L: Lanes> Transmittance<L> {
 
     /// The pixels that a Gaussian of coverage `alpha` adds to.
     #[inline(always)]
-    pub(super) fn meet(&self, alpha: L) -> Meeting<L> {
+    pub(super) fn absorb(&self, alpha: L) -> Absorption<L> {
         let hit = self.alpha_min.le(alpha);
         let left = alpha.neg_mul_add(self.left, self.left);
-        Meeting {
+        Absorption {
             hit,
             left,
             adds: left.gt_where(self.stop, hit),
@@ -169,9 +169,9 @@ impl<L: Lanes> Transmittance<L> {
 
     /// Takes its light; false when every pixel is done.
     #[inline(always)]
-    pub(super) fn take(&mut self, meeting: &Meeting<L>) -> bool {
+    pub(super) fn take(&mut self, absorption: &Absorption<L>) -> bool {
         // A pixel that would fall to the stop is done, without this Gaussian.
-        let stops = meeting.left.not_gt_where(self.stop, meeting.hit);
+        let stops = absorption.left.not_gt_where(self.stop, absorption.hit);
         if L::any(stops) {
             self.done = self.done.add(self.left.masked(stops));
             self.left = L::select(stops, L::zero(), self.left);
@@ -180,7 +180,7 @@ impl<L: Lanes> Transmittance<L> {
                 return false;
             }
         }
-        self.left = L::select(meeting.adds, meeting.left, self.left);
+        self.left = L::select(absorption.adds, absorption.left, self.left);
         true
     }
 
@@ -204,13 +204,13 @@ fn block<L: Lanes<Scalar = f32>>(
     for &member in members {
         let s = &splats[member as usize];
         let alpha = Coverage::new(s, centers).alpha(s, alpha_max);
-        let meeting = transmittance.meet(alpha);
-        let weight = alpha.mul(transmittance.left).masked(meeting.adds);
+        let absorption = transmittance.absorb(alpha);
+        let weight = alpha.mul(transmittance.left).masked(absorption.adds);
         red = weight.mul_add(L::splat(s.color[0]), red);
         green = weight.mul_add(L::splat(s.color[1]), green);
         blue = weight.mul_add(L::splat(s.color[2]), blue);
         depth = weight.mul_add(L::splat(s.z), depth);
-        if !transmittance.take(&meeting) {
+        if !transmittance.take(&absorption) {
             break;
         }
     }

@@ -8,17 +8,15 @@ mod raster;
 #[cfg(test)]
 mod tests;
 
-use super::cpu::CpuRenderer;
-use super::emit::{BIN, BinGrid, count, emit};
+use super::cpu::{BinScratch, CpuRenderer};
+use super::emit::{BinGrid, count, emit};
 use super::project::{Projected, Splat, ViewConstants, project as forward};
-use super::ranges::TileLists;
 use super::renderer::check_scene;
-use super::{RenderError, RenderView, radix};
+use super::{RenderError, RenderView};
 use crate::gaussians::Gaussians;
 use project::{Projection, ScreenGradient, ShapeGradient};
-use raster::{BlockScratch, SplatSums, Upstream};
+use raster::{SplatSums, Steps, Upstream};
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
 
 /// Gradient of a loss with respect to what [`RenderOutput`](super::RenderOutput) holds, row-major like it.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +46,7 @@ pub struct GaussianGradient {
     pub view_depth: f32,
 }
 
-/// (Gaussian, bin) pairs whose sums exist at a time, 48 bytes each.
+/// (Gaussian, bin) pairs whose sums exist at a time, 44 bytes each.
 const PAIR_LIMIT: u64 = 1 << 22;
 /// Gaussians a task takes at once.
 const CHUNK: usize = 4096;
@@ -96,15 +94,6 @@ impl PictureGradient<'_> {
     }
 }
 
-/// What a thread needs for a bin.
-#[derive(Default)]
-struct BinScratch {
-    keys: Vec<u64>,
-    sorting: Vec<u64>,
-    lists: TileLists,
-    block: BlockScratch,
-}
-
 /// A bin's sums: each Gaussian's index and what it collected.
 type BinSums = Vec<(u32, SplatSums)>;
 
@@ -132,7 +121,6 @@ impl CpuRenderer {
         } = &self.projected;
         let grid = BinGrid::new(view.intrinsics.width, view.intrinsics.height);
         let counts = count(grid, footprints);
-        let pool: Mutex<Vec<BinScratch>> = Mutex::default();
         let mut totals = vec![SplatSums::<f64>::default(); scene.len()];
         for bins in counts.groups(grid, PAIR_LIMIT) {
             let lists = emit(grid, footprints, &counts, bins.clone());
@@ -140,26 +128,21 @@ impl CpuRenderer {
                 .into_par_iter()
                 .with_max_len(1)
                 .map(|bin| {
-                    let mut scratch = lock(&pool).pop().unwrap_or_default();
-                    let BinScratch {
-                        keys,
-                        sorting,
-                        lists: tiles,
-                        block,
-                    } = &mut scratch;
-                    lists.gather(bin, keys);
-                    let mut sums = vec![SplatSums::default(); keys.len()];
-                    if !keys.is_empty() {
-                        radix::sort(keys, sorting);
-                        let corner = [bin % grid.columns * BIN, bin / grid.columns * BIN];
-                        tiles.load(keys, splats, footprints, corner);
-                        tiles.for_each_band(self.tile.pixels(), |band| {
-                            raster::raster(self.simd, band, corner, gradient, block, &mut sums);
+                    let mut scratch = self.take_scratch();
+                    let corner = scratch.load((grid, bin), &lists, splats, footprints);
+                    let mut sums = vec![SplatSums::default(); scratch.keys.len()];
+                    let mut steps = Steps::default();
+                    if !scratch.keys.is_empty() {
+                        let BinScratch { lists, members, .. } = &mut scratch;
+                        lists.for_each_band(self.tile.pixels(), |band| {
+                            let scratch = (&mut *members, &mut steps);
+                            raster::raster(self.simd, band, corner, gradient, scratch, &mut sums);
                         });
                     }
                     // The low half of a key is the index.
-                    let sums = keys.iter().map(|key| *key as u32).zip(sums).collect();
-                    lock(&pool).push(scratch);
+                    let indices = scratch.keys.iter().map(|key| *key as u32);
+                    let sums = indices.zip(sums).collect();
+                    self.return_scratch(scratch);
                     sums
                 })
                 .collect();
@@ -295,8 +278,4 @@ pub fn backward_covariances(
         }
     });
     Ok(())
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

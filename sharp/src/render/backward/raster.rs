@@ -30,13 +30,9 @@ pub(super) struct SplatSums<S = f32> {
     pub(super) factor: [S; 3],
 }
 
-/// What a thread keeps between blocks.
-#[derive(Debug, Default)]
-pub(super) struct BlockScratch<S = f32> {
-    reaching: Vec<u32>,
-    /// Members that add to some pixel of the block, with α (0 where it adds nothing) and T.
-    steps: Vec<(u32, [S; 16], [S; 16])>,
-}
+/// Members that add to some pixel of a block, with α (0 where it adds nothing) and T; memory that
+/// is kept between blocks.
+pub(super) type Steps<S = f32> = Vec<(u32, [S; 16], [S; 16])>;
 
 /// The gradient of a picture at the pixels of a block: red, green, blue, alpha, depth; 0 outside.
 pub(super) type Upstream<S> = [[S; 16]; 5];
@@ -47,7 +43,7 @@ per_instruction_set! {
         lists: Band<'_>,
         corner: [usize; 2],
         gradient: &PictureGradient<'_>,
-        scratch: &mut BlockScratch,
+        scratch: (&mut Vec<u32>, &mut Steps),
         out: &mut [SplatSums],
     ) = band::<Avx512>, band::<Avx2>, band::<Portable>
 }
@@ -57,7 +53,7 @@ fn band<L: Lanes<Scalar = f32>>(
     lists: Band<'_>,
     corner: [usize; 2],
     gradient: &PictureGradient<'_>,
-    scratch: &mut BlockScratch,
+    (near, steps): (&mut Vec<u32>, &mut Steps),
     out: &mut [SplatSums],
 ) {
     let tile = lists.tile();
@@ -70,14 +66,13 @@ fn band<L: Lanes<Scalar = f32>>(
         for y in (y0..(y0 + tile).min(rows)).step_by(BLOCK) {
             for x in (x0..(x0 + tile).min(columns)).step_by(BLOCK) {
                 let upstream = gradient.block([corner[0] + x, corner[1] + y]);
-                if tile == BLOCK {
-                    block::<L>(lists.splats, members, (x, y), &upstream, scratch, out);
+                let members = if tile == BLOCK {
+                    members
                 } else {
-                    let mut near = std::mem::take(&mut scratch.reaching);
-                    reaching(lists.splats, members, (x, y), &mut near);
-                    block::<L>(lists.splats, &near, (x, y), &upstream, scratch, out);
-                    scratch.reaching = near;
-                }
+                    reaching(lists.splats, members, (x, y), near);
+                    &*near
+                };
+                block::<L>(lists.splats, members, (x, y), &upstream, steps, out);
             }
         }
     }
@@ -90,23 +85,22 @@ pub(super) fn block<L: Lanes>(
     members: &[u32],
     at: (usize, usize),
     upstream: &Upstream<L::Scalar>,
-    scratch: &mut BlockScratch<L::Scalar>,
+    steps: &mut Steps<L::Scalar>,
     out: &mut [SplatSums<L::Scalar>],
 ) {
     let centers = centers::<L>(at);
     let alpha_max = L::splat(ALPHA_MAX.into());
-    let steps = &mut scratch.steps;
     steps.clear();
     let mut transmittance = Transmittance::<L>::full();
     for &member in members {
         let s = &splats[member as usize];
         let alpha = Coverage::new(s, centers).alpha(s, alpha_max);
-        let meeting = transmittance.meet(alpha);
-        if L::any(meeting.adds) {
-            let alpha = alpha.masked(meeting.adds);
+        let absorption = transmittance.absorb(alpha);
+        if L::any(absorption.adds) {
+            let alpha = alpha.masked(absorption.adds);
             steps.push((member, alpha.to_array(), transmittance.left.to_array()));
         }
-        if !transmittance.take(&meeting) {
+        if !transmittance.take(&absorption) {
             break;
         }
     }

@@ -1,200 +1,19 @@
 //! The production code against central differences of an f64 oracle: the kernel in f64 to 1e-5,
 //! in f32 to 1e-4 of the largest gradient of its kind.
 
+mod double;
 mod oracle;
+mod scenes;
 
-use super::raster::{BlockScratch, SplatSums, Upstream, block};
+use super::raster::{SplatSums, Steps, Upstream, block};
 use super::*;
-use crate::camera::Intrinsics;
 use crate::random::SplitMix64;
 use crate::render::ranges::LocalSplat;
-use crate::render::simd::{Lanes, Scalar};
 use crate::render::{Renderer, Simd};
-use glam::{DAffine3, DMat3, DMat4, DVec2};
+use double::Double;
+use glam::DVec2;
 use oracle::{ATTRIBUTES, Attributes, OracleSplat, attributes, pixel, splat};
-use safetensors::SafeTensors;
-
-impl Scalar for f64 {
-    fn of(x: f64) -> Self {
-        x
-    }
-}
-
-/// The lanes in f64.
-#[derive(Clone, Copy)]
-struct Double([f64; 16]);
-
-fn map2(a: Double, b: Double, f: impl Fn(f64, f64) -> f64) -> Double {
-    Double(std::array::from_fn(|i| f(a.0[i], b.0[i])))
-}
-
-impl Lanes for Double {
-    type Mask = [bool; 16];
-    type Scalar = f64;
-
-    fn splat(x: f64) -> Self {
-        Self([x; 16])
-    }
-    fn from_array(x: &[f64; 16]) -> Self {
-        Self(*x)
-    }
-    fn to_array(self) -> [f64; 16] {
-        self.0
-    }
-    fn add(self, other: Self) -> Self {
-        map2(self, other, |a, b| a + b)
-    }
-    fn sub(self, other: Self) -> Self {
-        map2(self, other, |a, b| a - b)
-    }
-    fn mul(self, other: Self) -> Self {
-        map2(self, other, |a, b| a * b)
-    }
-    fn div(self, other: Self) -> Self {
-        map2(self, other, |a, b| a / b)
-    }
-    fn mul_add(self, b: Self, c: Self) -> Self {
-        self.mul(b).add(c)
-    }
-    fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        c.sub(self.mul(b))
-    }
-    fn min(self, other: Self) -> Self {
-        map2(self, other, f64::min)
-    }
-    fn max(self, other: Self) -> Self {
-        map2(self, other, f64::max)
-    }
-    fn scaled_by_low_bits(self, _: Self) -> Self {
-        unreachable!("only `exp2` of f32 needs it")
-    }
-    fn le(self, other: Self) -> Self::Mask {
-        std::array::from_fn(|i| self.0[i] <= other.0[i])
-    }
-    fn gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        std::array::from_fn(|i| mask[i] && self.0[i] > other.0[i])
-    }
-    fn not_gt_where(self, other: Self, mask: Self::Mask) -> Self::Mask {
-        std::array::from_fn(|i| mask[i] && self.0[i] <= other.0[i])
-    }
-    fn masked(self, mask: Self::Mask) -> Self {
-        Self::select(mask, self, Self([0.0; 16]))
-    }
-    fn select(mask: Self::Mask, a: Self, b: Self) -> Self {
-        Self(std::array::from_fn(
-            |i| if mask[i] { a.0[i] } else { b.0[i] },
-        ))
-    }
-    fn any(mask: Self::Mask) -> bool {
-        mask.contains(&true)
-    }
-    fn sum(self) -> f64 {
-        self.0.iter().sum()
-    }
-    fn exp2(self) -> Self {
-        Self(self.0.map(f64::exp2))
-    }
-}
-
-/// A scene of `golden/render` with its view.
-fn golden(name: &str, eps2d: f32) -> (Gaussians, RenderView) {
-    let (scene, view, _) = golden_with_mask(name, eps2d);
-    (scene, view)
-}
-
-/// With the pixels where rounding to f32 may change a decision: skipped, clamped, stopped.
-fn golden_with_mask(name: &str, eps2d: f32) -> (Gaussians, RenderView, Vec<bool>) {
-    let path = format!(
-        "{}/../tests/golden/render/{name}.safetensors",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    let bytes = std::fs::read(path).unwrap();
-    let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
-    let meta = header.metadata().clone().unwrap();
-    let size = |key: &str| meta[key].parse::<u32>().unwrap();
-    let file = SafeTensors::deserialize(&bytes).unwrap();
-    let floats = |key: &str| -> Vec<f32> {
-        let (values, _) = file.tensor(key).unwrap().data().as_chunks::<4>();
-        values.iter().map(|v| f32::from_le_bytes(*v)).collect()
-    };
-    fn rows<const D: usize>(values: &[f32]) -> Vec<[f32; D]> {
-        values.as_chunks::<D>().0.to_vec()
-    }
-    let scene = Gaussians::new(
-        rows(&floats("means")),
-        rows(&floats("quats_wxyz")),
-        rows(&floats("scales")),
-        floats("opacities"),
-        rows(&floats("colors_linear")),
-    )
-    .unwrap();
-    let matrix = |key: &str| {
-        let m: Vec<f64> = floats(key).iter().map(|v| f64::from(*v)).collect();
-        DMat4::from_cols_slice(&m).transpose()
-    };
-    let (k, camera_from_scene) = if file.tensor("K_tgt").is_ok() {
-        let placed = matrix("E_tgt") * matrix("E_src").inverse() * matrix("K_src").inverse();
-        (DMat3::from_mat4(matrix("K_tgt")), placed)
-    } else {
-        let k: Vec<f64> = floats("K").iter().map(|v| f64::from(*v)).collect();
-        (DMat3::from_cols_slice(&k).transpose(), matrix("viewmat"))
-    };
-    let focal = (k.x_axis.x, k.y_axis.y);
-    let center = (k.z_axis.x, k.z_axis.y);
-    let intrinsics = Intrinsics::new(focal, center, (size("width"), size("height"))).unwrap();
-    let view = RenderView::new(DAffine3::from_mat4(camera_from_scene), intrinsics);
-    let mask = [format!("fragile.eps{eps2d}"), "fragile".to_owned()];
-    let fragile = mask.iter().find_map(|key| file.tensor(key).ok()).unwrap();
-    let fragile = fragile.data().iter().map(|v| *v != 0).collect();
-    (scene, RenderView { eps2d, ..view }, fragile)
-}
-
-/// A random gradient of a picture.
-struct Gradient {
-    width: usize,
-    rgb: Vec<[f32; 3]>,
-    alpha: Vec<f32>,
-    depth: Vec<f32>,
-}
-
-impl Gradient {
-    fn random(view: &RenderView, seed: u64) -> Self {
-        let (width, height) = (
-            view.intrinsics.width as usize,
-            view.intrinsics.height as usize,
-        );
-        let mut random = SplitMix64::new(seed);
-        let mut value = |_: usize| random.between(-1.0, 1.0) as f32;
-        let pixels = 0..width * height;
-        Self {
-            width,
-            rgb: pixels.clone().map(|_| [0, 1, 2].map(&mut value)).collect(),
-            alpha: pixels.clone().map(&mut value).collect(),
-            depth: pixels.map(&mut value).collect(),
-        }
-    }
-
-    fn without(mut self, pixels: &[bool]) -> Self {
-        for at in (0..pixels.len()).filter(|at| pixels[*at]) {
-            (self.rgb[at], self.alpha[at], self.depth[at]) = ([0.0; 3], 0.0, 0.0);
-        }
-        self
-    }
-
-    fn view(&self) -> PictureGradient<'_> {
-        PictureGradient {
-            width: self.width,
-            rgb_linear: &self.rgb,
-            alpha: &self.alpha,
-            depth_acc: &self.depth,
-        }
-    }
-
-    fn pixel(&self, at: usize) -> [f64; 5] {
-        let [r, g, b] = self.rgb[at];
-        [r, g, b, self.alpha[at], self.depth[at]].map(f64::from)
-    }
-}
+use scenes::{Gradient, golden, golden_with_mask};
 
 /// A scene in f64, front to back: what the forward pass draws, with production's projection and
 /// the oracle's splats.
@@ -253,7 +72,7 @@ impl Ordered {
     fn gradients(&self, gradient: &Gradient) -> Vec<(Attributes, f64)> {
         let (width, height) = (gradient.width, gradient.alpha.len() / gradient.width);
         let everyone: Vec<u32> = (0..self.locals.len() as u32).collect();
-        let mut scratch = BlockScratch::default();
+        let mut steps = Steps::default();
         let mut sums = vec![SplatSums::<f64>::default(); self.locals.len()];
         for y in (0..height).step_by(4) {
             for x in (0..width).step_by(4) {
@@ -264,7 +83,7 @@ impl Ordered {
                     &everyone,
                     (x, y),
                     &upstream,
-                    &mut scratch,
+                    &mut steps,
                     &mut sums,
                 );
             }
