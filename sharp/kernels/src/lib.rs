@@ -36,7 +36,7 @@ pub mod workspace;
 pub use attention::{AttentionShape, attention};
 pub use conv::{Algorithm, Conv2d, ConvOptions, ConvSpec, TransposedConv2x2};
 pub use gemm::{Epilogue, PackedMatrix, matmul};
-pub use norm::{GroupNorm, layer_norm};
+pub use norm::{GroupNorm, GroupNormGradient, layer_norm};
 pub use pool::{L2Pool, MaxPool};
 pub use rows::{RowOp, RowWindow};
 pub use simd::{InstructionSet, PinError, Simd, UnknownInstructionSet};

@@ -1,5 +1,9 @@
 //! Layer normalisation of tokens, group normalisation of images.
 
+mod backward;
+
+pub use backward::GroupNormGradient;
+
 use rayon::prelude::*;
 
 use crate::math::{fma, relu};

@@ -2,9 +2,11 @@
 //!
 //! * [`Conv2d`]: square kernels, any stride and padding; direct or Winograd.
 //! * [`TransposedConv2x2`]: doubling of both sides.
+//! * [`backward`]: gradients.
 //!
 //! Private: `direct` (an implicit matrix product), `winograd` and its `transform`.
 
+pub mod backward;
 mod direct;
 mod transform;
 mod transposed;

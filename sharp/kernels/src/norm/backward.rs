@@ -1,0 +1,180 @@
+//! Gradients of group normalisation.
+
+use rayon::prelude::*;
+
+use super::{GroupNorm, PIXELS_PER_TASK};
+
+/// What [`GroupNorm::backward`] yields.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroupNormGradient {
+    /// Of the input, `[pixels][channels]`.
+    pub input: Vec<f32>,
+    /// Of the scales, `[channels]`.
+    pub gamma: Vec<f32>,
+    /// Of the shifts, `[channels]`.
+    pub beta: Vec<f32>,
+}
+
+/// Sums over a channel's pixels: of x, x², the gradient g, and g x.
+type Sums = [f64; 4];
+
+impl GroupNorm {
+    /// Gradients from that of the (not rectified) output for the input `x`, both
+    /// `[pixels][channels]`. Sums are made in f64.
+    ///
+    /// With x̂ = (x − μ)/s over the N values of a group, the input's is
+    /// `(γ g − mean(γ g) − x̂ · mean(γ g x̂)) / s`.
+    ///
+    /// # Panics
+    /// When a length is wrong.
+    pub fn backward(&self, x: &[f32], upstream: &[f32]) -> GroupNormGradient {
+        let channels = self.gamma.len();
+        assert!(x.len().is_multiple_of(channels), "pixels of {channels}");
+        assert_eq!(upstream.len(), x.len(), "upstream");
+        let sums = self.sums(x, upstream);
+        let width = channels / self.groups;
+        let count = (x.len() / self.groups) as f64;
+        let (mut gamma, mut beta) = (vec![0.0; channels], vec![0.0; channels]);
+        // The input's gradient is `of_upstream · g + of_input · x + constant`, channel by channel.
+        let mut linear = vec![[0.0_f32; 3]; channels];
+        for group in 0..self.groups {
+            let range = group * width..(group + 1) * width;
+            let total = |k: usize| sums[range.clone()].iter().map(|s| s[k]).sum::<f64>();
+            let mean = total(0) / count;
+            let variance = (total(1) / count - mean * mean).max(0.0);
+            let inverse = 1.0 / (variance + f64::from(self.eps)).sqrt();
+            let (mut plain, mut weighted) = (0.0, 0.0);
+            for c in range.clone() {
+                let [_, _, g, gx] = sums[c];
+                let normal = inverse * (gx - mean * g);
+                gamma[c] = normal as f32;
+                beta[c] = g as f32;
+                plain += f64::from(self.gamma[c]) * g / count;
+                weighted += f64::from(self.gamma[c]) * normal / count;
+            }
+            let of_input = -inverse * inverse * weighted;
+            let constant = -inverse * plain - of_input * mean;
+            for c in range {
+                let of_upstream = inverse * f64::from(self.gamma[c]);
+                linear[c] = [of_upstream as f32, of_input as f32, constant as f32];
+            }
+        }
+        let mut input = vec![0.0; x.len()];
+        let chunk = PIXELS_PER_TASK * channels;
+        let values = x.par_chunks(chunk).zip(upstream.par_chunks(chunk));
+        let all = input.par_chunks_mut(chunk).zip(values);
+        all.for_each(|(out, (x, g))| {
+            let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
+            for (out, (x, g)) in out.chunks_exact_mut(channels).zip(pixels) {
+                for c in 0..channels {
+                    let [a, b, d] = linear[c];
+                    out[c] = a * g[c] + b * x[c] + d;
+                }
+            }
+        });
+        GroupNormGradient { input, gamma, beta }
+    }
+
+    fn sums(&self, x: &[f32], upstream: &[f32]) -> Vec<Sums> {
+        let channels = self.gamma.len();
+        let chunk = PIXELS_PER_TASK * channels;
+        let both = x.par_chunks(chunk).zip(upstream.par_chunks(chunk));
+        let parts: Vec<Vec<Sums>> = both
+            .map(|(x, g)| {
+                let mut sums = vec![[0.0; 4]; channels];
+                let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
+                for (x, g) in pixels {
+                    for (sums, (x, g)) in sums.iter_mut().zip(x.iter().zip(g)) {
+                        let (x, g) = (f64::from(*x), f64::from(*g));
+                        sums[0] += x;
+                        sums[1] += x * x;
+                        sums[2] += g;
+                        sums[3] += g * x;
+                    }
+                }
+                sums
+            })
+            .collect();
+        let mut sums = vec![[0.0; 4]; channels];
+        for part in &parts {
+            for (sums, part) in sums.iter_mut().zip(part) {
+                for k in 0..4 {
+                    sums[k] += part[k];
+                }
+            }
+        }
+        sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{noise, relative_error, with_threads};
+
+    const EPS: f64 = 1e-5;
+
+    /// Σ upstream · normalised, in f64.
+    fn loss(x: &[f64], gamma: &[f64], beta: &[f64], groups: usize, upstream: &[f32]) -> f64 {
+        let channels = gamma.len();
+        let (width, pixels) = (channels / groups, x.len() / channels);
+        let mut sum = 0.0;
+        for group in 0..groups {
+            let places = || {
+                (0..pixels).flat_map(move |p| {
+                    (group * width..(group + 1) * width).map(move |c| (p * channels + c, c))
+                })
+            };
+            let n = (pixels * width) as f64;
+            let mean = places().map(|(at, _)| x[at]).sum::<f64>() / n;
+            let variance = places().map(|(at, _)| (x[at] - mean).powi(2)).sum::<f64>() / n;
+            let deviation = (variance + EPS).sqrt();
+            sum += places()
+                .map(|(at, c)| {
+                    f64::from(upstream[at]) * ((x[at] - mean) / deviation * gamma[c] + beta[c])
+                })
+                .sum::<f64>();
+        }
+        sum
+    }
+
+    #[test]
+    fn gradients_are_those_of_central_differences() {
+        let (channels, groups, pixels) = (6, 3, 35);
+        let x: Vec<f32> = noise(1, pixels * channels)
+            .iter()
+            .map(|v| v + 2.0)
+            .collect();
+        let (gamma, beta) = (noise(2, channels), noise(3, channels));
+        let upstream = noise(4, x.len());
+        let norm = GroupNorm::new(groups, &gamma, &beta, EPS as f32);
+        let found = norm.backward(&x, &upstream);
+        let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
+        let all = [wide(&x), wide(&gamma), wide(&beta)];
+        for (which, found) in [&found.input, &found.gamma, &found.beta]
+            .into_iter()
+            .enumerate()
+        {
+            let exact: Vec<f64> = (0..found.len())
+                .map(|k| {
+                    let at = |step: f64| {
+                        let mut all = all.clone();
+                        all[which][k] += step;
+                        loss(&all[0], &all[1], &all[2], groups, &upstream)
+                    };
+                    (at(1e-5) - at(-1e-5)) / 2e-5
+                })
+                .collect();
+            assert!(relative_error(found, &exact) < 1e-5, "{which}");
+        }
+    }
+
+    #[test]
+    fn threads_change_nothing() {
+        let x = noise(1, 4 * 10_000);
+        let upstream = noise(2, x.len());
+        let norm = GroupNorm::new(2, &[1.0; 4], &[0.0; 4], 1e-5);
+        let run = |threads| with_threads(threads, || norm.backward(&x, &upstream));
+        assert_eq!(run(1), run(3));
+    }
+}
