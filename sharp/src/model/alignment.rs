@@ -11,7 +11,7 @@ use super::{ModelConfig, ModelError};
 const GROUPS: usize = 4;
 
 /// Nearest depth that the network sees, metres.
-const MIN_DEPTH: f32 = 1e-4;
+pub(super) const MIN_DEPTH: f32 = 1e-4;
 
 /// A convolution of the rectified input.
 const RECTIFIED: Fused<'_> = Fused {
@@ -74,6 +74,11 @@ impl NormResidualBlock {
     }
 }
 
+/// What the network sees of a depth, metres.
+pub(super) fn inverse_depth(depth: f32) -> f32 {
+    1.0 / depth.max(MIN_DEPTH)
+}
+
 pub(super) struct DepthAlignment {
     conv_in: Conv,
     norm_in: GroupNormLayer,
@@ -83,7 +88,6 @@ pub(super) struct DepthAlignment {
     conv_out2: Conv,
     norm_out3: GroupNormLayer,
     conv_out: Conv,
-    side: usize,
 }
 
 impl DepthAlignment {
@@ -117,22 +121,13 @@ impl DepthAlignment {
             conv_out2: Conv::point(&conv_out.pp(2), 2 * base, base, true),
             norm_out3: GroupNormLayer::new(&conv_out.pp(3), base, GROUPS),
             conv_out: Conv::point(&p.pp("conv_out"), base, 1, true),
-            side: config.internal_resolution,
         }
     }
 
-    /// Factors > 0 `[R, R]` from the first layer of predicted depth and known depth, both `[R, R]`
-    /// in metres.
-    pub(super) fn forward(
-        &self,
-        rt: &Runtime,
-        predicted: &[f32],
-        known: &[f32],
-    ) -> Result<Vec<f32>, ModelError> {
-        let depths = predicted.iter().chain(known);
-        let input: Vec<f32> = depths.map(|d| 1.0 / d.max(MIN_DEPTH)).collect();
-        let input = Map::from_planes(&rt.engine, &input, (2, self.side, self.side))?;
-        let first = self.conv_in.forward(rt, &input, Fused::default())?;
+    /// The logarithm `[1, R, R]` of the factors, from inverse depth `[2, R, R]`: that of the first
+    /// predicted layer and the known one, each as [`inverse_depth`] makes it.
+    pub(super) fn forward(&self, rt: &Runtime, input: &Map) -> Result<Map, ModelError> {
+        let first = self.conv_in.forward(rt, input, Fused::default())?;
         let mut maps = vec![self.norm_in.forward(rt, &first)?.relu()?];
         for [widen, refine] in &self.down {
             let x = maps[maps.len() - 1].avg_pool(2)?;
@@ -154,7 +149,6 @@ impl DepthAlignment {
         let mut x = self.norm_out0.forward(rt, &x.cat(&finest)?)?;
         x = self.conv_out2.forward(rt, &x, RECTIFIED)?;
         x = self.norm_out3.forward(rt, &x)?;
-        let log = self.conv_out.forward(rt, &x, RECTIFIED)?.to_planes()?;
-        Ok(log.into_iter().map(f32::exp).collect())
+        self.conv_out.forward(rt, &x, RECTIFIED)
     }
 }

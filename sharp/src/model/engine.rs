@@ -1,13 +1,14 @@
 //! What computes: our kernels on the CPU, or tensors on any device.
 
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use candle_core::{Device, Tensor};
 use sharp_kernels::{Algorithm, Simd, Workspace};
 
 use super::ModelError;
 use super::params::{Parameter, WeightSource};
+use super::tape::Tape;
 
 pub enum Engine {
     /// Our kernels on the CPU: images as `[row][column][channel]`, weights streamed.
@@ -55,6 +56,8 @@ pub(super) struct Runtime {
     /// Tensors that are on the device already; the kernels keep nothing.
     resident: Mutex<HashMap<String, Tensor>>,
     workspace: Mutex<Workspace>,
+    /// In training, on kernels: how gradients go back.
+    pub(super) tape: Option<Arc<Tape>>,
 }
 
 impl Runtime {
@@ -64,6 +67,16 @@ impl Runtime {
             source,
             resident: Mutex::default(),
             workspace: Mutex::default(),
+            tape: None,
+        }
+    }
+
+    /// On kernels for this CPU, with a tape.
+    pub(super) fn in_training(source: Box<dyn WeightSource>, tape: Arc<Tape>) -> Self {
+        let engine = Engine::cpu(sharp_kernels::Algorithm::Winograd);
+        Self {
+            tape: Some(tape),
+            ..Self::new(engine, source)
         }
     }
 

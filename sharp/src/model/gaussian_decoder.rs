@@ -50,17 +50,15 @@ impl GaussianDecoder {
         &self,
         rt: &Runtime,
         maps: [Map; 5],
-        input: &[f32],
+        input: &Map,
         observer: &mut dyn StageObserver,
     ) -> Result<[Map; 2], ModelError> {
         let mut decoded = self.decoder.forward(rt, &maps, "gauss_decoder", observer)?;
-        let side = 2 * maps[0].dims()?.1;
         drop(maps);
         if self.pooling > 1 {
             decoded = decoded.avg_pool(self.pooling)?;
         }
-        let input = Map::from_planes(&rt.engine, input, (3 + LAYERS, side, side))?;
-        let skip = self.skip.forward(rt, &input, Fused::default())?;
+        let skip = self.skip.forward(rt, input, Fused::default())?;
         observer.stage("gauss_decoder.skip", StageValue::map(&skip))?;
         let fused = self.fusion.forward(rt, Some(decoded), &skip)?;
         drop(skip);
@@ -137,20 +135,18 @@ impl PredictionHead {
         }
     }
 
-    /// Features `[out, h, w]` to deltas `[14, 2, h, w]`, as [`compose`](crate::composer::compose)
-    /// wants them. A channel's layer varies fastest.
+    /// Features `[out, h, w]` to the deltas of geometry `[3 · 2, h, w]` and of texture
+    /// `[11 · 2, h, w]`; one after the other they are what [`compose`](crate::composer::compose)
+    /// takes. A channel's layer varies fastest.
     pub(super) fn forward(
         &self,
         rt: &Runtime,
         texture: &Map,
         geometry: &Map,
-    ) -> Result<Vec<f32>, ModelError> {
-        let mut deltas = self
-            .geometry
-            .forward(rt, geometry, Fused::default())?
-            .to_planes()?;
-        let others = self.texture.forward(rt, texture, Fused::default())?;
-        deltas.extend(others.to_planes()?);
-        Ok(deltas)
+    ) -> Result<[Map; 2], ModelError> {
+        Ok([
+            self.geometry.forward(rt, geometry, Fused::default())?,
+            self.texture.forward(rt, texture, Fused::default())?,
+        ])
     }
 }

@@ -2,13 +2,19 @@
 //!
 //! Convolutions whose kernel equals their stride, or is 1, are matrix products on tensors.
 
+use std::sync::Arc;
+
 use candle_core::{DType, Tensor};
-use sharp_kernels::{Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow};
+use sharp_kernels::conv::backward::{
+    ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
+};
+use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow};
 
 use super::ModelError;
 use super::engine::{CpuKernels, Engine, Runtime};
 use super::map::{HostMap, Map, mixed};
 use super::params::{Parameter, Params};
+use super::tape::{Gradients, Node};
 
 /// A convolution with what is fused into it.
 #[derive(Clone, Copy, Default)]
@@ -74,15 +80,17 @@ impl Conv {
             (Engine::Kernels(kernels), Map::Host(x)) => {
                 let residual = match fused.residual {
                     None => None,
-                    Some(Map::Host(map)) => Some(map.data.as_slice()),
+                    Some(Map::Host(map)) => Some(map),
                     Some(Map::Tensor(_)) => return Err(mixed()),
                 };
                 let options = ConvOptions {
                     relu_input: fused.relu_input,
-                    residual,
+                    residual: residual.map(|map| map.data.as_slice()),
                     relu: fused.relu,
                 };
-                Ok(Map::Host(self.on_host(rt, kernels, x, options)?))
+                let out = self.on_host(rt, kernels, x, options)?;
+                let node = self.recorded(rt, kernels, x, residual, fused, &out)?;
+                Ok(Map::Host(out.at_node(node)))
             }
             (Engine::Tensors(_), Map::Tensor(x)) => Ok(Map::Tensor(self.on_tensors(rt, x, fused)?)),
             _ => Err(mixed()),
@@ -106,12 +114,62 @@ impl Conv {
             kernels.convolution,
         );
         let (height, width) = conv.out_size(x.height, x.width);
-        let mut out = HostMap::new(height, width, self.spec.out_channels);
+        let shape = (height, width, self.spec.out_channels);
+        let mut out = vec![0.0; shape.0 * shape.1 * shape.2];
         let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
         rt.with_workspace(|workspace| {
-            conv.run_rows_with(&window, 0..height, &mut out.data, options, workspace);
+            conv.run_rows_with(&window, 0..height, &mut out, options, workspace);
         });
-        Ok(out)
+        Ok(HostMap::new(shape, out))
+    }
+
+    /// The way back from `out`, in training.
+    fn recorded(
+        &self,
+        rt: &Runtime,
+        kernels: &CpuKernels,
+        x: &HostMap,
+        residual: Option<&HostMap>,
+        fused: Fused<'_>,
+        out: &HostMap,
+    ) -> Result<Option<Node>, ModelError> {
+        let learned = Learned::of(rt, &self.weight, self.bias.as_ref());
+        let residual = residual.and_then(|map| map.node.clone());
+        let Some(tape) = &rt.tape else {
+            return Ok(None);
+        };
+        if !learned.any() && x.node.is_none() && residual.is_none() {
+            return Ok(None);
+        }
+        let (spec, kernels) = (self.spec, *kernels);
+        let weight = match x.node {
+            Some(_) => rt.values(&self.weight)?,
+            None => Vec::new(),
+        };
+        let rectified = fused.relu.then(|| Arc::clone(&out.data));
+        let (data, node) = (Arc::clone(&x.data), x.node.clone());
+        let (height, width) = (x.height, x.width);
+        Ok(Some(tape.record(move |mut g, gradients| {
+            if let Some(out) = rectified {
+                keep_where_positive(&mut g, &out);
+            }
+            let input = ConvInput {
+                data: &data,
+                height,
+                width,
+                relu: fused.relu_input,
+            };
+            learned.add(gradients, spec.out_channels, &g, || {
+                weight_gradient(kernels.simd, spec, input, &g)
+            });
+            if node.is_some() {
+                let back = InputGradient::new(kernels.simd, spec, &weight, kernels.convolution);
+                let of_input = back.run(input, &g, &mut gradients.workspace);
+                gradients.add(node.as_ref(), of_input);
+            }
+            gradients.add(residual.as_ref(), g);
+            Ok(())
+        })))
     }
 
     fn on_tensors(&self, rt: &Runtime, x: &Tensor, fused: Fused<'_>) -> Result<Tensor, ModelError> {
@@ -151,6 +209,45 @@ impl Conv {
     }
 }
 
+/// Which parameters of a layer want gradients.
+struct Learned {
+    weight: Option<String>,
+    bias: Option<String>,
+}
+
+impl Learned {
+    fn of(rt: &Runtime, weight: &Parameter, bias: Option<&Parameter>) -> Self {
+        let wanted = |parameter: &Parameter| {
+            let tape = rt.tape.as_ref()?;
+            tape.trains(&parameter.name).then(|| parameter.name.clone())
+        };
+        Self {
+            weight: wanted(weight),
+            bias: bias.and_then(wanted),
+        }
+    }
+
+    fn any(&self) -> bool {
+        self.weight.is_some() || self.bias.is_some()
+    }
+
+    /// Adds what the gradient `g` of an output with so many channels means.
+    fn add(
+        &self,
+        gradients: &mut Gradients,
+        channels: usize,
+        g: &[f32],
+        weight: impl FnOnce() -> Vec<f32>,
+    ) {
+        if let Some(name) = &self.weight {
+            gradients.add_parameter(name, weight());
+        }
+        if let Some(name) = &self.bias {
+            gradients.add_parameter(name, bias_gradient(g, channels));
+        }
+    }
+}
+
 /// A transposed 2×2 convolution with stride 2: every pixel becomes a block of four.
 pub(super) struct Deconv {
     weight: Parameter,
@@ -174,19 +271,22 @@ impl Deconv {
         match (&rt.engine, x) {
             (Engine::Kernels(kernels), Map::Host(x)) => {
                 let bias = self.bias.as_ref().map(|bias| rt.values(bias)).transpose()?;
+                let weight = rt.values(&self.weight)?;
                 let deconv = sharp_kernels::TransposedConv2x2::new(
                     kernels.simd,
                     self.input,
                     self.output,
-                    &rt.values(&self.weight)?,
+                    &weight,
                     bias.as_deref(),
                 );
-                let mut out = HostMap::new(2 * x.height, 2 * x.width, self.output);
+                let shape = (2 * x.height, 2 * x.width, self.output);
+                let mut out = vec![0.0; shape.0 * shape.1 * shape.2];
                 let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
                 rt.with_workspace(|workspace| {
-                    deconv.run_rows(&window, 0..2 * x.height, &mut out.data, workspace);
+                    deconv.run_rows(&window, 0..2 * x.height, &mut out, workspace);
                 });
-                Ok(Map::Host(out))
+                let node = self.recorded(rt, kernels, x, weight);
+                Ok(Map::Host(HostMap::new(shape, out).at_node(node)))
             }
             (Engine::Tensors(_), Map::Tensor(x)) => {
                 let (_, c, h, w) = x.dims4()?;
@@ -208,6 +308,51 @@ impl Deconv {
             }
             _ => Err(mixed()),
         }
+    }
+}
+
+impl Deconv {
+    /// The way back, in training: through the convolution of blocks that this one transposes.
+    fn recorded(
+        &self,
+        rt: &Runtime,
+        kernels: &CpuKernels,
+        x: &HostMap,
+        weight: Vec<f32>,
+    ) -> Option<Node> {
+        let learned = Learned::of(rt, &self.weight, self.bias.as_ref());
+        let tape = rt.tape.as_ref()?;
+        if !learned.any() && x.node.is_none() {
+            return None;
+        }
+        let transpose = ConvSpec {
+            in_channels: self.output,
+            out_channels: self.input,
+            kernel: 2,
+            stride: 2,
+            padding: 0,
+        };
+        let (simd, data, node) = (kernels.simd, Arc::clone(&x.data), x.node.clone());
+        let (height, width) = (x.height, x.width);
+        Some(tape.record(move |g, gradients| {
+            let blocks = ConvInput {
+                data: &g,
+                height: 2 * height,
+                width: 2 * width,
+                relu: false,
+            };
+            learned.add(gradients, transpose.in_channels, &g, || {
+                weight_gradient(simd, transpose, blocks, &data)
+            });
+            if node.is_some() {
+                let back = Conv2d::new(simd, transpose, &weight, None, false, Algorithm::Direct);
+                let window = RowWindow::whole(&g, 2 * height, 2 * width, transpose.in_channels);
+                let mut of_input = vec![0.0; data.len()];
+                back.run_rows(&window, 0..height, &mut of_input, &mut gradients.workspace);
+                gradients.add(node.as_ref(), of_input);
+            }
+            Ok(())
+        }))
     }
 }
 
@@ -239,13 +384,36 @@ impl GroupNormLayer {
                     &rt.values(&self.bias)?,
                     Self::EPS,
                 );
-                let mut out = HostMap::new(x.height, x.width, x.channels);
-                norm.run(kernels.simd, &x.data, false, &mut out.data);
-                Ok(Map::Host(out))
+                let mut out = vec![0.0; x.data.len()];
+                norm.run(kernels.simd, &x.data, false, &mut out);
+                let node = self.recorded(rt, norm, x);
+                let shape = (x.height, x.width, x.channels);
+                Ok(Map::Host(HostMap::new(shape, out).at_node(node)))
             }
             (Engine::Tensors(_), Map::Tensor(x)) => Ok(Map::Tensor(self.on_tensors(rt, x)?)),
             _ => Err(mixed()),
         }
+    }
+
+    /// The way back, in training.
+    fn recorded(&self, rt: &Runtime, norm: sharp_kernels::GroupNorm, x: &HostMap) -> Option<Node> {
+        let learned = Learned::of(rt, &self.weight, Some(&self.bias));
+        let tape = rt.tape.as_ref()?;
+        if !learned.any() && x.node.is_none() {
+            return None;
+        }
+        let (data, node) = (Arc::clone(&x.data), x.node.clone());
+        Some(tape.record(move |g, gradients| {
+            let back = norm.backward(&data, &g);
+            if let Some(name) = &learned.weight {
+                gradients.add_parameter(name, back.gamma);
+            }
+            if let Some(name) = &learned.bias {
+                gradients.add_parameter(name, back.beta);
+            }
+            gradients.add(node.as_ref(), back.input);
+            Ok(())
+        }))
     }
 
     /// Sums in f64 where the device has it: over the millions of values of a group, f32 would be
@@ -284,7 +452,6 @@ mod tests {
     use crate::model::synth::Synth;
     use candle_core::Device;
     use sharp_checkpoint::deterministic::model_weights;
-    use sharp_kernels::Algorithm;
 
     fn runtimes() -> [Runtime; 3] {
         [

@@ -1,10 +1,14 @@
 //! A feature map on the engine that computes it.
 
+use std::sync::Arc;
+
 use candle_core::Tensor;
 use rayon::prelude::*;
+use sharp_kernels::conv::backward::keep_where_positive;
 
 use super::ModelError;
 use super::engine::Engine;
+use super::tape::{Gradients, Node};
 
 /// A feature map of one image.
 pub(super) enum Map {
@@ -18,17 +22,29 @@ pub(super) struct HostMap {
     pub(super) height: usize,
     pub(super) width: usize,
     pub(super) channels: usize,
-    pub(super) data: Vec<f32>,
+    pub(super) data: Arc<Vec<f32>>,
+    /// Where gradients of this map go, in training.
+    pub(super) node: Option<Node>,
 }
 
 impl HostMap {
-    pub(super) fn new(height: usize, width: usize, channels: usize) -> Self {
+    pub(super) fn new((height, width, channels): (usize, usize, usize), data: Vec<f32>) -> Self {
         Self {
             height,
             width,
             channels,
-            data: vec![0.0; height * width * channels],
+            data: Arc::new(data),
+            node: None,
         }
+    }
+
+    /// The same map on a tape.
+    pub(super) fn at_node(self, node: Option<Node>) -> Self {
+        Self { node, ..self }
+    }
+
+    pub(super) fn into_values(self) -> Vec<f32> {
+        Arc::unwrap_or_clone(self.data)
     }
 
     /// Channel `c` of pixel (x, y).
@@ -41,16 +57,15 @@ impl HostMap {
         (height, width, channels): (usize, usize, usize),
         f: impl Fn(usize, usize, &mut [f32]) + Sync,
     ) -> Self {
-        let mut out = Self::new(height, width, channels);
-        out.data
-            .par_chunks_mut(width * channels)
+        let mut data = vec![0.0; height * width * channels];
+        data.par_chunks_mut(width * channels)
             .enumerate()
             .for_each(|(y, row)| {
                 for (x, pixel) in row.chunks_mut(channels).enumerate() {
                     f(y, x, pixel);
                 }
             });
-        out
+        Self::new((height, width, channels), data)
     }
 }
 
@@ -109,10 +124,19 @@ impl Map {
     pub(super) fn add(mut self, other: &Self) -> Result<Self, ModelError> {
         match (&mut self, other) {
             (Self::Host(a), Self::Host(b)) if a.data.len() == b.data.len() => {
-                let b = b.data.par_chunks(CHUNK);
-                a.data.par_chunks_mut(CHUNK).zip(b).for_each(|(a, b)| {
+                let values = Arc::make_mut(&mut a.data).par_chunks_mut(CHUNK);
+                values.zip(b.data.par_chunks(CHUNK)).for_each(|(a, b)| {
                     for (a, b) in a.iter_mut().zip(b) {
                         *a += b;
+                    }
+                });
+                a.node = recorded([a.node.as_ref(), b.node.as_ref()], |[a, b]| {
+                    move |g: Vec<f32>, gradients: &mut Gradients| {
+                        if b.is_some() {
+                            gradients.add(b.as_ref(), g.clone());
+                        }
+                        gradients.add(a.as_ref(), g);
+                        Ok(())
                     }
                 });
             }
@@ -124,12 +148,23 @@ impl Map {
 
     pub(super) fn relu(mut self) -> Result<Self, ModelError> {
         match &mut self {
-            Self::Host(map) => map.data.par_chunks_mut(CHUNK).for_each(|chunk| {
-                for v in chunk {
-                    // Unlike `max`, this keeps NaN.
-                    *v = if *v < 0.0 { 0.0 } else { *v };
-                }
-            }),
+            Self::Host(map) => {
+                let values = Arc::make_mut(&mut map.data);
+                values.par_chunks_mut(CHUNK).for_each(|chunk| {
+                    for v in chunk {
+                        // Unlike `max`, this keeps NaN.
+                        *v = if *v < 0.0 { 0.0 } else { *v };
+                    }
+                });
+                let out = Arc::clone(&map.data);
+                map.node = recorded([map.node.as_ref()], |[x]| {
+                    move |mut g: Vec<f32>, gradients: &mut Gradients| {
+                        keep_where_positive(&mut g, &out);
+                        gradients.add(x.as_ref(), g);
+                        Ok(())
+                    }
+                });
+            }
             Self::Tensor(tensor) => *tensor = tensor.relu()?,
         }
         Ok(self)
@@ -141,7 +176,24 @@ impl Map {
             Self::Host(map) => {
                 let area = (size * size) as f32;
                 let shape = (map.height / size, map.width / size, map.channels);
-                Self::Host(HostMap::by_pixel(shape, |y, x, out| {
+                let whole = (map.height, map.width, map.channels);
+                let node = recorded([map.node.as_ref()], |[x]| {
+                    move |g: Vec<f32>, gradients: &mut Gradients| {
+                        let blocks = HostMap::new(shape, g);
+                        let spread = HostMap::by_pixel(whole, |y, x, out| {
+                            // Rows and columns beyond the last whole block were not averaged.
+                            if y / size < shape.0 && x / size < shape.1 {
+                                let block = blocks.at(y / size, x / size);
+                                for (out, v) in out.iter_mut().zip(block) {
+                                    *out = v / area;
+                                }
+                            }
+                        });
+                        gradients.add(x.as_ref(), spread.into_values());
+                        Ok(())
+                    }
+                });
+                let pooled = HostMap::by_pixel(shape, |y, x, out| {
                     for (dy, dx) in (0..size).flat_map(|dy| (0..size).map(move |dx| (dy, dx))) {
                         let pixel = map.at(y * size + dy, x * size + dx);
                         for (out, v) in out.iter_mut().zip(pixel) {
@@ -151,7 +203,8 @@ impl Map {
                     for out in out {
                         *out /= area;
                     }
-                }))
+                });
+                Self::Host(pooled.at_node(node))
             }
             Self::Tensor(tensor) => Self::Tensor(tensor.avg_pool2d(size)?),
         })
@@ -161,10 +214,27 @@ impl Map {
     pub(super) fn double_nearest(&self) -> Result<Self, ModelError> {
         Ok(match self {
             Self::Host(map) => {
+                let small = (map.height, map.width, map.channels);
                 let shape = (2 * map.height, 2 * map.width, map.channels);
-                Self::Host(HostMap::by_pixel(shape, |y, x, out| {
+                let node = recorded([map.node.as_ref()], |[x]| {
+                    move |g: Vec<f32>, gradients: &mut Gradients| {
+                        let doubled = HostMap::new(shape, g);
+                        let sums = HostMap::by_pixel(small, |y, x, out| {
+                            for (dy, dx) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                                let pixel = doubled.at(2 * y + dy, 2 * x + dx);
+                                for (out, v) in out.iter_mut().zip(pixel) {
+                                    *out += v;
+                                }
+                            }
+                        });
+                        gradients.add(x.as_ref(), sums.into_values());
+                        Ok(())
+                    }
+                });
+                let doubled = HostMap::by_pixel(shape, |y, x, out| {
                     out.copy_from_slice(map.at(y / 2, x / 2));
-                }))
+                });
+                Self::Host(doubled.at_node(node))
             }
             Self::Tensor(tensor) => {
                 let (_, _, h, w) = tensor.dims4()?;
@@ -178,11 +248,27 @@ impl Map {
         Ok(match (self, other) {
             (Self::Host(a), Self::Host(b)) if (a.height, a.width) == (b.height, b.width) => {
                 let shape = (a.height, a.width, a.channels + b.channels);
-                Self::Host(HostMap::by_pixel(shape, |y, x, out| {
+                let channels = [a.channels, b.channels];
+                let node = recorded([a.node.as_ref(), b.node.as_ref()], |nodes| {
+                    move |g: Vec<f32>, gradients: &mut Gradients| {
+                        let both = HostMap::new(shape, g);
+                        for (k, node) in nodes.iter().enumerate() {
+                            let part = (shape.0, shape.1, channels[k]);
+                            let first = k * channels[0];
+                            let part = HostMap::by_pixel(part, |y, x, out| {
+                                out.copy_from_slice(&both.at(y, x)[first..][..channels[k]]);
+                            });
+                            gradients.add(node.as_ref(), part.into_values());
+                        }
+                        Ok(())
+                    }
+                });
+                let both = HostMap::by_pixel(shape, |y, x, out| {
                     let (left, right) = out.split_at_mut(a.channels);
                     left.copy_from_slice(a.at(y, x));
                     right.copy_from_slice(b.at(y, x));
-                }))
+                });
+                Self::Host(both.at_node(node))
             }
             (Self::Tensor(a), Self::Tensor(b)) => Self::Tensor(Tensor::cat(&[a, b], 1)?),
             _ => return Err(mixed()),
@@ -226,11 +312,46 @@ impl Map {
         let hosts = hosts.collect::<Result<Vec<_>, _>>()?;
         let channels = hosts.first().map_or(0, |map| map.channels);
         let shape = (places.len(), places.len(), channels);
-        Ok(Self::Host(HostMap::by_pixel(shape, |y, x, out| {
+        let whole = HostMap::by_pixel(shape, |y, x, out| {
             let ((row, y), (column, x)) = (places[y], places[x]);
             out.copy_from_slice(hosts[row * side + column].at(y, x));
-        })))
+        });
+        let nodes: Vec<Option<Node>> = hosts.iter().map(|map| map.node.clone()).collect();
+        let sizes: Vec<(usize, usize)> = hosts.iter().map(|map| (map.height, map.width)).collect();
+        let node = nodes.iter().flatten().next().cloned();
+        let node = node.map(|any| {
+            any.record(move |g, gradients| {
+                let mut parts: Vec<Vec<f32>> = sizes
+                    .iter()
+                    .map(|(height, width)| vec![0.0; height * width * channels])
+                    .collect();
+                for (pixel, g) in g.chunks_exact(channels).enumerate() {
+                    let (row, y) = places[pixel / places.len()];
+                    let (column, x) = places[pixel % places.len()];
+                    let cell = row * side + column;
+                    let at = (y * sizes[cell].1 + x) * channels;
+                    parts[cell][at..at + channels].copy_from_slice(g);
+                }
+                for (node, part) in nodes.iter().zip(parts) {
+                    gradients.add(node.as_ref(), part);
+                }
+                Ok(())
+            })
+        });
+        Ok(Self::Host(whole.at_node(node)))
     }
+}
+
+/// A node for what was made from maps of which some are on a tape; `backward` is handed their nodes.
+fn recorded<const N: usize, B>(
+    inputs: [Option<&Node>; N],
+    backward: impl FnOnce([Option<Node>; N]) -> B,
+) -> Option<Node>
+where
+    B: FnOnce(Vec<f32>, &mut Gradients) -> Result<(), ModelError> + Send + 'static,
+{
+    let any = inputs.iter().copied().flatten().next()?;
+    Some(any.record(backward(inputs.map(Option::<&Node>::cloned))))
 }
 
 /// Values that one task works on.

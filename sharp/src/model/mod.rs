@@ -37,6 +37,7 @@ pub mod preprocess;
 mod pyramid;
 pub mod recording;
 pub mod synth;
+mod tape;
 mod vit;
 
 pub use config::ModelConfig;

@@ -21,7 +21,7 @@ pub(super) struct MonodepthOutput {
     pub(super) features: [Map; 5],
     /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not
     /// sorted.
-    pub(super) disparity: Vec<f32>,
+    pub(super) disparity: Map,
 }
 
 impl Monodepth {
@@ -50,7 +50,7 @@ impl Monodepth {
         observer.stage("disparity", StageValue::map(&disparity))?;
         Ok(MonodepthOutput {
             features,
-            disparity: disparity.to_planes()?,
+            disparity,
         })
     }
 }

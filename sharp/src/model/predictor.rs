@@ -4,9 +4,11 @@ use std::cell::RefCell;
 
 use image::RgbImage;
 
+use super::alignment::inverse_depth;
 use super::config::LAYERS;
 use super::engine::{Engine, Runtime};
 use super::inventory::CheckpointSource;
+use super::map::Map;
 use super::network::SharpNetwork;
 use super::network_spec::NetworkSpec;
 use super::observer::{Silent, StageObserver, StageValue};
@@ -151,23 +153,26 @@ impl Predictor {
         let out = self.network.monodepth.forward(rt, &normalized, observer)?;
         drop(normalized);
 
-        let mut depth = out.disparity;
+        let mut depth = out.disparity.to_planes()?;
         for value in &mut depth {
             *value = metric_depth(*value, disparity_factor);
         }
         let layers = [1, LAYERS, side, side];
         observer.stage("monodepth", StageValue::host(&layers, &depth))?;
         let (base, input) = self.base(&resized, &depth, observer)?;
-        let features = [1, 3 + LAYERS, side, side];
-        observer.stage("feature_input", StageValue::host(&features, &input))?;
+        let shape = [1, 3 + LAYERS, side, side];
+        observer.stage("feature_input", StageValue::host(&shape, &input))?;
+        let features = Map::from_planes(&rt.engine, &input, (3 + LAYERS, side, side))?;
+        drop(input);
         let [texture, geometry] =
             self.network
                 .feature_model
-                .forward(rt, out.features, &input, observer)?;
+                .forward(rt, out.features, &features, observer)?;
         let deltas = self
             .network
             .prediction_head
             .forward(rt, &texture, &geometry)?;
+        let deltas = [deltas[0].to_planes()?, deltas[1].to_planes()?].concat();
         let (rows, columns) = (base.grid.rows(), base.grid.columns());
         observer.stage(
             "deltas",
@@ -215,9 +220,13 @@ impl Predictor {
                 known.len()
             )));
         }
-        self.network
-            .depth_alignment
-            .forward(&self.runtime, predicted, known)
+        let side = self.config.internal_resolution;
+        let depths = predicted.iter().chain(known);
+        let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
+        let input = Map::from_planes(&self.runtime.engine, &input, (2, side, side))?;
+        let alignment = &self.network.depth_alignment;
+        let log = alignment.forward(&self.runtime, &input)?.to_planes()?;
+        Ok(log.into_iter().map(f32::exp).collect())
     }
 }
 

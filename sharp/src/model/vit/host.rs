@@ -94,14 +94,7 @@ impl Vit {
     /// Tokens `[images, 1 + side², dim]` as one map an image, the class token dropped.
     fn maps(&self, x: &[f32]) -> Vec<Map> {
         let (tokens, dim, side) = (self.shape.tokens(), self.shape.dim, self.shape.side);
-        let map = |image: &[f32]| {
-            Map::Host(HostMap {
-                height: side,
-                width: side,
-                channels: dim,
-                data: image[dim..].to_vec(),
-            })
-        };
+        let map = |image: &[f32]| Map::Host(HostMap::new((side, side, dim), image[dim..].to_vec()));
         x.chunks_exact(tokens * dim).map(map).collect()
     }
 }
