@@ -10,6 +10,16 @@ pub fn linear_from_srgb(x: f32) -> f32 {
     }
 }
 
+/// Derivative of [`linear_from_srgb`], whose branches meet with nearly one slope.
+#[cfg(feature = "render")]
+pub(crate) fn linear_from_srgb_slope(x: f64) -> f64 {
+    if x <= 0.040_45 {
+        1.0 / 12.92
+    } else {
+        2.4 / 1.055 * ((x + 0.055) / 1.055).powf(1.4)
+    }
+}
+
 /// sRGB encoding of linear light: `12.92 x` up to 0.0031308, else `1.055 x^(1/2.4) − 0.055`.
 /// Values outside 0..1 follow the same two branches.
 pub fn srgb_from_linear(x: f32) -> f32 {

@@ -4,6 +4,12 @@
 //! a legal value. The activations are evaluated in f64 and rounded once, because
 //! `log(1 − exp(−t))` loses digits in f32 exactly where most depths lie.
 
+#[cfg(feature = "render")]
+mod backward;
+
+#[cfg(feature = "render")]
+pub use backward::{ComposerGradient, ComposerGradientError, backward};
+
 use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
 use crate::initializer::BaseGaussians;
@@ -14,6 +20,8 @@ const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
 const COLOR_FACTOR: f32 = 0.1;
 /// Largest multiple of the base scale; the smallest is 0.
 const MAX_SCALE: f64 = 10.0;
+/// Of the scale's logistic curve, so that its slope is 1 where its value is.
+const SCALE_SLOPE: f64 = MAX_SCALE / (MAX_SCALE - 1.0);
 
 /// Deltas a Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.
 pub const ATTRIBUTES: usize = 14;
@@ -39,13 +47,8 @@ pub struct DeltaLength {
 pub fn compose(base: &BaseGaussians, deltas: Option<&[f32]>) -> Result<Gaussians, DeltaLength> {
     let (blocks, columns) = (base.grid.blocks(), base.grid.columns());
     let per_attribute = base.grid.layers * blocks;
-    if let Some(found) = deltas.map(<[f32]>::len)
-        && found != ATTRIBUTES * per_attribute
-    {
-        return Err(DeltaLength {
-            expected: ATTRIBUTES * per_attribute,
-            found,
-        });
+    if let Some(deltas) = deltas {
+        check_deltas(base, deltas)?;
     }
     let opacity_logit = logit(f64::from(base.opacity));
     let n = per_attribute - base.dropped();
@@ -87,12 +90,23 @@ pub fn compose(base: &BaseGaussians, deltas: Option<&[f32]>) -> Result<Gaussians
     Ok(out)
 }
 
+fn check_deltas(base: &BaseGaussians, deltas: &[f32]) -> Result<(), DeltaLength> {
+    let expected = ATTRIBUTES * base.grid.layers * base.grid.blocks();
+    let found = deltas.len();
+    if found == expected {
+        return Ok(());
+    }
+    Err(DeltaLength { expected, found })
+}
+
 /// The multiple of the base scale as a function of its delta: a logistic curve between 0 and
 /// [`MAX_SCALE`] that has value 1 and slope 1 at 0.
 fn scale_factor(delta: f32) -> f32 {
-    let slope = MAX_SCALE / (MAX_SCALE - 1.0);
-    let share = sigmoid(slope * f64::from(delta) + logit(1.0 / MAX_SCALE));
-    (MAX_SCALE * share) as f32
+    (MAX_SCALE * sigmoid(scale_logit(f64::from(delta)))) as f32
+}
+
+fn scale_logit(delta: f64) -> f64 {
+    SCALE_SLOPE * delta + logit(1.0 / MAX_SCALE)
 }
 
 fn sigmoid(x: f64) -> f64 {

@@ -4,6 +4,12 @@
 //! `stride × stride` pixels of every layer becomes one Gaussian at the block's nearest depth. The
 //! network refines these, and the `depth-splat` method renders them as they are.
 
+#[cfg(feature = "render")]
+mod backward;
+
+#[cfg(feature = "render")]
+pub use backward::{BaseGradient, backward};
+
 /// The farthest normalised depth; a point farther away than this many times the nearest is drawn in.
 pub const MAX_NORMALIZED_DEPTH: f32 = 100.0;
 
@@ -68,7 +74,19 @@ impl Grid {
         self.columns() * self.rows()
     }
 
+    /// Standard deviation of a Gaussian at depth 1. The width alone sets it, also of pictures that
+    /// are not square.
+    fn size_at_unit_depth(&self) -> f32 {
+        2.0 * self.stride as f32 / self.width as f32
+    }
+
     fn check(&self, image: &[f32], depth: &[f32]) -> Result<(), InitializerError> {
+        self.check_blocks()?;
+        check_length("image", 3 * self.pixels(), image)?;
+        check_length("depth", self.layers * self.pixels(), depth)
+    }
+
+    fn check_blocks(&self) -> Result<(), InitializerError> {
         let Self {
             layers,
             width,
@@ -84,18 +102,24 @@ impl Grid {
         {
             return Err(InitializerError::Grid(*self));
         }
-        for (what, slice, planes) in [("image", image, 3), ("depth", depth, layers)] {
-            let expected = planes * self.pixels();
-            if slice.len() != expected {
-                return Err(InitializerError::Length {
-                    what,
-                    expected,
-                    found: slice.len(),
-                });
-            }
-        }
         Ok(())
     }
+}
+
+fn check_length(
+    what: &'static str,
+    expected: usize,
+    values: &[f32],
+) -> Result<(), InitializerError> {
+    let found = values.len();
+    if found == expected {
+        return Ok(());
+    }
+    Err(InitializerError::Length {
+        what,
+        expected,
+        found,
+    })
 }
 
 /// What to do with depth values that are not finite and positive.
@@ -228,8 +252,7 @@ impl BaseGaussians {
                 .filter(|&d| d > 0.0)
                 .fold(0.0, |largest, d| f32::max(largest, 1.0 / d))
         });
-        // The width alone sets the size, also of pictures that are not square.
-        let size_at_unit_depth = 2.0 * grid.stride as f32 / grid.width as f32;
+        let size_at_unit_depth = grid.size_at_unit_depth();
         let scales = inverse_depth
             .iter()
             .map(|&inverse| {

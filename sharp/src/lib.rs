@@ -15,6 +15,7 @@
 //! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
 //! * [`initializer`], [`composer`]: image and depth layers to Gaussians, with or without deltas.
+//!   Their derivatives come with feature `render`, whose types they share.
 //! * `model` (feature `model`): the network, from photograph to prediction.
 //! * [`unprojection`]: from normalised to metric space, as the release does it.
 //! * [`ply`]: Gaussian scenes as files, and PLY files of any kind.

@@ -52,6 +52,7 @@ mod view;
 pub use gpu::{AdapterKind, GpuAdapter, GpuRenderer};
 
 pub use backend::{Backend, UnknownBackend};
+pub(crate) use backward::narrow;
 pub use backward::{GaussianGradient, PictureGradient, backward_covariances, covariances};
 pub use colormap::turbo;
 pub use cpu::CpuRenderer;

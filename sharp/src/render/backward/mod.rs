@@ -191,7 +191,7 @@ impl GaussianGradient {
 }
 
 /// Rounds to f32; what f32 cannot hold becomes its largest value, which clipping can handle.
-fn narrow(x: f64) -> f32 {
+pub(crate) fn narrow(x: f64) -> f32 {
     (x as f32).clamp(f32::MIN, f32::MAX)
 }
 
