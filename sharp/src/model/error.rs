@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use sharp_checkpoint::{CheckpointError, Incomplete};
 
-use crate::composer::DeltaLength;
+use crate::composer::{ComposerGradientError, DeltaLength};
 use crate::image_file::ImageFileError;
 use crate::initializer::InitializerError;
 
@@ -47,6 +47,9 @@ pub enum ModelError {
     /// The network's deltas do not fit its base Gaussians.
     #[error(transparent)]
     Deltas(#[from] DeltaLength),
+    /// The gradient of a pass does not fit what it made.
+    #[error(transparent)]
+    Gradient(#[from] ComposerGradientError),
     #[error("{0}")]
     Device(String),
     /// An observer's own reason to stop.

@@ -93,6 +93,22 @@ impl Map {
         })
     }
 
+    /// Where gradients of this map go, in training.
+    pub(super) fn node(&self) -> Option<&Node> {
+        match self {
+            Self::Host(map) => map.node.as_ref(),
+            Self::Tensor(_) => None,
+        }
+    }
+
+    /// The same map on a tape.
+    pub(super) fn at_node(self, node: Node) -> Self {
+        match self {
+            Self::Host(map) => Self::Host(map.at_node(Some(node))),
+            Self::Tensor(tensor) => Self::Tensor(tensor),
+        }
+    }
+
     /// Planes `[channels, height, width]`.
     pub(super) fn to_planes(&self) -> Result<Vec<f32>, ModelError> {
         Ok(match self {

@@ -15,6 +15,7 @@
 //! * `gaussian_decoder`: maps, image and depth to deltas.
 //! * `network`: the modules; [`NetworkSpec`]: which one to open; [`predictor`]: all of it, with [`initializer`](crate::initializer) and
 //!   [`composer`](crate::composer).
+//! * [`training`]: passes that gradients can go back through; `tape`: how.
 //! * [`recording`]: every stage written down, or compared with what another implementation wrote.
 
 mod alignment;
@@ -38,6 +39,7 @@ mod pyramid;
 pub mod recording;
 pub mod synth;
 mod tape;
+pub mod training;
 mod vit;
 
 pub use config::ModelConfig;

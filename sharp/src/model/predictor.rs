@@ -64,7 +64,7 @@ pub struct Predictor {
 }
 
 /// Range of disparity before it becomes depth.
-const DISPARITY: (f32, f32) = (1e-4, 1e4);
+pub(super) const DISPARITY: (f32, f32) = (1e-4, 1e4);
 
 impl Predictor {
     /// Builds the network over any source of weights.
@@ -230,7 +230,7 @@ impl Predictor {
     }
 }
 
-fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<(), ModelError> {
+pub(super) fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<(), ModelError> {
     let Planes {
         values,
         width,
@@ -259,7 +259,7 @@ fn check_input(image: Planes<'_>, disparity_factor: f32) -> Result<(), ModelErro
 }
 
 /// `factor / clamp(disparity)`, metres. NaN stays NaN.
-fn metric_depth(disparity: f32, factor: f32) -> f32 {
+pub(super) fn metric_depth(disparity: f32, factor: f32) -> f32 {
     factor / disparity.clamp(DISPARITY.0, DISPARITY.1)
 }
 

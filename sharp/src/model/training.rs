@@ -1,0 +1,329 @@
+//! The network in training: a pass forward that gradients can go back through.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::alignment::{MIN_DEPTH, inverse_depth};
+use super::config::LAYERS;
+use super::engine::Runtime;
+use super::map::Map;
+use super::network::SharpNetwork;
+use super::observer::Silent;
+use super::params::{Parameter, Params, WeightSource};
+use super::predictor::{DISPARITY, Planes, check_input, metric_depth};
+use super::tape::{Gradients, Node, Tape};
+use super::{ModelConfig, ModelError};
+use crate::composer::{self, compose};
+use crate::gaussians::Gaussians;
+use crate::initializer::{self, BaseGaussians, InvalidDepth, NormalizedDepth};
+use crate::render::GaussianGradient;
+use crate::resize::bilinear_align_corners;
+
+/// Values of parameters by name, as PyTorch lays them out.
+pub type Weights = BTreeMap<String, Vec<f32>>;
+
+impl WeightSource for Arc<Weights> {
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
+        let values = self.get(name).cloned().unwrap_or_default();
+        let expected = shape.iter().product();
+        if values.len() == expected {
+            return Ok(values);
+        }
+        Err(ModelError::Weights {
+            name: name.to_owned(),
+            expected,
+            found: values.len(),
+        })
+    }
+}
+
+/// A network whose weights change from pass to pass.
+pub struct TrainableNetwork {
+    config: ModelConfig,
+    network: SharpNetwork,
+    parameters: Vec<Parameter>,
+}
+
+/// What a pass sees.
+#[derive(Debug, Clone, Copy)]
+pub struct TrainingInput<'a> {
+    pub image: Planes<'a>,
+    /// Focal length over width, both in pixels of the original image.
+    pub disparity_factor: f32,
+    /// True depth of the image, `[R, R]`, metres, infinite for the sky, to which the alignment
+    /// network brings the predicted one; without it the factors are 1.
+    pub known_depth: Option<&'a [f32]>,
+}
+
+/// What a pass made, with the way back. R is the internal resolution.
+pub struct TrainingPass {
+    /// In the composer's space: x/z and y/z over [−1, 1] across the image, z in metres.
+    pub gaussians: Gaussians,
+    /// What the deltas refined.
+    pub base: BaseGaussians,
+    /// The aligned depth over its nearest.
+    pub normalized: NormalizedDepth,
+    /// Aligned depth layers `[2, R, R]`, metres.
+    pub depth: Vec<f32>,
+    /// The alignment's factors `[R, R]`.
+    pub factors: Vec<f32>,
+    /// Raw outputs of the prediction heads `[14, 2, rows, columns]`.
+    pub deltas: Vec<f32>,
+    /// Depth layers before alignment `[2, R, R]`, metres.
+    predicted: Vec<f32>,
+    disparity: Vec<f32>,
+    disparity_factor: f32,
+    nodes: Nodes,
+    tape: Arc<Tape>,
+    side: usize,
+}
+
+/// Where gradients enter and leave the tape.
+struct Nodes {
+    disparity: Option<Node>,
+    /// Input and output of the alignment network.
+    alignment: Option<(Node, Option<Node>)>,
+    features: Node,
+    deltas: [Option<Node>; 2],
+}
+
+/// Gradient of a loss with respect to what a [`TrainingPass`] made.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PassGradient {
+    /// Of [`TrainingPass::gaussians`], in their order.
+    pub gaussians: Vec<GaussianGradient>,
+    /// Of [`TrainingPass::depth`] as such, `[2, R, R]`.
+    pub depth: Vec<f32>,
+    /// Of [`TrainingPass::factors`] as such, `[R, R]`.
+    pub factors: Vec<f32>,
+    /// Of [`TrainingPass::deltas`] as such.
+    pub deltas: Vec<f32>,
+}
+
+impl TrainableNetwork {
+    /// # Errors
+    /// [`ModelError::Config`].
+    pub fn new(config: &ModelConfig) -> Result<Self, ModelError> {
+        config.validate()?;
+        let list = RefCell::default();
+        let network = SharpNetwork::new(config, &Params::new(&list));
+        Ok(Self {
+            config: config.clone(),
+            network,
+            parameters: list.into_inner(),
+        })
+    }
+
+    pub fn config(&self) -> &ModelConfig {
+        &self.config
+    }
+
+    /// Every parameter of the network, in the order of its modules.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// One pass. Gradients are kept for the parameters that `trainable` names; a transformer trains
+    /// whole or not at all.
+    ///
+    /// # Errors
+    /// As [`Predictor::predict`](super::Predictor::predict); [`ModelError::Weights`] for weights that lack a
+    /// parameter; [`ModelError::Image`] for known depth of the wrong size.
+    pub fn forward(
+        &self,
+        weights: &Arc<Weights>,
+        trainable: impl Fn(&str) -> bool + Send + Sync + 'static,
+        input: TrainingInput<'_>,
+    ) -> Result<TrainingPass, ModelError> {
+        check_input(input.image, input.disparity_factor)?;
+        let (side, grid) = (self.config.internal_resolution, self.config.grid());
+        let tape = Tape::new(trainable);
+        let rt = &Runtime::in_training(Box::new(Arc::clone(weights)), Arc::clone(&tape));
+        let size = (input.image.width, input.image.height);
+        let image = bilinear_align_corners(input.image.values, size, (side, side));
+        let normal: Vec<f32> = image.iter().map(|v| v * 2.0 - 1.0).collect();
+        let network = &self.network;
+        let out = network.monodepth.forward(rt, &normal, &mut Silent)?;
+        let disparity = out.disparity.to_planes()?;
+        let factor = input.disparity_factor;
+        let metric = |d: &f32| metric_depth(*d, factor);
+        let predicted: Vec<f32> = disparity.iter().map(metric).collect();
+
+        let (factors, alignment) = match input.known_depth {
+            Some(known) => self.align(rt, &tape, &predicted, known)?,
+            None => (vec![1.0; grid.pixels()], None),
+        };
+        let twice = factors.iter().chain(&factors);
+        let depth: Vec<f32> = predicted.iter().zip(twice).map(|(d, s)| d * s).collect();
+        let normalized = NormalizedDepth::new(&depth, InvalidDepth::Refuse)?;
+        let base = BaseGaussians::from_normalized(&image, &normalized, grid)?;
+
+        let features = tape.leaf();
+        let planes = normalized.feature_input(&image);
+        let seen = Map::from_planes(&rt.engine, &planes, (3 + LAYERS, side, side))?;
+        let seen = seen.at_node(features.clone());
+        let [texture, geometry] =
+            network
+                .feature_model
+                .forward(rt, out.features, &seen, &mut Silent)?;
+        let heads = network.prediction_head.forward(rt, &texture, &geometry)?;
+        let deltas = [heads[0].to_planes()?, heads[1].to_planes()?].concat();
+        let gaussians = compose(&base, Some(&deltas))?;
+        Ok(TrainingPass {
+            gaussians,
+            base,
+            normalized,
+            depth,
+            factors,
+            deltas,
+            predicted,
+            disparity,
+            disparity_factor: factor,
+            nodes: Nodes {
+                disparity: out.disparity.node().cloned(),
+                alignment,
+                features,
+                deltas: heads.map(|head| head.node().cloned()),
+            },
+            tape,
+            side,
+        })
+    }
+
+    /// The alignment's factors, and the nodes of its input and output.
+    fn align(
+        &self,
+        rt: &Runtime,
+        tape: &Arc<Tape>,
+        predicted: &[f32],
+        known: &[f32],
+    ) -> Result<(Vec<f32>, Option<(Node, Option<Node>)>), ModelError> {
+        let side = self.config.internal_resolution;
+        if known.len() != side * side {
+            return Err(ModelError::Image(format!(
+                "known depth of {} values instead of {}",
+                known.len(),
+                side * side
+            )));
+        }
+        let depths = predicted[..side * side].iter().chain(known);
+        let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
+        let leaf = tape.leaf();
+        let input = Map::from_planes(&rt.engine, &input, (2, side, side))?.at_node(leaf.clone());
+        let log = self.network.depth_alignment.forward(rt, &input)?;
+        let factors = log.to_planes()?.into_iter().map(f32::exp).collect();
+        Ok((factors, Some((leaf, log.node().cloned()))))
+    }
+}
+
+impl TrainingPass {
+    /// Gradients of the trainable parameters, by name; of those that nothing depends on there is none.
+    ///
+    /// # Errors
+    /// [`ModelError::Image`] when a part of `upstream` is not of its size, [`ModelError::Tensor`].
+    pub fn backward(self, upstream: &PassGradient) -> Result<Weights, ModelError> {
+        let lengths = [
+            ("depth", upstream.depth.len(), self.depth.len()),
+            ("factors", upstream.factors.len(), self.factors.len()),
+            ("deltas", upstream.deltas.len(), self.deltas.len()),
+        ];
+        for (what, found, expected) in lengths {
+            if found != expected {
+                return Err(ModelError::Image(format!(
+                    "a gradient of {found} values for {expected} of {what}"
+                )));
+            }
+        }
+        let pixels = self.side * self.side;
+        let gradients = &mut Gradients::default();
+
+        let mut composed = composer::backward(&self.base, &self.deltas, &upstream.gaussians)?;
+        for (sum, g) in composed.deltas.iter_mut().zip(&upstream.deltas) {
+            *sum += g;
+        }
+        let grid = self.base.grid;
+        let (rows, columns) = (grid.rows(), grid.columns());
+        let mut rest = composed.deltas.as_slice();
+        for (node, channels) in self.nodes.deltas.iter().zip(DELTA_CHANNELS) {
+            let (planes, others) = rest.split_at(channels * rows * columns);
+            rest = others;
+            gradients.add(node.as_ref(), interleaved(planes, channels));
+        }
+        self.tape
+            .backward(self.nodes.features.index + 1, gradients)?;
+
+        let of_features = gradients.take(&self.nodes.features);
+        let of_features = match of_features {
+            Some(pixels) => planes_from(&pixels, 3 + LAYERS, 3),
+            None => vec![0.0; LAYERS * pixels],
+        };
+        let mut depth = initializer::backward(
+            &self.depth,
+            &self.normalized,
+            grid,
+            &composed.base,
+            &of_features,
+        )?;
+        for (sum, g) in depth.iter_mut().zip(&upstream.depth) {
+            *sum += g;
+        }
+        let mut predicted: Vec<f32> = depth
+            .iter()
+            .zip(self.factors.iter().chain(&self.factors))
+            .map(|(g, s)| g * s)
+            .collect();
+        if let Some((leaf, log)) = &self.nodes.alignment {
+            let of_log: Vec<f32> = (0..pixels)
+                .map(|k| {
+                    let layers = [k, k + pixels].map(|at| depth[at] * self.predicted[at]);
+                    (layers[0] + layers[1] + upstream.factors[k]) * self.factors[k]
+                })
+                .collect();
+            gradients.add(log.as_ref(), of_log);
+            self.tape.backward(leaf.index + 1, gradients)?;
+            if let Some(of_input) = gradients.take(leaf) {
+                for (k, of_input) in of_input.chunks_exact(2).enumerate() {
+                    let depth = self.predicted[k];
+                    if depth > MIN_DEPTH {
+                        predicted[k] -= of_input[0] / (depth * depth);
+                    }
+                }
+            }
+        }
+        let inside = DISPARITY.0..=DISPARITY.1;
+        for (g, disparity) in predicted.iter_mut().zip(&self.disparity) {
+            *g = if inside.contains(disparity) {
+                -*g * self.disparity_factor / (disparity * disparity)
+            } else {
+                0.0
+            };
+        }
+        gradients.add(
+            self.nodes.disparity.as_ref(),
+            interleaved(&predicted, LAYERS),
+        );
+        self.tape.backward(0, gradients)?;
+        Ok(std::mem::take(&mut gradients.parameters))
+    }
+}
+
+/// Channels of the two heads' outputs.
+const DELTA_CHANNELS: [usize; 2] = [3 * LAYERS, 11 * LAYERS];
+
+/// Planes `[channels, pixels]` as `[pixels, channels]`.
+fn interleaved(planes: &[f32], channels: usize) -> Vec<f32> {
+    let pixels = planes.len() / channels;
+    let value = |at: usize| planes[at % channels * pixels + at / channels];
+    (0..planes.len()).map(value).collect()
+}
+
+/// The planes from channel `first` on of `[pixels, channels]`.
+fn planes_from(pixels: &[f32], channels: usize, first: usize) -> Vec<f32> {
+    (first..channels)
+        .flat_map(|c| pixels[c..].iter().step_by(channels).copied())
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,251 @@
+use std::collections::BTreeMap;
+
+use super::*;
+use crate::model::engine::Engine;
+use crate::model::predictor::Predictor;
+use crate::model::synth::Synth;
+use crate::random::SplitMix64;
+use sharp_kernels::Algorithm;
+
+fn config() -> ModelConfig {
+    let file = "/../tests/golden/model/tiny_config.json#tiny";
+    ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+}
+
+fn weights(network: &TrainableNetwork) -> Weights {
+    let synth = Synth::default();
+    let value = |p: &Parameter| (p.name.clone(), synth.values(&p.name, &p.shape).unwrap());
+    network.parameters().iter().map(value).collect()
+}
+
+fn noise(seed: u64, len: usize) -> Vec<f32> {
+    let mut random = SplitMix64::new(seed);
+    (0..len)
+        .map(|_| (random.below(2001) as f32 - 1000.0) / 1000.0)
+        .collect()
+}
+
+/// A picture with structure, and a depth that is not the network's.
+struct Scene {
+    image: Vec<f32>,
+    known: Vec<f32>,
+}
+
+const SIDE: usize = 192;
+
+fn scene() -> Scene {
+    let noise = noise(5, 3 * SIDE * SIDE);
+    let wave = |k: usize, f: f32| ((k % SIDE) as f32 * f).sin() * ((k / SIDE) as f32 * f).cos();
+    let image =
+        (0..3 * SIDE * SIDE).map(|k| 0.5 + 0.3 * wave(k % (SIDE * SIDE), 0.11) + 0.1 * noise[k]);
+    let known = (0..SIDE * SIDE).map(|k| 2.5 + wave(k, 0.05));
+    Scene {
+        image: image.collect(),
+        known: known.collect(),
+    }
+}
+
+impl Scene {
+    fn input(&self) -> TrainingInput<'_> {
+        TrainingInput {
+            image: Planes {
+                values: &self.image,
+                width: SIDE,
+                height: SIDE,
+            },
+            disparity_factor: 0.8,
+            known_depth: Some(&self.known),
+        }
+    }
+}
+
+/// A loss that is linear in everything that a pass makes, and its gradient.
+struct Loss(PassGradient);
+
+impl Loss {
+    fn new(pass: &TrainingPass) -> Self {
+        let n = pass.gaussians.len();
+        let random = noise(11, 14 * n);
+        let gaussians = random
+            .chunks_exact(14)
+            .map(|r| GaussianGradient {
+                mean: [r[0], r[1], r[2]],
+                quaternion: [r[3], r[4], r[5], r[6]],
+                scales: [r[7] * 30.0, r[8] * 30.0, r[9] * 30.0],
+                opacity: r[10],
+                color: [r[11], r[12], r[13]],
+                view_depth: 0.0,
+            })
+            .collect();
+        Self(PassGradient {
+            gaussians,
+            depth: noise(12, pass.depth.len()),
+            factors: noise(13, pass.factors.len()),
+            deltas: noise(14, pass.deltas.len()),
+        })
+    }
+
+    fn of(&self, pass: &TrainingPass) -> f64 {
+        let dot = |a: &[f32], b: &[f32]| -> f64 {
+            let both = a.iter().zip(b);
+            both.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+        };
+        let g = &pass.gaussians;
+        let each = self.0.gaussians.iter().enumerate();
+        let gaussians: f64 = each
+            .map(|(k, u)| {
+                dot(&u.mean, &g.means[k])
+                    + dot(&u.quaternion, &g.quaternions[k])
+                    + dot(&u.scales, &g.scales[k])
+                    + f64::from(u.opacity * g.opacities[k])
+                    + dot(&u.color, &g.colors[k])
+            })
+            .sum();
+        gaussians
+            + dot(&self.0.depth, &pass.depth)
+            + dot(&self.0.factors, &pass.factors)
+            + dot(&self.0.deltas, &pass.deltas)
+    }
+}
+
+/// Modules whose gradients are checked apart.
+const MODULES: [&str; 9] = [
+    "encoder.patch_encoder",
+    "encoder.image_encoder",
+    "encoder.upsample",
+    "encoder.fuse_lowres",
+    "monodepth_predictor.decoder",
+    "monodepth_predictor.head",
+    "feature_model",
+    "prediction_head",
+    "depth_alignment",
+];
+
+#[test]
+fn gradients_of_every_module_are_those_of_central_differences() {
+    let network = TrainableNetwork::new(&config()).unwrap();
+    let scene = scene();
+    let weights = weights(&network);
+    let pass = |weights: Weights| {
+        let all = |_: &str| true;
+        network
+            .forward(&Arc::new(weights), all, scene.input())
+            .unwrap()
+    };
+    let first = pass(weights.clone());
+    let loss = Loss::new(&first);
+    let gradients = first.backward(&loss.0).unwrap();
+    let used = |name: &str| {
+        network
+            .parameters()
+            .iter()
+            .any(|p| p.name == name && p.used)
+    };
+    for name in weights.keys() {
+        let reached = gradients.contains_key(name);
+        // The alignment network counts as unused at inference.
+        assert!(
+            reached == used(name) || name.contains("depth_alignment"),
+            "{name}"
+        );
+    }
+    for module in MODULES {
+        let of_module: BTreeMap<&String, &Vec<f32>> = gradients
+            .iter()
+            .filter(|(name, _)| name.contains(module))
+            .collect();
+        assert!(!of_module.is_empty(), "{module}");
+        let square: f64 = of_module
+            .values()
+            .flat_map(|g| g.iter())
+            .map(|v| f64::from(*v).powi(2))
+            .sum();
+        let length = square.sqrt();
+        assert!(length > 0.0, "{module}");
+        // Uphill, by a step that is small beside the weights.
+        let moved = |step: f64| {
+            let mut moved = weights.clone();
+            for (name, gradient) in &of_module {
+                for (w, g) in moved.get_mut(*name).unwrap().iter_mut().zip(*gradient) {
+                    *w += (step * f64::from(*g) / length) as f32;
+                }
+            }
+            loss.of(&pass(moved))
+        };
+        let found = |step: f64| (moved(step) - moved(-step)) / (2.0 * step);
+        let best = [3e-4, 1e-4, 3e-5]
+            .map(|step| (found(step) / length - 1.0).abs())
+            .into_iter()
+            .fold(f64::INFINITY, f64::min);
+        assert!(best < 0.01, "{module}: {best}, length {length}");
+    }
+}
+
+#[test]
+fn a_pass_is_the_prediction() {
+    let network = TrainableNetwork::new(&config()).unwrap();
+    let scene = scene();
+    let weights = Arc::new(weights(&network));
+    let input = TrainingInput {
+        known_depth: None,
+        ..scene.input()
+    };
+    let frozen = network.forward(&weights, |_| false, input).unwrap();
+    let engine = Engine::cpu(Algorithm::Winograd);
+    let predictor = Predictor::from_source(&config(), Synth::default(), engine).unwrap();
+    let plain = predictor.predict(input.image, 0.8, &mut Silent).unwrap();
+    assert_eq!(frozen.gaussians, plain.gaussians);
+    // Transformers on tensors differ in the last bits.
+    let trained = network.forward(&weights, |_| true, input).unwrap();
+    let pairs = trained.gaussians.means.iter().zip(&plain.gaussians.means);
+    for (a, b) in pairs {
+        assert!(
+            (0..3).all(|k| (a[k] - b[k]).abs() < 1e-4 * b[2]),
+            "{a:?} {b:?}"
+        );
+    }
+}
+
+#[test]
+fn frozen_parts_have_no_gradients_and_change_no_others() {
+    let network = TrainableNetwork::new(&config()).unwrap();
+    let scene = scene();
+    let weights = Arc::new(weights(&network));
+    let run = |trainable: fn(&str) -> bool| {
+        let pass = network.forward(&weights, trainable, scene.input()).unwrap();
+        let loss = Loss::new(&pass);
+        pass.backward(&loss.0).unwrap()
+    };
+    let all = run(|name| !name.contains("patch_encoder"));
+    let head =
+        run(|name| name.contains("prediction_head") || name.contains("feature_model.fusion"));
+    assert!(all.keys().all(|name| !name.contains("patch_encoder")));
+    assert_eq!(head.len(), 4 + 10);
+    // A transformer that trains is computed by tensors, which differ in the last bits.
+    for (name, gradient) in head {
+        let largest = gradient.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        let both = gradient.iter().zip(&all[&name]);
+        assert!(
+            both.clone().all(|(a, b)| (a - b).abs() < 1e-4 * largest),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn gradients_of_another_size_are_refused() {
+    let network = TrainableNetwork::new(&config()).unwrap();
+    let scene = scene();
+    let weights = Arc::new(weights(&network));
+    let pass = network.forward(&weights, |_| true, scene.input()).unwrap();
+    let mut upstream = Loss::new(&pass).0;
+    upstream.depth.pop();
+    let found = pass.backward(&upstream).unwrap_err().to_string();
+    assert!(
+        found.contains("73727") && found.contains("depth"),
+        "{found}"
+    );
+    let lacking = Arc::new(Weights::new());
+    let found = network.forward(&lacking, |_| true, scene.input());
+    assert!(matches!(found, Err(ModelError::Weights { .. })));
+}
