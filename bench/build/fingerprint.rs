@@ -71,6 +71,8 @@ const SCORING: &[&str] = &[
     "metrics/src/scorer.rs",
     "metrics/src/picture.rs",
     "metrics/src/simd.rs",
+    "sharp/src/camera.rs",
+    "sharp/src/frustum_mask.rs",
 ];
 /// Networks of the learned metrics.
 const FEATURES: &[&str] = &[

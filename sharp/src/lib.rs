@@ -11,6 +11,7 @@
 //! * [`camera`]: intrinsics, rigid poses, affine view transforms.
 //! * [`color`]: sRGB ↔ linear light, 8-bit quantisation.
 //! * [`files`]: files that someone names, read so that reading ends.
+//! * `frustum_mask` (feature `render`): which pixels of a view another camera has in its field of view.
 //! * `image_file` (feature `image-file`): the one decoder of photographs.
 //! * [`gaussians`]: the container that all stages share.
 //! * [`resize`]: the network's bilinear rule, nearest for depth.
@@ -26,6 +27,8 @@ pub mod camera;
 pub mod color;
 pub mod composer;
 pub mod files;
+#[cfg(feature = "render")]
+pub mod frustum_mask;
 pub mod gaussians;
 #[cfg(feature = "image-file")]
 pub mod image_file;

@@ -12,13 +12,13 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use safetensors::SafeTensors;
 use serde_json::Value;
 use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
 use sharp_bench::pairs::alignment::median_scale;
 use sharp_bench::pairs::depth::PosedDepth;
 use sharp_bench::pairs::overlap::{
     Denominator, DepthLookup, OverlapOptions, OverlapTest, overlap, seen_mask,
 };
 use sharp_bench::pairs::valid_depth::is_valid_depth;
-use sharp_bench::scoring::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
 use sharp_datasets::DepthMap;
 
 type Outcome = Result<(), Failed>;
@@ -266,8 +266,10 @@ fn frustum(golden: &Golden, index: usize) -> Outcome {
             margin,
             infinite_depth,
         };
-        let (k, pose) = (source.intrinsics(), source.camera_from_world());
-        frustum_mask(&target, k, pose, &options).into_raw()
+        let world_from_target = target.camera_from_world().inverse();
+        let pose = source.camera_from_world().after(&world_from_target);
+        let (seen, seer) = (target.intrinsics(), source.intrinsics());
+        frustum_mask(target.depth(), seen, seer, &pose, &options).into_raw()
     };
     let inside = |mask: &[u8]| mask.iter().map(|&m| u64::from(m)).sum::<u64>();
     let expected = |key: &str| golden.pairs()[index][key].as_u64();

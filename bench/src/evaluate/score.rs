@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use image::RgbImage;
-use sharp_datasets::View;
+use sharp::frustum_mask::{FrustumMask, FrustumMaskOptions, frustum_mask, source_bounds_mask};
+use sharp_datasets::{DepthMap, View};
 use sharp_metrics::{Mask, MetricKey, MetricRegion, Picture, Scorer};
 
 use super::error::EvaluateError;
@@ -16,9 +17,6 @@ use super::unit::{StoredScore, Unit};
 use crate::io::text::reason_line;
 use crate::pairs::depth::PosedDepth;
 use crate::pairs::pair_list::ResolvedPair;
-use crate::scoring::frustum_mask::{
-    FrustumMask, FrustumMaskOptions, frustum_mask, source_bounds_mask,
-};
 use crate::scoring::ground_truth::PairMasks;
 use crate::scoring::metrics::ScoredMetric;
 use crate::scoring::rules::{LEAST_PIXELS, PairMask};
@@ -66,18 +64,20 @@ impl<'a> PairTruth<'a> {
         let depth = depth.map_err(|error| error.to_string())?;
         let posed = depth.map(|depth| PosedDepth::of_view(target, depth));
         let posed = posed.transpose().map_err(|error| error.to_string())?;
-        let (camera, pose) = (&source.intrinsics, &source.camera_from_world);
-        let mask = |of: &dyn Fn(&PosedDepth) -> FrustumMask| {
-            let mask = of(posed.as_ref()?);
+        let world_from_target = target.camera_from_world.inverse();
+        let source_from_target = source.camera_from_world.after(&world_from_target);
+        let (seen, seer, pose) = (&target.intrinsics, &source.intrinsics, &source_from_target);
+        let mask = |of: &dyn Fn(&DepthMap) -> FrustumMask| {
+            let mask = of(posed.as_ref()?.depth());
             let inside = mask.as_raw().iter().map(|&v| v != 0).collect();
             Mask::new(mask.width(), mask.height(), inside)
         };
         if with_frustum {
             let options = FrustumMaskOptions::default();
-            masks.frustum = mask(&|posed| frustum_mask(posed, camera, pose, &options));
+            masks.frustum = mask(&|depth| frustum_mask(depth, seen, seer, pose, &options));
         }
         if with_given {
-            let bounds = mask(&|posed| source_bounds_mask(posed, camera, pose));
+            let bounds = mask(&|depth| source_bounds_mask(depth, seen, seer, pose));
             let size = (target.intrinsics.width, target.intrinsics.height);
             // Without depth, and of too few pixels, nothing is inside.
             let enough = bounds.filter(|mask| mask.count() >= LEAST_PIXELS);

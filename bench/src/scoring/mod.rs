@@ -4,10 +4,8 @@
 //! * [`metrics`]: the metrics of a run with their weights; several predictions of one target scored together.
 //! * [`region`]: parts of a picture, for methods that crop.
 //! * [`rules`]: what a protocol may change besides the metrics.
-//! * [`frustum_mask`]: which target pixels lie inside the source's field of view.
 //! * [`scale_sweep`]: the best of several scales.
 
-pub mod frustum_mask;
 pub mod ground_truth;
 pub mod metrics;
 pub mod region;

@@ -1,13 +1,14 @@
 //! The paper's view-frustum mask: which target pixels lie inside the source's (slightly widened) field
-//! of view. The paper uses it in training losses; here it carries the masked metrics.
+//! of view. The paper uses it in training losses; the harness also in masked metrics.
 
 use glam::{DMat3, DVec3};
 use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
-use sharp::camera::{Intrinsics, RigidTransform};
 
-use crate::pairs::depth::PosedDepth;
-use crate::pairs::valid_depth::is_valid_depth;
+use crate::camera::{Intrinsics, RigidTransform};
+
+/// z-depth in metres; what is neither positive nor infinite is invalid.
+type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// 1 inside, 0 outside; of the target's size.
 pub type FrustumMask = ImageBuffer<Luma<u8>, Vec<u8>>;
@@ -42,91 +43,102 @@ impl Default for FrustumMaskOptions {
     }
 }
 
-/// Lifts every target pixel by its depth, projects it into the source and keeps it where |x| and |y|
-/// stay within the margin.
+/// Lifts every pixel of the `target` camera by its `depth`, projects it into the `source` and keeps it
+/// where |x| and |y| stay within the margin.
 ///
 /// The paper's formula holds for points behind the source camera too; here they are outside (z > 0),
 /// and so are pixels without valid depth. Nothing tests for occlusion.
 pub fn frustum_mask(
-    target: &PosedDepth,
+    depth: &DepthMap,
+    target: &Intrinsics,
     source: &Intrinsics,
-    source_from_world: &RigidTransform,
+    source_from_target: &RigidTransform,
     options: &FrustumMaskOptions,
 ) -> FrustumMask {
-    let ndc = source.ndc_from_camera();
-    mask_of(
-        target,
-        ndc,
-        source_from_world,
-        options.infinite_depth,
-        |p| p.z > 0.0 && (p.x / p.z).abs() <= options.margin && (p.y / p.z).abs() <= options.margin,
-    )
+    let warp = Warp::new(source.ndc_from_camera(), target, source_from_target);
+    let within =
+        |p: DVec3| (p.x / p.z).abs() <= options.margin && (p.y / p.z).abs() <= options.margin;
+    warp.mask(depth, options.infinite_depth, |p| p.z > 0.0 && within(p))
 }
 
 /// The same where the pixel's centre lands at 0 ≤ u < width and 0 ≤ v < height of the source, both counted from the
 /// centre of its first pixel: the mask of UniSHARP's evaluation.
 pub fn source_bounds_mask(
-    target: &PosedDepth,
+    depth: &DepthMap,
+    target: &Intrinsics,
     source: &Intrinsics,
-    source_from_world: &RigidTransform,
+    source_from_target: &RigidTransform,
 ) -> FrustumMask {
     let (width, height) = (f64::from(source.width), f64::from(source.height));
-    let infinite = InfiniteDepth::Invalid;
-    mask_of(target, source.matrix(), source_from_world, infinite, |p| {
-        let inside = |at: f64, side: f64| (0.5..side + 0.5).contains(&at);
+    let inside = |at: f64, side: f64| (0.5..side + 0.5).contains(&at);
+    let warp = Warp::new(source.matrix(), target, source_from_target);
+    warp.mask(depth, InfiniteDepth::Invalid, |p| {
         p.z > 0.0 && inside(p.x / p.z, width) && inside(p.y / p.z, height)
     })
 }
 
-/// 1 where `inside` holds of a target pixel's point, brought into the source's camera and through `projection`.
-fn mask_of(
-    target: &PosedDepth,
-    projection: DMat3,
-    source_from_world: &RigidTransform,
-    infinite_depth: InfiniteDepth,
-    inside: impl Fn(DVec3) -> bool + Sync,
-) -> FrustumMask {
-    let (width, height) = target.depth().dimensions();
-    let source_from_target = source_from_world.after(&target.camera_from_world().inverse());
-    let rotation: DMat3 =
-        projection * source_from_target.rotation * target.intrinsics().matrix().inverse();
-    let translation = projection * source_from_target.translation;
-    let inside = |x: usize, y: usize, depth: f32| {
-        let ray = rotation * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
-        if is_valid_depth(depth) {
-            inside(ray * f64::from(depth) + translation)
-        } else {
-            depth == f32::INFINITY && infinite_depth == InfiniteDepth::Direction && inside(ray)
+/// From a target pixel with depth to the projection of its point by the source.
+struct Warp {
+    rotation: DMat3,
+    translation: DVec3,
+}
+
+impl Warp {
+    fn new(projection: DMat3, target: &Intrinsics, source_from_target: &RigidTransform) -> Self {
+        Self {
+            rotation: projection * source_from_target.rotation * target.matrix().inverse(),
+            translation: projection * source_from_target.translation,
         }
-    };
-    let mut mask = FrustumMask::new(width, height);
-    if width > 0 {
-        let row = width as usize;
-        mask.par_chunks_exact_mut(row)
-            .zip(target.depth().par_chunks_exact(row))
-            .enumerate()
-            .for_each(|(y, (mask, depth))| {
-                for x in 0..row {
-                    mask[x] = u8::from(inside(x, y, depth[x]));
-                }
-            });
     }
-    mask
+
+    /// 1 where `inside` holds of what a pixel is brought to.
+    fn mask(
+        &self,
+        depth: &DepthMap,
+        infinite_depth: InfiniteDepth,
+        inside: impl Fn(DVec3) -> bool + Sync,
+    ) -> FrustumMask {
+        let inside = |x: usize, y: usize, depth: f32| {
+            let ray = self.rotation * DVec3::new(x as f64 + 0.5, y as f64 + 0.5, 1.0);
+            if depth == f32::INFINITY {
+                infinite_depth == InfiniteDepth::Direction && inside(ray)
+            } else {
+                depth > 0.0 && inside(ray * f64::from(depth) + self.translation)
+            }
+        };
+        let (width, height) = depth.dimensions();
+        let mut mask = FrustumMask::new(width, height);
+        if width > 0 {
+            let row = width as usize;
+            mask.par_chunks_exact_mut(row)
+                .zip(depth.par_chunks_exact(row))
+                .enumerate()
+                .for_each(|(y, (mask, depth))| {
+                    for x in 0..row {
+                        mask[x] = u8::from(inside(x, y, depth[x]));
+                    }
+                });
+        }
+        mask
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sharp_datasets::DepthMap;
 
     fn camera(width: u32) -> Intrinsics {
         let half = f64::from(width) / 2.0;
         Intrinsics::new((half, half), (half, half), (width, width)).unwrap()
     }
 
-    fn view(depth: DepthMap) -> PosedDepth {
-        let intrinsics = camera(depth.width());
-        PosedDepth::new("t", intrinsics, RigidTransform::IDENTITY, depth).unwrap()
+    fn seen_by(
+        source: &Intrinsics,
+        pose: &RigidTransform,
+        depth: &DepthMap,
+        options: &FrustumMaskOptions,
+    ) -> FrustumMask {
+        frustum_mask(depth, &camera(depth.width()), source, pose, options)
     }
 
     fn shifted(x: f64, z: f64) -> RigidTransform {
@@ -140,14 +152,14 @@ mod tests {
     fn the_margin_belongs_to_the_mask() {
         // f = w / 2, so x/z is the normalised coordinate. A source with a 1.25 times longer lens puts the
         // right half's columns (0.25, 0.75) at 0.3125 and 0.9375.
-        let target = view(DepthMap::from_pixel(4, 4, Luma([2.0])));
+        let target = DepthMap::from_pixel(4, 4, Luma([2.0]));
         let lens = Intrinsics::new((2.5, 2.5), (2.0, 2.0), (4, 4)).unwrap();
         let count = |margin| {
             let options = FrustumMaskOptions {
                 margin,
                 ..FrustumMaskOptions::default()
             };
-            frustum_mask(&target, &lens, &RigidTransform::IDENTITY, &options)
+            seen_by(&lens, &RigidTransform::IDENTITY, &target, &options)
                 .iter()
                 .filter(|&&m| m == 1)
                 .count()
@@ -160,38 +172,38 @@ mod tests {
     fn the_sources_bounds_are_counted_from_its_first_pixels_centre() {
         // f = w / 2 and depth 2: a source 1 to the right sees pixel x at x - 1, so that the first column's centre lands at
         // -0.5, outside, and all others inside.
-        let target = view(DepthMap::from_pixel(4, 4, Luma([2.0])));
-        let mask = |x: f64| source_bounds_mask(&target, &camera(4), &shifted(x, 0.0));
+        let target = DepthMap::from_pixel(4, 4, Luma([2.0]));
+        let mask = |x: f64| source_bounds_mask(&target, &camera(4), &camera(4), &shifted(x, 0.0));
         let columns = |mask: FrustumMask| -> Vec<u8> { mask.as_raw()[..4].to_vec() };
         assert_eq!(columns(mask(-1.0)), [0, 1, 1, 1]);
         // The last column lands at 4.5 - 0.5 = 4, which is not below 4.
         assert_eq!(columns(mask(1.0)), [1, 1, 1, 0]);
         assert_eq!(columns(mask(0.0)), [1; 4]);
-        let behind = source_bounds_mask(&target, &camera(4), &shifted(0.0, -3.0));
+        let behind = source_bounds_mask(&target, &camera(4), &camera(4), &shifted(0.0, -3.0));
         assert!(behind.iter().all(|&m| m == 0));
     }
 
     #[test]
     fn points_behind_the_source_and_invalid_depth_are_outside() {
         let options = FrustumMaskOptions::default();
-        let target = view(DepthMap::from_pixel(2, 2, Luma([1.0])));
-        let behind = frustum_mask(&target, &camera(2), &shifted(0.0, -3.0), &options);
+        let target = DepthMap::from_pixel(2, 2, Luma([1.0]));
+        let behind = seen_by(&camera(2), &shifted(0.0, -3.0), &target, &options);
         assert!(behind.iter().all(|&m| m == 0));
-        let holed = view(DepthMap::from_vec(2, 2, vec![1.0, 0.0, f32::NAN, -1.0]).unwrap());
-        let mask = frustum_mask(&holed, &camera(2), &RigidTransform::IDENTITY, &options);
+        let holed = DepthMap::from_vec(2, 2, vec![1.0, 0.0, f32::NAN, -1.0]).unwrap();
+        let mask = seen_by(&camera(2), &RigidTransform::IDENTITY, &holed, &options);
         assert_eq!(mask.as_raw(), &[1, 0, 0, 0]);
     }
 
     #[test]
     fn infinite_depth_is_a_direction_if_asked() {
-        let sky = view(DepthMap::from_pixel(2, 2, Luma([f32::INFINITY])));
+        let sky = DepthMap::from_pixel(2, 2, Luma([f32::INFINITY]));
         let far = shifted(1e6, 0.0);
         let mask = |infinite_depth| {
             let options = FrustumMaskOptions {
                 infinite_depth,
                 ..FrustumMaskOptions::default()
             };
-            frustum_mask(&sky, &camera(2), &far, &options)
+            seen_by(&camera(2), &far, &sky, &options)
         };
         assert!(mask(InfiniteDepth::Invalid).iter().all(|&m| m == 0));
         assert!(mask(InfiniteDepth::Direction).iter().all(|&m| m == 1));
