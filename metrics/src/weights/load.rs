@@ -64,6 +64,18 @@ impl Weights {
         };
         Ok(Some(LoadedBackbone { tensors, used }))
     }
+
+    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …),
+    /// shape and values in C order, for who computes it in another way; `None` without weights.
+    ///
+    /// # Errors
+    /// [`WeightsError`]: unreadable, of another network, or not finite.
+    pub fn convolutions(
+        &self,
+        backbone: Backbone,
+    ) -> Result<Option<BTreeMap<String, (Vec<usize>, Vec<f32>)>>, WeightsError> {
+        Ok(self.load(backbone)?.map(|loaded| loaded.tensors.0))
+    }
 }
 
 /// The published convolutions that are part of this program: AlexNet's.

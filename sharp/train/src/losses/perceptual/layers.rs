@@ -1,0 +1,110 @@
+//! What the frozen networks are made of.
+
+use super::conv::{FrozenConv, Map};
+use rayon::prelude::*;
+use sharp_kernels::Workspace;
+
+/// From the gradient of a layer's output to that of its input.
+pub(super) type Pull<'a> = Box<dyn FnOnce(Map, &mut Workspace) -> Map + 'a>;
+
+/// A layer of a frozen network.
+pub(super) trait Layer: Send + Sync {
+    fn run(&self, x: &Map, workspace: &mut Workspace) -> Map;
+
+    /// The same, with what its derivative needs: which units were active, not their values.
+    fn trace<'a>(&'a self, x: &Map, workspace: &mut Workspace) -> (Map, Pull<'a>);
+}
+
+/// Which units of a rectified map are active.
+struct Gate(Vec<bool>);
+
+impl Gate {
+    fn of(map: &Map) -> Self {
+        Self(
+            map.data
+                .par_iter()
+                .with_min_len(1 << 15)
+                .map(|v| *v > 0.0)
+                .collect(),
+        )
+    }
+
+    /// Zeros the gradient of those that are not.
+    fn close(&self, gradient: &mut Map) {
+        let pairs = gradient
+            .data
+            .par_iter_mut()
+            .zip(&self.0)
+            .with_min_len(1 << 15);
+        pairs.for_each(|(g, open)| *g = if *open { *g } else { 0.0 });
+    }
+}
+
+/// A convolution, rectified.
+pub(super) struct ReluConv(pub(super) FrozenConv);
+
+impl Layer for ReluConv {
+    fn run(&self, x: &Map, workspace: &mut Workspace) -> Map {
+        self.0.run(x, None, true, workspace)
+    }
+
+    fn trace<'a>(&'a self, x: &Map, workspace: &mut Workspace) -> (Map, Pull<'a>) {
+        let (out, size) = (self.run(x, workspace), x.size());
+        let gate = Gate::of(&out);
+        let pull = move |mut gradient: Map, workspace: &mut Workspace| {
+            gate.close(&mut gradient);
+            self.0.pull(&gradient, size, None, workspace)
+        };
+        (out, Box::new(pull))
+    }
+}
+
+/// ResNet's block: 1×1, 3×3 and 1×1 convolutions, added to the input, which a 1×1 convolution fits
+/// where its shape changes; rectified after each and at the end (He et al. 2016, figure 5).
+pub(super) struct Bottleneck {
+    pub(super) narrow: FrozenConv,
+    pub(super) middle: FrozenConv,
+    pub(super) widen: FrozenConv,
+    pub(super) shortcut: Option<FrozenConv>,
+}
+
+impl Bottleneck {
+    /// The outputs of the three convolutions.
+    fn outputs(&self, x: &Map, workspace: &mut Workspace) -> [Map; 3] {
+        let narrow = self.narrow.run(x, None, true, workspace);
+        let middle = self.middle.run(&narrow, None, true, workspace);
+        let fitted = self
+            .shortcut
+            .as_ref()
+            .map(|s| s.run(x, None, false, workspace));
+        let residual = fitted.as_ref().unwrap_or(x);
+        let out = self.widen.run(&middle, Some(residual), true, workspace);
+        [narrow, middle, out]
+    }
+}
+
+impl Layer for Bottleneck {
+    fn run(&self, x: &Map, workspace: &mut Workspace) -> Map {
+        let [_, _, out] = self.outputs(x, workspace);
+        out
+    }
+
+    fn trace<'a>(&'a self, x: &Map, workspace: &mut Workspace) -> (Map, Pull<'a>) {
+        let size = x.size();
+        let [narrow, middle, out] = self.outputs(x, workspace);
+        let (inner, gates) = (narrow.size(), [&narrow, &middle, &out].map(Gate::of));
+        let pull = move |mut gradient: Map, workspace: &mut Workspace| {
+            let [narrow_gate, middle_gate, out_gate] = gates;
+            out_gate.close(&mut gradient);
+            let mut middle = self.widen.pull(&gradient, gradient.size(), None, workspace);
+            middle_gate.close(&mut middle);
+            let mut narrow = self.middle.pull(&middle, inner, None, workspace);
+            narrow_gate.close(&mut narrow);
+            if let Some(shortcut) = &self.shortcut {
+                gradient = shortcut.pull(&gradient, size, None, workspace);
+            }
+            self.narrow.pull(&narrow, size, Some(&gradient), workspace)
+        };
+        (out, Box::new(pull))
+    }
+}

@@ -1,0 +1,232 @@
+//! The perceptual loss with its Gram term (paper, perceptual loss), over the features of a frozen network.
+//!
+//! [`Perceptual::compare`] is also the operator of the paper's graph surgery: it takes a rendered
+//! picture, not its graph, and gives value and gradient. What it needs in between is freed when it
+//! returns, so that memory does not grow with the number of views.
+//!
+//! # Contents
+//! * [`Perceptual`], [`PerceptualOptions`]; `layers`: what networks are made of, with the gradient of
+//!   each with respect to its input; `conv`: frozen convolutions; `pool`: max pooling.
+//! * `vgg`, `resnet`: the two networks; `distance`: the two terms of one layer; `picture`: crop, mask
+//!   and normalisation.
+
+mod conv;
+mod distance;
+mod layers;
+mod picture;
+mod pool;
+mod resnet;
+#[cfg(test)]
+mod tests;
+mod vgg;
+
+use super::Loss;
+use distance::Terms;
+use layers::{Layer, Pull};
+use picture::{Region, shrunk};
+use serde::{Deserialize, Serialize};
+use sharp_checkpoint::{CheckpointError, Incomplete};
+use sharp_kernels::{Simd, Workspace};
+use sharp_metrics::{Weights, WeightsError};
+use std::path::PathBuf;
+
+/// Of which views the loss is taken: the equation has the novel one, the paper's remark on memory both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PerceptualViews {
+    Novel,
+    Both,
+}
+
+/// Where the mask of the novel view acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PerceptualMask {
+    /// Both pictures are black outside.
+    Pictures,
+    /// Both layers are multiplied by the mask, averaged over what each of their pixels covers.
+    Features,
+}
+
+/// How pictures are compared; the weights within the loss are the published.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PerceptualOptions {
+    pub views: PerceptualViews,
+    pub mask: PerceptualMask,
+    /// Weight k of the features' term.
+    pub features: f64,
+    /// Weight j of the Gram matrices' term.
+    pub gram: f64,
+    /// Side, pixels, of the random square that is compared in place of the whole picture.
+    pub crop: Option<usize>,
+    /// Weights of the encoder that LaMa takes, `ade20k-resnet50dilated-ppm_deepsup/encoder_epoch_20.pth`;
+    /// without it VGG16 with the published weights.
+    pub resnet50dilated: Option<PathBuf>,
+}
+
+impl Default for PerceptualOptions {
+    fn default() -> Self {
+        Self {
+            views: PerceptualViews::Novel,
+            mask: PerceptualMask::Pictures,
+            features: 1.0,
+            gram: 10.0,
+            crop: None,
+            resnet50dilated: None,
+        }
+    }
+}
+
+/// Why there is no perceptual loss.
+#[derive(Debug, thiserror::Error)]
+pub enum PerceptualError {
+    #[error(transparent)]
+    Weights(#[from] WeightsError),
+    #[error(
+        "the weights of VGG16 are not at hand; they lie beside the program (vgg16.safetensors)"
+    )]
+    NoWeights,
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    #[error("not the encoder resnet50dilated: {0}")]
+    Incomplete(#[from] Incomplete),
+    #[error("{}: {tensor} holds a value that is not finite", path.display())]
+    NotFinite { path: PathBuf, tensor: String },
+    #[error("{network} needs {smallest} pixels a side, and a picture has {width}x{height}")]
+    TooSmall {
+        network: &'static str,
+        smallest: usize,
+        width: usize,
+        height: usize,
+    },
+}
+
+/// A frozen network: layers in four groups, each of which ends where pictures are compared.
+struct Network {
+    name: &'static str,
+    smallest: usize,
+    groups: [Vec<Box<dyn Layer>>; 4],
+}
+
+/// The loss with its network, whose weights are packed once.
+pub struct Perceptual {
+    options: PerceptualOptions,
+    network: Network,
+}
+
+impl std::fmt::Debug for Perceptual {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Perceptual on {}, {:?}", self.network.name, self.options)
+    }
+}
+
+impl Perceptual {
+    /// Reads and packs the weights that the options name.
+    ///
+    /// # Errors
+    /// [`PerceptualError`], but for `TooSmall`.
+    pub fn new(options: PerceptualOptions) -> Result<Self, PerceptualError> {
+        let simd = Simd::detect();
+        let network = match &options.resnet50dilated {
+            Some(file) => resnet::network(simd, file)?,
+            None => vgg::network(simd, &Weights::at_hand())?,
+        };
+        Ok(Self { options, network })
+    }
+
+    /// The network, its weights and the layers compared, for a log.
+    pub fn network(&self) -> &'static str {
+        self.network.name
+    }
+
+    /// The loss between two sRGB-encoded pictures in rows of `width`, with respect to the first, where
+    /// `mask` holds.
+    ///
+    /// `seed` places the crop. The same bytes for any number of threads.
+    ///
+    /// # Errors
+    /// [`PerceptualError::TooSmall`].
+    ///
+    /// # Panics
+    /// When lengths differ or are no number of rows.
+    pub fn compare(
+        &self,
+        predicted: &[[f32; 3]],
+        target: &[[f32; 3]],
+        width: usize,
+        mask: Option<&[bool]>,
+        seed: u64,
+    ) -> Result<Loss<[f32; 3]>, PerceptualError> {
+        assert_eq!(predicted.len(), target.len(), "pixels of the target");
+        assert!(
+            mask.is_none_or(|mask| mask.len() == predicted.len()),
+            "pixels of the mask"
+        );
+        assert!(
+            width > 0 && predicted.len().is_multiple_of(width),
+            "{} pixels in rows of {width}",
+            predicted.len()
+        );
+        let region = Region::new([predicted.len() / width, width], self.options.crop, seed);
+        let [height, width] = region.size;
+        let Network {
+            name: network,
+            smallest,
+            ..
+        } = self.network;
+        if height.min(width) < smallest {
+            return Err(PerceptualError::TooSmall {
+                network,
+                smallest,
+                width,
+                height,
+            });
+        }
+        let mask = mask.map(|mask| region.cut(mask));
+        let (blackened, weight) = match self.options.mask {
+            PerceptualMask::Pictures => (mask.as_deref(), None),
+            PerceptualMask::Features => (None, mask.as_deref()),
+        };
+        let mut workspace = Workspace::new();
+        let mut x = picture::normalized(&region.cut(predicted), region.size, blackened);
+        let mut y = picture::normalized(&region.cut(target), region.size, blackened);
+        let mut value = 0.0;
+        // Of each group: how a gradient goes back through its layers, and what the comparison adds behind them.
+        let mut groups = Vec::new();
+        for layers in &self.network.groups {
+            let mut pulls: Vec<Pull<'_>> = Vec::new();
+            for layer in layers {
+                let pull;
+                (x, pull) = layer.trace(&x, &mut workspace);
+                pulls.push(pull);
+                y = layer.run(&y, &mut workspace);
+            }
+            let weight = weight.map(|mask| shrunk(mask, region.size, [x.height, x.width]));
+            let terms = Terms {
+                features: self.options.features,
+                gram: self.options.gram,
+                weight: weight.as_deref(),
+            };
+            let (part, gradient) = terms.compare(&x, &y, &mut workspace);
+            value += part;
+            groups.push((pulls, gradient));
+        }
+        drop((x, y));
+        let mut back: Option<conv::Map> = None;
+        while let Some((pulls, mut gradient)) = groups.pop() {
+            if let Some(back) = back {
+                gradient.add(&back);
+            }
+            for pull in pulls.into_iter().rev() {
+                gradient = pull(gradient, &mut workspace);
+            }
+            back = Some(gradient);
+        }
+        let gradient = match &back {
+            Some(back) => region.paste(&picture::denormalized(back, blackened)),
+            None => vec![[0.0; 3]; predicted.len()],
+        };
+        Ok(Loss { value, gradient })
+    }
+}
