@@ -1,0 +1,1 @@
+//! Losses as functions of plain slices, each with its gradient (paper section 3.4).
