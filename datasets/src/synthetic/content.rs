@@ -10,7 +10,7 @@ use sharp::camera::RigidTransform;
 
 use super::arithmetic::srgb_level;
 use super::candidates::Wedge;
-use super::world::{Candidates, World};
+use super::world::{Candidates, Sight, World};
 use crate::lens::Lens;
 use crate::required_files::FileRole;
 use crate::{DatasetError, DepthMap, ViewContent, files};
@@ -109,16 +109,29 @@ impl ProceduralContent {
         let step = 1.0 / f64::from(self.samples);
         let size = step / self.lens.intrinsics().fx;
         let mut sum = DVec3::ZERO;
+        let mut open: Option<Sight> = None;
         for j in 0..self.samples {
             for i in 0..self.samples {
                 let ray = self.ray(
                     f64::from(x) + (f64::from(i) + 0.5) * step,
                     f64::from(y) + (f64::from(j) + 0.5) * step,
                 );
-                if let Some((origin, direction)) = ray {
-                    sum += self.world.radiance(candidates, origin, direction, size);
+                let Some((origin, direction)) = ray else {
+                    continue;
+                };
+                let sight = self.world.sight(candidates, origin, direction);
+                match &mut open {
+                    Some(open) if self.world.shades_as_one(open, &sight) => open.join(&sight),
+                    open => {
+                        if let Some(done) = open.replace(sight) {
+                            sum += self.world.radiance(&done, size);
+                        }
+                    }
                 }
             }
+        }
+        if let Some(last) = open {
+            sum += self.world.radiance(&last, size);
         }
         let mean = sum / f64::from(self.samples * self.samples);
         [srgb_level(mean.x), srgb_level(mean.y), srgb_level(mean.z)]

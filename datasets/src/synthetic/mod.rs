@@ -324,21 +324,39 @@ fn view_of(
 
 const MAX_SCENES: u64 = 1000;
 
+/// The setting of that name, which is a whole number.
+fn number(spec: &DatasetSpec, key: &str) -> Result<u64, DatasetError> {
+    let text = spec.setting(key);
+    text.parse().map_err(|_| wrong(spec, key))
+}
+
+fn wrong(spec: &DatasetSpec, key: &str) -> DatasetError {
+    spec.refused(format!("'{key}' cannot be '{}'", spec.setting(key)))
+}
+
+/// The seeds of a dataset's scenes; `None` unless it is procedural.
+///
+/// # Errors
+/// [`DatasetError::Spec`] for a seed or a number of scenes that is none.
+pub fn seeds_of(spec: &DatasetSpec) -> Result<Option<RangeInclusive<u64>>, DatasetError> {
+    if spec.entry.format != ENTRY.format {
+        return Ok(None);
+    }
+    let (seed, scenes) = (number(spec, "seed")?, number(spec, "scenes")?);
+    let allowed = (1..=MAX_SCENES).contains(&scenes);
+    // No seed follows the last one.
+    match seed.checked_add(scenes).filter(|_| allowed) {
+        Some(end) => Ok(Some(seed..=end - 1)),
+        None => Err(wrong(spec, "scenes")),
+    }
+}
+
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
-    let wrong = |key: &str, value: &str| spec.refused(format!("'{key}' cannot be '{value}'"));
-    let number = |key: &str| {
-        let text = spec.setting(key);
-        text.parse::<u64>().map_err(|_| wrong(key, text))
-    };
     let size = spec.setting("size");
     let (width, height) = size
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
-        .ok_or_else(|| wrong("size", size))?;
-    let (seed, scenes) = (number("seed")?, number("scenes")?);
-    let last = seed.checked_add(scenes);
-    let last = last.filter(|_| (1..=MAX_SCENES).contains(&scenes));
-    let last = last.ok_or_else(|| wrong("scenes", spec.setting("scenes")))?;
+        .ok_or_else(|| wrong(spec, "size"))?;
     let world = match spec.setting("world") {
         "varied" => WorldKind::Varied,
         _ => WorldKind::Classic,
@@ -346,14 +364,14 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let views = match (spec.setting("views"), world) {
         ("auto", WorldKind::Classic) => CLASSIC_VIEWS,
         ("auto", WorldKind::Varied) => VARIED_VIEWS,
-        _ => usize::try_from(number("views")?).unwrap_or(usize::MAX),
+        _ => usize::try_from(number(spec, "views")?).unwrap_or(usize::MAX),
     };
     let kind = SweepKind::of(spec)?;
     if kind.is_some() && world == WorldKind::Varied {
         return Err(spec.refused("a sweep is of the classic world".to_owned()));
     }
     let mut scenes = Vec::new();
-    for seed in seed..last {
+    for seed in seeds_of(spec)?.into_iter().flatten() {
         let options = SyntheticOptions {
             seed,
             width,

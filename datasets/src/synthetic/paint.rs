@@ -4,6 +4,7 @@
 use glam::DVec3;
 use sharp::random::{SplitMix64, mix, unit};
 
+use super::arithmetic::floor;
 use super::shapes::Meeting;
 
 /// What a surface is made of, which decides its colours.
@@ -168,51 +169,51 @@ impl Paint {
         base * (1.0 + strength * (2.0 * noise - 1.0))
     }
 
-    /// The share of the second colour, 0..1, at a place in elements.
+    /// The share of the second colour, 0..1, over a square of side `size` around a place, all in
+    /// elements.
     fn pattern_at(&self, u: f64, v: f64, size: f64) -> f64 {
-        let (column, row) = (u.floor(), v.floor());
+        let (column, row) = (floor(u), floor(v));
         let (x, y) = (u - column, v - row);
-        let on = |yes: bool| f64::from(u8::from(yes));
+        let (i, j) = (column as i64, row as i64);
         match self.pattern {
             Pattern::Plain => 0.5,
-            Pattern::Checker => odd(column + row),
-            Pattern::Stripes => odd(column),
+            Pattern::Checker => 0.5 - 0.5 * square_wave(u, size) * square_wave(v, size),
+            Pattern::Stripes => 0.5 - 0.5 * square_wave(u, size),
             Pattern::Grating => triangle(x),
             Pattern::Bricks => {
-                let row = (v * 2.0).floor();
+                let row = floor(v * 2.0);
                 let along = u + 0.5 * odd(row);
-                on(along - along.floor() < 0.06 || v * 2.0 - row < 0.12)
+                let joints = band(along - floor(along), 0.03, 0.03, size);
+                either(joints, band(v * 2.0 - row, 0.06, 0.06, 2.0 * size))
             }
-            Pattern::Tiles => on(x < 0.06 || y < 0.06),
+            Pattern::Tiles => either(band(x, 0.03, 0.03, size), band(y, 0.03, 0.03, size)),
             Pattern::Windows => {
-                let pane = (x - 0.5).abs() < 0.27 && (y - 0.5).abs() < 0.33;
-                on(pane) * (0.55 + 0.45 * lattice(self.seed, column as i64, row as i64))
+                let pane = band(x, 0.5, 0.27, size) * band(y, 0.5, 0.33, size);
+                pane * (0.55 + 0.45 * lattice(self.seed, i, j))
             }
-            Pattern::Planks => match y < 0.05 {
-                true => 1.0,
-                false => {
-                    0.7 * lattice(
-                        self.seed,
-                        row as i64,
-                        (u * 0.15 + row * 0.37).floor() as i64,
-                    )
-                }
-            },
+            Pattern::Planks => {
+                let end = floor(u * 0.15 + row * 0.37);
+                let plank = 0.7 * lattice(self.seed, j, end as i64);
+                plank + (1.0 - plank) * band(y, 0.025, 0.025, size)
+            }
             Pattern::Dots => {
                 let (dx, dy) = (x - 0.5, y - 0.5);
-                on(dx * dx + dy * dy < 0.1)
+                let inwards = 0.316 - (dx * dx + dy * dy).sqrt();
+                (inwards / size + 0.5).clamp(0.0, 1.0)
             }
             Pattern::Rings => {
                 let bent = fractal_noise(self.seed, u * 0.7, v * 0.25, (2, size));
                 let place = 2.0 * u + 4.0 * bent;
-                triangle(place - place.floor())
+                triangle(place - floor(place))
             }
             Pattern::Clouds => {
                 let noise = fractal_noise(self.seed, u, v, (3, size));
                 smooth(((noise - 0.3) * 2.5).clamp(0.0, 1.0))
             }
-            Pattern::Patches => lattice(self.seed, column as i64, row as i64),
-            Pattern::Gradient => triangle(0.1 * v - (0.1 * v).floor()),
+            Pattern::Patches => blended(self.seed, u - 0.5, v - 0.5, |t| {
+                ((t - 0.5) / size + 0.5).clamp(0.0, 1.0)
+            }),
+            Pattern::Gradient => triangle(0.1 * v - floor(0.1 * v)),
         }
     }
 
@@ -269,15 +270,41 @@ pub(super) fn fractal_noise(seed: u64, u: f64, v: f64, (octaves, size): (u32, f6
 
 /// Random values on a square lattice, blended smoothly in between; 0..1.
 fn value_noise(seed: u64, u: f64, v: f64) -> f64 {
-    let (column, row) = (u.floor(), v.floor());
-    let (x, y) = (smooth(u - column), smooth(v - row));
+    blended(seed, u, v, smooth)
+}
+
+/// Random values on a square lattice; `blend` is the share of the further neighbour, by the part of
+/// the way to it.
+fn blended(seed: u64, u: f64, v: f64, blend: impl Fn(f64) -> f64) -> f64 {
+    let (column, row) = (floor(u), floor(v));
+    let (x, y) = (blend(u - column), blend(v - row));
     let (i, j) = (column as i64, row as i64);
-    let row = |j| {
+    let along = |j| {
         let (a, b) = (lattice(seed, i, j), lattice(seed, i.wrapping_add(1), j));
         a + (b - a) * x
     };
-    let (a, b) = (row(j), row(j.wrapping_add(1)));
+    let (a, b) = (along(j), along(j.wrapping_add(1)));
     a + (b - a) * y
+}
+
+/// 1 over even elements and −1 over odd ones, as a mean over `size` elements, at most 1.
+fn square_wave(t: f64, size: f64) -> f64 {
+    let element = floor(t);
+    let to_edge = 0.5 - (t - element - 0.5).abs();
+    (1.0 - 2.0 * odd(element)) * (2.0 * to_edge / size).min(1.0)
+}
+
+/// The share of `size` elements around a place, 0..1 in its element, that a band covers; the band
+/// repeats in every element.
+fn band(place: f64, middle: f64, half: f64, size: f64) -> f64 {
+    let off = (place - middle).abs();
+    let off = off.min(1.0 - off);
+    ((half + 0.5 * size - off) / size).clamp(0.0, (2.0 * half / size).min(1.0))
+}
+
+/// The share that at least one of two independent ones covers.
+fn either(a: f64, b: f64) -> f64 {
+    a + b - a * b
 }
 
 /// The random value of a lattice point, 0..1: one round of mixing in place of splitmix64's two.
@@ -301,7 +328,7 @@ fn triangle(t: f64) -> f64 {
 
 /// 0 for even whole numbers, 1 for odd ones.
 fn odd(n: f64) -> f64 {
-    n - 2.0 * (n * 0.5).floor()
+    n - 2.0 * floor(n * 0.5)
 }
 
 /// An independent seed from one and a number.

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 use sharp::random::SplitMix64;
 
 use super::candidates::{LampCube, SunGrid, Wedge};
-use super::light::Light;
+use super::light::{Light, Sky};
 use super::paint::Paint;
 use super::shapes::{Meeting, SurfaceShape, turned};
 use super::texture::Texture;
@@ -81,10 +81,32 @@ pub(super) struct Hit {
     meeting: Meeting,
 }
 
-impl Hit {
-    /// The number of the object that is seen.
-    pub(super) fn object(&self) -> usize {
-        self.object
+/// Rays of one pixel that meet one side of an object, or the sky, and are shaded as one. Sums, so
+/// that one ray alone is itself to the last bit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    rays: f64,
+    direction: DVec3,
+    /// Where they meet; the object of all of them.
+    hit: Option<(Hit, DVec3)>,
+}
+
+impl Sight {
+    /// The number of the object that is seen and, for one ray, its distance.
+    pub(super) fn object(&self) -> Option<(usize, f64)> {
+        self.hit.map(|(hit, _)| (hit.object, hit.distance))
+    }
+
+    /// Takes up the rays of another sight of the same surface.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.rays += other.rays;
+        self.direction += other.direction;
+        if let (Some((hit, point)), Some((more, at))) = (&mut self.hit, &other.hit) {
+            hit.distance += more.distance;
+            hit.meeting.normal += more.meeting.normal;
+            hit.meeting.local += more.meeting.local;
+            *point += *at;
+        }
     }
 }
 
@@ -354,37 +376,66 @@ impl World {
         Candidates { sorted }
     }
 
-    /// Linear light arriving along a ray of the bundle that the candidates are those of. `pixel` is
-    /// the size of a sample at a depth of 1.
-    pub(super) fn radiance(
-        &self,
-        candidates: &Candidates,
-        origin: DVec3,
-        direction: DVec3,
-        pixel: f64,
-    ) -> DVec3 {
-        let light = &self.light;
-        let Some(hit) = self.first_hit_among(candidates, origin, direction) else {
-            return light.sky.radiance(direction) * light.exposure;
-        };
-        let mut seen = self.reflected(&hit, origin, direction, pixel);
-        if light.haze_m.is_finite() {
-            let far = hit.distance / light.haze_m;
-            seen += (light.sky.haze() - seen) * (far * far / (1.0 + far * far));
+    /// What a ray of the bundle that the candidates are those of meets.
+    pub(super) fn sight(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Sight {
+        let hit = self.first_hit_among(candidates, origin, direction);
+        Sight {
+            rays: 1.0,
+            direction,
+            hit: hit.map(|hit| (hit, origin + direction * hit.distance)),
         }
-        seen * light.exposure
     }
 
-    /// Linear light that a surface sends back along the ray that met it.
-    fn reflected(&self, hit: &Hit, origin: DVec3, direction: DVec3, pixel: f64) -> DVec3 {
-        let (light, normal) = (&self.light, hit.meeting.normal);
-        let albedo = match &self.objects[hit.object].surface {
-            Surface::Classic(texture) => texture.color(&hit.meeting),
+    /// Whether two rays of a pixel may be shaded as one. The paints of the varied scenes fade out
+    /// what is finer than a pixel; the classic textures do not.
+    pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
+        let surface = |sight: &Sight| {
+            let hit = sight.hit.as_ref();
+            hit.map(|(hit, _)| (hit.object, hit.meeting.across))
+        };
+        matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
+    }
+
+    /// Linear light arriving along rays, summed over them. `sample` is the size of one ray's share
+    /// of the picture at a depth of 1.
+    pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
+        let (light, share) = (&self.light, 1.0 / sight.rays);
+        let direction = sight.direction * share;
+        let Some((hit, point)) = &sight.hit else {
+            return light.sky.radiance(direction) * (light.exposure * sight.rays);
+        };
+        let meeting = Meeting {
+            distance: hit.distance * share,
+            normal: hit.meeting.normal * share,
+            local: hit.meeting.local * share,
+            across: hit.meeting.across,
+        };
+        let size = sample * sight.rays.sqrt();
+        let mut seen = self.reflected(hit.object, &meeting, *point * share, direction, size);
+        if light.haze_m.is_finite() {
+            let far = meeting.distance / light.haze_m;
+            seen += (light.sky.haze() - seen) * (far * far / (1.0 + far * far));
+        }
+        seen * (light.exposure * sight.rays)
+    }
+
+    /// Linear light that a surface sends back from a point along the ray that met it.
+    fn reflected(
+        &self,
+        object: usize,
+        meeting: &Meeting,
+        point: DVec3,
+        direction: DVec3,
+        size: f64,
+    ) -> DVec3 {
+        let (light, normal) = (&self.light, meeting.normal);
+        let albedo = match &self.objects[object].surface {
+            Surface::Classic(texture) => texture.color(meeting),
             Surface::Varied(paint) => {
                 // Aslant a pixel covers more, in one direction.
                 let facing = (normal.dot(direction).abs() / direction.length()).max(0.1);
-                let footprint_m = hit.distance * pixel / facing.sqrt();
-                let albedo = paint.color(&hit.meeting, footprint_m);
+                let footprint_m = meeting.distance * size / facing.sqrt();
+                let albedo = paint.color(meeting, footprint_m);
                 if paint.glow > 0.0 {
                     return albedo * paint.glow;
                 }
@@ -392,7 +443,7 @@ impl World {
             }
         };
         // Starts a little above the surface, so that it does not shade itself.
-        let above = origin + direction * hit.distance + normal * 1e-6;
+        let above = point + normal * 1e-6;
         let facing_dome = 0.5 + 0.5 * normal.dot(light.dome);
         let mut arriving = light.ambient[0] + (light.ambient[1] - light.ambient[0]) * facing_dome;
         let facing_sun = normal.dot(light.to_sun);
@@ -400,16 +451,14 @@ impl World {
             && facing_sun > 0.0
         {
             let before = grid.before(above);
-            if !self.blocked(before, hit.object, above, light.to_sun, f64::INFINITY) {
+            if !self.blocked(before, object, above, light.to_sun, f64::INFINITY) {
                 arriving += light.sun * facing_sun;
             }
         }
         for (lamp, cube) in light.lamps.iter().zip(&self.lamp_cubes) {
             let to_lamp = lamp.place - above;
             let facing_lamp = normal.dot(to_lamp);
-            if facing_lamp > 0.0
-                && !self.blocked(cube.before(above), hit.object, above, to_lamp, 1.0)
-            {
+            if facing_lamp > 0.0 && !self.blocked(cube.before(above), object, above, to_lamp, 1.0) {
                 let square = to_lamp.dot(to_lamp);
                 arriving += lamp.power * (facing_lamp / square.sqrt() / (0.2 + square));
             }

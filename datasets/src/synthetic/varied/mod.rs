@@ -109,21 +109,28 @@ fn exposed(world: &mut World, rig: &Rig, brightness: f64) -> bool {
     let right = DVec3::Y.cross(forward).normalize();
     let down = forward.cross(right);
     let candidates = world.candidates(DVec3::ZERO, forward, None);
-    let (mut sum, mut depths, mut objects) = (0.0, Vec::new(), Vec::new());
+    let (mut sum, mut reflected) = (0.0, 0.0);
+    let (mut depths, mut objects) = (Vec::new(), Vec::new());
     for place in 0..SIDE * SIDE {
         let x = (f64::from(place % SIDE) + 0.5 - lens.cx) / lens.fx;
         let y = (f64::from(place / SIDE) + 0.5 - lens.cy) / lens.fy;
         let direction = right * x + down * y + forward;
-        let seen = world.radiance(&candidates, DVec3::ZERO, direction, 1.0 / lens.fx);
+        let sight = world.sight(&candidates, DVec3::ZERO, direction);
+        let seen = world.radiance(&sight, 1.0 / lens.fx);
         // Lamps and sky may be white.
-        sum += ((seen.x + seen.y + seen.z) / 3.0).min(1.0);
-        if let Some(hit) = world.first_hit_among(&candidates, DVec3::ZERO, direction) {
-            depths.push(hit.distance);
-            objects.push(hit.object());
+        let seen = ((seen.x + seen.y + seen.z) / 3.0).min(1.0);
+        sum += seen;
+        if let Some((object, distance)) = sight.object() {
+            reflected += seen;
+            depths.push(distance);
+            objects.push(object);
         }
     }
     let rays = f64::from(SIDE * SIDE);
-    world.expose((brightness * rays / sum.max(1e-6)).clamp(0.2, 5.0));
+    // Between what makes the whole picture that bright and what makes the surfaces so: a bright sky
+    // neither leaves the ground black nor is all white.
+    let mean = (sum / rays * reflected / (depths.len() as f64).max(1.0)).sqrt();
+    world.expose((brightness / mean.max(1e-6)).clamp(0.2, 5.0));
     depths.sort_unstable_by(f64::total_cmp);
     objects.sort_unstable();
     let largest = objects.chunk_by(|a, b| a == b).map(<[usize]>::len).max();
