@@ -1,6 +1,7 @@
 //! Functions that would otherwise come from libm, whose last bits differ between machines.
 
 use std::f64::consts::FRAC_PI_2;
+use std::sync::LazyLock;
 
 /// Cosine and sine of an angle given in turns, by Taylor's series on an eighth of a turn; exact to
 /// about 1e-16.
@@ -31,10 +32,32 @@ fn series(x2: f64, highest: f64) -> f64 {
     sum
 }
 
-/// The sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest. The power 5/12
-/// is two square roots and a cube root.
+/// The largest whole number not above `x`, for |x| < 2⁶³: `f64::floor` is a call where the
+/// processor is only assumed to have SSE2.
+pub(super) fn floor(x: f64) -> f64 {
+    let towards_zero = x as i64 as f64;
+    towards_zero - f64::from(u8::from(towards_zero > x))
+}
+
+/// The sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest.
 pub(super) fn srgb_level(linear: f64) -> u8 {
+    const CELLS: usize = 4096;
+    // The code at the lower end of each cell and at the upper end of the last.
+    static ENDS: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let ends = 0..=CELLS;
+        ends.map(|i| computed_level(i as f64 / CELLS as f64))
+            .collect()
+    });
     let x = linear.clamp(0.0, 1.0);
+    let cell = ((x * CELLS as f64) as usize).min(CELLS - 1);
+    match ENDS[cell] == ENDS[cell + 1] {
+        true => ENDS[cell],
+        false => computed_level(x),
+    }
+}
+
+/// The sRGB code of linear light in 0..1. The power 5/12 is two square roots and a cube root.
+fn computed_level(x: f64) -> u8 {
     let encoded = if x <= 0.003_130_8 {
         12.92 * x
     } else {
@@ -82,6 +105,16 @@ mod tests {
             let x = f64::from(i) / 9_999.0;
             let other = quantize(srgb_from_linear(x as f32), Quantization::Round);
             assert!(srgb_level(x).abs_diff(other) <= 1, "{x}");
+            assert_eq!(srgb_level(x), computed_level(x));
+        }
+    }
+
+    #[test]
+    fn floors_agree_with_the_standard_library() {
+        for i in -4_000..4_000 {
+            let x = f64::from(i) * 0.125;
+            assert_eq!(floor(x), x.floor());
+            assert_eq!(floor(x * 1e9), (x * 1e9).floor());
         }
     }
 

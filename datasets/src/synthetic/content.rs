@@ -9,14 +9,14 @@ use rayon::prelude::*;
 use sharp::camera::RigidTransform;
 
 use super::arithmetic::srgb_level;
-use super::world::World;
+use super::candidates::Wedge;
+use super::world::{Candidates, Sight, World};
 use crate::lens::Lens;
 use crate::required_files::FileRole;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
-/// Rays a pixel and side: colour is averaged over 3×3 in linear light, depth is that of the one
-/// through the centre.
-const SAMPLES: u32 = 3;
+/// Side, in pixels, of the tiles whose rays share a list of objects that they can meet.
+const TILE: u32 = 8;
 
 /// One procedural photograph. It is computed when first asked for and then kept.
 #[derive(Debug)]
@@ -24,15 +24,24 @@ pub(super) struct ProceduralContent {
     world: Arc<World>,
     lens: Lens,
     world_from_camera: RigidTransform,
+    /// Rays a pixel and side: colour is averaged over samples × samples in linear light, depth is
+    /// that of the one through the centre.
+    samples: u32,
     image: OnceLock<RgbImage>,
 }
 
 impl ProceduralContent {
-    pub(super) fn new(world: Arc<World>, lens: Lens, camera_from_world: RigidTransform) -> Self {
+    pub(super) fn new(
+        world: Arc<World>,
+        lens: Lens,
+        camera_from_world: RigidTransform,
+        samples: u32,
+    ) -> Self {
         Self {
             world,
             lens,
             world_from_camera: camera_from_world.inverse(),
+            samples,
             image: OnceLock::new(),
         }
     }
@@ -52,35 +61,88 @@ impl ProceduralContent {
         (k.width, k.height)
     }
 
-    fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
-        let step = 1.0 / f64::from(SAMPLES);
+    /// What the rays of a tile can meet: everything, for a lens that bends them.
+    fn candidates(&self, left: u32, top: u32) -> Candidates {
+        let corner = |x, y| self.ray(f64::from(x), f64::from(y)).map(|ray| ray.1);
+        let (right, bottom) = (left + TILE, top + TILE);
+        let corners = match (
+            corner(left, top),
+            corner(right, top),
+            corner(right, bottom),
+            corner(left, bottom),
+        ) {
+            (Some(a), Some(b), Some(c), Some(d)) if self.lens.is_pinhole() => Some([a, b, c, d]),
+            _ => None,
+        };
+        let eye = self.world_from_camera.translation;
+        let wedge = corners.map(|corners| Wedge::between(eye, corners));
+        let forward = self.world_from_camera.rotation.z_axis;
+        self.world.candidates(eye, forward, wedge.as_ref())
+    }
+
+    /// Computes `channels` values of every pixel, tile by tile.
+    fn fill<T: Send>(
+        &self,
+        values: &mut [T],
+        channels: usize,
+        pixel: impl Fn(&Candidates, u32, u32, &mut [T]) + Sync,
+    ) {
+        let row_len = self.size().0 as usize * channels;
+        values
+            .par_chunks_mut(row_len * TILE as usize)
+            .zip(0..self.size().1.div_ceil(TILE))
+            .for_each(|(band, tile_row)| {
+                for left in (0..self.size().0).step_by(TILE as usize) {
+                    let top = tile_row * TILE;
+                    let candidates = self.candidates(left, top);
+                    for (row, y) in band.chunks_exact_mut(row_len).zip(top..) {
+                        let tile = row.chunks_exact_mut(channels).zip(0..);
+                        for (value, x) in tile.skip(left as usize).take(TILE as usize) {
+                            pixel(&candidates, x, y, value);
+                        }
+                    }
+                }
+            });
+    }
+
+    fn pixel(&self, candidates: &Candidates, x: u32, y: u32) -> [u8; 3] {
+        let step = 1.0 / f64::from(self.samples);
+        let size = step / self.lens.intrinsics().fx;
         let mut sum = DVec3::ZERO;
-        for j in 0..SAMPLES {
-            for i in 0..SAMPLES {
+        let mut open: Option<Sight> = None;
+        for j in 0..self.samples {
+            for i in 0..self.samples {
                 let ray = self.ray(
                     f64::from(x) + (f64::from(i) + 0.5) * step,
                     f64::from(y) + (f64::from(j) + 0.5) * step,
                 );
-                if let Some((origin, direction)) = ray {
-                    sum += self.world.radiance(origin, direction);
+                let Some((origin, direction)) = ray else {
+                    continue;
+                };
+                let sight = self.world.sight(candidates, origin, direction);
+                match &mut open {
+                    Some(open) if self.world.shades_as_one(open, &sight) => open.join(&sight),
+                    open => {
+                        if let Some(done) = open.replace(sight) {
+                            sum += self.world.radiance(&done, size);
+                        }
+                    }
                 }
             }
         }
-        let mean = sum / f64::from(SAMPLES * SAMPLES);
+        if let Some(last) = open {
+            sum += self.world.radiance(&last, size);
+        }
+        let mean = sum / f64::from(self.samples * self.samples);
         [srgb_level(mean.x), srgb_level(mean.y), srgb_level(mean.z)]
     }
 
     fn picture(&self) -> &RgbImage {
         self.image.get_or_init(|| {
             let mut image = RgbImage::new(self.size().0, self.size().1);
-            image
-                .par_chunks_exact_mut(self.size().0 as usize * 3)
-                .zip(0..self.size().1)
-                .for_each(|(row, y)| {
-                    for (pixel, x) in row.chunks_exact_mut(3).zip(0..) {
-                        pixel.copy_from_slice(&self.pixel(x, y));
-                    }
-                });
+            self.fill(&mut image, 3, |candidates, x, y, value| {
+                value.copy_from_slice(&self.pixel(candidates, x, y));
+            });
             image
         })
     }
@@ -97,19 +159,15 @@ impl ViewContent for ProceduralContent {
 
     fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
         let mut depth = DepthMap::new(self.size().0, self.size().1);
-        depth
-            .par_chunks_exact_mut(self.size().0 as usize)
-            .zip(0..self.size().1)
-            .for_each(|(row, y)| {
-                for (value, x) in row.iter_mut().zip(0..self.size().0) {
-                    let hit = self
-                        .ray(f64::from(x) + 0.5, f64::from(y) + 0.5)
-                        .and_then(|(origin, direction)| self.world.first_hit(origin, direction));
-                    if let Some(hit) = hit {
-                        *value = hit.distance as f32;
-                    }
-                }
+        self.fill(&mut depth, 1, |candidates, x, y, value| {
+            let ray = self.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            let hit = ray.and_then(|(origin, direction)| {
+                self.world.first_hit_among(candidates, origin, direction)
             });
+            if let Some(hit) = hit {
+                value[0] = hit.distance as f32;
+            }
+        });
         Ok(Some(depth))
     }
 

@@ -9,21 +9,29 @@
 //! for any number of threads.
 //!
 //! * `arithmetic`: the few functions that would otherwise come from libm.
-//! * `shapes`: rectangles, boxes, spheres, and rays against them.
+//! * `shapes`: rectangles, boxes, spheres, cylinders, and rays against them.
 //! * `texture`: colours from integer noise.
-//! * `world`: what stands where.
+//! * `world`: what stands where in the classic scene, and what a ray brings back.
+//! * `candidates`: which objects a bundle of rays can meet.
+//! * `varied`: scenes of many kinds instead of the classic one, for training; `paint` and `light` are
+//!   their colours and their light.
 //! * `rig`: the cameras.
 //! * `sweep`: one motion alone, step by step.
 //! * `content`: pictures and depth as views.
 
 mod arithmetic;
+mod candidates;
 mod content;
+mod light;
+mod paint;
 mod rig;
 mod shapes;
 mod sweep;
 mod texture;
+mod varied;
 mod world;
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use glam::DVec2;
@@ -34,6 +42,7 @@ use crate::left_out::FoundScenes;
 use crate::lens::{Distortion, Lens};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 use content::ProceduralContent;
+use rig::Rig;
 use sweep::SweepKind;
 use world::World;
 
@@ -48,8 +57,26 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     settings: &[
         Setting::free("seed", "places and colours the objects", "0"),
         Setting::free("size", "pixels, WIDTHxHEIGHT", "320x240"),
-        Setting::free("views", "number of cameras, at least 2", "24"),
+        Setting::free(
+            "views",
+            "number of cameras, at least 2 (auto: 24; 11 in a varied world)",
+            "auto",
+        ),
         Setting::free("scenes", "1 to 1000, of this seed and those after it", "1"),
+        Setting::choice(
+            "world",
+            "what the seed decides about",
+            &[
+                choice(
+                    "classic",
+                    "the places and colours of the objects of one layout",
+                ),
+                choice(
+                    "varied",
+                    "everything: rooms, tables, corridors, gardens, streets, their light and the lens; one in eight is classic",
+                ),
+            ],
+        ),
         Setting::choice(
             "sweep",
             "one thing alone, growing from target to target; the source is always the same camera",
@@ -80,14 +107,35 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
+/// Seeds that a network may be trained on. All others are held out: nothing that is measured on them
+/// was seen in training.
+pub const TRAINING_SEEDS: RangeInclusive<u64> = 1_000..=899_999;
+
+/// What a seed decides about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WorldKind {
+    /// The places and colours of the objects of one layout.
+    #[default]
+    Classic,
+    /// Everything: what kind of scene it is, its light and the lens.
+    Varied,
+}
+
 /// What determines a procedural scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyntheticOptions {
     pub seed: u64,
     pub width: u32,
     pub height: u32,
+    /// Cameras, from the middle outwards.
     pub views: usize,
+    pub world: WorldKind,
+    /// Rays a pixel and side that its colour is the mean of, 1 to 16.
+    pub samples: u32,
 }
+
+const CLASSIC_VIEWS: usize = 24;
+const VARIED_VIEWS: usize = 11;
 
 impl Default for SyntheticOptions {
     fn default() -> Self {
@@ -95,14 +143,29 @@ impl Default for SyntheticOptions {
             seed: 0,
             width: 320,
             height: 240,
-            views: 24,
+            views: CLASSIC_VIEWS,
+            world: WorldKind::Classic,
+            samples: 3,
         }
     }
 }
 
 impl SyntheticOptions {
-    fn lens(&self) -> Result<Lens, CameraError> {
-        let k = rig::intrinsics(self.width, self.height);
+    /// A varied scene as networks are trained on: 256×256 pixels, one camera in the middle and ten
+    /// around it, 2×2 rays a pixel.
+    pub fn varied(seed: u64) -> Self {
+        Self {
+            seed,
+            width: 256,
+            height: 256,
+            views: VARIED_VIEWS,
+            world: WorldKind::Varied,
+            samples: 2,
+        }
+    }
+
+    fn lens(&self, rig: &Rig) -> Result<Lens, CameraError> {
+        let k = rig.intrinsics(self.width, self.height);
         let size = (k.width, k.height);
         Lens::new((k.fx, k.fy), (k.cx, k.cy), size, Distortion::None)
     }
@@ -112,6 +175,7 @@ impl SyntheticOptions {
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     world: Arc<World>,
+    lens: Lens,
     views: Vec<View>,
     options: SyntheticOptions,
 }
@@ -140,18 +204,28 @@ impl SyntheticScene {
                 options.views
             )));
         }
-        let world = Arc::new(World::new(options.seed, 0));
-        let lens = options.lens().map_err(|e| refuse(e.to_string()))?;
-        let views = rig::poses(options.views)
-            .into_iter()
-            .enumerate()
-            .map(|(i, pose)| view_of(&world, format!("view_{i:02}"), lens, pose))
-            .collect();
-        Ok(Self {
-            world,
-            views,
+        if !(1..=16).contains(&options.samples) {
+            return Err(refuse(format!(
+                "cannot take {0}x{0} samples a pixel; 1 to 16 a side are possible",
+                options.samples
+            )));
+        }
+        let (world, rig) = match options.world {
+            WorldKind::Classic => (World::new(options.seed, 0), Rig::CLASSIC),
+            WorldKind::Varied => varied::scene(options.seed),
+        };
+        let lens = options.lens(&rig).map_err(|e| refuse(e.to_string()))?;
+        let mut scene = Self {
+            world: Arc::new(world),
+            lens,
+            views: Vec::new(),
             options,
-        })
+        };
+        let poses = rig.poses(options.views).into_iter().enumerate();
+        scene.views = poses
+            .map(|(i, pose)| scene.view_through(&format!("view_{i:02}"), lens, pose))
+            .collect();
+        Ok(scene)
     }
 
     /// The cameras, with their pictures and depth.
@@ -162,7 +236,8 @@ impl SyntheticScene {
     /// The same world through any camera. With a lens that distorts, picture and depth are those
     /// of the lens, not of the pinhole that the view's intrinsics describe.
     pub fn view_through(&self, id: &str, lens: Lens, camera_from_world: RigidTransform) -> View {
-        view_of(&self.world, id.to_owned(), lens, camera_from_world)
+        let samples = self.options.samples;
+        view_of(&self.world, id.to_owned(), lens, camera_from_world, samples)
     }
 
     /// As any reader would hand it on.
@@ -227,7 +302,13 @@ impl SyntheticScene {
     }
 }
 
-fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidTransform) -> View {
+fn view_of(
+    world: &Arc<World>,
+    id: String,
+    lens: Lens,
+    camera_from_world: RigidTransform,
+    samples: u32,
+) -> View {
     View {
         id,
         intrinsics: lens.intrinsics(),
@@ -236,36 +317,68 @@ fn view_of(world: &Arc<World>, id: String, lens: Lens, camera_from_world: RigidT
             Arc::clone(world),
             lens,
             camera_from_world,
+            samples,
         )),
     }
 }
 
 const MAX_SCENES: u64 = 1000;
 
+/// The setting of that name, which is a whole number.
+fn number(spec: &DatasetSpec, key: &str) -> Result<u64, DatasetError> {
+    let text = spec.setting(key);
+    text.parse().map_err(|_| wrong(spec, key))
+}
+
+fn wrong(spec: &DatasetSpec, key: &str) -> DatasetError {
+    spec.refused(format!("'{key}' cannot be '{}'", spec.setting(key)))
+}
+
+/// The seeds of a dataset's scenes; `None` unless it is procedural.
+///
+/// # Errors
+/// [`DatasetError::Spec`] for a seed or a number of scenes that is none.
+pub fn seeds_of(spec: &DatasetSpec) -> Result<Option<RangeInclusive<u64>>, DatasetError> {
+    if spec.entry.format != ENTRY.format {
+        return Ok(None);
+    }
+    let (seed, scenes) = (number(spec, "seed")?, number(spec, "scenes")?);
+    let allowed = (1..=MAX_SCENES).contains(&scenes);
+    // No seed follows the last one.
+    match seed.checked_add(scenes).filter(|_| allowed) {
+        Some(end) => Ok(Some(seed..=end - 1)),
+        None => Err(wrong(spec, "scenes")),
+    }
+}
+
 fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
-    let wrong = |key: &str, value: &str| spec.refused(format!("'{key}' cannot be '{value}'"));
-    let number = |key: &str| {
-        let text = spec.setting(key);
-        text.parse::<u64>().map_err(|_| wrong(key, text))
-    };
     let size = spec.setting("size");
     let (width, height) = size
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
-        .ok_or_else(|| wrong("size", size))?;
-    let (seed, scenes) = (number("seed")?, number("scenes")?);
-    let last = seed.checked_add(scenes);
-    let last = last.filter(|_| (1..=MAX_SCENES).contains(&scenes));
-    let last = last.ok_or_else(|| wrong("scenes", spec.setting("scenes")))?;
-    let views = usize::try_from(number("views")?).unwrap_or(usize::MAX);
+        .ok_or_else(|| wrong(spec, "size"))?;
+    let world = match spec.setting("world") {
+        "varied" => WorldKind::Varied,
+        _ => WorldKind::Classic,
+    };
+    let views = match (spec.setting("views"), world) {
+        ("auto", WorldKind::Classic) => CLASSIC_VIEWS,
+        ("auto", WorldKind::Varied) => VARIED_VIEWS,
+        _ => usize::try_from(number(spec, "views")?).unwrap_or(usize::MAX),
+    };
     let kind = SweepKind::of(spec)?;
+    if kind.is_some() && world == WorldKind::Varied {
+        return Err(spec.refused("a sweep is of the classic world".to_owned()));
+    }
     let mut scenes = Vec::new();
-    for seed in seed..last {
+    for seed in seeds_of(spec)?.into_iter().flatten() {
         let options = SyntheticOptions {
             seed,
             width,
             height,
             views,
+            world,
+            ..SyntheticOptions::default()
         };
         let rings = SyntheticScene::new(options)?;
         match kind {
@@ -354,6 +467,7 @@ mod tests {
                 width: 40,
                 height: 30,
                 views: 2,
+                ..SyntheticOptions::default()
             };
             let scene = SyntheticScene::new(options).unwrap();
             scene.views()[1].content.image_sha256().unwrap()
@@ -370,6 +484,7 @@ mod tests {
             width: 64,
             height: 48,
             views: 2,
+            ..SyntheticOptions::default()
         };
         let scene = SyntheticScene::new(options).unwrap();
         assert_eq!(
@@ -402,6 +517,8 @@ mod tests {
             "synthetic=seed=-1",
             "synthetic=scenes=0",
             "synthetic=scenes=1001",
+            "synthetic=world=other",
+            "synthetic=world=varied,sweep=translation",
             "synthetic=seed=18446744073709551615,scenes=2",
             "synthetic=sweep=zoom",
             "synthetic=step=0.1",

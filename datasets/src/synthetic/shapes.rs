@@ -1,4 +1,4 @@
-//! Rectangles, boxes and spheres, and where rays meet them.
+//! Rectangles, boxes, spheres and cylinders, and where rays meet them.
 
 use glam::{DMat3, DVec3};
 
@@ -22,6 +22,14 @@ pub(super) enum SurfaceShape {
         center: DVec3,
         radius: f64,
     },
+    /// A solid round column along the second of its orthonormal `axes`, `half` its height to both
+    /// sides of the centre.
+    Cylinder {
+        center: DVec3,
+        axes: DMat3,
+        radius: f64,
+        half: f64,
+    },
 }
 
 /// Where a ray meets a shape.
@@ -33,7 +41,8 @@ pub(super) struct Meeting {
     pub(super) normal: DVec3,
     /// The point in the shape's own axes, metres from its centre.
     pub(super) local: DVec3,
-    /// Which of the local axes the surface is across: texture lies along the other two.
+    /// Which of the local axes the surface is across: texture lies along the other two. 3 where the
+    /// surface is curved.
     pub(super) across: usize,
 }
 
@@ -45,6 +54,12 @@ impl SurfaceShape {
             Self::Rectangle { center, half, .. } => (*center, half.0 * half.0 + half.1 * half.1),
             Self::Box { center, half, .. } => (*center, half.dot(*half)),
             Self::Sphere { center, radius } => (*center, radius * radius),
+            Self::Cylinder {
+                center,
+                radius,
+                half,
+                ..
+            } => (*center, radius * radius + half * half),
         };
         (center, square * 1.000_001)
     }
@@ -109,6 +124,130 @@ impl SurfaceShape {
                     }
                 })
             }
+            Self::Cylinder {
+                center,
+                axes,
+                radius,
+                half,
+            } => {
+                let (o, d) = local(axes, origin - *center, direction);
+                // The ray is inside between the last entry into and the first exit from the
+                // endless column and the slab between its ends.
+                let a = d.x * d.x + d.z * d.z;
+                let b = o.x * d.x + o.z * d.z;
+                let c = o.x * o.x + o.z * o.z - radius * radius;
+                let discriminant = b * b - a * c;
+                if discriminant < 0.0 || (a == 0.0 && c > 0.0) {
+                    return None;
+                }
+                let root = discriminant.sqrt();
+                let column = match a > 0.0 {
+                    true => ((-b - root) / a, (-b + root) / a),
+                    false => (f64::NEG_INFINITY, f64::INFINITY),
+                };
+                let (p, q) = ((-half - o.y) / d.y, (half - o.y) / d.y);
+                let slab = if p < q { (p, q) } else { (q, p) };
+                let curved = column.0 > slab.0;
+                let enter = if curved { column.0 } else { slab.0 };
+                if !(enter > 0.0 && enter <= column.1 && enter <= slab.1) {
+                    return None;
+                }
+                let point = o + d * enter;
+                Some(Meeting {
+                    distance: enter,
+                    normal: match curved {
+                        true => *axes * DVec3::new(point.x / radius, 0.0, point.z / radius),
+                        false => axes.y_axis * -d.y.signum(),
+                    },
+                    local: point,
+                    across: if curved { 3 } else { 1 },
+                })
+            }
+        }
+    }
+
+    /// How far the shape reaches along a direction: the largest dot product of `direction` with
+    /// one of its points.
+    pub(super) fn reach(&self, direction: DVec3) -> f64 {
+        match self {
+            Self::Rectangle { center, axes, half } => {
+                center.dot(direction)
+                    + half.0 * axes.x_axis.dot(direction).abs()
+                    + half.1 * axes.y_axis.dot(direction).abs()
+            }
+            Self::Box { center, axes, half } => {
+                let along = axes.transpose() * direction;
+                center.dot(direction) + half.dot(along.abs())
+            }
+            Self::Sphere { center, radius } => center.dot(direction) + radius * direction.length(),
+            Self::Cylinder {
+                center,
+                axes,
+                radius,
+                half,
+            } => {
+                let along = axes.transpose() * direction;
+                let round = (along.x * along.x + along.z * along.z).sqrt();
+                center.dot(direction) + half * along.y.abs() + radius * round
+            }
+        }
+    }
+
+    /// Metres from a point to the shape; 0 inside.
+    pub(super) fn distance_to(&self, point: DVec3) -> f64 {
+        match self {
+            Self::Rectangle { center, axes, half } => {
+                let p = axes.transpose() * (point - *center);
+                let edge = DVec3::new(half.0, half.1, 0.0);
+                (p.abs() - edge).max(DVec3::ZERO).length()
+            }
+            Self::Box { center, axes, half } => {
+                let p = axes.transpose() * (point - *center);
+                (p.abs() - *half).max(DVec3::ZERO).length()
+            }
+            Self::Sphere { center, radius } => ((point - *center).length() - radius).max(0.0),
+            Self::Cylinder {
+                center,
+                axes,
+                radius,
+                half,
+            } => {
+                let p = axes.transpose() * (point - *center);
+                let beside = ((p.x * p.x + p.z * p.z).sqrt() - radius).max(0.0);
+                let beyond = (p.y.abs() - half).max(0.0);
+                (beside * beside + beyond * beyond).sqrt()
+            }
+        }
+    }
+
+    /// The shape turned about the origin.
+    pub(super) fn turned_by(self, turn: &DMat3) -> Self {
+        match self {
+            Self::Rectangle { center, axes, half } => Self::Rectangle {
+                center: *turn * center,
+                axes: *turn * axes,
+                half,
+            },
+            Self::Box { center, axes, half } => Self::Box {
+                center: *turn * center,
+                axes: *turn * axes,
+                half,
+            },
+            Self::Sphere { center, radius } => Self::Sphere {
+                center: *turn * center,
+                radius,
+            },
+            Self::Cylinder {
+                center,
+                axes,
+                radius,
+                half,
+            } => Self::Cylinder {
+                center: *turn * center,
+                axes: *turn * axes,
+                radius,
+                half,
+            },
         }
     }
 }
@@ -166,10 +305,28 @@ mod tests {
             center,
             radius: 1.0,
         };
-        for (shape, distance) in [(&rectangle, 2.5), (&cube, 2.0), (&ball, 2.0)] {
+        let drum = SurfaceShape::Cylinder {
+            center,
+            axes: turned(1.0, 0.0, 0.0, 1.0),
+            radius: 1.0,
+            half: 1.0,
+        };
+        let column = SurfaceShape::Cylinder {
+            center,
+            axes,
+            radius: 1.0,
+            half: 0.5,
+        };
+        for (shape, distance) in [
+            (&rectangle, 2.5),
+            (&cube, 2.0),
+            (&ball, 2.0),
+            (&drum, 2.0),
+            (&column, 2.0),
+        ] {
             let meeting = shape.meet(DVec3::ZERO, forward).unwrap();
-            assert_eq!(meeting.distance, distance);
-            assert_eq!(meeting.normal, DVec3::new(0.0, 0.0, -1.0));
+            assert!((meeting.distance - distance).abs() < 1e-12);
+            assert!((meeting.normal - DVec3::NEG_Z).length() < 1e-12);
             assert!(shape.meet(DVec3::ZERO, -forward).is_none());
             assert!(shape.meet(DVec3::new(1.5, 0.0, 0.0), forward).is_none());
         }
@@ -186,5 +343,57 @@ mod tests {
         let deviation = m * m.transpose() - DMat3::IDENTITY;
         assert!(deviation.to_cols_array().iter().all(|v| v.abs() < 1e-15));
         assert!((m.determinant() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn reach_and_distance_enclose_what_rays_meet() {
+        let axes = turned(0.2, -0.5, 0.3, 1.0);
+        let center = DVec3::new(0.3, -0.2, 4.0);
+        let shapes = [
+            SurfaceShape::Rectangle {
+                center,
+                axes,
+                half: (1.0, 0.6),
+            },
+            SurfaceShape::Box {
+                center,
+                axes,
+                half: DVec3::new(0.9, 0.5, 0.7),
+            },
+            SurfaceShape::Sphere {
+                center,
+                radius: 0.8,
+            },
+            SurfaceShape::Cylinder {
+                center,
+                axes,
+                radius: 0.4,
+                half: 1.1,
+            },
+        ];
+        for shape in &shapes {
+            let (ball, square_radius) = shape.bounds();
+            let mut farthest = f64::NEG_INFINITY;
+            let aim = DVec3::new(0.6, 0.64, 0.48);
+            for i in 0..200 * 200 {
+                let (x, y) = (f64::from(i % 200) - 99.5, f64::from(i / 200) - 99.5);
+                let direction = DVec3::new(x / 250.0, y / 250.0, 1.0);
+                let Some(meeting) = shape.meet(DVec3::ZERO, direction) else {
+                    continue;
+                };
+                let point = direction * meeting.distance;
+                assert!(shape.distance_to(point) < 1e-9);
+                // Back along the ray, no further from the shape than the step, and outside.
+                let back = point - direction * 0.05;
+                let away = shape.distance_to(back);
+                assert!(away > 0.0 && away <= 0.05 * direction.length() + 1e-9);
+                assert!((point - ball).length_squared() <= square_radius);
+                assert!(meeting.normal.dot(direction) < 1e-9);
+                assert!((meeting.normal.length() - 1.0).abs() < 1e-9);
+                farthest = farthest.max(point.dot(aim));
+            }
+            assert!(farthest <= shape.reach(aim) + 1e-9);
+            assert!(shape.reach(aim) - farthest < 1.5);
+        }
     }
 }

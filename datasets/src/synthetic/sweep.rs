@@ -75,7 +75,7 @@ impl SweepKind {
             reason,
         };
         let options = rings.options;
-        let lens = options.lens().map_err(|e| refuse(e.to_string()))?;
+        let lens = rings.lens;
         let source = rings.views[0].camera_from_world;
         let cluster = rings.scene(dataset).cluster;
         let (step, most, unit) = match self {
@@ -90,7 +90,13 @@ impl SweepKind {
             )));
         }
         let view = |world: &Arc<World>, step: usize, pose| {
-            view_of(world, format!("view_{step:02}"), lens, pose)
+            view_of(
+                world,
+                format!("view_{step:02}"),
+                lens,
+                pose,
+                options.samples,
+            )
         };
         let target = |step: usize| {
             let n = step as f64;

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use sharp::random::{SplitMix64, mix, unit};
 
+use super::arithmetic::floor;
 use super::shapes::Meeting;
 
 /// How a surface is painted.
@@ -61,12 +62,12 @@ impl Texture {
         };
         let fine = fractal_noise(self.seed, p * 4.0, 4);
         let choice = match self.pattern {
-            Pattern::Checker => parity(u.floor() + v.floor()),
-            Pattern::Stripes => parity((u + 0.5 * v + 0.6 * fine).floor()),
+            Pattern::Checker => parity(floor(u) + floor(v)),
+            Pattern::Stripes => parity(floor(u + 0.5 * v + 0.6 * fine)),
             Pattern::Bricks => {
-                let row = (v * 2.0).floor();
+                let row = floor(v * 2.0);
                 let along = u + 0.5 * parity(row);
-                let (x, y) = (along - along.floor(), v * 2.0 - row);
+                let (x, y) = (along - floor(along), v * 2.0 - row);
                 f64::from(u8::from(x > 0.05 && y > 0.1))
             }
             Pattern::Clouds => {
@@ -101,7 +102,7 @@ fn fractal_noise(seed: u64, point: DVec3, octaves: u32) -> f64 {
 
 /// SplitMix64 values on the integer lattice, blended smoothly in between; 0..1.
 fn value_noise(seed: u64, point: DVec3) -> f64 {
-    let cell = point.floor();
+    let cell = DVec3::new(floor(point.x), floor(point.y), floor(point.z));
     let f = point - cell;
     let blend = DVec3::new(smooth(f.x), smooth(f.y), smooth(f.z));
     let lattice =
@@ -126,7 +127,7 @@ fn smooth(t: f64) -> f64 {
 
 /// 0 for even whole numbers, 1 for odd ones.
 fn parity(n: f64) -> f64 {
-    n - 2.0 * (n * 0.5).floor()
+    n - 2.0 * floor(n * 0.5)
 }
 
 #[cfg(test)]

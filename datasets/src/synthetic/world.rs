@@ -5,29 +5,71 @@
 use glam::{DMat3, DVec3};
 use sharp::random::SplitMix64;
 
+use super::candidates::{LampCube, SunGrid, Wedge};
+use super::light::{Light, Sky};
+use super::paint::Paint;
 use super::shapes::{Meeting, SurfaceShape, turned};
-use super::texture::{Texture, sky};
+use super::texture::Texture;
 
 /// Distance of the ground below the central camera, metres.
 const GROUND_Y: f64 = 1.3;
-/// Light from everywhere, and what the sun adds where it shines straight on.
-const AMBIENT: f64 = 0.38;
-const SUN: f64 = 0.72;
 
 #[derive(Debug)]
-struct Object {
+pub(super) struct Object {
     shape: SurfaceShape,
     /// Centre and squared radius of a ball around it.
     bounds: (DVec3, f64),
-    texture: Texture,
+    surface: Surface,
+    /// Whether it keeps light from others: floors and the walls of a room have nothing behind them.
+    casts: bool,
+}
+
+/// How an object is coloured.
+#[derive(Debug)]
+pub(super) enum Surface {
+    Classic(Texture),
+    Varied(Paint),
+}
+
+impl Object {
+    pub(super) fn new(shape: SurfaceShape, surface: Surface, casts: bool) -> Self {
+        Self {
+            bounds: shape.bounds(),
+            shape,
+            surface,
+            casts,
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn shape(&self) -> &SurfaceShape {
+        &self.shape
+    }
+
+    /// Where a ray meets it. The ball only passes over shapes that cannot be met.
+    fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Meeting> {
+        let (center, square_radius) = self.bounds;
+        let to_center = center - origin;
+        let along = to_center.dot(direction);
+        let outside = to_center.dot(to_center) - square_radius;
+        // Behind the origin, or passing the ball at a distance.
+        let square_length = direction.dot(direction);
+        if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
+            return None;
+        }
+        self.shape.meet(origin, direction)
+    }
 }
 
 /// The scene without its cameras.
 #[derive(Debug)]
 pub(super) struct World {
     objects: Vec<Object>,
-    to_sun: DVec3,
-    sky_seed: u64,
+    light: Light,
+    /// None without a sun.
+    sun_grid: Option<SunGrid>,
+    /// One for each lamp.
+    lamp_cubes: Vec<LampCube>,
 }
 
 /// The first surface along a ray.
@@ -39,29 +81,92 @@ pub(super) struct Hit {
     meeting: Meeting,
 }
 
+/// Rays of one pixel that meet one side of an object, or the sky, and are shaded as one. Sums, so
+/// that one ray alone is itself to the last bit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    rays: f64,
+    direction: DVec3,
+    /// Where they meet; the object of all of them.
+    hit: Option<(Hit, DVec3)>,
+}
+
+impl Sight {
+    /// The number of the object that is seen and, for one ray, its distance.
+    pub(super) fn object(&self) -> Option<(usize, f64)> {
+        self.hit.map(|(hit, _)| (hit.object, hit.distance))
+    }
+
+    /// Takes up the rays of another sight of the same surface.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.rays += other.rays;
+        self.direction += other.direction;
+        if let (Some((hit, point)), Some((more, at))) = (&mut self.hit, &other.hit) {
+            hit.distance += more.distance;
+            hit.meeting.normal += more.meeting.normal;
+            hit.meeting.local += more.meeting.local;
+            *point += *at;
+        }
+    }
+}
+
+/// The objects that the rays of a bundle can meet, nearest first.
+pub(super) struct Candidates {
+    /// A depth that no point of the object falls short of, and the object.
+    sorted: Vec<(f64, usize)>,
+}
+
 impl World {
     /// The world of a seed, with so many posts in front of it.
     pub(super) fn new(seed: u64, posts: usize) -> Self {
         let mut random = SplitMix64::new(seed);
+        let to_sun = DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize();
         let mut world = Self {
             objects: Vec::new(),
-            to_sun: DVec3::new(random.between(-0.7, 0.7), -1.0, -0.6).normalize(),
-            sky_seed: random.next_u64(),
+            light: Light::classic(to_sun, random.next_u64()),
+            sun_grid: None,
+            lamp_cubes: Vec::new(),
         };
         world.add_planes(&mut random);
         world.add_solids(&mut random);
         world.add_thin_structures(&mut random);
         world.add_occluder(&mut random);
         world.add_posts(&mut random, posts);
-        world
+        Self::of(world.objects, world.light)
+    }
+
+    /// A world of these objects in this light.
+    pub(super) fn of(objects: Vec<Object>, light: Light) -> Self {
+        let casting = (0_u32..)
+            .zip(&objects)
+            .filter(|(_, object)| object.casts)
+            .map(|(index, object)| (index, &object.shape));
+        let sunny = light.sun != DVec3::ZERO && casting.clone().next().is_some();
+        let sun_grid = sunny.then(|| SunGrid::new(light.to_sun, casting.clone()));
+        let cubes = light.lamps.iter();
+        let lamp_cubes = cubes.map(|lamp| LampCube::new(lamp.place, casting.clone()));
+        Self {
+            lamp_cubes: lamp_cubes.collect(),
+            objects,
+            light,
+            sun_grid,
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn objects(&self) -> &[Object] {
+        &self.objects
+    }
+
+    /// Multiplies all light that cameras receive.
+    pub(super) fn expose(&mut self, factor: f64) {
+        self.light.exposure *= factor;
     }
 
     fn add(&mut self, random: &mut SplitMix64, scale: f64, shape: SurfaceShape) {
-        self.objects.push(Object {
-            bounds: shape.bounds(),
-            shape,
-            texture: Texture::random(random, scale),
-        });
+        let texture = Texture::random(random, scale);
+        let object = Object::new(shape, Surface::Classic(texture), true);
+        self.objects.push(object);
     }
 
     /// The ground, a wall at the back that leaves a strip of sky above and beside it, and a slanted wall.
@@ -204,48 +309,240 @@ impl World {
     }
 
     /// The nearest surface along a ray, if it meets one.
-    ///
-    /// The balls only pass over shapes that cannot be met; they never change the answer.
     pub(super) fn first_hit(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let mut first: Option<Hit> = None;
-        let square_length = direction.dot(direction);
-        for (object, candidate) in self.objects.iter().enumerate() {
-            let (center, square_radius) = candidate.bounds;
-            let to_center = center - origin;
-            let along = to_center.dot(direction);
-            let outside = to_center.dot(to_center) - square_radius;
-            // Behind the origin, or passing the ball at a distance.
-            if outside > 0.0 && (along < 0.0 || along * along < outside * square_length) {
-                continue;
-            }
-            if let Some(meeting) = candidate.shape.meet(origin, direction)
-                && first.is_none_or(|hit| meeting.distance < hit.distance)
-            {
-                first = Some(Hit {
-                    distance: meeting.distance,
-                    object,
-                    meeting,
-                });
-            }
+        let mut first = None;
+        for object in 0..self.objects.len() {
+            self.meet_nearer(object, origin, direction, &mut first);
         }
         first
     }
 
-    /// Linear light arriving along a ray.
-    pub(super) fn radiance(&self, origin: DVec3, direction: DVec3) -> DVec3 {
-        let Some(hit) = self.first_hit(origin, direction) else {
-            return sky(self.sky_seed, direction);
+    /// The same for a ray of the bundle that the candidates are those of; its direction has a
+    /// depth of 1.
+    pub(super) fn first_hit_among(
+        &self,
+        candidates: &Candidates,
+        origin: DVec3,
+        direction: DVec3,
+    ) -> Option<Hit> {
+        let mut first: Option<Hit> = None;
+        for &(depth, object) in &candidates.sorted {
+            if first.is_some_and(|hit| hit.distance < depth) {
+                break;
+            }
+            self.meet_nearer(object, origin, direction, &mut first);
+        }
+        first
+    }
+
+    /// Of two surfaces in one place, the object that was added earlier is seen.
+    fn meet_nearer(&self, object: usize, origin: DVec3, direction: DVec3, first: &mut Option<Hit>) {
+        if let Some(meeting) = self.objects[object].meet(origin, direction)
+            && first.is_none_or(|hit| {
+                meeting.distance < hit.distance
+                    || (meeting.distance == hit.distance && object < hit.object)
+            })
+        {
+            *first = Some(Hit {
+                distance: meeting.distance,
+                object,
+                meeting,
+            });
+        }
+    }
+
+    /// What a bundle of rays can meet, seen from a camera that looks `forward` (unit length).
+    /// Without a bundle, every object.
+    pub(super) fn candidates(
+        &self,
+        eye: DVec3,
+        forward: DVec3,
+        bundle: Option<&Wedge>,
+    ) -> Candidates {
+        let depth = |object: &Object| {
+            let nearest = -object.shape.reach(-forward) - forward.dot(eye);
+            let farthest = object.shape.reach(forward) - forward.dot(eye);
+            // Less than it is by far more than rounding.
+            (nearest - 1e-7, farthest + 1e-7)
         };
-        let normal = hit.meeting.normal;
-        let facing = normal.dot(self.to_sun);
-        let mut light = AMBIENT;
-        if facing > 0.0 {
-            // Starts a little above the surface, so that it does not shade itself.
-            let above = origin + direction * hit.distance + normal * 1e-6;
-            if self.first_hit(above, self.to_sun).is_none() {
-                light += SUN * facing;
+        let mut sorted: Vec<(f64, usize)> = (0..)
+            .zip(&self.objects)
+            .filter(|(_, object)| bundle.is_none_or(|wedge| wedge.may_meet(&object.shape)))
+            .map(|(index, object)| (depth(object), index))
+            .filter(|((_, farthest), _)| *farthest > 0.0)
+            .map(|((nearest, _), index)| (nearest, index))
+            .collect();
+        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Candidates { sorted }
+    }
+
+    /// What a ray of the bundle that the candidates are those of meets.
+    pub(super) fn sight(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Sight {
+        let hit = self.first_hit_among(candidates, origin, direction);
+        Sight {
+            rays: 1.0,
+            direction,
+            hit: hit.map(|hit| (hit, origin + direction * hit.distance)),
+        }
+    }
+
+    /// Whether two rays of a pixel may be shaded as one. The paints of the varied scenes fade out
+    /// what is finer than a pixel; the classic textures do not.
+    pub(super) fn shades_as_one(&self, a: &Sight, b: &Sight) -> bool {
+        let surface = |sight: &Sight| {
+            let hit = sight.hit.as_ref();
+            hit.map(|(hit, _)| (hit.object, hit.meeting.across))
+        };
+        matches!(self.light.sky, Sky::Varied { .. }) && surface(a) == surface(b)
+    }
+
+    /// Linear light arriving along rays, summed over them. `sample` is the size of one ray's share
+    /// of the picture at a depth of 1.
+    pub(super) fn radiance(&self, sight: &Sight, sample: f64) -> DVec3 {
+        let (light, share) = (&self.light, 1.0 / sight.rays);
+        let direction = sight.direction * share;
+        let Some((hit, point)) = &sight.hit else {
+            return light.sky.radiance(direction) * (light.exposure * sight.rays);
+        };
+        let meeting = Meeting {
+            distance: hit.distance * share,
+            normal: hit.meeting.normal * share,
+            local: hit.meeting.local * share,
+            across: hit.meeting.across,
+        };
+        let size = sample * sight.rays.sqrt();
+        let mut seen = self.reflected(hit.object, &meeting, *point * share, direction, size);
+        if light.haze_m.is_finite() {
+            let far = meeting.distance / light.haze_m;
+            seen += (light.sky.haze() - seen) * (far * far / (1.0 + far * far));
+        }
+        seen * (light.exposure * sight.rays)
+    }
+
+    /// Linear light that a surface sends back from a point along the ray that met it.
+    fn reflected(
+        &self,
+        object: usize,
+        meeting: &Meeting,
+        point: DVec3,
+        direction: DVec3,
+        size: f64,
+    ) -> DVec3 {
+        let (light, normal) = (&self.light, meeting.normal);
+        let albedo = match &self.objects[object].surface {
+            Surface::Classic(texture) => texture.color(meeting),
+            Surface::Varied(paint) => {
+                // Aslant a pixel covers more, in one direction.
+                let facing = (normal.dot(direction).abs() / direction.length()).max(0.1);
+                let footprint_m = meeting.distance * size / facing.sqrt();
+                let albedo = paint.color(meeting, footprint_m);
+                if paint.glow > 0.0 {
+                    return albedo * paint.glow;
+                }
+                albedo
+            }
+        };
+        // Starts a little above the surface, so that it does not shade itself.
+        let above = point + normal * 1e-6;
+        let facing_dome = 0.5 + 0.5 * normal.dot(light.dome);
+        let mut arriving = light.ambient[0] + (light.ambient[1] - light.ambient[0]) * facing_dome;
+        let facing_sun = normal.dot(light.to_sun);
+        if let Some(grid) = &self.sun_grid
+            && facing_sun > 0.0
+        {
+            let before = grid.before(above);
+            if !self.blocked(before, object, above, light.to_sun, f64::INFINITY) {
+                arriving += light.sun * facing_sun;
             }
         }
-        self.objects[hit.object].texture.color(&hit.meeting) * light
+        for (lamp, cube) in light.lamps.iter().zip(&self.lamp_cubes) {
+            let to_lamp = lamp.place - above;
+            let facing_lamp = normal.dot(to_lamp);
+            if facing_lamp > 0.0 && !self.blocked(cube.before(above), object, above, to_lamp, 1.0) {
+                let square = to_lamp.dot(to_lamp);
+                arriving += lamp.power * (facing_lamp / square.sqrt() / (0.2 + square));
+            }
+        }
+        albedo * arriving
+    }
+
+    /// Whether one of the objects stands between a point and a light `limit` directions away. All
+    /// shapes are convex, so that the one which the point is on never does.
+    fn blocked(&self, among: &[u32], own: usize, from: DVec3, towards: DVec3, limit: f64) -> bool {
+        let others = among.iter().map(|&object| object as usize);
+        others.filter(|object| *object != own).any(|object| {
+            let meeting = self.objects[object].meet(from, towards);
+            meeting.is_some_and(|meeting| meeting.distance < limit)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::varied;
+
+    /// Lists pass over objects that cannot be met: hits and shadows are those of all objects.
+    #[test]
+    fn lists_never_change_what_is_seen_or_shaded() {
+        const TILES: usize = 12;
+        const RAYS: usize = 4;
+        let (mut hits, mut shaded) = (0, 0);
+        for seed in 1_000..1_080 {
+            let (world, rig) = varied::scene(seed);
+            let eye = rig.centers(11)[7];
+            let forward = (rig.target - eye).normalize();
+            let right = DVec3::Y.cross(forward).normalize();
+            let down = forward.cross(right);
+            // Slopes of half the field of view of a wide lens.
+            let edge = |at: usize, of: usize| 1.6 * at as f64 / of as f64 - 0.8;
+            let ray = |x: f64, y: f64| right * x + down * y + forward;
+            for tile in 0..TILES * TILES {
+                let (column, row) = (tile % TILES, tile / TILES);
+                let corner = |i, j| ray(edge(column + i, TILES), edge(row + j, TILES));
+                let corners = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+                let wedge = Wedge::between(eye, corners);
+                let candidates = world.candidates(eye, forward, Some(&wedge));
+                for place in 0..(RAYS + 1) * (RAYS + 1) {
+                    // The bundle's edges included.
+                    let x = edge(column * RAYS + place % (RAYS + 1), TILES * RAYS);
+                    let y = edge(row * RAYS + place / (RAYS + 1), TILES * RAYS);
+                    let direction = ray(x, y);
+                    let all = world.first_hit(eye, direction);
+                    let listed = world.first_hit_among(&candidates, eye, direction);
+                    let told = |hit: Option<Hit>| hit.map(|hit| (hit.object, hit.distance));
+                    assert_eq!(told(all), told(listed), "seed {seed}, tile {tile}");
+                    if let Some(hit) = all {
+                        hits += 1;
+                        shaded += shadows_agree(&world, &hit, eye + direction * hit.distance);
+                    }
+                }
+            }
+        }
+        assert!(hits > 100_000 && shaded > 10_000, "{hits} {shaded}");
+    }
+
+    /// How many of the lights that shine on a point are kept from it, by the lists and by everything.
+    fn shadows_agree(world: &World, hit: &Hit, point: DVec3) -> usize {
+        let casting: Vec<u32> = (0..)
+            .zip(&world.objects)
+            .filter(|(_, object)| object.casts)
+            .map(|(index, _)| index)
+            .collect();
+        let above = point + hit.meeting.normal * 1e-6;
+        let blocked =
+            |among: &[u32], towards, limit| world.blocked(among, hit.object, above, towards, limit);
+        let mut shaded = 0;
+        if let Some(grid) = &world.sun_grid {
+            let found = blocked(grid.before(above), world.light.to_sun, f64::INFINITY);
+            assert_eq!(found, blocked(&casting, world.light.to_sun, f64::INFINITY));
+            shaded += usize::from(found);
+        }
+        for (lamp, cube) in world.light.lamps.iter().zip(&world.lamp_cubes) {
+            let found = blocked(cube.before(above), lamp.place - above, 1.0);
+            assert_eq!(found, blocked(&casting, lamp.place - above, 1.0));
+            shaded += usize::from(found);
+        }
+        shaded
     }
 }

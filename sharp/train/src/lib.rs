@@ -2,4 +2,5 @@
 //!
 //! Knows no harness: whoever runs a training hands in how it is validated.
 
+pub mod data;
 pub mod losses;

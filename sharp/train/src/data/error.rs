@@ -1,0 +1,52 @@
+//! What may be wrong with training data.
+
+use std::path::{Path, PathBuf};
+
+use sharp::camera::CameraError;
+use sharp::model::ModelError;
+use sharp_datasets::DatasetError;
+use sharp_metrics::PictureError;
+
+/// Why there is no training data, or not this sample.
+#[derive(Debug, thiserror::Error)]
+pub enum DataError {
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    #[error(transparent)]
+    Photograph(#[from] ModelError),
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// A view for whose picture the dataset has no depth.
+    #[error("{}: no depth belongs to this picture", image.display())]
+    NoDepth { image: PathBuf },
+    #[error("{dataset}: no two views of a scene stand at most {limit_m} m apart and differ in pose")]
+    NoPair { dataset: String, limit_m: f64 },
+    #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]
+    NoPicture { folder: PathBuf },
+    /// Some of the scenes are kept for evaluation.
+    #[error("{dataset}: networks are trained on seeds 1000 to 899999 alone, all others are held out")]
+    HeldOut { dataset: String },
+    #[error("sample {id}: {source}")]
+    Sample { id: String, source: Box<DataError> },
+    #[error("the thread that makes samples did not start: {0}")]
+    Start(String),
+    #[error("the thread that makes samples has ended")]
+    Stopped,
+}
+
+impl DataError {
+    pub(super) fn of_sample(self, id: &str) -> Self {
+        Self::Sample {
+            id: id.to_owned(),
+            source: Box::new(self),
+        }
+    }
+
+    pub(super) fn no_depth(image: Option<&Path>) -> Self {
+        Self::NoDepth {
+            image: image.unwrap_or(Path::new("procedural")).to_owned(),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! What a network is trained on: pairs of views with depth, and photographs without.
+//!
+//! Sample k of a training follows from the training's seed and k alone, so that a resumed training
+//! sees what it would have seen.
+//!
+//! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: what training asks for.
+//! * [`ProceduralSamples`]: scenes made on the fly from seeds.
+//! * [`PosedSamples`]: anyone's posed pictures with depth, by the readers of `sharp-datasets`.
+//! * [`FolderPhotographs`], [`ProceduralPhotographs`]: pictures alone.
+//! * [`Prefetcher`]: samples made in the background, in order.
+//! * [`DataError`]: what may be wrong.
+
+mod error;
+mod photographs;
+mod posed;
+mod prefetch;
+mod procedural;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use image::RgbImage;
+use sharp::camera::Intrinsics;
+use sharp::random::{SplitMix64, mix};
+
+pub use error::DataError;
+pub use photographs::{FolderPhotographs, ProceduralPhotographs};
+pub use posed::{DEFAULT_MAX_BASELINE_M, PosedSamples};
+pub use prefetch::Prefetcher;
+pub use procedural::{ProceduralSamples, shares_training_seeds};
+pub use view::TrainingView;
+
+/// A pair of views of one scene: the network is given the source's picture, its Gaussians are
+/// compared with both.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// `SCENE/SOURCE__TARGET`.
+    pub id: String,
+    pub source: TrainingView,
+    pub target: TrainingView,
+}
+
+/// A picture of which neither depth nor another view is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Photograph {
+    /// `SCENE/VIEW`, or the file's name.
+    pub id: String,
+    /// sRGB.
+    pub image: RgbImage,
+    pub intrinsics: Intrinsics,
+}
+
+/// An endless row of samples.
+pub trait Source<T>: Send {
+    /// Sample k: the same one whenever it is asked for.
+    ///
+    /// # Errors
+    /// [`DataError::Sample`], which names the sample.
+    fn get(&self, k: u64) -> Result<T, DataError>;
+}
+
+/// The random numbers that sample k is drawn with.
+fn draws(seed: u64, k: u64) -> SplitMix64 {
+    SplitMix64::new(mix(mix(seed).wrapping_add(k)))
+}

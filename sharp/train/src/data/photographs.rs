@@ -1,0 +1,107 @@
+//! Pictures without depth, for self-supervised fine-tuning.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use sharp::camera::Intrinsics;
+use sharp::color::{Quantization, quantize};
+use sharp::model::preprocess::{Photo, PhotoOptions, load_photo};
+use sharp_datasets::files;
+
+use super::procedural::scene;
+use super::view::resized;
+use super::{DataError, Photograph, Source, draws};
+
+/// Endings of the files that are taken, in lower case.
+const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// The PNG and JPEG files of a folder. Photograph k is a random one of them.
+#[derive(Debug, Clone)]
+pub struct FolderPhotographs {
+    seed: u64,
+    size: (u32, u32),
+    files: Vec<PathBuf>,
+}
+
+impl FolderPhotographs {
+    /// Lists a folder; pictures will have so many pixels (width, height).
+    ///
+    /// # Errors
+    /// [`DataError::Dataset`] when the folder cannot be read, [`DataError::NoPicture`].
+    pub fn open(folder: &Path, seed: u64, size: (u32, u32)) -> Result<Self, DataError> {
+        let named = |path: &PathBuf| {
+            let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+            ENDINGS.iter().any(|known| ending == *known)
+        };
+        let listed = files::list(folder)?.into_iter().map(|(_, path)| path);
+        let files: Vec<PathBuf> = listed.filter(named).collect();
+        match files.is_empty() {
+            true => Err(DataError::NoPicture {
+                folder: folder.to_owned(),
+            }),
+            false => Ok(Self { seed, size, files }),
+        }
+    }
+
+    /// Reads one file, upright; the focal length is the file's, or else 30 mm on 35 mm film.
+    fn read(&self, id: &str, path: &Path) -> Result<Photograph, DataError> {
+        let photo = load_photo(path, &PhotoOptions::default())?;
+        let (width, height) = (photo.width as u32, photo.height as u32);
+        let middle = (0.5 * f64::from(width), 0.5 * f64::from(height));
+        let focal = (photo.focal_px, photo.focal_px);
+        let intrinsics = Intrinsics::new(focal, middle, (width, height))?;
+        Ok(Photograph {
+            id: id.to_owned(),
+            image: resized(eight_bit(&photo, (width, height)), self.size)?,
+            intrinsics: intrinsics.resized(self.size.0, self.size.1),
+        })
+    }
+}
+
+impl Source<Photograph> for FolderPhotographs {
+    fn get(&self, k: u64) -> Result<Photograph, DataError> {
+        let index = draws(self.seed, k).below(self.files.len() as u64);
+        let path = &self.files[index as usize];
+        let id = path.file_name().unwrap_or_default().to_string_lossy();
+        self.read(&id, path).map_err(|error| error.of_sample(&id))
+    }
+}
+
+/// A photograph's planes as an 8-bit picture: exact for a file of 8 bits.
+fn eight_bit(photo: &Photo, (width, height): (u32, u32)) -> RgbImage {
+    let plane = photo.width * photo.height;
+    RgbImage::from_fn(width, height, |x, y| {
+        let at = y as usize * photo.width + x as usize;
+        let channel = |c: usize| quantize(photo.values[c * plane + at], Quantization::Round);
+        image::Rgb([channel(0), channel(1), channel(2)])
+    })
+}
+
+/// Pictures of the procedural training scenes: photograph k is any of a random scene's views.
+#[derive(Debug, Clone)]
+pub struct ProceduralPhotographs {
+    seed: u64,
+    size: (u32, u32),
+}
+
+impl ProceduralPhotographs {
+    /// For a training of this seed, with pictures of so many pixels (width, height).
+    pub fn new(seed: u64, size: (u32, u32)) -> Self {
+        Self { seed, size }
+    }
+}
+
+impl Source<Photograph> for ProceduralPhotographs {
+    fn get(&self, k: u64) -> Result<Photograph, DataError> {
+        let mut random = draws(self.seed, k);
+        let (scene, views) = scene(&mut random, self.size)?;
+        let view = &views[random.below(views.len() as u64) as usize];
+        let id = format!("{scene}/{}", view.id);
+        let image = view.content.image();
+        Ok(Photograph {
+            image: image.map_err(|error| DataError::from(error).of_sample(&id))?,
+            intrinsics: view.intrinsics,
+            id,
+        })
+    }
+}

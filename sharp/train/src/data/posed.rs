@@ -1,0 +1,87 @@
+//! Samples of posed pictures with depth, by the readers of `sharp-datasets`.
+
+use sharp::camera::baseline_m;
+use sharp_datasets::synthetic::{TRAINING_SEEDS, seeds_of};
+use sharp_datasets::{DatasetSpec, Scene, View, open};
+
+use super::procedural::pair;
+use super::{DataError, Sample, Source, draws};
+
+/// How far the cameras of the paper's synthetic data stand apart at most, metres.
+pub const DEFAULT_MAX_BASELINE_M: f64 = 0.6;
+
+/// Pairs of views of a dataset's scenes.
+///
+/// Sample k has a random view as its source, all views that have a partner being equally likely, and
+/// a random one of its partners as its target: views of the same scene that stand at most so far
+/// from it and differ in pose.
+#[derive(Debug)]
+pub struct PosedSamples {
+    seed: u64,
+    size: (u32, u32),
+    max_baseline_m: f64,
+    scenes: Vec<Scene>,
+    /// Scene and view of every possible source.
+    sources: Vec<(usize, usize)>,
+}
+
+impl PosedSamples {
+    /// Opens a dataset, of which cameras are read and no pixels; pictures will have so many pixels
+    /// (width, height).
+    ///
+    /// # Errors
+    /// [`DataError::Dataset`] for a dataset that cannot be read; [`DataError::HeldOut`] for
+    /// procedural scenes beyond the training seeds; [`DataError::NoPair`].
+    pub fn open(
+        spec: &DatasetSpec,
+        seed: u64,
+        size: (u32, u32),
+        max_baseline_m: f64,
+    ) -> Result<Self, DataError> {
+        let of_training = |seed: &u64| TRAINING_SEEDS.contains(seed);
+        if seeds_of(spec)?.is_some_and(|s| !of_training(s.start()) || !of_training(s.end())) {
+            let dataset = spec.to_string();
+            return Err(DataError::HeldOut { dataset });
+        }
+        let mut samples = Self {
+            seed,
+            size,
+            max_baseline_m,
+            scenes: open(spec)?,
+            sources: Vec::new(),
+        };
+        for (index, scene) in samples.scenes.iter().enumerate() {
+            let views = 0..scene.views.len();
+            let paired = views.filter(|&view| samples.partners(scene, view).next().is_some());
+            samples.sources.extend(paired.map(|view| (index, view)));
+        }
+        match samples.sources.is_empty() {
+            true => Err(DataError::NoPair {
+                dataset: spec.to_string(),
+                limit_m: max_baseline_m,
+            }),
+            false => Ok(samples),
+        }
+    }
+
+    /// The views that may be the target of a source.
+    fn partners<'a>(&self, scene: &'a Scene, view: usize) -> impl Iterator<Item = &'a View> {
+        let limit_m = self.max_baseline_m;
+        let source = scene.views[view].camera_from_world;
+        scene.views.iter().filter(move |other| {
+            let pose = other.camera_from_world;
+            pose != source && baseline_m(&source, &pose) <= limit_m
+        })
+    }
+}
+
+impl Source<Sample> for PosedSamples {
+    fn get(&self, k: u64) -> Result<Sample, DataError> {
+        let mut random = draws(self.seed, k);
+        let (scene, view) = self.sources[random.below(self.sources.len() as u64) as usize];
+        let scene = &self.scenes[scene];
+        let partners: Vec<&View> = self.partners(scene, view).collect();
+        let target = partners[random.below(partners.len() as u64) as usize];
+        pair(&scene.id, &scene.views[view], target, self.size)
+    }
+}

@@ -1,0 +1,84 @@
+//! Samples of procedural scenes, made when they are asked for.
+
+use sharp::random::SplitMix64;
+use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene, TRAINING_SEEDS, seeds_of};
+use sharp_datasets::{DatasetError, DatasetSpec, View};
+
+use super::view::TrainingView;
+use super::{DataError, Sample, Source, draws};
+
+/// Pairs of views of varied procedural scenes.
+///
+/// Sample k is of a random training seed. Of the eleven cameras the central one is the source with
+/// a probability of one half, otherwise any is; the target is any of the others. (The paper renders
+/// eleven views a scene and leaves open which are paired. Each of them at the centre of what the
+/// network sees half of the time, and all baselines up to 0.6 m, serve both ways of reading it.)
+/// Only these two views are rendered.
+#[derive(Debug, Clone)]
+pub struct ProceduralSamples {
+    seed: u64,
+    size: (u32, u32),
+}
+
+impl ProceduralSamples {
+    /// For a training of this seed, with pictures of so many pixels (width, height).
+    pub fn new(seed: u64, size: (u32, u32)) -> Self {
+        Self { seed, size }
+    }
+}
+
+impl Source<Sample> for ProceduralSamples {
+    fn get(&self, k: u64) -> Result<Sample, DataError> {
+        let mut random = draws(self.seed, k);
+        let (id, views) = scene(&mut random, self.size)?;
+        let count = views.len() as u64;
+        let source = match random.below(2) {
+            0 => 0,
+            _ => random.below(count),
+        };
+        let target = (source + 1 + random.below(count - 1)) % count;
+        pair(&id, &views[source as usize], &views[target as usize], self.size)
+    }
+}
+
+/// A random training scene: its name, and its views with the central one first.
+pub(super) fn scene(
+    random: &mut SplitMix64,
+    (width, height): (u32, u32),
+) -> Result<(String, Vec<View>), DataError> {
+    let (first, last) = TRAINING_SEEDS.into_inner();
+    let seed = first + random.below(last - first + 1);
+    let id = format!("seed{seed}");
+    let options = SyntheticOptions {
+        width,
+        height,
+        ..SyntheticOptions::varied(seed)
+    };
+    let scene = SyntheticScene::new(options).map_err(|e| DataError::from(e).of_sample(&id))?;
+    Ok((id, scene.views().to_vec()))
+}
+
+/// Two views of a scene, read at the size of training.
+pub(super) fn pair(
+    scene: &str,
+    source: &View,
+    target: &View,
+    size: (u32, u32),
+) -> Result<Sample, DataError> {
+    let id = format!("{scene}/{}__{}", source.id, target.id);
+    let read = |view| TrainingView::read(view, size).map_err(|e| e.of_sample(&id));
+    let (source, target) = (read(source)?, read(target)?);
+    Ok(Sample { id, source, target })
+}
+
+/// Whether one of a dataset's scenes is procedural and of a seed that networks are trained on: what
+/// is measured on it is not held out.
+///
+/// # Errors
+/// [`DatasetError::Spec`] when the dataset is procedural and its seeds are none.
+pub fn shares_training_seeds(spec: &DatasetSpec) -> Result<bool, DatasetError> {
+    let seeds = seeds_of(spec)?;
+    Ok(seeds.is_some_and(|seeds| {
+        seeds.start() <= TRAINING_SEEDS.end() && seeds.end() >= TRAINING_SEEDS.start()
+    }))
+}

@@ -1,0 +1,63 @@
+//! One view at the size of training.
+
+use image::{ImageBuffer, Luma, RgbImage};
+use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::resize::nearest;
+use sharp_datasets::View;
+use sharp_metrics::picture::Picture;
+use sharp_metrics::{ResizeKernel, resize};
+
+use super::DataError;
+
+/// A posed picture with its depth, all of one size.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainingView {
+    /// sRGB.
+    pub image: RgbImage,
+    pub intrinsics: Intrinsics,
+    pub camera_from_world: RigidTransform,
+    /// z-depth, metres; 0 where it is unknown, +∞ where the sky is seen.
+    pub depth: ImageBuffer<Luma<f32>, Vec<f32>>,
+}
+
+impl TrainingView {
+    /// Reads a view and brings it to width and height: pictures by OpenCV's area kernel, depth by
+    /// the nearest pixel. Sides may be scaled differently, as the network's input is.
+    ///
+    /// # Errors
+    /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for a size without a
+    /// pixel.
+    pub(super) fn read(view: &View, size: (u32, u32)) -> Result<Self, DataError> {
+        let file = view.content.image_file();
+        let depth = view.content.depth()?;
+        let mut depth = depth.ok_or_else(|| DataError::no_depth(file))?;
+        // What a procedural camera sees no surface in is the sky.
+        if file.is_none() {
+            for z in depth.iter_mut().filter(|z| **z == 0.0) {
+                *z = f32::INFINITY;
+            }
+        }
+        let image = resized(view.content.image()?, size)?;
+        let usize_of = |(w, h): (u32, u32)| (w as usize, h as usize);
+        let planes = nearest(&depth, usize_of(depth.dimensions()), usize_of(size));
+        let depth = ImageBuffer::from_raw(size.0, size.1, planes);
+        Ok(Self {
+            image,
+            intrinsics: view.intrinsics.resized(size.0, size.1),
+            camera_from_world: view.camera_from_world,
+            depth: depth.unwrap_or_default(),
+        })
+    }
+}
+
+/// An 8-bit picture at another size, by OpenCV's area kernel.
+///
+/// # Errors
+/// [`DataError::Picture`] for a size without a pixel.
+pub(super) fn resized(image: RgbImage, (width, height): (u32, u32)) -> Result<RgbImage, DataError> {
+    let picture = Picture::Rgb8(image);
+    match resize(&picture, width, height, ResizeKernel::Area)? {
+        Picture::Rgb8(image) => Ok(image),
+        Picture::RgbF32(image) => Ok(image::DynamicImage::ImageRgb32F(image).into_rgb8()),
+    }
+}
