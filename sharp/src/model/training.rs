@@ -20,24 +20,6 @@ use crate::initializer::{self, BaseGaussians, InvalidDepth, NormalizedDepth};
 use crate::render::GaussianGradient;
 use crate::resize::bilinear_align_corners;
 
-/// Values of parameters by name, as PyTorch lays them out.
-pub type Weights = BTreeMap<String, Vec<f32>>;
-
-impl WeightSource for Arc<Weights> {
-    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
-        let values = self.get(name).cloned().unwrap_or_default();
-        let expected = shape.iter().product();
-        if values.len() == expected {
-            return Ok(values);
-        }
-        Err(ModelError::Weights {
-            name: name.to_owned(),
-            expected,
-            found: values.len(),
-        })
-    }
-}
-
 /// A network whose weights change from pass to pass.
 pub struct TrainableNetwork {
     config: ModelConfig,
@@ -51,8 +33,9 @@ pub struct TrainingInput<'a> {
     pub image: Planes<'a>,
     /// Focal length over width, both in pixels of the original image.
     pub disparity_factor: f32,
-    /// True depth of the image, `[R, R]`, metres, infinite for the sky, to which the alignment
-    /// network brings the predicted one; without it the factors are 1.
+    /// True depth of the image, `[R, R]`, metres, to which the alignment network brings the predicted
+    /// one; without it the factors are 1. Infinite for the sky; where it is 0, unknown, the network
+    /// sees the predicted depth in its place.
     pub known_depth: Option<&'a [f32]>,
 }
 
@@ -89,10 +72,12 @@ struct Nodes {
 }
 
 /// Gradient of a loss with respect to what a [`TrainingPass`] made.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PassGradient {
     /// Of [`TrainingPass::gaussians`], in their order.
     pub gaussians: Vec<GaussianGradient>,
+    /// Of the inverse depth of [`TrainingPass::base`] as such, `[2, rows, columns]`.
+    pub inverse_depth: Vec<f32>,
     /// Of [`TrainingPass::depth`] as such, `[2, R, R]`.
     pub depth: Vec<f32>,
     /// Of [`TrainingPass::factors`] as such, `[R, R]`.
@@ -124,22 +109,22 @@ impl TrainableNetwork {
         &self.parameters
     }
 
-    /// One pass. Gradients are kept for the parameters that `trainable` names; a transformer trains
-    /// whole or not at all.
+    /// One pass. `weights` are asked for while it runs. Gradients are kept for the parameters that
+    /// `trainable` names; none in a transformer whose patch embedding is not among them.
     ///
     /// # Errors
-    /// As [`Predictor::predict`](super::Predictor::predict); [`ModelError::Weights`] for weights that lack a
-    /// parameter; [`ModelError::Image`] for known depth of the wrong size.
+    /// As [`Predictor::predict`](super::Predictor::predict); [`ModelError::Image`] for known depth of
+    /// the wrong size.
     pub fn forward(
         &self,
-        weights: &Arc<Weights>,
+        weights: impl WeightSource + 'static,
         trainable: impl Fn(&str) -> bool + Send + Sync + 'static,
         input: TrainingInput<'_>,
     ) -> Result<TrainingPass, ModelError> {
         check_input(input.image, input.disparity_factor)?;
         let (side, grid) = (self.config.internal_resolution, self.config.grid());
         let tape = Tape::new(trainable);
-        let rt = &Runtime::in_training(Box::new(Arc::clone(weights)), Arc::clone(&tape));
+        let rt = &Runtime::in_training(Box::new(weights), Arc::clone(&tape));
         let size = (input.image.width, input.image.height);
         let image = bilinear_align_corners(input.image.values, size, (side, side));
         let normal: Vec<f32> = image.iter().map(|v| v * 2.0 - 1.0).collect();
@@ -207,7 +192,10 @@ impl TrainableNetwork {
                 side * side
             )));
         }
-        let depths = predicted[..side * side].iter().chain(known);
+        let first = &predicted[..side * side];
+        let known = known.iter().zip(first);
+        let known = known.map(|(known, first)| if *known > 0.0 { known } else { first });
+        let depths = first.iter().chain(known);
         let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
         let leaf = tape.leaf();
         let input = Map::from_planes(&rt.engine, &input, (2, side, side))?.at_node(leaf.clone());
@@ -218,12 +206,31 @@ impl TrainableNetwork {
 }
 
 impl TrainingPass {
-    /// Gradients of the trainable parameters, by name; of those that nothing depends on there is none.
+    /// Zeros of the sizes of what the pass made.
+    pub fn zero_gradient(&self) -> PassGradient {
+        PassGradient {
+            gaussians: vec![GaussianGradient::default(); self.gaussians.len()],
+            inverse_depth: vec![0.0; self.base.inverse_depth.len()],
+            depth: vec![0.0; self.depth.len()],
+            factors: vec![0.0; self.factors.len()],
+            deltas: vec![0.0; self.deltas.len()],
+        }
+    }
+
+    /// Gradients of the trainable parameters, by name, as PyTorch lays them out; of those that nothing depends on there is none.
     ///
     /// # Errors
     /// [`ModelError::Image`] when a part of `upstream` is not of its size, [`ModelError::Tensor`].
-    pub fn backward(self, upstream: &PassGradient) -> Result<Weights, ModelError> {
+    pub fn backward(
+        self,
+        upstream: &PassGradient,
+    ) -> Result<BTreeMap<String, Vec<f32>>, ModelError> {
         let lengths = [
+            (
+                "inverse depth",
+                upstream.inverse_depth.len(),
+                self.base.inverse_depth.len(),
+            ),
             ("depth", upstream.depth.len(), self.depth.len()),
             ("factors", upstream.factors.len(), self.factors.len()),
             ("deltas", upstream.deltas.len(), self.deltas.len()),
@@ -240,6 +247,10 @@ impl TrainingPass {
 
         let mut composed = composer::backward(&self.base, &self.deltas, &upstream.gaussians)?;
         for (sum, g) in composed.deltas.iter_mut().zip(&upstream.deltas) {
+            *sum += g;
+        }
+        let pooled = &mut composed.base.inverse_depth;
+        for (sum, g) in pooled.iter_mut().zip(&upstream.inverse_depth) {
             *sum += g;
         }
         let grid = self.base.grid;

@@ -7,6 +7,16 @@ use crate::model::synth::Synth;
 use crate::random::SplitMix64;
 use sharp_kernels::Algorithm;
 
+type Weights = BTreeMap<String, Vec<f32>>;
+
+struct Held(Weights);
+
+impl WeightSource for Held {
+    fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {
+        Ok(self.0.get(name).cloned().unwrap_or_default())
+    }
+}
+
 fn config() -> ModelConfig {
     let file = "/../tests/golden/model/tiny_config.json#tiny";
     ModelConfig::load(&format!("{}{file}", env!("CARGO_MANIFEST_DIR"))).unwrap()
@@ -79,6 +89,7 @@ impl Loss {
             .collect();
         Self(PassGradient {
             gaussians,
+            inverse_depth: noise(15, pass.base.inverse_depth.len()),
             depth: noise(12, pass.depth.len()),
             factors: noise(13, pass.factors.len()),
             deltas: noise(14, pass.deltas.len()),
@@ -102,6 +113,7 @@ impl Loss {
             })
             .sum();
         gaussians
+            + dot(&self.0.inverse_depth, &pass.base.inverse_depth)
             + dot(&self.0.depth, &pass.depth)
             + dot(&self.0.factors, &pass.factors)
             + dot(&self.0.deltas, &pass.deltas)
@@ -185,18 +197,18 @@ fn gradients_of_every_module_are_those_of_central_differences() {
 fn a_pass_is_the_prediction() {
     let network = TrainableNetwork::new(&config()).unwrap();
     let scene = scene();
-    let weights = Arc::new(weights(&network));
+    let weights = || Held(weights(&network));
     let input = TrainingInput {
         known_depth: None,
         ..scene.input()
     };
-    let frozen = network.forward(&weights, |_| false, input).unwrap();
+    let frozen = network.forward(weights(), |_| false, input).unwrap();
     let engine = Engine::cpu(Algorithm::Winograd);
     let predictor = Predictor::from_source(&config(), Synth::default(), engine).unwrap();
     let plain = predictor.predict(input.image, 0.8, &mut Silent).unwrap();
     assert_eq!(frozen.gaussians, plain.gaussians);
     // Transformers on tensors differ in the last bits.
-    let trained = network.forward(&weights, |_| true, input).unwrap();
+    let trained = network.forward(weights(), |_| true, input).unwrap();
     let pairs = trained.gaussians.means.iter().zip(&plain.gaussians.means);
     for (a, b) in pairs {
         assert!(
@@ -210,9 +222,9 @@ fn a_pass_is_the_prediction() {
 fn frozen_parts_have_no_gradients_and_change_no_others() {
     let network = TrainableNetwork::new(&config()).unwrap();
     let scene = scene();
-    let weights = Arc::new(weights(&network));
+    let weights = || Held(weights(&network));
     let run = |trainable: fn(&str) -> bool| {
-        let pass = network.forward(&weights, trainable, scene.input()).unwrap();
+        let pass = network.forward(weights(), trainable, scene.input()).unwrap();
         let loss = Loss::new(&pass);
         pass.backward(&loss.0).unwrap()
     };
@@ -236,8 +248,8 @@ fn frozen_parts_have_no_gradients_and_change_no_others() {
 fn gradients_of_another_size_are_refused() {
     let network = TrainableNetwork::new(&config()).unwrap();
     let scene = scene();
-    let weights = Arc::new(weights(&network));
-    let pass = network.forward(&weights, |_| true, scene.input()).unwrap();
+    let weights = || Held(weights(&network));
+    let pass = network.forward(weights(), |_| true, scene.input()).unwrap();
     let mut upstream = Loss::new(&pass).0;
     upstream.depth.pop();
     let found = pass.backward(&upstream).unwrap_err().to_string();
@@ -245,7 +257,7 @@ fn gradients_of_another_size_are_refused() {
         found.contains("73727") && found.contains("depth"),
         "{found}"
     );
-    let lacking = Arc::new(Weights::new());
-    let found = network.forward(&lacking, |_| true, scene.input());
+    let lacking = Held(Weights::new());
+    let found = network.forward(lacking, |_| true, scene.input());
     assert!(matches!(found, Err(ModelError::Weights { .. })));
 }

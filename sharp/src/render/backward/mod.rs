@@ -178,6 +178,22 @@ impl SplatSums<f64> {
     }
 }
 
+impl std::ops::AddAssign<&Self> for GaussianGradient {
+    fn add_assign(&mut self, other: &Self) {
+        fn add<const N: usize>(sum: &mut [f32; N], other: &[f32; N]) {
+            for (sum, other) in sum.iter_mut().zip(other) {
+                *sum += other;
+            }
+        }
+        add(&mut self.mean, &other.mean);
+        add(&mut self.quaternion, &other.quaternion);
+        add(&mut self.scales, &other.scales);
+        add(&mut self.color, &other.color);
+        self.opacity += other.opacity;
+        self.view_depth += other.view_depth;
+    }
+}
+
 impl GaussianGradient {
     fn add_shape(&mut self, shape: &ShapeGradient) {
         for c in 0..3 {

@@ -1,0 +1,322 @@
+//! What one example costs: every loss of the paper on one pass of the network, and the gradient that
+//! goes back into it.
+//!
+//! Pixel gradients of a view are gathered and taken through the renderer at once, so that nothing of a
+//! view is kept when the next is rendered (the paper's graph surgery, carried to all losses).
+
+use image::RgbImage;
+use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
+use sharp::color::srgb_from_linear;
+use sharp::frustum_mask::{FrustumMaskOptions, InfiniteDepth, frustum_mask};
+use sharp::model::training::{PassGradient, TrainingPass};
+use sharp::render::{
+    CpuRenderer, GaussianGradient, PictureGradient, RenderError, RenderView, Renderer,
+    backward_covariances, covariances,
+};
+use sharp::resize::nearest;
+
+use crate::data::TrainingView;
+use crate::losses::perceptual::{PerceptualError, PerceptualViews};
+use crate::losses::{
+    self, AlphaViews, LossOptions, LossWeights, Perceptual, SplatView, linear_from_srgb_gradient,
+};
+
+/// Names of the losses, in the order of [`Cost::terms`].
+pub const TERMS: [&str; 10] = [
+    "color",
+    "alpha",
+    "percep",
+    "depth",
+    "tv",
+    "grad",
+    "delta",
+    "splat",
+    "scale",
+    "scale_gradient",
+];
+
+/// What the network is given and what its Gaussians are held against.
+#[derive(Debug, Clone, Copy)]
+pub struct Example<'a> {
+    pub source: &'a TrainingView,
+    pub target: &'a TrainingView,
+    /// Pixels of the source whose colours count; all where there is none.
+    pub source_mask: Option<&'a [bool]>,
+    /// Places the crop of the perceptual loss.
+    pub seed: u64,
+}
+
+/// What an example costs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cost {
+    /// Before their weights, in the order of [`TERMS`]; 0 for what has no weight.
+    pub terms: [f64; 10],
+    /// Weighted sum.
+    pub total: f64,
+    /// Of the total.
+    pub gradient: PassGradient,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum ObjectiveError {
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    #[error(transparent)]
+    Perceptual(#[from] PerceptualError),
+}
+
+/// The weighted losses.
+pub struct Objective {
+    weights: LossWeights,
+    options: LossOptions,
+    perceptual: Option<Perceptual>,
+    renderer: CpuRenderer,
+}
+
+impl Objective {
+    /// Reads the perceptual loss's network where that loss has a weight.
+    ///
+    /// # Errors
+    /// [`PerceptualError`].
+    pub fn new(weights: LossWeights, options: LossOptions) -> Result<Self, PerceptualError> {
+        let perceptual = match weights.percep > 0.0 {
+            true => Some(Perceptual::new(options.percep.clone())?),
+            false => None,
+        };
+        Ok(Self {
+            weights,
+            options,
+            perceptual,
+            renderer: CpuRenderer::new(),
+        })
+    }
+
+    /// The perceptual loss's network, for a log.
+    pub fn perceptual_network(&self) -> Option<&'static str> {
+        self.perceptual.as_ref().map(Perceptual::network)
+    }
+
+    /// The losses of a pass on `example.source`'s picture.
+    ///
+    /// # Errors
+    /// [`ObjectiveError`].
+    pub fn cost(
+        &mut self,
+        pass: &TrainingPass,
+        example: &Example<'_>,
+    ) -> Result<Cost, ObjectiveError> {
+        let Example { source, target, .. } = *example;
+        let mut sum = Sum {
+            terms: [0.0; 10],
+            total: 0.0,
+            gradient: pass.zero_gradient(),
+        };
+        let target_from_source = target
+            .camera_from_world
+            .after(&source.camera_from_world.inverse());
+        let view = |view: &TrainingView, from_source: &RigidTransform| RenderView {
+            eps2d: RenderView::EPS2D_CONFIG,
+            ..RenderView::new(
+                target_camera_from_source_ndc(&source.intrinsics, from_source),
+                view.intrinsics,
+            )
+        };
+        let input = view(source, &RigidTransform::IDENTITY);
+        let novel = view(target, &target_from_source);
+        self.on_picture(&mut sum, pass, &input, example, None)?;
+        // Infinitely far points move by the rotation alone.
+        let options = FrustumMaskOptions {
+            infinite_depth: InfiniteDepth::Direction,
+            ..FrustumMaskOptions::default()
+        };
+        let mask = frustum_mask(
+            &target.depth,
+            &target.intrinsics,
+            &source.intrinsics,
+            &target_from_source.inverse(),
+            &options,
+        );
+        let mask: Vec<bool> = mask.iter().map(|inside| *inside > 0).collect();
+        self.on_picture(&mut sum, pass, &novel, example, Some(&mask))?;
+        self.on_depth(&mut sum, pass, source);
+        self.on_gaussians(&mut sum, pass, [&input, &novel])?;
+        Ok(Cost {
+            terms: sum.terms,
+            total: sum.total,
+            gradient: sum.gradient,
+        })
+    }
+
+    /// Losses of a rendered picture: of the input view, or, with its mask, of the novel one.
+    fn on_picture(
+        &mut self,
+        sum: &mut Sum,
+        pass: &TrainingPass,
+        view: &RenderView,
+        example: &Example<'_>,
+        novel: Option<&[bool]>,
+    ) -> Result<(), ObjectiveError> {
+        let (weights, options) = (&self.weights, &self.options);
+        let rendered = self.renderer.render(&pass.gaussians, view)?;
+        let (truth, mask) = match novel {
+            Some(mask) => (&example.target.image, Some(mask)),
+            None => (&example.source.image, example.source_mask),
+        };
+        let truth = srgb(truth);
+        let linear = &rendered.rgb_linear;
+        let encoded: Vec<[f32; 3]> = linear.iter().map(|c| c.map(srgb_from_linear)).collect();
+        let mut of_srgb = vec![[0.0; 3]; encoded.len()];
+        let mut of_alpha = vec![0.0; encoded.len()];
+        if weights.color > 0.0 {
+            let loss = losses::color(&encoded, &truth, mask, options);
+            sum.add(0, loss.value, weights.color);
+            add_scaled(
+                of_srgb.as_flattened_mut(),
+                loss.gradient.as_flattened(),
+                weights.color,
+            );
+        }
+        let covers = novel.is_none() || options.alpha_views == AlphaViews::Both;
+        if weights.alpha > 0.0 && covers {
+            let loss = losses::alpha(&rendered.alpha, mask, options);
+            sum.add(1, loss.value, weights.alpha);
+            add_scaled(&mut of_alpha, &loss.gradient, weights.alpha);
+        }
+        let looks = novel.is_some() || options.percep.views == PerceptualViews::Both;
+        if let Some(perceptual) = self.perceptual.as_ref().filter(|_| looks) {
+            let width = rendered.width as usize;
+            let loss = perceptual.compare(&encoded, &truth, width, mask, example.seed)?;
+            sum.add(2, loss.value, weights.percep);
+            add_scaled(
+                of_srgb.as_flattened_mut(),
+                loss.gradient.as_flattened(),
+                weights.percep,
+            );
+        }
+        let gradient = PictureGradient {
+            width: rendered.width as usize,
+            rgb_linear: &linear_from_srgb_gradient(linear, &of_srgb),
+            alpha: &of_alpha,
+            depth_acc: &vec![0.0; encoded.len()],
+        };
+        let of_gaussians = self.renderer.backward(&pass.gaussians, view, &gradient)?;
+        for (sum, one) in sum.gradient.gaussians.iter_mut().zip(&of_gaussians) {
+            *sum += one;
+        }
+        Ok(())
+    }
+
+    /// Losses of the depth layers and of the alignment's factors.
+    fn on_depth(&self, sum: &mut Sum, pass: &TrainingPass, source: &TrainingView) {
+        let (weights, options) = (&self.weights, &self.options);
+        let side = pass.base.grid.width;
+        let (first, second) = pass.depth.split_at(side * side);
+        if weights.depth > 0.0 {
+            let truth = known_depth(source, side);
+            let nearest = f64::from(pass.base.global_scale);
+            let loss = losses::depth(first, &truth, nearest, options);
+            sum.add(3, loss.value, weights.depth);
+            let of_first = &mut sum.gradient.depth[..side * side];
+            add_scaled(of_first, &loss.gradient, weights.depth);
+        }
+        if weights.tv > 0.0 {
+            let loss = losses::tv(second, side);
+            sum.add(4, loss.value, weights.tv);
+            let of_second = &mut sum.gradient.depth[side * side..];
+            add_scaled(of_second, &loss.gradient, weights.tv);
+        }
+        if weights.scale > 0.0 {
+            let loss = losses::scale(&pass.factors);
+            sum.add(8, loss.value, weights.scale);
+            add_scaled(&mut sum.gradient.factors, &loss.gradient, weights.scale);
+        }
+        if weights.scale_gradient > 0.0 {
+            let loss = losses::scale_gradient(&pass.factors, side, options);
+            sum.add(9, loss.value, weights.scale_gradient);
+            let of_factors = &mut sum.gradient.factors;
+            add_scaled(of_factors, &loss.gradient, weights.scale_gradient);
+        }
+    }
+
+    /// Losses of the Gaussians themselves.
+    fn on_gaussians(
+        &self,
+        sum: &mut Sum,
+        pass: &TrainingPass,
+        [input, novel]: [&RenderView; 2],
+    ) -> Result<(), ObjectiveError> {
+        let (weights, options) = (&self.weights, &self.options);
+        let base = &pass.base;
+        if weights.grad > 0.0 {
+            let loss = losses::grad(
+                &pass.gaussians.opacities,
+                &base.inverse_depth,
+                [base.grid.rows(), base.grid.columns()],
+                f64::from(base.global_scale),
+                options,
+            );
+            sum.add(5, loss.opacity.value, weights.grad);
+            let gradients = &mut sum.gradient.gaussians;
+            for (gaussian, g) in gradients.iter_mut().zip(&loss.opacity.gradient) {
+                gaussian.opacity += (weights.grad * f64::from(*g)) as f32;
+            }
+            if let Some(of_depth) = &loss.inverse_depth {
+                add_scaled(&mut sum.gradient.inverse_depth, of_depth, weights.grad);
+            }
+        }
+        if weights.delta > 0.0 {
+            // The planes of x and of y come first.
+            let planes = 2 * base.inverse_depth.len();
+            let loss = losses::delta(&pass.deltas[..planes]);
+            sum.add(6, loss.value, weights.delta);
+            let of_deltas = &mut sum.gradient.deltas[..planes];
+            add_scaled(of_deltas, &loss.gradient, weights.delta);
+        }
+        if weights.splat > 0.0 {
+            let view = match options.splat_view {
+                SplatView::Input => input,
+                SplatView::Novel => novel,
+            };
+            let variances = covariances(&pass.gaussians, view)?;
+            let loss = losses::splat(&variances, view.intrinsics.width, options);
+            sum.add(7, loss.value, weights.splat);
+            let scaled = |g: &[f64; 3]| g.map(|g| weights.splat * g);
+            let scaled: Vec<[f64; 3]> = loss.gradient.iter().map(scaled).collect();
+            let out: &mut [GaussianGradient] = &mut sum.gradient.gaussians;
+            backward_covariances(&pass.gaussians, view, &scaled, out)?;
+        }
+        Ok(())
+    }
+}
+
+/// What has been added up so far.
+struct Sum {
+    terms: [f64; 10],
+    total: f64,
+    gradient: PassGradient,
+}
+
+impl Sum {
+    fn add(&mut self, term: usize, value: f64, weight: f64) {
+        self.terms[term] += value;
+        self.total += weight * value;
+    }
+}
+
+/// The source's depth at the network's resolution, `[side, side]`, as a pass takes it.
+pub fn known_depth(view: &TrainingView, side: usize) -> Vec<f32> {
+    let (width, height) = view.depth.dimensions();
+    nearest(&view.depth, (width as usize, height as usize), (side, side))
+}
+
+/// A picture's pixels in 0..1.
+fn srgb(image: &RgbImage) -> Vec<[f32; 3]> {
+    let level = |v: u8| f32::from(v) / 255.0;
+    image.pixels().map(|pixel| pixel.0.map(level)).collect()
+}
+
+fn add_scaled(sum: &mut [f32], gradient: &[f32], weight: f64) {
+    for (sum, g) in sum.iter_mut().zip(gradient) {
+        *sum += (weight * f64::from(*g)) as f32;
+    }
+}
