@@ -14,22 +14,28 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use image::RgbImage;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::Planes;
 use sharp::model::training::{TrainableNetwork, TrainingInput};
 use sharp::model::{ModelConfig, ModelError};
+use sharp::random::mix;
+use sharp_datasets::DatasetSpec;
 
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
-use crate::config::TrainingConfig;
-use crate::data::{DataError, Prefetcher, Sample};
+use crate::config::{StageConfig, TrainingConfig, TrainingData};
+use crate::data::{
+    DEFAULT_MAX_BASELINE_M, DataError, FolderPhotographs, Photograph, PosedSamples, Prefetcher,
+    ProceduralPhotographs, ProceduralSamples, Sample, Source,
+};
 use crate::initial::Untrained;
 use crate::log::{LogError, StepRecord, TrainingLog};
 use crate::losses::perceptual::PerceptualError;
 use crate::objective::{Example, Objective, ObjectiveError, TERMS, known_depth};
 use crate::optimizer::{OptimizerError, clip_norm};
 use crate::position::{Position, Stage};
-use crate::self_supervision::{SelfSupervisedSamples, Teacher};
+use crate::self_supervision::{MaskedSample, SelfSupervisedSamples};
 use crate::stopped;
 
 /// Why a training cannot go on.
@@ -108,7 +114,6 @@ pub struct Trainer {
     state: Arc<TrainingState>,
     checkpoints: CheckpointFolder,
     config_sha256: String,
-    teacher: Option<Arc<Teacher>>,
 }
 
 /// The state as a source of weights.
@@ -136,9 +141,9 @@ impl Trainer {
         let state = match checkpoints.positions()?.last() {
             Some(position) => TrainingState::load(
                 &checkpoints.file(*position),
+                &config_sha256,
                 network.parameters(),
                 &config.trained,
-                &config_sha256,
             )?,
             None => {
                 let source: Box<dyn WeightSource> = match &config.initial {
@@ -160,7 +165,6 @@ impl Trainer {
             state: Arc::new(state),
             checkpoints,
             config_sha256,
-            teacher: None,
         })
     }
 
@@ -215,85 +219,260 @@ impl Trainer {
         let settings = self.config.stage(stage).clone();
         let intervals = self.config.intervals.clone();
         let batch = settings.batch as u64;
-        let mut samples = match first < settings.steps {
-            true => Some(self.samples(stage, first * batch)?),
-            false => None,
-        };
-        for step in first..settings.steps {
-            if watcher.stop() {
-                self.checkpoint()?;
-                return Ok(Ended::Stopped(self.position()));
-            }
-            let started = Instant::now();
-            let mut step_terms = [0.0; TERMS.len()];
-            let mut total = 0.0;
-            let mut gradients: Vec<Vec<f32>> = Vec::new();
-            let mut inputs = Vec::new();
-            for k in 0..batch {
-                let Some(samples) = &mut samples else {
-                    break;
-                };
-                let sample = samples.fetch()?;
-                let seed = (step * batch + k) ^ settings.seed.rotate_left(32);
-                let cost = self.gradient(&sample, seed, &mut gradients)?;
-                total += cost.0 / batch as f64;
-                for (sum, term) in step_terms.iter_mut().zip(cost.1) {
-                    *sum += term / batch as f64;
+        if first < settings.steps {
+            let source = self.source(stage, &settings)?;
+            let mut samples = Prefetcher::start(source, first * batch, SAMPLES_AHEAD)?;
+            for step in first + 1..=settings.steps {
+                if watcher.stop() {
+                    self.checkpoint()?;
+                    return Ok(Ended::Stopped(self.position()));
                 }
-                inputs.push(sample);
-            }
-            let share = 1.0 / batch as f32;
-            if batch > 1 {
-                gradients
-                    .iter_mut()
-                    .flatten()
-                    .for_each(|g: &mut f32| *g *= share);
-            }
-            let norm = clip_norm(&mut gradients, settings.clip_norm);
-            let position = Position {
-                stage,
-                step: step + 1,
-            };
-            for (what, value) in [("the loss", total), ("the gradient", norm)] {
-                if !value.is_finite() {
-                    let folder = self.folder.join(format!("stopped-{position}").replace([' ', ','], "-"));
-                    stopped::save(&folder, &inputs, &step_terms)?;
-                    return Err(TrainingError::NotFinite {
-                        position,
-                        what,
-                        folder,
-                    });
+                let position = Position { stage, step };
+                self.step(position, &settings, &mut samples, log, watcher)?;
+                let last = step == settings.steps;
+                let due = |interval| last || step.is_multiple_of(interval);
+                // Before the checkpoint, so that a resumption from it finds what was measured.
+                if intervals.validation > 0 && due(intervals.validation) {
+                    self.validate(log, watcher)?;
                 }
-            }
-            let learning_rate = settings.schedule.learning_rate(position.step, settings.steps);
-            let state = Arc::make_mut(&mut self.state);
-            self.config
-                .adam
-                .update(&mut state.weights, &gradients, position.step, learning_rate)?;
-            state.position = position;
-            let record = StepRecord {
-                position,
-                learning_rate,
-                terms: &step_terms,
-                total,
-                gradient_norm: norm,
-                seconds: started.elapsed().as_secs_f64(),
-            };
-            log.append(&record)?;
-            watcher.stepped(&record, settings.steps);
-            let last = position.step == settings.steps;
-            if last || position.step.is_multiple_of(intervals.checkpoint) {
-                self.checkpoint()?;
-            }
-            let due = intervals.validation > 0
-                && (last || position.step.is_multiple_of(intervals.validation));
-            if due {
-                self.validate(watcher)?;
+                if due(intervals.checkpoint) {
+                    self.checkpoint()?;
+                }
             }
         }
         if stage == Stage::Supervised {
-            self.export("stage1")?;
+            self.export(FIRST_STAGE)?;
         }
         Ok(Ended::Complete)
+    }
+
+    /// One step, which leads to `position`.
+    fn step(
+        &mut self,
+        position: Position,
+        settings: &StageConfig,
+        samples: &mut Prefetcher<MaskedSample>,
+        log: &mut TrainingLog,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), TrainingError> {
+        let started = Instant::now();
+        let mut sum = StepSum::default();
+        let mut inputs = Vec::new();
+        for k in 0..settings.batch as u64 {
+            let sample = samples.fetch()?;
+            let index = (position.step - 1) * settings.batch as u64 + k;
+            self.add_example(&sample, mix(settings.seed ^ mix(index)), &mut sum)?;
+            inputs.push(sample);
+        }
+        sum.divide_by(settings.batch);
+        let norm = clip_norm(&mut sum.gradients, settings.clip_norm);
+        for (what, value) in [("the loss", sum.total), ("the gradient", norm)] {
+            if !value.is_finite() {
+                let Position { stage, step } = position;
+                let name = format!("stopped-stage{}-step{step}", stage.number());
+                let folder = self.folder.join(name);
+                stopped::save(&folder, &inputs, &sum.terms).map_err(|e| fault(&folder, e))?;
+                return Err(TrainingError::NotFinite {
+                    position,
+                    what,
+                    folder,
+                });
+            }
+        }
+        let Position { step, .. } = position;
+        let learning_rate = settings.schedule.learning_rate(step, settings.steps);
+        let state = Arc::make_mut(&mut self.state);
+        let adam = &self.config.adam;
+        adam.update(&mut state.weights, &sum.gradients, learning_rate, step)?;
+        state.position = position;
+        let record = StepRecord {
+            position,
+            learning_rate,
+            terms: &sum.terms,
+            total: sum.total,
+            gradient_norm: norm,
+            seconds: started.elapsed().as_secs_f64(),
+        };
+        log.append(&record)?;
+        watcher.stepped(&record, settings.steps);
+        Ok(())
+    }
+
+    /// Adds what one example costs, and its gradient.
+    fn add_example(
+        &mut self,
+        MaskedSample {
+            sample,
+            source_mask,
+        }: &MaskedSample,
+        seed: u64,
+        sum: &mut StepSum,
+    ) -> Result<(), TrainingError> {
+        let source = &sample.source;
+        let side = self.config.network.internal_resolution;
+        let parts = self.config.trained;
+        let values = planes(&source.image);
+        let known = known_depth(source, side);
+        let input = TrainingInput {
+            image: Planes {
+                values: &values,
+                width: source.image.width() as usize,
+                height: source.image.height() as usize,
+            },
+            disparity_factor: (source.intrinsics.fx / f64::from(source.intrinsics.width)) as f32,
+            // Without its network there is no alignment.
+            known_depth: self.config.aligned.then_some(&known),
+        };
+        let snapshot = Snapshot(Arc::clone(&self.state));
+        let trains = move |name: &str| parts.contain(name);
+        let pass = self.network.forward(snapshot, trains, input)?;
+        let example = Example {
+            source,
+            target: &sample.target,
+            source_mask: source_mask.as_deref(),
+            seed,
+        };
+        let cost = self.objective.cost(&pass, &example)?;
+        let mut found = pass.backward(&cost.gradient)?;
+        let learning = self.state.weights.iter().filter(|w| w.moments.is_some());
+        let gradients = learning.map(|weights| {
+            let found = found.remove(&weights.name);
+            found.unwrap_or_else(|| vec![0.0; weights.values.len()])
+        });
+        if sum.gradients.is_empty() {
+            sum.gradients = gradients.collect();
+        } else {
+            for (sum, gradient) in sum.gradients.iter_mut().zip(gradients) {
+                for (sum, g) in sum.iter_mut().zip(gradient) {
+                    *sum += g;
+                }
+            }
+        }
+        sum.total += cost.total;
+        for (sum, term) in sum.terms.iter_mut().zip(cost.terms) {
+            *sum += term;
+        }
+        Ok(())
+    }
+
+    /// What a stage learns from.
+    fn source(
+        &self,
+        stage: Stage,
+        settings: &StageConfig,
+    ) -> Result<AnySource, TrainingError> {
+        let (seed, size) = (settings.seed, (settings.side, settings.side));
+        if stage == Stage::SelfSupervised {
+            let photographs: Box<dyn Source<Photograph>> = match &settings.data {
+                TrainingData::Photographs(folder) => {
+                    Box::new(FolderPhotographs::open(folder, seed, size)?)
+                }
+                _ => Box::new(ProceduralPhotographs::new(seed, size)),
+            };
+            let teacher = self.folder.join(format!("{FIRST_STAGE}.safetensors"));
+            let config = &self.config.network;
+            let samples = SelfSupervisedSamples::new(photographs, &teacher, config, seed)?;
+            return Ok(AnySource::Masked(samples));
+        }
+        let TrainingData::Datasets(specs) = &settings.data else {
+            let samples = ProceduralSamples::new(seed, size);
+            return Ok(AnySource::Plain(vec![Box::new(samples)]));
+        };
+        let mut sources: Vec<Box<dyn Source<Sample>>> = Vec::new();
+        for spec in specs {
+            let spec = DatasetSpec::parse(spec).map_err(DataError::from)?;
+            let limit = DEFAULT_MAX_BASELINE_M;
+            sources.push(Box::new(PosedSamples::open(&spec, seed, size, limit)?));
+        }
+        Ok(AnySource::Plain(sources))
+    }
+
+    fn checkpoint(&self) -> Result<(), TrainingError> {
+        let kept = self.config.intervals.kept_checkpoints;
+        Ok(self
+            .checkpoints
+            .save(&self.state, &self.config_sha256, kept)?)
+    }
+
+    /// Writes `NAME.safetensors`, f32.
+    fn export(&self, name: &str) -> Result<PathBuf, TrainingError> {
+        let path = self.folder.join(format!("{name}.safetensors"));
+        let about = BTreeMap::from([("trained".to_owned(), self.position().to_string())]);
+        self.state.export(&path, Precision::F32, &about)?;
+        Ok(path)
+    }
+
+    fn validate(
+        &self,
+        log: &mut TrainingLog,
+        watcher: &mut dyn Watcher,
+    ) -> Result<(), TrainingError> {
+        let position = self.position();
+        let weights = self.export("validated")?;
+        let measured = watcher.validate(&weights, &self.config.network, position);
+        let measured = measured.map_err(|reason| TrainingError::Validation { position, reason })?;
+        Ok(log.append_validation(position, &measured)?)
+    }
+}
+
+/// Name of the weights that teach in the second stage.
+const FIRST_STAGE: &str = "stage1";
+/// Examples that wait while a step computes.
+const SAMPLES_AHEAD: usize = 3;
+
+/// Sums over a step's examples.
+#[derive(Default)]
+struct StepSum {
+    terms: [f64; TERMS.len()],
+    total: f64,
+    /// One for each parameter that learns.
+    gradients: Vec<Vec<f32>>,
+}
+
+impl StepSum {
+    fn divide_by(&mut self, batch: usize) {
+        let share = 1.0 / batch as f64;
+        self.total *= share;
+        self.terms.iter_mut().for_each(|term| *term *= share);
+        if batch > 1 {
+            let all = self.gradients.iter_mut().flatten();
+            all.for_each(|g| *g *= share as f32);
+        }
+    }
+}
+
+/// Either stage's examples.
+enum AnySource {
+    /// Several sources take turns.
+    Plain(Vec<Box<dyn Source<Sample>>>),
+    Masked(SelfSupervisedSamples),
+}
+
+impl Source<MaskedSample> for AnySource {
+    fn get(&self, k: u64) -> Result<MaskedSample, DataError> {
+        match self {
+            Self::Plain(sources) => {
+                let count = sources.len() as u64;
+                let sample = sources[(k % count) as usize].get(k / count)?;
+                Ok(MaskedSample {
+                    sample,
+                    source_mask: None,
+                })
+            }
+            Self::Masked(samples) => samples.get(k),
+        }
+    }
+}
+
+/// Planes `[3, height, width]` in 0..1.
+fn planes(image: &RgbImage) -> Vec<f32> {
+    let levels = |c: usize| image.pixels().map(move |pixel| f32::from(pixel.0[c]) / 255.0);
+    (0..3).flat_map(levels).collect()
+}
+
+fn fault(path: &Path, source: std::io::Error) -> TrainingError {
+    TrainingError::Io {
+        path: path.to_owned(),
+        source,
     }
 }

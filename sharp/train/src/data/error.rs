@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use sharp::camera::CameraError;
 use sharp::model::ModelError;
+use sharp::render::RenderError;
 use sharp_datasets::DatasetError;
 use sharp_metrics::PictureError;
 
@@ -16,6 +17,8 @@ pub enum DataError {
     Photograph(#[from] ModelError),
     #[error(transparent)]
     Picture(#[from] PictureError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// A view for whose picture the dataset has no depth.

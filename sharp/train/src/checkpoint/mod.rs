@@ -1,0 +1,308 @@
+//! A training's state as one safetensors file, and a network's weights alone.
+//!
+//! Nothing random is kept: every choice follows from the seed and the position.
+
+mod folder;
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use half::f16;
+use sharp::model::ModelError;
+use sharp::model::params::{Parameter, WeightSource};
+use sharp_checkpoint::{
+    Checkpoint, CheckpointError, DType, Expected, Incomplete, OutTensor, write_safetensors,
+};
+
+pub use self::folder::CheckpointFolder;
+use crate::optimizer::{Moments, Weights};
+use crate::parts::TrainedParts;
+use crate::position::{Position, Stage};
+
+/// Keys of the header.
+const STAGE: &str = "stage";
+const STEP: &str = "step";
+const CONFIG: &str = "config_sha256";
+/// What names of tensors begin with.
+const VALUES: &str = "values.";
+const FIRST: &str = "first_moment.";
+const SECOND: &str = "second_moment.";
+
+/// Why a state cannot be written or gone on from.
+#[derive(Debug, thiserror::Error)]
+pub enum StateError {
+    #[error(transparent)]
+    File(#[from] CheckpointError),
+    #[error(transparent)]
+    Incomplete(#[from] Incomplete),
+    #[error("{}: no state of a training: its header lacks `{key}` or has it in another form", path.display())]
+    NotAState { path: PathBuf, key: &'static str },
+    #[error(
+        "{}: made under another configuration ({found}); this one's hash is {expected}", path.display()
+    )]
+    OtherConfig {
+        path: PathBuf,
+        expected: String,
+        found: String,
+    },
+    /// A tensor with NaN, infinity, a negative mean of squares, or what f16 cannot hold.
+    #[error("{}: tensor '{name}' has a value of {value}", path.display())]
+    Value {
+        path: PathBuf,
+        name: String,
+        value: f32,
+    },
+}
+
+/// How weights are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    F32,
+    /// Rounded to nearest.
+    F16,
+}
+
+/// Everything that the next step starts from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainingState {
+    pub position: Position,
+    /// All that the network uses, frozen or not, in the order of its construction.
+    pub weights: Vec<Weights>,
+}
+
+impl TrainingState {
+    /// Before the first step: weights from `source`, moments of zero for what learns.
+    ///
+    /// # Errors
+    /// Those of `source`; [`ModelError::Weights`] where it gives another number of values.
+    pub fn new(
+        inventory: &[Parameter],
+        parts: &TrainedParts,
+        source: &dyn WeightSource,
+    ) -> Result<Self, ModelError> {
+        let weights = inventory.iter().filter(|parameter| parameter.used);
+        let weights = weights.map(|parameter| {
+            let Parameter { name, shape, .. } = parameter.clone();
+            let values = source.values(&name, &shape)?;
+            if values.len() != parameter.len() {
+                return Err(ModelError::Weights {
+                    name,
+                    expected: parameter.len(),
+                    found: values.len(),
+                });
+            }
+            Ok(Weights {
+                moments: parts.contain(&name).then(|| Moments::zero(values.len())),
+                name,
+                shape,
+                values,
+            })
+        });
+        Ok(Self {
+            position: Position::START,
+            weights: weights.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Goes to the start of a stage. The optimiser starts anew, too: its moments become zero.
+    pub fn begin(&mut self, stage: Stage) {
+        self.position = Position { stage, step: 0 };
+        for weights in &mut self.weights {
+            if let Some(moments) = &mut weights.moments {
+                *moments = Moments::zero(weights.values.len());
+            }
+        }
+    }
+
+    /// Writes the whole state, at once or not at all.
+    ///
+    /// # Errors
+    /// [`StateError::File`].
+    pub fn save(&self, path: &Path, config_sha256: &str) -> Result<(), StateError> {
+        let Position { stage, step } = self.position;
+        let metadata = [
+            (STAGE, stage.number().to_string()),
+            (STEP, step.to_string()),
+            (CONFIG, config_sha256.to_owned()),
+        ];
+        let metadata = metadata.map(|(key, value)| (key.to_owned(), value)).into();
+        let mut tensors = BTreeMap::new();
+        for weights in &self.weights {
+            let mut add = |kind: &str, values| {
+                tensors.insert(format!("{kind}{}", weights.name), (&*weights.shape, values));
+            };
+            add(VALUES, &*weights.values);
+            if let Some(Moments { first, second }) = &weights.moments {
+                add(FIRST, first);
+                add(SECOND, second);
+            }
+        }
+        Ok(write(path, &metadata, &tensors, Precision::F32)?)
+    }
+
+    /// Reads what [`Self::save`] wrote for the network of `inventory`, of which `parts` learn.
+    ///
+    /// # Errors
+    /// [`StateError`]: a broken file, another configuration, other tensors than those of the
+    /// network and its moments, values that no training can go on from.
+    pub fn load(
+        path: &Path,
+        config_sha256: &str,
+        inventory: &[Parameter],
+        parts: &TrainedParts,
+    ) -> Result<Self, StateError> {
+        let file = Checkpoint::open(path)?;
+        let position = position_of(&file)?;
+        let found = header(&file, CONFIG)?;
+        if found != config_sha256 {
+            return Err(StateError::OtherConfig {
+                path: path.to_owned(),
+                expected: config_sha256.to_owned(),
+                found: found.to_owned(),
+            });
+        }
+        let used = || inventory.iter().filter(|parameter| parameter.used);
+        let expected = used().flat_map(|Parameter { name, shape, .. }| {
+            let kinds: &[&str] = match parts.contain(name) {
+                true => &[VALUES, FIRST, SECOND],
+                false => &[VALUES],
+            };
+            kinds.iter().map(move |kind| Expected {
+                name: format!("{kind}{name}"),
+                shape: shape.clone(),
+            })
+        });
+        let expected: Vec<Expected> = expected.collect();
+        file.check(&expected, &[] as &[&str])?;
+        let read = |kind: &str, name: &str| {
+            let name = format!("{kind}{name}");
+            let values = file.tensor_f32(&name)?;
+            let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
+            match values.iter().find(|value| !is_good(value)) {
+                None => Ok(values),
+                Some(&value) => Err(StateError::Value {
+                    path: path.to_owned(),
+                    name,
+                    value,
+                }),
+            }
+        };
+        let weights = used().map(|Parameter { name, shape, .. }| {
+            let moments = || -> Result<Moments, StateError> {
+                Ok(Moments {
+                    first: read(FIRST, name)?,
+                    second: read(SECOND, name)?,
+                })
+            };
+            Ok(Weights {
+                name: name.clone(),
+                shape: shape.clone(),
+                values: read(VALUES, name)?,
+                moments: parts.contain(name).then(moments).transpose()?,
+            })
+        });
+        Ok(Self {
+            position,
+            weights: weights.collect::<Result<_, StateError>>()?,
+        })
+    }
+
+    /// Writes the network's weights alone, as a checkpoint that a
+    /// [`Predictor`](sharp::model::Predictor) opens; `metadata` is free text.
+    ///
+    /// # Errors
+    /// [`StateError::Value`] for what is not finite in `precision`; [`StateError::File`].
+    pub fn export(
+        &self,
+        path: &Path,
+        precision: Precision,
+        metadata: &BTreeMap<String, String>,
+    ) -> Result<(), StateError> {
+        let is_held = |value: &f32| match precision {
+            Precision::F32 => value.is_finite(),
+            Precision::F16 => f16::from_f32(*value).is_finite(),
+        };
+        let mut tensors = BTreeMap::new();
+        for Weights {
+            name,
+            shape,
+            values,
+            ..
+        } in &self.weights
+        {
+            if let Some(&value) = values.iter().find(|value| !is_held(value)) {
+                return Err(StateError::Value {
+                    path: path.to_owned(),
+                    name: name.clone(),
+                    value,
+                });
+            }
+            tensors.insert(name.clone(), (&**shape, &**values));
+        }
+        Ok(write(path, metadata, &tensors, precision)?)
+    }
+}
+
+/// Where the training stands that a file is the state of.
+fn position_of(file: &Checkpoint) -> Result<Position, StateError> {
+    let number = |key: &'static str| {
+        let number = header(file, key)?.parse::<u64>().ok();
+        number.ok_or_else(|| not_a_state(file, key))
+    };
+    Ok(Position {
+        stage: Stage::from_number(number(STAGE)?).ok_or_else(|| not_a_state(file, STAGE))?,
+        step: number(STEP)?,
+    })
+}
+
+fn header<'a>(file: &'a Checkpoint, key: &'static str) -> Result<&'a str, StateError> {
+    let value = file.metadata().get(key);
+    value
+        .map(String::as_str)
+        .ok_or_else(|| not_a_state(file, key))
+}
+
+fn not_a_state(file: &Checkpoint, key: &'static str) -> StateError {
+    let path = file.path().to_owned();
+    StateError::NotAState { path, key }
+}
+
+/// Shape and values by name.
+type Tensors<'a> = BTreeMap<String, (&'a [usize], &'a [f32])>;
+
+fn write(
+    path: &Path,
+    metadata: &BTreeMap<String, String>,
+    tensors: &Tensors<'_>,
+    precision: Precision,
+) -> Result<(), CheckpointError> {
+    let dtype = match precision {
+        Precision::F32 => DType::F32,
+        Precision::F16 => DType::F16,
+    };
+    let list: Vec<OutTensor> = tensors
+        .iter()
+        .map(|(name, (shape, _))| OutTensor {
+            name: name.clone(),
+            dtype,
+            shape: shape.to_vec(),
+        })
+        .collect();
+    write_safetensors(path, metadata, &list, |tensor| {
+        let values = tensors
+            .get(&tensor.name)
+            .map_or(&[][..], |(_, values)| values);
+        let bytes: Vec<u8> = match precision {
+            Precision::F32 => values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+            Precision::F16 => {
+                let halves = values.iter().map(|&v| f16::from_f32(v));
+                halves.flat_map(|v| v.to_le_bytes()).collect()
+            }
+        };
+        Ok(Cow::Owned(bytes))
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,457 @@
+//! A training as one TOML file. Everything that a file leaves out is as in the paper.
+//!
+//! ```toml
+//! network.file = "mini.json#mini"     # or "release", or a table `network.inline`
+//! trained.patch_encoder = true
+//!
+//! [stage1]
+//! steps = 20000
+//! batch = 1
+//! side = 256
+//! schedule.warmup_steps = 500
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Deserializer};
+use sharp::model::ModelConfig;
+use sharp_checkpoint::hash::sha256_hex;
+use sharp_datasets::DatasetSpec;
+
+use crate::losses::{LossOptions, LossWeights};
+use crate::optimizer::Adam;
+use crate::parts::TrainedParts;
+use crate::position::Stage;
+use crate::schedule::Schedule;
+
+/// Why a training cannot be configured.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    #[error("{}: {source}", path.display())]
+    Read {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// What is no TOML, or has a key or a value of another kind than asked for.
+    #[error("{}: line {line}: {reason}", path.display())]
+    Parse {
+        path: PathBuf,
+        line: usize,
+        reason: String,
+    },
+    /// A value that cannot be.
+    #[error("{}: `{key}` {reason}", path.display())]
+    Value {
+        path: PathBuf,
+        key: String,
+        reason: String,
+    },
+}
+
+/// Everything that decides a training, and how often it is looked at.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainingConfig {
+    /// `"release"`, `{ file = "FILE#NAME" }` (JSON, from the working directory) or
+    /// `{ inline = { … } }`.
+    #[serde(deserialize_with = "network")]
+    pub network: ModelConfig,
+    /// A checkpoint of this network that the training begins with, in place of random weights.
+    pub initial: Option<PathBuf>,
+    pub trained: TrainedParts,
+    /// Whether depth is brought to the true one before it is used (paper, depth adjustment).
+    pub aligned: bool,
+    /// λ of each loss.
+    pub losses: LossWeights,
+    pub loss_options: LossOptions,
+    pub adam: Adam,
+    pub stage1: StageConfig,
+    pub stage2: StageConfig,
+    pub intervals: Intervals,
+}
+
+/// One stage.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageConfig {
+    /// 0 leaves the stage out.
+    pub steps: u64,
+    /// Samples whose gradients are averaged in a step.
+    pub batch: usize,
+    /// Of every choice that is made by chance.
+    #[serde(default)]
+    pub seed: u64,
+    #[serde(default)]
+    pub schedule: Schedule,
+    /// Largest norm of the gradient over all parameters; `inf` does not clip. Not in the paper.
+    #[serde(default = "clip_norm")]
+    pub clip_norm: f64,
+    /// Width and height of the pictures, pixels.
+    #[serde(default = "side")]
+    pub side: u32,
+    #[serde(default)]
+    pub data: TrainingData,
+}
+
+/// What is learnt from.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub enum TrainingData {
+    /// Scenes made from seeds; of these the second stage sees the pictures alone.
+    #[default]
+    Procedural,
+    /// Datasets with depth, each as `[NAME:]FORMAT=PATH[,key=value…]`; for the first stage.
+    Datasets(Vec<String>),
+    /// A folder of PNG and JPEG files; for the second stage.
+    Photographs(PathBuf),
+}
+
+/// Steps from one to the next; no result depends on them.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Intervals {
+    /// 0 for never.
+    pub validation: u64,
+    pub checkpoint: u64,
+    /// Checkpoints that are kept, the newest first.
+    pub kept_checkpoints: usize,
+}
+
+/// The paper's resolution.
+fn side() -> u32 {
+    1536
+}
+
+fn clip_norm() -> f64 {
+    1.0
+}
+
+impl Default for Intervals {
+    fn default() -> Self {
+        Self {
+            validation: 1000,
+            checkpoint: 1000,
+            kept_checkpoints: 3,
+        }
+    }
+}
+
+impl Default for TrainingConfig {
+    /// The paper's 128 and 32 GPUs see one sample each.
+    fn default() -> Self {
+        let stage = |steps, batch| StageConfig {
+            steps,
+            batch,
+            seed: 0,
+            schedule: Schedule::default(),
+            clip_norm: clip_norm(),
+            side: side(),
+            data: TrainingData::default(),
+        };
+        Self {
+            network: ModelConfig::release(),
+            initial: None,
+            losses: LossWeights::default(),
+            loss_options: LossOptions::default(),
+            trained: TrainedParts::default(),
+            aligned: true,
+            adam: Adam::default(),
+            stage1: stage(100_000, 128),
+            stage2: stage(60_000, 32),
+            intervals: Intervals::default(),
+        }
+    }
+}
+
+/// How a file names a network.
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum NetworkChoice {
+    Release,
+    File(String),
+    Inline(Box<ModelConfig>),
+}
+
+fn network<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ModelConfig, D::Error> {
+    let config = match NetworkChoice::deserialize(deserializer)? {
+        NetworkChoice::Release => Ok(ModelConfig::release()),
+        NetworkChoice::File(file) => ModelConfig::load(&file),
+        NetworkChoice::Inline(config) => config.validate().map(|()| *config),
+    };
+    config.map_err(|error| serde::de::Error::custom(format!("`network`: {error}")))
+}
+
+impl TrainingConfig {
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// [`ConfigError`].
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = sharp::files::read_text(path).map_err(|source| ConfigError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let config: Self = toml::from_str(&text).map_err(|error| ConfigError::Parse {
+            path: path.to_owned(),
+            line: error
+                .span()
+                .map_or(1, |at| 1 + text[..at.start].matches('\n').count()),
+            reason: error.message().replace('\n', ", "),
+        })?;
+        match config.first_fault() {
+            None => Ok(config),
+            Some((key, reason)) => Err(ConfigError::Value {
+                path: path.to_owned(),
+                key,
+                reason,
+            }),
+        }
+    }
+
+    pub fn stage(&self, stage: Stage) -> &StageConfig {
+        match stage {
+            Stage::Supervised => &self.stage1,
+            Stage::SelfSupervised => &self.stage2,
+        }
+    }
+
+    /// Of all that results depend on: a training goes on only under the configuration it began with.
+    pub fn sha256(&self) -> String {
+        let Self {
+            network,
+            initial,
+            trained,
+            aligned,
+            losses,
+            loss_options,
+            adam,
+            stage1,
+            stage2,
+            intervals: _,
+        } = self;
+        // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
+        sha256_hex(format!("{:?}", (network, initial, trained, aligned, losses, loss_options, adam, stage1, stage2)).as_bytes())
+    }
+
+    /// The first value that cannot be, by its key.
+    fn first_fault(&self) -> Option<(String, String)> {
+        let Adam {
+            betas,
+            epsilon,
+            weight_decay,
+        } = self.adam;
+        let checks = [
+            (
+                betas.iter().all(|beta| (0.0..1.0).contains(beta)),
+                "adam.betas",
+                "are not both in 0..1",
+            ),
+            (is_positive(epsilon), "adam.epsilon", "is not positive"),
+            (
+                weight_decay >= 0.0 && weight_decay.is_finite(),
+                "adam.weight_decay",
+                "is negative or not finite",
+            ),
+            (
+                self.intervals.checkpoint > 0,
+                "intervals.checkpoint",
+                "is 0",
+            ),
+            (
+                self.intervals.kept_checkpoints > 0,
+                "intervals.kept_checkpoints",
+                "is 0",
+            ),
+        ];
+        let failed = checks.into_iter().find(|(holds, ..)| !holds);
+        let failed = failed.map(|(_, key, reason)| (key.to_owned(), reason.to_owned()));
+        failed.or_else(|| {
+            Stage::ALL.into_iter().find_map(|stage| {
+                let (key, reason) = self.stage(stage).first_fault(stage)?;
+                Some((format!("stage{}.{key}", stage.number()), reason))
+            })
+        })
+    }
+}
+
+impl StageConfig {
+    fn first_fault(&self, stage: Stage) -> Option<(&'static str, String)> {
+        let Schedule {
+            peak,
+            last,
+            warmup_steps,
+        } = self.schedule;
+        let checks = [
+            (self.batch > 0, "batch", "is 0"),
+            (self.clip_norm > 0.0, "clip_norm", "is not positive"),
+            (
+                (2..=1 << 13).contains(&self.side),
+                "side",
+                "is not 2 to 8192 pixels",
+            ),
+            (is_positive(peak), "schedule.peak", "is not positive"),
+            (
+                (0.0..=peak).contains(&last),
+                "schedule.last",
+                "is not between 0 and the peak",
+            ),
+            (
+                warmup_steps < self.steps || self.steps == 0,
+                "schedule.warmup_steps",
+                "leaves no step after the warm-up",
+            ),
+        ];
+        let failed = checks.into_iter().find(|(holds, ..)| !holds);
+        let failed = failed.map(|(_, key, reason)| (key, reason.to_owned()));
+        failed.or_else(|| Some(("data", self.data.fault(stage)?)))
+    }
+}
+
+impl TrainingData {
+    fn fault(&self, stage: Stage) -> Option<String> {
+        match (self, stage) {
+            (Self::Procedural, _) | (Self::Photographs(_), Stage::SelfSupervised) => None,
+            (Self::Photographs(_), Stage::Supervised) => {
+                Some("has photographs, whose depth this stage would need".to_owned())
+            }
+            (Self::Datasets(_), Stage::SelfSupervised) => {
+                Some("has datasets; this stage learns from procedural scenes or photographs".to_owned())
+            }
+            (Self::Datasets(specs), _) if specs.is_empty() => Some("names no dataset".to_owned()),
+            (Self::Datasets(specs), _) => {
+                let error = specs
+                    .iter()
+                    .find_map(|spec| DatasetSpec::parse(spec).err())?;
+                Some(format!("has no dataset: {error}"))
+            }
+        }
+    }
+}
+
+fn is_positive(value: f64) -> bool {
+    value > 0.0 && value.is_finite()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TINY: &str = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/golden/model/tiny_config.json#tiny"
+    );
+
+    fn load(text: &str) -> Result<TrainingConfig, String> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("t.toml");
+        std::fs::write(&path, text).unwrap();
+        TrainingConfig::load(&path).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_empty_file_is_the_papers_training() {
+        let config = load("").unwrap();
+        assert_eq!(config, TrainingConfig::default());
+        assert_eq!((config.stage1.steps, config.stage1.batch), (100_000, 128));
+        assert_eq!((config.stage2.steps, config.stage2.batch), (60_000, 32));
+        assert_eq!(config.network, ModelConfig::release());
+    }
+
+    #[test]
+    fn everything_can_be_set() {
+        let config = load(&format!(
+            "network.file = {TINY:?}\n\
+             trained.alignment = false\n\
+             adam = {{ betas = [0.5, 0.9], epsilon = 1e-6, weight_decay = 0.01 }}\n\
+             intervals = {{ validation = 0, checkpoint = 7, kept_checkpoints = 1 }}\n\
+             [stage1]\nsteps = 20\nbatch = 2\nseed = 9\nclip_norm = inf\n\
+             side = 192\ndata.datasets = [\"synthetic=seed=3\"]\n\
+             schedule = {{ peak = 1e-3, last = 1e-5, warmup_steps = 5 }}\n\
+             [stage2]\nsteps = 0\nbatch = 1\ndata.photographs = \"mine\"\n"
+        ))
+        .unwrap();
+        assert_eq!(config.network.internal_resolution, 192);
+        assert!(!config.trained.alignment && config.trained.image_encoder);
+        assert_eq!(config.adam.betas, [0.5, 0.9]);
+        assert_eq!(config.intervals.checkpoint, 7);
+        let stage = config.stage(Stage::Supervised);
+        assert_eq!((stage.seed, stage.clip_norm), (9, f64::INFINITY));
+        let specs = vec!["synthetic=seed=3".to_owned()];
+        assert_eq!((stage.side, &stage.data), (192, &TrainingData::Datasets(specs)));
+        assert_eq!(stage.schedule.warmup_steps, 5);
+        assert_eq!(config.stage2.data, TrainingData::Photographs("mine".into()));
+    }
+
+    #[test]
+    fn errors_name_file_and_key() {
+        let stage = "[stage1]\nsteps = 20\nbatch = 1\nschedule.warmup_steps = 5\n";
+        for (text, part) in [
+            ("stepz = 1", "line 1: unknown field `stepz`"),
+            ("\n[stage1]\nsteps = 1", "line 2: missing field `batch`"),
+            ("[stage1]\nsteps = -1\nbatch = 1", "line 2: invalid value"),
+            ("network = \"mini\"", "line 1: unknown variant `mini`"),
+            ("network.file = \"absent.json\"", "`network`: absent.json"),
+            ("adam.betas = [0.9, 1.0]", "`adam.betas`"),
+            ("adam.epsilon = 0.0", "`adam.epsilon`"),
+            ("adam.weight_decay = -1.0", "`adam.weight_decay`"),
+            ("intervals.checkpoint = 0", "`intervals.checkpoint`"),
+            (
+                "intervals.kept_checkpoints = 0",
+                "`intervals.kept_checkpoints`",
+            ),
+            (
+                "[stage2]\nsteps = 9\nbatch = 1",
+                "`stage2.schedule.warmup_steps`",
+            ),
+            ("[stage2]\nsteps = 0\nbatch = 0", "`stage2.batch`"),
+            (&format!("{stage}clip_norm = nan"), "`stage1.clip_norm`"),
+            (
+                &format!("{stage}schedule.peak = inf"),
+                "`stage1.schedule.peak`",
+            ),
+            (
+                &format!("{stage}schedule.last = 1.0"),
+                "`stage1.schedule.last`",
+            ),
+            (
+                &format!("{stage}data.datasets = []"),
+                "`stage1.data` names no",
+            ),
+            (
+                &format!("{stage}data.datasets = [\"x=y\"]"),
+                "`stage1.data` has no",
+            ),
+            (
+                &format!("{stage}data.photographs = \"mine\""),
+                "`stage1.data` has photographs",
+            ),
+            (&format!("{stage}side = 0"), "`stage1.side` is not"),
+            (&format!("{stage}data = \"all\""), "line 5: unknown variant"),
+        ] {
+            let error = load(text).unwrap_err();
+            let named = error.contains("t.toml: ") && error.contains(part);
+            assert!(named && !error.contains('\n'), "{text}: {error}");
+        }
+        let absent = TrainingConfig::load(Path::new("absent.toml")).unwrap_err();
+        assert!(absent.to_string().starts_with("absent.toml: "));
+    }
+
+    #[test]
+    fn the_hash_is_of_what_decides_results() {
+        let hash = |change: fn(&mut TrainingConfig)| {
+            let mut config = TrainingConfig::default();
+            change(&mut config);
+            config.sha256()
+        };
+        let plain = hash(|_| ());
+        assert_eq!(plain, hash(|c| c.intervals.checkpoint = 5));
+        let others = [
+            hash(|c| c.network.vit.norm_eps = 1e-5),
+            hash(|c| c.trained.alignment = false),
+            hash(|c| c.adam.epsilon = 1e-7),
+            hash(|c| c.stage1.seed = 1),
+            hash(|c| c.stage2.steps = 1),
+        ];
+        assert!(others.iter().all(|other| *other != plain));
+    }
+}

@@ -1,0 +1,133 @@
+//! The second stage's examples (paper, self-supervised fine-tuning): a photograph without depth becomes
+//! the novel view of a picture that the network itself has made of it.
+//!
+//! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph,
+//! which are rendered from a camera nearby; that rendering is then the input, and the photograph, whose
+//! pixels are real, what the novel view is held against. What the paper leaves open is decided so:
+//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the distance that they
+//! look at, which is the median depth; pixels of the rendering with an alpha below 0.99 count in no
+//! loss; its expected depth is the depth of the input, the teacher's first layer that of the photograph.
+
+use std::path::Path;
+
+use glam::DVec3;
+use image::{ImageBuffer, Luma};
+use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
+use sharp::color::Quantization;
+use sharp::model::inventory::CheckpointSource;
+use sharp::model::{Algorithm, Engine, ModelConfig, ModelError, Predictor};
+use sharp::random::{SplitMix64, mix};
+use sharp::render::trajectory::looking;
+use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
+use sharp::resize::nearest;
+
+use crate::data::{DataError, Photograph, Sample, Source, TrainingView};
+
+/// Farthest of the pseudo-novel cameras, metres.
+const RADIUS_M: f64 = 0.6;
+/// The same as a part of the distance that they look at.
+const PART_OF_DISTANCE: f64 = 0.26;
+/// Least alpha of a pixel that counts.
+const COVERED: f32 = 0.99;
+
+/// A pair of views, and where the first may be trusted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MaskedSample {
+    pub sample: Sample,
+    /// Pixels of the source whose colours count; all where there is none.
+    pub source_mask: Option<Vec<bool>>,
+}
+
+/// Examples out of photographs.
+pub struct SelfSupervisedSamples {
+    photographs: Box<dyn Source<Photograph>>,
+    teacher: Predictor,
+    seed: u64,
+}
+
+impl SelfSupervisedSamples {
+    /// `teacher` is the file of weights at the end of the first stage.
+    ///
+    /// # Errors
+    /// Those of the file.
+    pub fn new(
+        photographs: Box<dyn Source<Photograph>>,
+        teacher: &Path,
+        config: &ModelConfig,
+        seed: u64,
+    ) -> Result<Self, ModelError> {
+        let weights = CheckpointSource::open(teacher)?;
+        weights.check(config, &[])?;
+        let engine = Engine::cpu(Algorithm::Winograd);
+        Ok(Self {
+            photographs,
+            teacher: Predictor::from_source(config, weights, engine)?,
+            seed,
+        })
+    }
+}
+
+impl Source<MaskedSample> for SelfSupervisedSamples {
+    fn get(&self, k: u64) -> Result<MaskedSample, DataError> {
+        let Photograph {
+            id,
+            image,
+            intrinsics,
+        } = self.photographs.get(k)?;
+        let factor = intrinsics.fx / f64::from(intrinsics.width);
+        let output = self.teacher.predict_rgb8(&image, factor as f32)?;
+        let side = output.resolution;
+        let size = (image.width() as usize, image.height() as usize);
+        let depth = nearest(output.first_layer(), (side, side), size);
+        let mut sorted = depth.clone();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let distance = f64::from(sorted[sorted.len() / 2]);
+        let mut random = SplitMix64::new(mix(mix(self.seed ^ SPREAD).wrapping_add(k)));
+        let eye = eye(&mut random, distance);
+        let camera_from_world = looking(eye, DVec3::new(0.0, 0.0, distance));
+        let placed = target_camera_from_source_ndc(&intrinsics, &camera_from_world);
+        let view = RenderView::new(placed, intrinsics);
+        let rendered = CpuRenderer::new().render(&output.gaussians, &view)?;
+        let covered: Vec<bool> = rendered.alpha.iter().map(|a| *a >= COVERED).collect();
+        let mut seen_depth = rendered.expected_depth();
+        for (depth, covered) in seen_depth.iter_mut().zip(&covered) {
+            if !covered {
+                *depth = 0.0;
+            }
+        }
+        let source = TrainingView {
+            image: rendered.srgb8(Background::Black, Quantization::Round),
+            intrinsics,
+            camera_from_world,
+            depth: seen_depth,
+        };
+        let target = TrainingView {
+            depth: in_shape(image.width(), image.height(), depth),
+            image,
+            intrinsics,
+            camera_from_world: RigidTransform::IDENTITY,
+        };
+        Ok(MaskedSample {
+            sample: Sample { id, source, target },
+            source_mask: Some(covered),
+        })
+    }
+}
+
+/// Separates these random choices from those of the photographs.
+const SPREAD: u64 = 0x5353_4654;
+
+/// Anywhere in the disc, evenly.
+fn eye(random: &mut SplitMix64, distance: f64) -> DVec3 {
+    let radius = RADIUS_M.min(PART_OF_DISTANCE * distance);
+    loop {
+        let (x, y) = (random.between(-1.0, 1.0), random.between(-1.0, 1.0));
+        if x * x + y * y <= 1.0 {
+            return DVec3::new(radius * x, radius * y, 0.0);
+        }
+    }
+}
+
+fn in_shape(width: u32, height: u32, depth: Vec<f32>) -> ImageBuffer<Luma<f32>, Vec<f32>> {
+    ImageBuffer::from_raw(width, height, depth).unwrap_or_default()
+}
