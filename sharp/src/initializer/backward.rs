@@ -23,7 +23,9 @@ pub struct BaseGradient {
 ///
 /// Subgradients are torch's: a block's value belongs to the first of its nearest pixels, row by
 /// row; a pixel beyond [`MAX_NORMALIZED_DEPTH`] gets nothing, one on it
-/// does; the factor's share is divided evenly among all nearest pixels. Zero for invalid depth.
+/// does. The factor's share is divided evenly among all nearest pixels, as by torch's `amin`; the
+/// release's `min` gives it to one of them, and its two layers begin as copies of each other. Zero
+/// for invalid depth.
 ///
 /// # Errors
 /// [`InitializerError::Grid`], [`InitializerError::Length`].
