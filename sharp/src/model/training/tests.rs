@@ -224,7 +224,9 @@ fn frozen_parts_have_no_gradients_and_change_no_others() {
     let scene = scene();
     let weights = || Held(weights(&network));
     let run = |trainable: fn(&str) -> bool| {
-        let pass = network.forward(weights(), trainable, scene.input()).unwrap();
+        let pass = network
+            .forward(weights(), trainable, scene.input())
+            .unwrap();
         let loss = Loss::new(&pass);
         pass.backward(&loss.0).unwrap()
     };
