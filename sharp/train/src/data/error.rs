@@ -21,12 +21,16 @@ pub enum DataError {
     /// A view for whose picture the dataset has no depth.
     #[error("{}: no depth belongs to this picture", image.display())]
     NoDepth { image: PathBuf },
-    #[error("{dataset}: no two views of a scene stand at most {limit_m} m apart and differ in pose")]
+    #[error(
+        "{dataset}: no two views of a scene stand at most {limit_m} m apart and differ in pose"
+    )]
     NoPair { dataset: String, limit_m: f64 },
     #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]
     NoPicture { folder: PathBuf },
     /// Some of the scenes are kept for evaluation.
-    #[error("{dataset}: networks are trained on seeds 1000 to 899999 alone, all others are held out")]
+    #[error(
+        "{dataset}: networks are trained on seeds 1000 to 899999 alone, all others are held out"
+    )]
     HeldOut { dataset: String },
     #[error("sample {id}: {source}")]
     Sample { id: String, source: Box<DataError> },

@@ -50,11 +50,11 @@ impl PosedSamples {
             scenes: open(spec)?,
             sources: Vec::new(),
         };
-        for (index, scene) in samples.scenes.iter().enumerate() {
-            let views = 0..scene.views.len();
-            let paired = views.filter(|&view| samples.partners(scene, view).next().is_some());
-            samples.sources.extend(paired.map(|view| (index, view)));
-        }
+        let scenes = samples.scenes.iter().enumerate();
+        let views = scenes.flat_map(|(i, scene)| (0..scene.views.len()).map(move |v| (i, v)));
+        let paired =
+            views.filter(|&(i, v)| samples.partners(&samples.scenes[i], v).next().is_some());
+        samples.sources = paired.collect();
         match samples.sources.is_empty() {
             true => Err(DataError::NoPair {
                 dataset: spec.to_string(),

@@ -33,7 +33,7 @@ impl<T: Send + 'static> Prefetcher<T> {
         let (sender, made) = sync_channel(ahead.max(1));
         let maker = std::thread::Builder::new()
             .name("training data".to_owned())
-            .spawn(move || pool.install(|| make(&source, first, &sender)))
+            .spawn(move || pool.install(move || make(&source, first, &sender)))
             .map_err(|e| failed(&e))?;
         Ok(Self {
             made: Some(made),

@@ -11,8 +11,7 @@ use super::{DataError, Sample, Source, draws};
 ///
 /// Sample k is of a random training seed. Of the eleven cameras the central one is the source with
 /// a probability of one half, otherwise any is; the target is any of the others. (The paper renders
-/// eleven views a scene and leaves open which are paired. Each of them at the centre of what the
-/// network sees half of the time, and all baselines up to 0.6 m, serve both ways of reading it.)
+/// eleven views a scene and leaves open which are paired: this is half of each reading.)
 /// Only these two views are rendered.
 #[derive(Debug, Clone)]
 pub struct ProceduralSamples {
@@ -31,14 +30,28 @@ impl Source<Sample> for ProceduralSamples {
     fn get(&self, k: u64) -> Result<Sample, DataError> {
         let mut random = draws(self.seed, k);
         let (id, views) = scene(&mut random, self.size)?;
-        let count = views.len() as u64;
-        let source = match random.below(2) {
-            0 => 0,
-            _ => random.below(count),
-        };
-        let target = (source + 1 + random.below(count - 1)) % count;
-        pair(&id, &views[source as usize], &views[target as usize], self.size)
+        let (source, target) = cameras(&mut random, views.len() as u64);
+        pair(
+            &id,
+            &views[source as usize],
+            &views[target as usize],
+            self.size,
+        )
     }
+}
+
+/// Source and target among so many cameras, of which the first is the central one.
+pub(super) fn cameras(random: &mut SplitMix64, count: u64) -> (u64, u64) {
+    let source = match random.below(2) {
+        0 => 0,
+        _ => random.below(count),
+    };
+    (source, (source + 1 + random.below(count - 1)) % count)
+}
+
+pub(super) fn training_seed(random: &mut SplitMix64) -> u64 {
+    let (first, last) = TRAINING_SEEDS.into_inner();
+    first + random.below(last - first + 1)
 }
 
 /// A random training scene: its name, and its views with the central one first.
@@ -46,8 +59,7 @@ pub(super) fn scene(
     random: &mut SplitMix64,
     (width, height): (u32, u32),
 ) -> Result<(String, Vec<View>), DataError> {
-    let (first, last) = TRAINING_SEEDS.into_inner();
-    let seed = first + random.below(last - first + 1);
+    let seed = training_seed(random);
     let id = format!("seed{seed}");
     let options = SyntheticOptions {
         width,
