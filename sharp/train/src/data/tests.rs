@@ -157,15 +157,16 @@ fn poses_and_depth_of_a_sample_agree() {
 
 #[test]
 fn posed_pairs_keep_to_the_limit() {
-    let text = "synthetic=seed=1000,scenes=6,size=96x72,views=8,world=varied";
-    let samples = posed(text, SIZE, 0.25).unwrap();
+    let text = "synthetic=seed=1000,scenes=6,size=144x108,views=8,world=varied";
+    let size = (96, 72);
+    let samples = posed(text, size, 0.25).unwrap();
     let mut scenes = std::collections::BTreeSet::new();
     for k in 0..40 {
         let sample = samples.get(k).unwrap();
         let poses = [&sample.source, &sample.target].map(|view| view.camera_from_world);
         let metres = baseline_m(&poses[0], &poses[1]);
         assert!(metres > 0.0 && metres <= 0.25, "{}: {metres}", sample.id);
-        assert_eq!(sample.source.image.dimensions(), SIZE);
+        assert_eq!(sample.source.image.dimensions(), size);
         let (there, before) = warped(&sample);
         assert!(
             there > 0.6 && before < 0.02,
@@ -176,7 +177,7 @@ fn posed_pairs_keep_to_the_limit() {
         scenes.insert(sample.id[..8].to_owned());
     }
     assert_eq!(scenes.len(), 6);
-    let error = posed(text, SIZE, 1e-6).unwrap_err();
+    let error = posed(text, size, 1e-6).unwrap_err();
     assert!(matches!(error, DataError::NoPair { .. }), "{error}");
 }
 
