@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use sharp::camera::CameraError;
 use sharp::model::ModelError;
 use sharp_datasets::DatasetError;
+use sharp_datasets::synthetic::TRAINING_SEEDS;
 use sharp_metrics::PictureError;
 
 /// Why there is no training data, or not this sample.
@@ -29,7 +30,9 @@ pub enum DataError {
     NoPicture { folder: PathBuf },
     /// Some of the scenes are kept for evaluation.
     #[error(
-        "{dataset}: networks are trained on seeds 1000 to 899999 alone, all others are held out"
+        "{dataset}: networks are trained on seeds {} to {} alone, all others are held out",
+        TRAINING_SEEDS.start(),
+        TRAINING_SEEDS.end()
     )]
     HeldOut { dataset: String },
     #[error("sample {id}: {source}")]

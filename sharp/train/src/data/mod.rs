@@ -59,6 +59,12 @@ pub trait Source<T>: Send {
     fn get(&self, k: u64) -> Result<T, DataError>;
 }
 
+impl<T, S: Source<T> + ?Sized> Source<T> for Box<S> {
+    fn get(&self, k: u64) -> Result<T, DataError> {
+        (**self).get(k)
+    }
+}
+
 /// The random numbers that sample k is drawn with.
 fn draws(seed: u64, k: u64) -> SplitMix64 {
     SplitMix64::new(mix(mix(seed).wrapping_add(k)))

@@ -306,7 +306,8 @@ fn a_prefetcher_keeps_the_order_and_hands_errors_on() {
 #[test]
 fn prefetched_samples_are_those_of_the_source() {
     let samples = ProceduralSamples::new(8, (32, 32));
-    let mut ahead = Prefetcher::start(samples.clone(), 2, 2).unwrap();
+    let chosen: Box<dyn Source<Sample>> = Box::new(samples.clone());
+    let mut ahead = Prefetcher::start(chosen, 2, 2).unwrap();
     for k in 2..6 {
         assert_eq!(ahead.fetch().unwrap(), samples.get(k).unwrap());
     }

@@ -38,14 +38,17 @@ impl TrainingView {
             }
         }
         let image = resized(view.content.image()?, size)?;
-        let usize_of = |(w, h): (u32, u32)| (w as usize, h as usize);
-        let planes = nearest(&depth, usize_of(depth.dimensions()), usize_of(size));
-        let depth = ImageBuffer::from_raw(size.0, size.1, planes);
+        let (width, height) = (size.0 as usize, size.1 as usize);
+        let from = (depth.width() as usize, depth.height() as usize);
+        let depths = nearest(&depth, from, (width, height));
+        let depth = ImageBuffer::from_fn(size.0, size.1, |x, y| {
+            Luma([depths[y as usize * width + x as usize]])
+        });
         Ok(Self {
             image,
             intrinsics: view.intrinsics.resized(size.0, size.1),
             camera_from_world: view.camera_from_world,
-            depth: depth.unwrap_or_default(),
+            depth,
         })
     }
 }
