@@ -49,6 +49,7 @@ fn model(dir: &Path, run: &Path, width: u32, scale: f64) {
             width,
             height: width * 3 / 4,
             views: VIEWS,
+            ..SyntheticOptions::default()
         };
         let scene = SyntheticScene::new(options).unwrap();
         let view = scene.views().iter().find(|view| view.id == record.source);

@@ -41,7 +41,7 @@ pub(super) fn floor(x: f64) -> f64 {
 
 /// The sRGB code, 0 to 255, of linear light (clamped to 0..1), rounded to nearest.
 pub(super) fn srgb_level(linear: f64) -> u8 {
-    const CELLS: usize = 4096;
+    const CELLS: usize = 16_384;
     // The code at the lower end of each cell and at the upper end of the last.
     static ENDS: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let ends = 0..=CELLS;

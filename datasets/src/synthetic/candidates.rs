@@ -32,10 +32,16 @@ impl Wedge {
         Self { apex, normals }
     }
 
-    /// False only where no ray of the bundle meets the shape.
-    pub(super) fn may_meet(&self, shape: &SurfaceShape) -> bool {
-        let inwards = |normal: &DVec3| shape.reach(*normal) - normal.dot(self.apex);
-        self.normals.iter().all(|normal| inwards(normal) > -SLACK_M)
+    /// False only where no ray of the bundle meets the shape, whose ball is asked first.
+    pub(super) fn may_meet(&self, shape: &SurfaceShape, (center, square): (DVec3, f64)) -> bool {
+        let to_center = center - self.apex;
+        self.normals.iter().all(|normal| {
+            let inside = normal.dot(to_center);
+            inside > 0.0 || inside * inside < square
+        }) && self.normals.iter().all(|normal| {
+            let inwards = shape.reach(*normal) - normal.dot(self.apex);
+            inwards > -SLACK_M
+        })
     }
 }
 
@@ -127,7 +133,9 @@ impl LampCube {
                 let corner = |i, j| cube_direction(side, edge(column + i), edge(row + j));
                 let corners = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
                 let wedge = Wedge::between(lamp, corners);
-                let met = shapes.clone().filter(|(_, shape)| wedge.may_meet(shape));
+                let met = shapes
+                    .clone()
+                    .filter(|(_, shape)| wedge.may_meet(shape, shape.bounds()));
                 cells.push(met.map(|(index, _)| index).collect());
             }
         }

@@ -171,7 +171,8 @@ impl SyntheticOptions {
     }
 }
 
-/// A procedural scene with what only a procedural scene can tell: exact visibility.
+/// A procedural scene with what only a procedural scene can tell: exact visibility. Through a lens
+/// that does not distort, its depth is 0 where the sky is seen and nowhere else.
 #[derive(Debug, Clone)]
 pub struct SyntheticScene {
     world: Arc<World>,

@@ -367,7 +367,9 @@ impl World {
         };
         let mut sorted: Vec<(f64, usize)> = (0..)
             .zip(&self.objects)
-            .filter(|(_, object)| bundle.is_none_or(|wedge| wedge.may_meet(&object.shape)))
+            .filter(|(_, object)| {
+                bundle.is_none_or(|wedge| wedge.may_meet(&object.shape, object.bounds))
+            })
             .map(|(index, object)| (depth(object), index))
             .filter(|((_, farthest), _)| *farthest > 0.0)
             .map(|((nearest, _), index)| (nearest, index))

@@ -49,6 +49,7 @@ fn scene() -> SyntheticScene {
         width: 96,
         height: 72,
         views: 5,
+        ..SyntheticOptions::default()
     })
     .unwrap()
 }

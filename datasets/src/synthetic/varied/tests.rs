@@ -121,27 +121,27 @@ const RECORDED: [(Family, &str); 7] = [
     ),
     (
         Family::Room,
-        "4a6e75c2eab1212a0549f46ba99f45ab05f06033fa8e03e40ea320c64979e32c",
+        "e9d9d9669616ec397b5883683725308bee6a3e20b09b7c432ad70b2abd2274d0",
     ),
     (
         Family::TableTop,
-        "8aa54e17a58cca5056afacfef8da655d1cf385c5279c820f0acd033065907708",
+        "021c77484af4803cfab2c34b3e76bdbd1e3ab07470d4f9f9e245978039f0917b",
     ),
     (
         Family::Corridor,
-        "8e6f289fcbd4cbca56d2fa862d991b117875a686c7af91052bb635fabfb6003e",
+        "e53c2697160943f57d40d8556594c95bd27b98911a09961249902f3674b045c3",
     ),
     (
         Family::Outdoors,
-        "a281e18f3030e9db54c493cb34ff9937076e87b56d3d00d682c036bd4d12f5a9",
+        "24e4f3ec5dd47bee75da7cddd71d090bf858a0102b5dfb398fe5be1e453f7392",
     ),
     (
         Family::Street,
-        "65e73483d86c27c243629797374d2ef089debe65588a3b4ce0355a2a62523651",
+        "748c5bcd78ce9dcf437ab34c1f5f36b8ab431cf2ecde7a515859c419961aaf6c",
     ),
     (
         Family::Thin,
-        "dbf67e3d4ac6bd369e0216f2dd78c398a1a32c84f8df6c4093ad7a7dfe691df1",
+        "8167c544e7be43ef28cf0ea7e1619e8f9947381139d31f030a9a79f720d8e841",
     ),
 ];
 
