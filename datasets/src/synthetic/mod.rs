@@ -11,7 +11,8 @@
 //! * `arithmetic`: the few functions that would otherwise come from libm.
 //! * `shapes`: rectangles, boxes, spheres, cylinders, and rays against them.
 //! * `texture`: colours from integer noise.
-//! * `world`: what stands where in the classic scene, and what a ray brings back.
+//! * `world`: objects in their light, and what a ray brings back.
+//! * `classic`: what stands where in the classic scene.
 //! * `candidates`: which objects a bundle of rays can meet.
 //! * `varied`: scenes of many kinds instead of the classic one, for training; `paint` and `light` are
 //!   their colours and their light.
@@ -21,6 +22,7 @@
 
 mod arithmetic;
 mod candidates;
+mod classic;
 mod content;
 mod light;
 mod paint;
@@ -212,7 +214,7 @@ impl SyntheticScene {
             )));
         }
         let (world, rig) = match options.world {
-            WorldKind::Classic => (World::new(options.seed, 0), Rig::CLASSIC),
+            WorldKind::Classic => (classic::world(options.seed, 0), Rig::CLASSIC),
             WorldKind::Varied => varied::scene(options.seed),
         };
         let lens = options.lens(&rig).map_err(|e| refuse(e.to_string()))?;

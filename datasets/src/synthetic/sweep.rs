@@ -6,6 +6,7 @@ use glam::{DMat3, DVec3};
 use sharp::camera::RigidTransform;
 
 use super::arithmetic::unit_circle;
+use super::classic;
 use super::world::World;
 use super::{SyntheticScene, view_of};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene};
@@ -118,7 +119,7 @@ impl SweepKind {
         Ok(match self {
             Self::Posts(posts) => steps
                 .map(|step| {
-                    let world = Arc::new(World::new(options.seed, posts * step));
+                    let world = Arc::new(classic::world(options.seed, posts * step));
                     let views = vec![view(&world, 0, source), view(&world, step, target(step))];
                     scene(format!("{cluster}/{:02}-posts", posts * step), views)
                 })

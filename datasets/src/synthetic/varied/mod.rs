@@ -14,6 +14,7 @@ mod tests;
 use glam::DVec3;
 use sharp::random::SplitMix64;
 
+use super::classic;
 use super::light::Light;
 use super::paint::derived;
 use super::rig::Rig;
@@ -70,7 +71,7 @@ pub(super) fn scene(seed: u64) -> (World, Rig) {
     };
     (1..=drafts)
         .find_map(|number| drafted(family, &mut SplitMix64::new(derived(seed, number))))
-        .unwrap_or_else(|| (World::new(seed, 0), Rig::CLASSIC))
+        .unwrap_or_else(|| (classic::world(seed, 0), Rig::CLASSIC))
 }
 
 /// A random scene of a family; `None` when it shows too little.
