@@ -230,7 +230,23 @@ impl TrainingConfig {
             intervals: _,
         } = self;
         // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
-        sha256_hex(format!("{:?}", (network, initial, trained, aligned, losses, loss_options, adam, stage1, stage2)).as_bytes())
+        sha256_hex(
+            format!(
+                "{:?}",
+                (
+                    network,
+                    initial,
+                    trained,
+                    aligned,
+                    losses,
+                    loss_options,
+                    adam,
+                    stage1,
+                    stage2
+                )
+            )
+            .as_bytes(),
+        )
     }
 
     /// The first value that cannot be, by its key.
@@ -314,9 +330,9 @@ impl TrainingData {
             (Self::Photographs(_), Stage::Supervised) => {
                 Some("has photographs, whose depth this stage would need".to_owned())
             }
-            (Self::Datasets(_), Stage::SelfSupervised) => {
-                Some("has datasets; this stage learns from procedural scenes or photographs".to_owned())
-            }
+            (Self::Datasets(_), Stage::SelfSupervised) => Some(
+                "has datasets; this stage learns from procedural scenes or photographs".to_owned(),
+            ),
             (Self::Datasets(specs), _) if specs.is_empty() => Some("names no dataset".to_owned()),
             (Self::Datasets(specs), _) => {
                 let error = specs
@@ -377,7 +393,10 @@ mod tests {
         let stage = config.stage(Stage::Supervised);
         assert_eq!((stage.seed, stage.clip_norm), (9, f64::INFINITY));
         let specs = vec!["synthetic=seed=3".to_owned()];
-        assert_eq!((stage.side, &stage.data), (192, &TrainingData::Datasets(specs)));
+        assert_eq!(
+            (stage.side, &stage.data),
+            (192, &TrainingData::Datasets(specs))
+        );
         assert_eq!(stage.schedule.warmup_steps, 5);
         assert_eq!(config.stage2.data, TrainingData::Photographs("mine".into()));
     }

@@ -83,7 +83,7 @@ impl WeightSource for Untrained {
             deviation *= 0.25;
         }
         if ends(&["monodepth_predictor.head.4.weight"]) {
-            let layer = self.normal(name, len / shape[0], 0.1 * deviation);
+            let layer = self.normal(name, len / shape[0], 0.01 * deviation);
             return Ok(layer.repeat(shape[0]));
         }
         Ok(self.normal(name, len, deviation))

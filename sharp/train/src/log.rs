@@ -78,7 +78,8 @@ impl TrainingLog {
             let quoted = name.replace('"', "\"\"");
             format!("{},{step},{value},\"{quoted}\"\n", stage.number())
         };
-        self.validation.append(&measured.iter().map(row).collect::<String>())
+        self.validation
+            .append(&measured.iter().map(row).collect::<String>())
     }
 
     /// Adds a step, on disk when this returns. Numbers are the shortest that read back as they are.

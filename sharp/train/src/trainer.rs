@@ -182,7 +182,8 @@ impl Trainer {
     pub fn parameter_counts(&self) -> (usize, usize) {
         let weights = &self.state.weights;
         let learning = weights.iter().filter(|weights| weights.moments.is_some());
-        let count = |values: usize, weights: &crate::optimizer::Weights| values + weights.values.len();
+        let count =
+            |values: usize, weights: &crate::optimizer::Weights| values + weights.values.len();
         (learning.fold(0, count), weights.iter().fold(0, count))
     }
 
@@ -356,11 +357,7 @@ impl Trainer {
     }
 
     /// What a stage learns from.
-    fn source(
-        &self,
-        stage: Stage,
-        settings: &StageConfig,
-    ) -> Result<AnySource, TrainingError> {
+    fn source(&self, stage: Stage, settings: &StageConfig) -> Result<AnySource, TrainingError> {
         let (seed, size) = (settings.seed, (settings.side, settings.side));
         if stage == Stage::SelfSupervised {
             let photographs: Box<dyn Source<Photograph>> = match &settings.data {
@@ -466,7 +463,11 @@ impl Source<MaskedSample> for AnySource {
 
 /// Planes `[3, height, width]` in 0..1.
 fn planes(image: &RgbImage) -> Vec<f32> {
-    let levels = |c: usize| image.pixels().map(move |pixel| f32::from(pixel.0[c]) / 255.0);
+    let levels = |c: usize| {
+        image
+            .pixels()
+            .map(move |pixel| f32::from(pixel.0[c]) / 255.0)
+    };
     (0..3).flat_map(levels).collect()
 }
 
