@@ -1,5 +1,9 @@
 //! Multi-head self-attention, exact softmax, without ever storing all scores.
 
+mod backward;
+
+pub use backward::attention_gradient;
+
 use std::ops::Range;
 
 use crate::gemm::Epilogue;

@@ -18,9 +18,11 @@
 //! * [`pool`]: max pooling and the L2 pooling of DISTS.
 //! * [`norm`]: layer and group normalisation.
 //! * [`attention`](mod@attention): multi-head self-attention.
+//! * [`activation`]: GELU of a slice.
 //!
 //! Private: `math` (exp, GELU for vectors).
 
+pub mod activation;
 pub mod attention;
 pub mod conv;
 pub mod gemm;
@@ -33,10 +35,10 @@ pub mod simd;
 mod testing;
 pub mod workspace;
 
-pub use attention::{AttentionShape, attention};
+pub use attention::{AttentionShape, attention, attention_gradient};
 pub use conv::{Algorithm, Conv2d, ConvOptions, ConvSpec, TransposedConv2x2};
 pub use gemm::{Epilogue, PackedMatrix, matmul};
-pub use norm::{GroupNorm, GroupNormGradient, layer_norm};
+pub use norm::{GroupNorm, NormGradient, layer_norm, layer_norm_gradient};
 pub use pool::{L2Pool, MaxPool};
 pub use rows::{RowOp, RowWindow};
 pub use simd::{InstructionSet, PinError, Simd, UnknownInstructionSet};

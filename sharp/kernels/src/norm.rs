@@ -2,7 +2,7 @@
 
 mod backward;
 
-pub use backward::GroupNormGradient;
+pub use backward::{NormGradient, layer_norm_gradient};
 
 use rayon::prelude::*;
 

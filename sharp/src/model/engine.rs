@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use candle_core::{Device, Tensor, Var};
+use candle_core::{Device, Tensor};
 use sharp_kernels::{Algorithm, Simd, Workspace};
 
 use super::ModelError;
@@ -104,23 +104,8 @@ impl Runtime {
         }
         let values = self.values(parameter)?;
         let tensor = Tensor::from_vec(values, &parameter.shape[..], device)?;
-        let trains = |tape: &Arc<Tape>| tape.trains(&parameter.name);
-        let tensor = if self.tape.as_ref().is_some_and(trains) {
-            Var::from_tensor(&tensor)?.into_inner()
-        } else {
-            tensor
-        };
         resident.insert(parameter.name.clone(), tensor.clone());
         Ok(tensor)
-    }
-
-    /// Tensors on the device that want gradients, by name.
-    pub(super) fn variables(&self) -> Vec<(String, Tensor)> {
-        let resident = lock(&self.resident);
-        let variables = resident.iter().filter(|(_, tensor)| tensor.is_variable());
-        let mut variables: Vec<_> = variables.map(|(k, v)| (k.clone(), v.clone())).collect();
-        variables.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-        variables
     }
 
     /// Runs `f` with the kernels' scratch memory.

@@ -50,6 +50,21 @@ impl Conv {
         Self::new(p, (input, output), (size, size, 0), true)
     }
 
+    /// A linear layer of the channels: weights `[output, input]`.
+    pub(super) fn linear(weight: &Parameter, bias: &Parameter) -> Self {
+        Self {
+            weight: weight.clone(),
+            bias: Some(bias.clone()),
+            spec: ConvSpec {
+                in_channels: weight.shape[1],
+                out_channels: weight.shape[0],
+                kernel: 1,
+                stride: 1,
+                padding: 0,
+            },
+        }
+    }
+
     fn new(
         p: &Params<'_>,
         (in_channels, out_channels): (usize, usize),
@@ -210,13 +225,13 @@ impl Conv {
 }
 
 /// Which parameters of a layer want gradients.
-struct Learned {
-    weight: Option<String>,
-    bias: Option<String>,
+pub(super) struct Learned {
+    pub(super) weight: Option<String>,
+    pub(super) bias: Option<String>,
 }
 
 impl Learned {
-    fn of(rt: &Runtime, weight: &Parameter, bias: Option<&Parameter>) -> Self {
+    pub(super) fn of(rt: &Runtime, weight: &Parameter, bias: Option<&Parameter>) -> Self {
         let wanted = |parameter: &Parameter| {
             let tape = rt.tape.as_ref()?;
             tape.trains(&parameter.name).then(|| parameter.name.clone())
@@ -227,7 +242,7 @@ impl Learned {
         }
     }
 
-    fn any(&self) -> bool {
+    pub(super) fn any(&self) -> bool {
         self.weight.is_some() || self.bias.is_some()
     }
 

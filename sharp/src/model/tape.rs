@@ -2,7 +2,7 @@
 //!
 //! Every layer that gradients have to pass adds a node: how the gradient of its output becomes those of
 //! its inputs and parameters. Nodes are in order of computation, so that backwards each comes after
-//! everything that used it. Transformers are one node each, differentiated by candle.
+//! everything that used it.
 
 use std::collections::BTreeMap;
 use std::fmt;

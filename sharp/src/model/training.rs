@@ -110,7 +110,7 @@ impl TrainableNetwork {
     }
 
     /// One pass. `weights` are asked for while it runs. Gradients are kept for the parameters that
-    /// `trainable` names; none in a transformer whose patch embedding is not among them.
+    /// `trainable` names.
     ///
     /// # Errors
     /// As [`Predictor::predict`](super::Predictor::predict); [`ModelError::Image`] for known depth of

@@ -79,7 +79,11 @@ impl Vit {
     }
 
     /// The class token before each image's tokens, positions added.
-    fn with_positions(&self, rt: &Runtime, embedded: &[f32]) -> Result<Vec<f32>, ModelError> {
+    pub(super) fn with_positions(
+        &self,
+        rt: &Runtime,
+        embedded: &[f32],
+    ) -> Result<Vec<f32>, ModelError> {
         let (tokens, dim) = (self.shape.tokens(), self.shape.dim);
         let class = rt.values(&self.cls_token)?;
         let positions = rt.values(&self.pos_embed)?;

@@ -10,7 +10,6 @@ use super::engine::{Engine, Runtime};
 use super::map::Map;
 use super::observer::StageObserver;
 use super::params::{Parameter, Params};
-use super::tape::Tape;
 
 /// Images whose intermediate values are in memory at a time: some 100 MB for the release.
 const IMAGES_AT_ONCE: usize = 5;
@@ -133,21 +132,16 @@ impl Vit {
         observer: &mut dyn StageObserver,
     ) -> Result<Features, ModelError> {
         match (&rt.engine, &rt.tape) {
-            (Engine::Kernels(_), Some(tape)) if self.trains(tape) => {
-                self.on_tape(rt, tape, images, taps, name, observer)
+            (Engine::Kernels(kernels), Some(tape)) => {
+                self.on_tape(rt, tape, kernels.simd, images, taps)
             }
-            (Engine::Kernels(kernels), _) => {
+            (Engine::Kernels(kernels), None) => {
                 self.on_host(rt, kernels.simd, images, taps, name, observer)
             }
             (Engine::Tensors(device), _) => {
                 self.on_tensors(rt, device, images, taps, name, observer)
             }
         }
-    }
-
-    /// Whether any of its parameters wants gradients; told by its first.
-    fn trains(&self, tape: &Tape) -> bool {
-        tape.trains(&self.patch_embed.weight.name)
     }
 
     /// Squares of pixels as rows `[images · side², 3 · patch²]`, in the order of the embedding's

@@ -19,28 +19,13 @@ impl Vit {
         name: &str,
         observer: &mut dyn StageObserver,
     ) -> Result<Features, ModelError> {
-        let (tapped, last) = self.tokens(rt, device, images, taps, &mut |stage, value| {
-            observer.stage(&format!("{name}.{stage}"), value)
-        })?;
-        let tapped = tapped.iter().map(|x| self.tensor_maps(x));
-        let taps = tapped.collect::<Result<_, _>>()?;
-        let last = self.tensor_maps(&last)?;
-        observer.stage(&format!("{name}.out"), StageValue::maps(&last))?;
-        Ok(Features { taps, last })
-    }
-
-    /// Outputs of the tapped blocks and of the last normalisation, `[images, 1 + side², dim]`.
-    pub(super) fn tokens(
-        &self,
-        rt: &Runtime,
-        device: &Device,
-        images: &[f32],
-        taps: &[usize],
-        see: &mut dyn FnMut(&str, StageValue<'_>) -> Result<(), ModelError>,
-    ) -> Result<(Vec<Tensor>, Tensor), ModelError> {
         let (tokens, dim, size) = (self.shape.tokens(), self.shape.dim, self.shape.image);
         let count = images.len() / (3 * size * size);
-        see("input", StageValue::host(&[count, 3, size, size], images))?;
+        let input = [count, 3, size, size];
+        observer.stage(&format!("{name}.input"), StageValue::host(&input, images))?;
+        let mut see = |stage: &str, value: &Tensor| {
+            observer.stage(&format!("{name}.{stage}"), StageValue::tensor(value))
+        };
         let square = self.shape.square();
         let rows = Tensor::from_vec(self.squares(images), ((), square), device)?;
         let weight = rt.tensor(&self.patch_embed.weight, device)?;
@@ -48,22 +33,23 @@ impl Vit {
             .matmul(&weight.reshape((dim, square))?.t()?)?
             .broadcast_add(&rt.tensor(&self.patch_embed.bias, device)?)?
             .reshape((count, tokens - 1, dim))?;
-        see("patch_embed", StageValue::tensor(&embedded))?;
+        see("patch_embed", &embedded)?;
         let class = rt.tensor(&self.cls_token, device)?;
         let class = class.broadcast_as((count, 1, dim))?;
         let positions = rt.tensor(&self.pos_embed, device)?;
         let mut x = Tensor::cat(&[&class, &embedded], 1)?.broadcast_add(&positions)?;
-        see("tokens_in", StageValue::tensor(&x))?;
+        see("tokens_in", &x)?;
         let mut tapped = Vec::with_capacity(taps.len());
         for (k, block) in self.blocks.iter().enumerate() {
             x = block.on_tensors(rt, &x, self.shape)?;
-            see(&format!("block{k}"), StageValue::tensor(&x))?;
+            see(&format!("block{k}"), &x)?;
             if taps.contains(&k) {
-                tapped.push(x.clone());
+                tapped.push(self.tensor_maps(&x)?);
             }
         }
-        let last = norm(rt, &self.norm, &x, self.shape.norm_eps)?;
-        Ok((tapped, last))
+        let last = self.tensor_maps(&norm(rt, &self.norm, &x, self.shape.norm_eps)?)?;
+        observer.stage(&format!("{name}.out"), StageValue::maps(&last))?;
+        Ok(Features { taps: tapped, last })
     }
 
     /// Tokens `[images, 1 + side², dim]` as one map an image, the class token dropped.
@@ -128,12 +114,7 @@ impl VitBlock {
             .reshape((3, images * heads, tokens, width))?;
         let q = (qkv.get(0)? * (1.0 / (width as f64).sqrt()))?;
         let weights = q.matmul(&qkv.get(1)?.transpose(D::Minus1, D::Minus2)?)?;
-        // The fused one has no derivative, and drops the graph without a word.
-        let weights = if weights.track_op() {
-            candle_nn::ops::softmax(&weights, D::Minus1)?
-        } else {
-            candle_nn::ops::softmax_last_dim(&weights)?
-        };
+        let weights = candle_nn::ops::softmax_last_dim(&weights)?;
         let mixed = weights
             .matmul(&qkv.get(2)?)?
             .reshape((images, heads, tokens, width))?
