@@ -1,8 +1,8 @@
 //! Losses of training and the renderer's derivative, for the cross-check against torch.
 //!
 //! Reads a JSON request from standard input: `seed`, `folder` and `resnet50dilated`, weights of that
-//! network. Writes `<case>.safetensors` into the folder, each with its inputs by name, `value` (one
-//! number) and for each input that is differentiated `d <input>`.
+//! network. Writes `<case>.safetensors` or `<case>.<number>.safetensors` into the folder, each with its inputs by
+//! name, `value` (one number) and for each input that is differentiated `d <input>`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -266,7 +266,7 @@ fn perceptual(values: &mut Values, folder: &Path, resnet50dilated: &Path) -> Don
                 .loss("predicted", &shape, x.as_flattened(), &found)
                 .f32("target", &shape, y.as_flattened())
                 .f32("mask", &size, &as_floats(&mask))
-                .write(folder, &format!("perceptual {name} {number}"))?;
+                .write(folder, &format!("perceptual {name}.{number}"))?;
         }
     }
     Ok(())
@@ -390,7 +390,7 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
             .f32("of alpha", &size, &of_alpha)
             .f32("of depth", &size, &of_depth)
             .f64("value", &[1], &[value])
-            .write(folder, &format!("renderer {number}"))?;
+            .write(folder, &format!("renderer.{number}"))?;
 
         let shapes = covariances(&scene, &view)?;
         let upstream: Vec<[f64; 3]> = shapes
@@ -404,7 +404,7 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
         of_scene(with_view(Case::default()), &scene, &gradient)
             .f64("upstream", &[n, 3], upstream.as_flattened())
             .f64("value", &[1], &[value])
-            .write(folder, &format!("covariances {number}"))?;
+            .write(folder, &format!("covariances.{number}"))?;
     }
     Ok(())
 }

@@ -1,5 +1,8 @@
-//! The perceptual loss with its gradient, by pictures of 128² and 256² pixels; CPU time of all threads is
-//! what the paper's budget counts, so run it with `RAYON_NUM_THREADS=1` to compare machines.
+//! The perceptual loss with its gradient, of pictures of 128² and 256² pixels.
+//!
+//! `cargo bench -p sharp-train`, with `RAYON_NUM_THREADS=1` for the time of one core
+
+#![allow(clippy::expect_used, reason = "a benchmark may end so")]
 
 use std::hint::black_box;
 
