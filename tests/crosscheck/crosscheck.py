@@ -1,4 +1,4 @@
-"""Our numbers against those of public libraries, on pictures, cameras, networks and scores made from a seed.
+"""Our numbers against those of public libraries, on pictures, cameras, networks, scores and losses made from a seed.
 
 Writes picture pairs, lets our programs and the reference libraries measure the same files, prints the
 largest deviation of each quantity, and exits with 1 if one exceeds its tolerance or was not compared.
@@ -25,6 +25,7 @@ import inference
 import learned
 import lenses
 import resizers
+import training
 
 # What may differ. Statistics of ours are f64, so that f64 references have to agree to 1e-9. kornia
 # adds 1e-12 to SSIM's denominators, which counts where a picture is black and flat; OpenCV's SSIM is
@@ -59,12 +60,12 @@ class Comparison:
 
     def report(self, expected):
         """Prints the table; true if everything expected was compared and agrees."""
-        print(f"{'quantity':<34}{'reference':<28}{'values':>8}{'largest':>12}{'allowed':>10}")
+        print(f"{'quantity':<42}{'reference':<28}{'values':>8}{'largest':>12}{'allowed':>10}")
         agree = True
         for (quantity, reference), (count, worst, tolerance) in self.rows.items():
             verdict = "" if worst <= tolerance else "  MISMATCH"
             agree &= worst <= tolerance
-            print(f"{quantity:<34}{reference:<28}{count:>8}{worst:>12.2e}{tolerance:>10.0e}{verdict}")
+            print(f"{quantity:<42}{reference:<28}{count:>8}{worst:>12.2e}{tolerance:>10.0e}{verdict}")
         for missing in expected - {quantity for quantity, _ in self.rows}:
             agree = False
             print(f"{missing}: not compared")
@@ -184,11 +185,15 @@ BYTE_METRICS = [
 ]
 
 
-def run_json(command, request=None):
+def run(command, request=None):
     done = subprocess.run(command, input=request, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))}\nexit code {done.returncode}\n{done.stderr}")
-    return json.loads(done.stdout)
+    return done.stdout
+
+
+def run_json(command, request=None):
+    return json.loads(run(command, request))
 
 
 def compare_pictures(comparison, binary, rng, folder):
@@ -267,6 +272,7 @@ def main():
                            help="the example crosscheck_quantities of the package sharp-tests")
     arguments.add_argument("--resize", required=True, type=Path, help="its example crosscheck_resize")
     arguments.add_argument("--lenses", required=True, type=Path, help="its example crosscheck_lenses")
+    arguments.add_argument("--training", required=True, type=Path, help="its example crosscheck_training")
     arguments.add_argument("--statistics", required=True, type=Path,
                            help="the example crosscheck_statistics of the package sharp-statistics")
     arguments.add_argument("--work", required=True, type=Path, help="folder for the pictures")
@@ -284,9 +290,10 @@ def main():
     lenses.compare(comparison, given.lenses, rng, given.work / "lenses")
     learned.compare(comparison, run_json, given.binary, rng, given.work / "learned", picture)
     inference.compare(comparison, run_json, given.statistics, rng)
+    training.compare(comparison, run, given.training, rng, given.work / "training")
     expected = {key for key, *_ in PICTURE_METRICS + BYTE_METRICS} | {
         "linear_from_srgb", "srgb_from_linear", "projected, px", "unprojected, m"}
-    expected |= resizers.EXPECTED | lenses.EXPECTED | learned.EXPECTED | inference.EXPECTED
+    expected |= resizers.EXPECTED | lenses.EXPECTED | learned.EXPECTED | inference.EXPECTED | training.EXPECTED
     if not comparison.report(expected):
         sys.exit(1)
 

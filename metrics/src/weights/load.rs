@@ -12,9 +12,12 @@ use super::embedded::ALEXNET;
 use super::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};
 use crate::backbone::architecture;
 
+/// Shape and values, in C order, of tensors by name.
+pub type NamedTensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
+
 /// All tensors of a network's features, by their name below `features.`.
 #[derive(Debug)]
-pub(crate) struct Tensors(BTreeMap<String, (Vec<usize>, Vec<f32>)>);
+pub(crate) struct Tensors(NamedTensors);
 
 impl Tensors {
     /// Shape and values of one of the network's tensors, all of which are there.
@@ -65,15 +68,12 @@ impl Weights {
         Ok(Some(LoadedBackbone { tensors, used }))
     }
 
-    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …),
-    /// shape and values in C order, for who computes it in another way; `None` without weights.
+    /// The tensors of a network's features by their name below `features.` (`0.weight`, `0.bias`, …), for
+    /// who computes it in another way; `None` without weights.
     ///
     /// # Errors
     /// [`WeightsError`]: unreadable, of another network, or not finite.
-    pub fn convolutions(
-        &self,
-        backbone: Backbone,
-    ) -> Result<Option<BTreeMap<String, (Vec<usize>, Vec<f32>)>>, WeightsError> {
+    pub fn convolutions(&self, backbone: Backbone) -> Result<Option<NamedTensors>, WeightsError> {
         Ok(self.load(backbone)?.map(|loaded| loaded.tensors.0))
     }
 }

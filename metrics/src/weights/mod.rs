@@ -22,6 +22,7 @@ use sharp_checkpoint::CheckpointError;
 pub(crate) use embedded::{dists_weights, linear_weights};
 #[cfg(any(feature = "download", test))]
 pub use fetch::{FetchError, fetch};
+pub use load::NamedTensors;
 pub(crate) use load::Tensors;
 pub use registry::{Published, cache_folder, lies_in, mirrored, torch_hub, user_cache};
 

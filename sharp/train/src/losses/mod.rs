@@ -9,12 +9,14 @@
 //! * `pictures`: [`color`], [`alpha`], [`depth`]; [`linear_from_srgb_gradient`].
 //! * `regularizers`: [`tv`], [`grad`], [`delta`], [`splat`].
 //! * `alignment`: [`scale`], [`scale_gradient`].
+//! * [`novel_mask`]: where pictures of the novel view are compared.
 //! * [`perceptual`]: features of a frozen network, and the operator of graph surgery.
 //!
 //! Private: `map` (differences of a map and their adjoint).
 
 mod alignment;
 mod map;
+mod mask;
 mod options;
 pub mod perceptual;
 mod pictures;
@@ -23,13 +25,14 @@ mod regularizers;
 mod testing;
 
 pub use alignment::{scale, scale_gradient};
+pub use mask::novel_mask;
 pub use options::{
     AlphaViews, Channels, Difference, GradientNorm, InverseDepthUnits, LossOptions, LossWeights,
-    MaskNormalization, ScalePooling, SplatVariance, SplatView,
+    MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView,
 };
 pub use perceptual::{Perceptual, PerceptualOptions};
 pub use pictures::{alpha, color, depth, linear_from_srgb_gradient};
-pub use regularizers::{DEPTH_MARGIN, GradOutput, delta, grad, splat, tv};
+pub use regularizers::{GradOutput, delta, grad, splat, tv};
 
 use rayon::prelude::*;
 

@@ -50,6 +50,10 @@ pub struct LossOptions {
     pub alpha_floor: f64,
     /// Of `depth`.
     pub depth_units: InverseDepthUnits,
+    /// Whether the mask of the novel view leaves out what lies behind the input camera.
+    pub mask_in_front: bool,
+    /// What that mask does with sky.
+    pub mask_sky: MaskSky,
     /// What losses of masked pictures are divided by.
     pub mask_normalization: MaskNormalization,
     /// Of `grad`: whether only the opacity gets a gradient, not the depth.
@@ -81,6 +85,8 @@ impl Default for LossOptions {
             alpha_views: AlphaViews::Both,
             alpha_floor: 1e-6,
             depth_units: InverseDepthUnits::Metric,
+            mask_in_front: true,
+            mask_sky: MaskSky::Direction,
             mask_normalization: MaskNormalization::AllPixels,
             grad_stops_at_depth: true,
             grad_difference: Difference::Forward,
@@ -125,6 +131,14 @@ pub enum InverseDepthUnits {
     Metric,
     /// The network's own: 1 at the nearest point.
     Normalized,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MaskSky {
+    /// A point infinitely far: only the rotation between the views acts on its ray.
+    Direction,
+    LeftOut,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@ use super::map::Grid;
 use super::{GradientNorm, InverseDepthUnits, Loss, LossOptions, SplatVariance, sign, sum_over};
 
 /// σ and ε of [`grad`], in units of inverse depth.
-pub const DEPTH_MARGIN: f64 = 1e-2;
+const DEPTH_MARGIN: f64 = 1e-2;
 /// δ of [`delta`], in raw outputs of the network.
 const MOST_DELTA: f64 = 400.0;
 /// Bounds of [`splat`], px².
