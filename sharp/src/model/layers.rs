@@ -8,7 +8,7 @@ use candle_core::{DType, Tensor};
 use sharp_kernels::conv::backward::{
     ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
 };
-use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow};
+use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, Simd};
 
 use super::ModelError;
 use super::engine::{CpuKernels, Engine, Runtime};
@@ -401,7 +401,7 @@ impl GroupNormLayer {
                 );
                 let mut out = vec![0.0; x.data.len()];
                 norm.run(kernels.simd, &x.data, false, &mut out);
-                let node = self.recorded(rt, norm, x);
+                let node = self.recorded(rt, kernels.simd, norm, x);
                 let shape = (x.height, x.width, x.channels);
                 Ok(Map::Host(HostMap::new(shape, out).at_node(node)))
             }
@@ -411,7 +411,13 @@ impl GroupNormLayer {
     }
 
     /// The way back, in training.
-    fn recorded(&self, rt: &Runtime, norm: sharp_kernels::GroupNorm, x: &HostMap) -> Option<Node> {
+    fn recorded(
+        &self,
+        rt: &Runtime,
+        simd: Simd,
+        norm: sharp_kernels::GroupNorm,
+        x: &HostMap,
+    ) -> Option<Node> {
         let learned = Learned::of(rt, &self.weight, Some(&self.bias));
         let tape = rt.tape.as_ref()?;
         if !learned.any() && x.node.is_none() {
@@ -419,7 +425,7 @@ impl GroupNormLayer {
         }
         let (data, node) = (Arc::clone(&x.data), x.node.clone());
         Some(tape.record(move |g, gradients| {
-            let back = norm.backward(&data, &g);
+            let back = norm.backward(simd, &data, &g);
             if let Some(name) = &learned.weight {
                 gradients.add_parameter(name, back.gamma);
             }

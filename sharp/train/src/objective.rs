@@ -18,7 +18,8 @@ use sharp::resize::nearest;
 use crate::data::TrainingView;
 use crate::losses::perceptual::{PerceptualError, PerceptualViews};
 use crate::losses::{
-    self, AlphaViews, LossOptions, LossWeights, Perceptual, SplatView, linear_from_srgb_gradient,
+    self, AlphaViews, LossOptions, LossWeights, MaskSky, Perceptual, SplatView,
+    linear_from_srgb_gradient,
 };
 
 /// Names of the losses, in the order of [`Cost::terms`].
@@ -124,9 +125,11 @@ impl Objective {
         let input = view(source, &RigidTransform::IDENTITY);
         let novel = view(target, &target_from_source);
         self.on_picture(&mut sum, pass, &input, example, None)?;
-        // Infinitely far points move by the rotation alone.
         let options = FrustumMaskOptions {
-            infinite_depth: InfiniteDepth::Direction,
+            infinite_depth: match self.options.mask_sky {
+                MaskSky::Direction => InfiniteDepth::Direction,
+                MaskSky::LeftOut => InfiniteDepth::Invalid,
+            },
             ..FrustumMaskOptions::default()
         };
         let mask = frustum_mask(

@@ -175,10 +175,16 @@ fn part_of_weight_gradient(
             continue;
         }
         let pixels = &input.data[row * input.width * c..][..input.width * c];
-        for (x, pixel) in pixels.chunks_exact(c).enumerate() {
-            let at = y * width + x + pad;
-            for (channel, v) in pixel.iter().enumerate() {
-                planes[channel * plane + at] = if input.relu { relu(*v) } else { *v };
+        // A row stays in the first cache while its channels are picked out.
+        for channel in 0..c {
+            let out = &mut planes[channel * plane + y * width + pad..][..input.width];
+            let values = pixels[channel..].iter().step_by(c);
+            if input.relu {
+                out.iter_mut()
+                    .zip(values)
+                    .for_each(|(out, v)| *out = relu(*v));
+            } else {
+                out.iter_mut().zip(values).for_each(|(out, v)| *out = *v);
             }
         }
     }

@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 
 use super::{GroupNorm, PIXELS_PER_TASK};
+use crate::math::fma;
+use crate::simd::{Simd, per_instruction_set};
 
 /// Gradients of a normalisation.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,16 +94,19 @@ impl GroupNorm {
     ///
     /// # Panics
     /// When a length is wrong.
-    pub fn backward(&self, x: &[f32], upstream: &[f32]) -> NormGradient {
+    pub fn backward(&self, simd: Simd, x: &[f32], upstream: &[f32]) -> NormGradient {
         let channels = self.gamma.len();
         assert!(x.len().is_multiple_of(channels), "pixels of {channels}");
         assert_eq!(upstream.len(), x.len(), "upstream");
-        let sums = self.sums(x, upstream);
+        let sums = self.sums(simd, x, upstream);
         let width = channels / self.groups;
         let count = (x.len() / self.groups) as f64;
         let (mut gamma, mut beta) = (vec![0.0; channels], vec![0.0; channels]);
-        // The input's gradient is `of_upstream · g + of_input · x + constant`, channel by channel.
-        let mut linear = vec![[0.0_f32; 3]; channels];
+        let mut linear = Linear {
+            of_upstream: vec![0.0; channels],
+            of_input: vec![0.0; channels],
+            constant: vec![0.0; channels],
+        };
         for group in 0..self.groups {
             let range = group * width..(group + 1) * width;
             let total = |k: usize| sums[range.clone()].iter().map(|s| s[k]).sum::<f64>();
@@ -120,43 +125,27 @@ impl GroupNorm {
             let of_input = -inverse * inverse * weighted;
             let constant = -inverse * plain - of_input * mean;
             for c in range {
-                let of_upstream = inverse * f64::from(self.gamma[c]);
-                linear[c] = [of_upstream as f32, of_input as f32, constant as f32];
+                linear.of_upstream[c] = (inverse * f64::from(self.gamma[c])) as f32;
+                linear.of_input[c] = of_input as f32;
+                linear.constant[c] = constant as f32;
             }
         }
         let mut input = vec![0.0; x.len()];
         let chunk = PIXELS_PER_TASK * channels;
         let values = x.par_chunks(chunk).zip(upstream.par_chunks(chunk));
         let all = input.par_chunks_mut(chunk).zip(values);
-        all.for_each(|(out, (x, g))| {
-            let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
-            for (out, (x, g)) in out.chunks_exact_mut(channels).zip(pixels) {
-                for c in 0..channels {
-                    let [a, b, d] = linear[c];
-                    out[c] = a * g[c] + b * x[c] + d;
-                }
-            }
-        });
+        all.for_each(|(out, (x, g))| apply(simd, x, g, &linear, out));
         NormGradient { input, gamma, beta }
     }
 
-    fn sums(&self, x: &[f32], upstream: &[f32]) -> Vec<Sums> {
+    fn sums(&self, simd: Simd, x: &[f32], upstream: &[f32]) -> Vec<Sums> {
         let channels = self.gamma.len();
         let chunk = PIXELS_PER_TASK * channels;
         let both = x.par_chunks(chunk).zip(upstream.par_chunks(chunk));
         let parts: Vec<Vec<Sums>> = both
             .map(|(x, g)| {
                 let mut sums = vec![[0.0; 4]; channels];
-                let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
-                for (x, g) in pixels {
-                    for (sums, (x, g)) in sums.iter_mut().zip(x.iter().zip(g)) {
-                        let (x, g) = (f64::from(*x), f64::from(*g));
-                        sums[0] += x;
-                        sums[1] += x * x;
-                        sums[2] += g;
-                        sums[3] += g * x;
-                    }
-                }
+                add_sums(simd, x, g, &mut sums);
                 sums
             })
             .collect();
@@ -169,6 +158,74 @@ impl GroupNorm {
             }
         }
         sums
+    }
+}
+
+/// The input's gradient: `of_upstream · g + of_input · x + constant`, channel by channel.
+struct Linear {
+    of_upstream: Vec<f32>,
+    of_input: Vec<f32>,
+    constant: Vec<f32>,
+}
+
+per_instruction_set! {
+    /// Applies a [`Linear`] to some pixels.
+    fn apply(x: &[f32], g: &[f32], linear: &Linear, out: &mut [f32]) = apply_body
+}
+
+#[inline(always)]
+fn apply_body<const FMA: bool>(x: &[f32], g: &[f32], linear: &Linear, out: &mut [f32]) {
+    let channels = linear.constant.len();
+    let (of_upstream, of_input) = (
+        &linear.of_upstream[..channels],
+        &linear.of_input[..channels],
+    );
+    let constant = &linear.constant[..channels];
+    let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
+    for (out, (x, g)) in out.chunks_exact_mut(channels).zip(pixels) {
+        for c in 0..channels {
+            let of_input = fma::<FMA>(of_input[c], x[c], constant[c]);
+            out[c] = fma::<FMA>(of_upstream[c], g[c], of_input);
+        }
+    }
+}
+
+per_instruction_set! {
+    /// Adds the [`Sums`] of some pixels.
+    fn add_sums(x: &[f32], g: &[f32], sums: &mut [Sums]) = add_sums_body
+}
+
+#[inline(always)]
+fn add_sums_body<const FMA: bool>(x: &[f32], g: &[f32], sums: &mut [Sums]) {
+    const WIDE: usize = 8;
+    let channels = sums.len();
+    for first in (0..channels).step_by(WIDE) {
+        let lanes = WIDE.min(channels - first);
+        let mut totals = [[0.0_f64; WIDE]; 4];
+        let pixels = x.chunks_exact(channels).zip(g.chunks_exact(channels));
+        for (x, g) in pixels {
+            let (mut xs, mut gs) = ([0.0_f32; WIDE], [0.0_f32; WIDE]);
+            if lanes == WIDE {
+                xs.copy_from_slice(&x[first..first + WIDE]);
+                gs.copy_from_slice(&g[first..first + WIDE]);
+            } else {
+                xs[..lanes].copy_from_slice(&x[first..first + lanes]);
+                gs[..lanes].copy_from_slice(&g[first..first + lanes]);
+            }
+            for l in 0..WIDE {
+                // Products of two f32 are exact in f64, so that fusing would change nothing.
+                let (x, g) = (f64::from(xs[l]), f64::from(gs[l]));
+                totals[0][l] += x;
+                totals[1][l] += x * x;
+                totals[2][l] += g;
+                totals[3][l] += g * x;
+            }
+        }
+        for l in 0..lanes {
+            for k in 0..4 {
+                sums[first + l][k] += totals[k][l];
+            }
+        }
     }
 }
 
@@ -213,7 +270,7 @@ mod tests {
         let (gamma, beta) = (noise(2, channels), noise(3, channels));
         let upstream = noise(4, x.len());
         let norm = GroupNorm::new(groups, &gamma, &beta, EPS as f32);
-        let found = norm.backward(&x, &upstream);
+        let found = norm.backward(Simd::detect(), &x, &upstream);
         let wide = |v: &[f32]| v.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
         let all = [wide(&x), wide(&gamma), wide(&beta)];
         for (which, found) in [&found.input, &found.gamma, &found.beta]
@@ -267,7 +324,7 @@ mod tests {
         let x = noise(1, 4 * 10_000);
         let upstream = noise(2, x.len());
         let norm = GroupNorm::new(2, &[1.0; 4], &[0.0; 4], 1e-5);
-        let run = |threads| with_threads(threads, || norm.backward(&x, &upstream));
+        let run = |threads| with_threads(threads, || norm.backward(Simd::detect(), &x, &upstream));
         assert_eq!(run(1), run(3));
     }
 }

@@ -140,9 +140,7 @@ fn gradients_of_every_module_are_those_of_central_differences() {
     let weights = weights(&network);
     let pass = |weights: Weights| {
         let all = |_: &str| true;
-        network
-            .forward(Held(weights), all, scene.input())
-            .unwrap()
+        network.forward(Held(weights), all, scene.input()).unwrap()
     };
     let first = pass(weights.clone());
     let loss = Loss::new(&first);

@@ -9,14 +9,12 @@
 //! * `pictures`: [`color`], [`alpha`], [`depth`]; [`linear_from_srgb_gradient`].
 //! * `regularizers`: [`tv`], [`grad`], [`delta`], [`splat`].
 //! * `alignment`: [`scale`], [`scale_gradient`].
-//! * [`novel_mask`]: where pictures of the novel view are compared.
 //! * [`perceptual`]: features of a frozen network, and the operator of graph surgery.
 //!
 //! Private: `map` (differences of a map and their adjoint).
 
 mod alignment;
 mod map;
-mod mask;
 mod options;
 pub mod perceptual;
 mod pictures;
@@ -25,7 +23,6 @@ mod regularizers;
 mod testing;
 
 pub use alignment::{scale, scale_gradient};
-pub use mask::novel_mask;
 pub use options::{
     AlphaViews, Channels, Difference, GradientNorm, InverseDepthUnits, LossOptions, LossWeights,
     MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView,

@@ -50,9 +50,7 @@ pub struct LossOptions {
     pub alpha_floor: f64,
     /// Of `depth`.
     pub depth_units: InverseDepthUnits,
-    /// Whether the mask of the novel view leaves out what lies behind the input camera.
-    pub mask_in_front: bool,
-    /// What that mask does with sky.
+    /// What the mask of the novel view ([`sharp::frustum_mask`]) does with sky.
     pub mask_sky: MaskSky,
     /// What losses of masked pictures are divided by.
     pub mask_normalization: MaskNormalization,
@@ -85,7 +83,6 @@ impl Default for LossOptions {
             alpha_views: AlphaViews::Both,
             alpha_floor: 1e-6,
             depth_units: InverseDepthUnits::Metric,
-            mask_in_front: true,
             mask_sky: MaskSky::Direction,
             mask_normalization: MaskNormalization::AllPixels,
             grad_stops_at_depth: true,
