@@ -65,10 +65,15 @@ pub struct TrainingPass {
 /// Where gradients enter and leave the tape.
 struct Nodes {
     disparity: Option<Node>,
-    /// Input and output of the alignment network.
-    alignment: Option<(Node, Option<Node>)>,
+    alignment: Option<AlignmentNodes>,
     features: Node,
     deltas: [Option<Node>; 2],
+}
+
+struct AlignmentNodes {
+    input: Node,
+    /// Of the factors' logarithm.
+    log: Option<Node>,
 }
 
 /// Gradient of a loss with respect to what a [`TrainingPass`] made.
@@ -136,7 +141,10 @@ impl TrainableNetwork {
         let predicted: Vec<f32> = disparity.iter().map(metric).collect();
 
         let (factors, alignment) = match input.known_depth {
-            Some(known) => self.align(rt, &tape, &predicted, known)?,
+            Some(known) => {
+                let (factors, nodes) = self.align(rt, &tape, &predicted, known)?;
+                (factors, Some(nodes))
+            }
             None => (vec![1.0; grid.pixels()], None),
         };
         let twice = factors.iter().chain(&factors);
@@ -176,14 +184,14 @@ impl TrainableNetwork {
         })
     }
 
-    /// The alignment's factors, and the nodes of its input and output.
+    /// The alignment's factors.
     fn align(
         &self,
         rt: &Runtime,
         tape: &Arc<Tape>,
         predicted: &[f32],
         known: &[f32],
-    ) -> Result<(Vec<f32>, Option<(Node, Option<Node>)>), ModelError> {
+    ) -> Result<(Vec<f32>, AlignmentNodes), ModelError> {
         let side = self.config.internal_resolution;
         if known.len() != side * side {
             return Err(ModelError::Image(format!(
@@ -201,7 +209,8 @@ impl TrainableNetwork {
         let input = Map::from_planes(&rt.engine, &input, (2, side, side))?.at_node(leaf.clone());
         let log = self.network.depth_alignment.forward(rt, &input)?;
         let factors = log.to_planes()?.into_iter().map(f32::exp).collect();
-        Ok((factors, Some((leaf, log.node().cloned()))))
+        let log = log.node().cloned();
+        Ok((factors, AlignmentNodes { input: leaf, log }))
     }
 }
 
@@ -284,7 +293,7 @@ impl TrainingPass {
             .zip(self.factors.iter().chain(&self.factors))
             .map(|(g, s)| g * s)
             .collect();
-        if let Some((leaf, log)) = &self.nodes.alignment {
+        if let Some(AlignmentNodes { input, log }) = &self.nodes.alignment {
             let of_log: Vec<f32> = (0..pixels)
                 .map(|k| {
                     let layers = [k, k + pixels].map(|at| depth[at] * self.predicted[at]);
@@ -292,8 +301,8 @@ impl TrainingPass {
                 })
                 .collect();
             gradients.add(log.as_ref(), of_log);
-            self.tape.backward(leaf.index + 1, gradients)?;
-            if let Some(of_input) = gradients.take(leaf) {
+            self.tape.backward(input.index + 1, gradients)?;
+            if let Some(of_input) = gradients.take(input) {
                 for (k, of_input) in of_input.chunks_exact(2).enumerate() {
                     let depth = self.predicted[k];
                     if depth > MIN_DEPTH {

@@ -369,7 +369,7 @@ impl Trainer {
             let teacher = self.folder.join(format!("{FIRST_STAGE}.safetensors"));
             let config = &self.config.network;
             let samples = SelfSupervisedSamples::new(photographs, &teacher, config, seed)?;
-            return Ok(AnySource::Masked(samples));
+            return Ok(AnySource::Masked(Box::new(samples)));
         }
         let TrainingData::Datasets(specs) = &settings.data else {
             let samples = ProceduralSamples::new(seed, size);
@@ -442,7 +442,7 @@ impl StepSum {
 enum AnySource {
     /// Several sources take turns.
     Plain(Vec<Box<dyn Source<Sample>>>),
-    Masked(SelfSupervisedSamples),
+    Masked(Box<SelfSupervisedSamples>),
 }
 
 impl Source<MaskedSample> for AnySource {

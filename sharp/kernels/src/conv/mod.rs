@@ -2,7 +2,7 @@
 //!
 //! * [`Conv2d`]: square kernels, any stride and padding; direct or Winograd.
 //! * [`TransposedConv2x2`]: doubling of both sides.
-//! * [`backward`]: gradients.
+//! * [`backward`](mod@backward): gradients.
 //!
 //! Private: `direct` (an implicit matrix product), `winograd` and its `transform`.
 
