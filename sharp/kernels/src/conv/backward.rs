@@ -242,6 +242,24 @@ pub fn bias_gradient(upstream: &[f32], channels: usize) -> Vec<f32> {
     (0..channels).map(of).collect()
 }
 
+/// Weights of the convolution of stride 1 that is the gradient with respect to the input of one of
+/// stride 1 and shape `spec`: input and output channels exchanged, the kernel's taps in reverse.
+///
+/// # Panics
+/// When the length is wrong.
+pub fn turned_weights(spec: &ConvSpec, weight: &[f32]) -> Vec<f32> {
+    assert_eq!(weight.len(), spec.weight_len(), "weights of {spec:?}");
+    let area = spec.kernel * spec.kernel;
+    let mut turned = Vec::with_capacity(weight.len());
+    for i in 0..spec.in_channels {
+        for o in 0..spec.out_channels {
+            let taps = &weight[(o * spec.in_channels + i) * area..][..area];
+            turned.extend(taps.iter().rev());
+        }
+    }
+    turned
+}
+
 /// The map from the output's gradient to the input's, with packed weights.
 #[derive(Debug, Clone)]
 pub struct InputGradient {
@@ -262,22 +280,12 @@ impl InputGradient {
         } else {
             spec
         };
-        let (outputs, inputs) = (same.out_channels, same.in_channels);
-        let area = same.kernel * same.kernel;
-        let mut turned = vec![0.0; weight.len()];
-        for o in 0..outputs {
-            for i in 0..inputs {
-                for tap in 0..area {
-                    turned[(i * outputs + o) * area + area - 1 - tap] =
-                        weight[(o * inputs + i) * area + tap];
-                }
-            }
-        }
         let back = ConvSpec {
-            in_channels: outputs,
-            out_channels: inputs,
+            in_channels: same.out_channels,
+            out_channels: same.in_channels,
             ..same
         };
+        let turned = turned_weights(&same, weight);
         let conv = Conv2d::new(simd, back, &turned, None, false, algorithm);
         Self { spec, conv }
     }

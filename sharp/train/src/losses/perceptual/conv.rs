@@ -3,6 +3,7 @@
 //! The gradient of a convolution with respect to its input is a convolution too, with input and output channels
 //! exchanged and the kernel's taps in reverse; after a stride its input has zeros between.
 
+use sharp_kernels::conv::backward::turned_weights;
 use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, Simd, Workspace};
 
 /// A feature map, `[row][column][channel]`.
@@ -105,13 +106,6 @@ impl FrozenConv {
             stride,
             padding: kernel / 2,
         };
-        let area = kernel * kernel;
-        let mut reversed = Vec::with_capacity(weight.len());
-        for i in 0..inputs {
-            for o in 0..out {
-                reversed.extend(weight[(o * inputs + i) * area..][..area].iter().rev());
-            }
-        }
         let back = ConvSpec {
             in_channels: out,
             out_channels: inputs,
@@ -123,7 +117,7 @@ impl FrozenConv {
         };
         Self {
             run: conv(spec, weight, Some(bias)),
-            pull: conv(back, &reversed, None),
+            pull: conv(back, &turned_weights(&spec, weight), None),
             stride,
             dilation,
         }
