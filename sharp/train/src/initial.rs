@@ -8,7 +8,8 @@ use sharp::random::{SplitMix64, mix, unit};
 ///
 /// * Convolutions and linear layers: normal with variance 2 / fan-in (1 / fan-in where no
 ///   rectification follows: transposed convolutions, transformers), biases 0. The last convolution of
-///   a residual branch is divided by four, so that the branches do not add up.
+///   a residual branch is divided by four, so that the branches do not add up. The four taps of a
+///   transposed convolution are equal, so that it begins as nearest doubling, without a pattern.
 /// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token and
 ///   positions: deviation 0.02.
 /// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that
@@ -85,6 +86,10 @@ impl WeightSource for Untrained {
         if ends(&["monodepth_predictor.head.4.weight"]) {
             let layer = self.normal(name, len / shape[0], 0.01 * deviation);
             return Ok(layer.repeat(shape[0]));
+        }
+        if transposed {
+            let taps = self.normal(name, len / 4, deviation).into_iter();
+            return Ok(taps.flat_map(|weight| [weight; 4]).collect());
         }
         Ok(self.normal(name, len, deviation))
     }
