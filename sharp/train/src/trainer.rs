@@ -60,10 +60,10 @@ pub enum TrainingError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// A loss or a gradient that is NaN or infinite.
+    /// Predicted depth that is NaN or infinite, or a loss or a gradient.
     #[error(
-        "{position}: {what} is not finite; the step's inputs are in {}. Go on with a smaller learning rate from an \
-         earlier checkpoint, or look at these inputs",
+        "{position}: {what} is not finite; the step's inputs are in {}. Look at these inputs, or begin anew with a \
+         smaller learning rate",
         folder.display()
     )]
     NotFinite {
@@ -195,7 +195,9 @@ impl Trainer {
         let mut log = TrainingLog::open(&self.folder, &TERMS, self.position())?;
         for stage in Stage::ALL {
             let Position { stage: at, step } = self.position();
-            if at > stage || self.config.stage(stage).steps == 0 {
+            let is_first = stage == Stage::Supervised;
+            // The first stage leaves weights behind also where it has no steps: the second's teacher.
+            if at > stage || (self.config.stage(stage).steps == 0 && !is_first) {
                 continue;
             }
             if at < stage {
@@ -262,22 +264,20 @@ impl Trainer {
         for k in 0..settings.batch as u64 {
             let sample = samples.fetch()?;
             let index = (position.step - 1) * settings.batch as u64 + k;
-            self.add_example(&sample, mix(settings.seed ^ mix(index)), &mut sum)?;
+            let added = self.add_example(&sample, mix(settings.seed ^ mix(index)), &mut sum);
             inputs.push(sample);
+            match added {
+                Err(TrainingError::Model(ModelError::Depth(_))) => {
+                    return Err(self.not_finite(position, "the depth", &inputs, &sum)?);
+                }
+                added => added?,
+            }
         }
         sum.divide_by(settings.batch);
         let norm = clip_norm(&mut sum.gradients, settings.clip_norm);
         for (what, value) in [("the loss", sum.total), ("the gradient", norm)] {
             if !value.is_finite() {
-                let Position { stage, step } = position;
-                let name = format!("stopped-stage{}-step{step}", stage.number());
-                let folder = self.folder.join(name);
-                stopped::save(&folder, &inputs, &sum.terms).map_err(|e| fault(&folder, e))?;
-                return Err(TrainingError::NotFinite {
-                    position,
-                    what,
-                    folder,
-                });
+                return Err(self.not_finite(position, what, &inputs, &sum)?);
             }
         }
         let Position { step, .. } = position;
@@ -297,6 +297,30 @@ impl Trainer {
         log.append(&record)?;
         watcher.stepped(&record, settings.steps);
         Ok(())
+    }
+
+    /// Keeps what a step was given that cannot be made: its inputs, and the state before it.
+    fn not_finite(
+        &self,
+        position: Position,
+        what: &'static str,
+        inputs: &[MaskedSample],
+        sum: &StepSum,
+    ) -> Result<TrainingError, TrainingError> {
+        let Position { stage, step } = position;
+        let name = format!("stopped-stage{}-step{step}", stage.number());
+        let folder = self.folder.join(name);
+        stopped::save(&folder, inputs, &sum.terms).map_err(|e| fault(&folder, e))?;
+        let mut values = self.state.weights.iter().flat_map(|w| &w.values);
+        // Nothing could go on from other weights.
+        if values.all(|value| value.is_finite()) {
+            self.checkpoint()?;
+        }
+        Ok(TrainingError::NotFinite {
+            position,
+            what,
+            folder,
+        })
     }
 
     /// Adds what one example costs, and its gradient.
@@ -477,3 +501,6 @@ fn fault(path: &Path, source: std::io::Error) -> TrainingError {
         source,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,90 @@
+mod curve;
+mod overfit;
+mod resume;
+mod step;
+
+use tempfile::TempDir;
+
+use super::*;
+use crate::losses::LossWeights;
+use crate::schedule::Schedule;
+
+/// A training of the tiny network without the perceptual loss, of so many steps in each stage, on
+/// pictures of so many pixels' side.
+fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
+    let stage = |steps| StageConfig {
+        steps,
+        batch: 1,
+        seed: 3,
+        schedule: Schedule {
+            peak: 2e-4,
+            last: 1e-5,
+            warmup_steps: 1,
+        },
+        clip_norm: 1.0,
+        side,
+        data: TrainingData::Procedural,
+    };
+    let network = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/golden/model/tiny_config.json#tiny"
+    );
+    let network = ModelConfig::load(network).unwrap();
+    let mut config = TrainingConfig {
+        losses: LossWeights {
+            percep: 0.0,
+            ..LossWeights::default()
+        },
+        stage1: stage(steps[0]),
+        stage2: stage(steps[1]),
+        ..TrainingConfig::default()
+    };
+    config.loss_options.splat_width = network.internal_resolution as f64;
+    config.network = network;
+    config
+}
+
+/// A training in a folder that goes with it.
+struct Training {
+    trainer: Trainer,
+    folder: TempDir,
+}
+
+impl Training {
+    fn new(config: &TrainingConfig) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let trainer = Trainer::open(config.clone(), folder.path()).unwrap();
+        Self { trainer, folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// The values of every parameter whose name contains `part`.
+    fn overwrite(&mut self, part: &str, value: f32) {
+        let weights = Arc::make_mut(&mut self.trainer.state).weights.iter_mut();
+        let named = weights.filter(|weights| weights.name.contains(part));
+        assert!(named.map(|weights| weights.values.fill(value)).count() > 0);
+    }
+}
+
+/// Only looks on.
+struct Silent;
+
+impl Watcher for Silent {
+    fn stepped(&mut self, _: &StepRecord<'_>, _: u64) {}
+
+    fn validate(
+        &mut self,
+        _: &Path,
+        _: &ModelConfig,
+        _: Position,
+    ) -> Result<Vec<(String, f64)>, String> {
+        Ok(Vec::new())
+    }
+
+    fn stop(&self) -> bool {
+        false
+    }
+}

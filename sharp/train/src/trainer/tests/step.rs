@@ -1,0 +1,153 @@
+use sharp::composer::compose;
+
+use super::*;
+
+/// Example `k` of a training, as its step is given it.
+fn example(training: &Training, k: u64) -> MaskedSample {
+    let settings = training.trainer.config.stage1.clone();
+    let source = training.trainer.source(Stage::Supervised, &settings);
+    source.unwrap().get(k).unwrap()
+}
+
+#[test]
+fn before_the_first_step_the_network_changes_nothing() {
+    let training = Training::new(&config([1, 0], 96));
+    let trainer = &training.trainer;
+    let source = example(&training, 0).sample.source;
+    let values = planes(&source.image);
+    let known = known_depth(&source, trainer.config.network.internal_resolution);
+    let input = TrainingInput {
+        image: Planes {
+            values: &values,
+            width: 96,
+            height: 96,
+        },
+        disparity_factor: 0.8,
+        known_depth: Some(&known),
+    };
+    let snapshot = Snapshot(Arc::clone(&trainer.state));
+    let pass = trainer.network.forward(snapshot, |_| true, input).unwrap();
+    assert!(pass.factors.iter().all(|factor| *factor == 1.0));
+    assert!(pass.deltas.iter().all(|delta| *delta == 0.0));
+    let zeros = vec![0.0; pass.deltas.len()];
+    assert_eq!(pass.gaussians, compose(&pass.base, Some(&zeros)).unwrap());
+    let (first, second) = pass.depth.split_at(pass.depth.len() / 2);
+    assert_eq!(first, second);
+}
+
+/// What lies behind weights of zero has no gradient yet.
+#[test]
+fn the_first_step_changes_what_learns_and_nothing_else() {
+    let mut training = Training::new(&config([1, 0], 96));
+    let before = Arc::clone(&training.trainer.state);
+    training.trainer.run(&mut Silent).unwrap();
+    let (mut changed, mut frozen) = (0, 0);
+    for (before, after) in before.weights.iter().zip(&training.trainer.state.weights) {
+        let name = after.name.as_str();
+        let last_of_alignment = "depth_alignment.scale_map_estimator.conv_out.";
+        let behind_zeros = name.starts_with("feature_model")
+            || (name.starts_with("depth_alignment") && !name.starts_with(last_of_alignment));
+        let learns = training.trainer.config.trained.contain(name);
+        assert_eq!(after.moments.is_some(), learns, "{name}");
+        let is_same = before.values == after.values;
+        assert_eq!(is_same, !learns || behind_zeros, "{name}");
+        changed += usize::from(!is_same);
+        frozen += usize::from(!learns);
+    }
+    assert!(changed > 50 && frozen > 50, "{changed} {frozen}");
+}
+
+/// [`StepSum`] of some examples, divided by their number.
+fn mean(training: &mut Training, examples: std::ops::Range<u64>) -> StepSum {
+    let mut sum = StepSum::default();
+    let count = examples.clone().count();
+    for k in examples {
+        let seed = mix(training.trainer.config.stage1.seed ^ mix(k));
+        let example = example(training, k);
+        let trainer = &mut training.trainer;
+        trainer.add_example(&example, seed, &mut sum).unwrap();
+    }
+    sum.divide_by(count);
+    sum
+}
+
+#[test]
+fn a_batch_has_the_mean_of_its_examples_gradients() {
+    let mut batched = config([1, 0], 96);
+    batched.stage1.batch = 2;
+    batched.stage1.clip_norm = f64::INFINITY;
+    let mut training = Training::new(&batched);
+    let [first, second] = [0..1, 1..2].map(|k| mean(&mut training, k));
+    assert!(first.total != second.total);
+    training.trainer.run(&mut Silent).unwrap();
+    let log = std::fs::read_to_string(training.path("log.csv")).unwrap();
+    let total: f64 = log.lines().nth(1).unwrap().split(',').rev().nth(1).unwrap().parse().unwrap();
+    assert!((total - (first.total + second.total) / 2.0).abs() < 1e-12);
+    let moments = training.trainer.state.weights.iter();
+    let moments = moments.filter_map(|weights| weights.moments.as_ref());
+    let both = first.gradients.iter().zip(&second.gradients);
+    for (moments, (first, second)) in moments.zip(both) {
+        let largest = first.iter().chain(second).fold(0.0_f32, |m, g| m.max(g.abs()));
+        for (k, moment) in moments.first.iter().enumerate() {
+            // Adam's first moment after one step is a tenth of the gradient.
+            let expected = 0.1 * (first[k] + second[k]) / 2.0;
+            assert!((moment - expected).abs() <= 1e-7 * largest, "{moment} {expected}");
+        }
+    }
+}
+
+#[test]
+fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
+    let head = "prediction_head.geometry_prediction_head.bias";
+    let cases = [
+        (head, f32::NAN, "the gradient"),
+        (head, f32::INFINITY, "the loss"),
+        ("feature_model.fusion", 1e30, "the loss"),
+        ("monodepth_predictor.head.4.bias", f32::NAN, "the depth"),
+        ("scale_map_estimator.conv_out.bias", 200.0, "the depth"),
+        ("image_encoder.blocks.0.norm1.weight", f32::NAN, "the depth"),
+    ];
+    for (part, value, expected) in cases {
+        let mut training = Training::new(&config([3, 0], 48));
+        training.overwrite(part, value);
+        let before = Arc::clone(&training.trainer.state);
+        let error = training.trainer.run(&mut Silent).unwrap_err();
+        let TrainingError::NotFinite {
+            position,
+            what,
+            folder,
+        } = error
+        else {
+            panic!("{part} of {value}: {error}");
+        };
+        assert_eq!((what, position.step), (expected, 1), "{part} of {value}");
+        assert!(Arc::ptr_eq(&before, &training.trainer.state));
+        assert_eq!(folder, training.path("stopped-stage1-step1"));
+        let saved = example(&training, 0).sample;
+        let id = saved.id.clone();
+        for (role, view) in [("source", saved.source), ("target", saved.target)] {
+            let picture = image::open(folder.join(format!("0-{role}.png"))).unwrap();
+            assert_eq!(picture.into_rgb8(), view.image);
+            let depth = std::fs::read(folder.join(format!("0-{role}-depth.f32"))).unwrap();
+            let (depth, _) = depth.as_chunks::<4>();
+            let depth = depth.iter().map(|bytes| f32::from_le_bytes(*bytes));
+            assert!(depth.eq(view.depth.iter().copied()));
+        }
+        let text = std::fs::read_to_string(folder.join("step.json")).unwrap();
+        let is_whole = text.contains(&id) && text.contains("camera_from_world");
+        assert!(is_whole, "{text}");
+        // The steps since the last checkpoint would be lost otherwise.
+        let again = Trainer::open(training.trainer.config, training.folder.path()).unwrap();
+        assert_eq!(*again.state == *before, value.is_finite(), "{part}");
+    }
+}
+
+/// Its teacher is what it begins with.
+#[test]
+fn the_second_stage_may_be_the_only_one() {
+    let mut training = Training::new(&config([0, 1], 48));
+    let ended = training.trainer.run(&mut Silent).unwrap();
+    assert_eq!(ended, Ended::Complete);
+    let stage = Stage::SelfSupervised;
+    assert_eq!(training.trainer.position(), Position { stage, step: 1 });
+}
