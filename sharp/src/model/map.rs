@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use candle_core::Tensor;
 use rayon::prelude::*;
-use sharp_kernels::conv::backward::keep_where_positive;
 
 use super::ModelError;
 use super::engine::Engine;
@@ -162,7 +161,22 @@ impl Map {
         Ok(self)
     }
 
-    pub(super) fn relu(mut self) -> Result<Self, ModelError> {
+    pub(super) fn relu(self) -> Result<Self, ModelError> {
+        self.rectified(|_| false)
+    }
+
+    /// The same; in training, where the tape says so, what is zero lets gradients pass that would
+    /// raise it.
+    pub(super) fn relu_with_return(self) -> Result<Self, ModelError> {
+        let returns = self.node().is_some_and(Node::zeros_return);
+        self.rectified(move |g| returns && g < 0.0)
+    }
+
+    /// `passes` tells of the gradient of a zero whether it goes back.
+    fn rectified(
+        mut self,
+        passes: impl Fn(f32) -> bool + Send + Sync + 'static,
+    ) -> Result<Self, ModelError> {
         match &mut self {
             Self::Host(map) => {
                 let values = Arc::make_mut(&mut map.data);
@@ -175,7 +189,9 @@ impl Map {
                 let out = Arc::clone(&map.data);
                 map.node = recorded([map.node.as_ref()], |[x]| {
                     move |mut g: Vec<f32>, gradients: &mut Gradients| {
-                        keep_where_positive(&mut g, &out);
+                        for (g, value) in g.iter_mut().zip(out.iter()) {
+                            *g = if *value > 0.0 || passes(*g) { *g } else { 0.0 };
+                        }
                         gradients.add(x.as_ref(), g);
                         Ok(())
                     }

@@ -91,6 +91,6 @@ impl DisparityHead {
         x = see(2, self.conv2.forward(rt, &x, Fused::default())?)?;
         x = see(3, x.relu()?)?;
         x = see(4, self.conv4.forward(rt, &x, Fused::default())?)?;
-        x.relu()
+        x.relu_with_return()
     }
 }

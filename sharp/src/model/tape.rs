@@ -19,6 +19,8 @@ type Backward = Box<dyn FnOnce(Vec<f32>, &mut Gradients) -> Result<(), ModelErro
 /// The nodes of one pass.
 pub(super) struct Tape {
     trainable: Box<dyn Fn(&str) -> bool + Send + Sync>,
+    /// See [`TrainingInput`](super::training::TrainingInput).
+    zeros_return: bool,
     /// `None` for what gradients end at.
     nodes: Mutex<Vec<Option<Backward>>>,
 }
@@ -48,9 +50,13 @@ pub(super) struct Gradients {
 
 impl Tape {
     /// `trainable` tells by name which parameters want gradients.
-    pub(super) fn new(trainable: impl Fn(&str) -> bool + Send + Sync + 'static) -> Arc<Self> {
+    pub(super) fn new(
+        trainable: impl Fn(&str) -> bool + Send + Sync + 'static,
+        zeros_return: bool,
+    ) -> Arc<Self> {
         Arc::new(Self {
             trainable: Box::new(trainable),
+            zeros_return,
             nodes: Mutex::default(),
         })
     }
@@ -103,6 +109,11 @@ impl Tape {
 }
 
 impl Node {
+    /// Whether disparity that has become zero lets gradients pass that would raise it.
+    pub(super) fn zeros_return(&self) -> bool {
+        self.tape.zeros_return
+    }
+
     /// As [`Tape::record`], on this node's tape.
     pub(super) fn record(
         &self,

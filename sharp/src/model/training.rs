@@ -37,6 +37,10 @@ pub struct TrainingInput<'a> {
     /// one; without it the factors are 1. Infinite for the sky; where it is 0, unknown, the network
     /// sees the predicted depth in its place.
     pub known_depth: Option<&'a [f32]>,
+    /// Whether disparity that lies at or below its range lets gradients pass that would raise it. A network
+    /// that begins with random weights may otherwise lose all of its depth at once, and never
+    /// learns again; the release has a clamp to the same end, which it does not use.
+    pub zeros_return: bool,
 }
 
 /// What a pass made, with the way back. R is the internal resolution.
@@ -57,6 +61,7 @@ pub struct TrainingPass {
     predicted: Vec<f32>,
     disparity: Vec<f32>,
     disparity_factor: f32,
+    zeros_return: bool,
     nodes: Nodes,
     tape: Arc<Tape>,
     side: usize,
@@ -128,7 +133,7 @@ impl TrainableNetwork {
     ) -> Result<TrainingPass, ModelError> {
         check_input(input.image, input.disparity_factor)?;
         let (side, grid) = (self.config.internal_resolution, self.config.grid());
-        let tape = Tape::new(trainable);
+        let tape = Tape::new(trainable, input.zeros_return);
         let rt = &Runtime::in_training(Box::new(weights), Arc::clone(&tape));
         let size = (input.image.width, input.image.height);
         let image = bilinear_align_corners(input.image.values, size, (side, side));
@@ -173,6 +178,7 @@ impl TrainableNetwork {
             predicted,
             disparity,
             disparity_factor: factor,
+            zeros_return: input.zeros_return,
             nodes: Nodes {
                 disparity: out.disparity.node().cloned(),
                 alignment,
@@ -313,8 +319,11 @@ impl TrainingPass {
         }
         let inside = DISPARITY.0..=DISPARITY.1;
         for (g, disparity) in predicted.iter_mut().zip(&self.disparity) {
-            *g = if inside.contains(disparity) {
-                -*g * self.disparity_factor / (disparity * disparity)
+            let clamped = disparity.clamp(DISPARITY.0, DISPARITY.1);
+            let slope = -*g * self.disparity_factor / (clamped * clamped);
+            let returns = self.zeros_return && *disparity < DISPARITY.0 && slope < 0.0;
+            *g = if inside.contains(disparity) || returns {
+                slope
             } else {
                 0.0
             };

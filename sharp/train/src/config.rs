@@ -61,6 +61,9 @@ pub struct TrainingConfig {
     pub trained: TrainedParts,
     /// Whether depth is brought to the true one before it is used (paper, depth adjustment).
     pub aligned: bool,
+    /// Whether disparity that has become zero may grow again; see
+    /// [`TrainingInput`](sharp::model::training::TrainingInput). Not in the paper, whose network is pretrained.
+    pub zeros_return: bool,
     /// λ of each loss.
     pub losses: LossWeights,
     pub loss_options: LossOptions,
@@ -155,6 +158,7 @@ impl Default for TrainingConfig {
             loss_options: LossOptions::default(),
             trained: TrainedParts::default(),
             aligned: true,
+            zeros_return: false,
             adam: Adam::default(),
             stage1: stage(100_000, 128),
             stage2: stage(60_000, 32),
@@ -222,6 +226,7 @@ impl TrainingConfig {
             initial,
             trained,
             aligned,
+            zeros_return,
             losses,
             loss_options,
             adam,
@@ -238,6 +243,7 @@ impl TrainingConfig {
                     initial,
                     trained,
                     aligned,
+                    zeros_return,
                     losses,
                     loss_options,
                     adam,

@@ -347,6 +347,7 @@ impl Trainer {
             disparity_factor: (source.intrinsics.fx / f64::from(source.intrinsics.width)) as f32,
             // Without its network there is no alignment.
             known_depth: self.config.aligned.then_some(&known),
+            zeros_return: self.config.zeros_return,
         };
         let snapshot = Snapshot(Arc::clone(&self.state));
         let trains = move |name: &str| parts.contain(name);

@@ -8,7 +8,9 @@ const RELATIVE: f64 = 1e-5;
 /// `SHARP_BENCH_BLESS=1` writes the curve anew.
 #[test]
 fn the_loss_falls_along_the_committed_curve() {
-    if let Ok(set) = std::env::var("H3_SIMD") { sharp_kernels::Simd::pin(set.parse().unwrap()).unwrap(); }
+    if let Ok(set) = std::env::var("H3_SIMD") {
+        sharp_kernels::Simd::pin(set.parse().unwrap()).unwrap();
+    }
     let mut c = config([20, 0], 192);
     let env = |name: &str, d: f64| std::env::var(name).map_or(d, |v| v.parse().unwrap());
     c.stage1.schedule.peak = env("LR", 2e-4);
@@ -32,7 +34,9 @@ fn the_loss_falls_along_the_committed_curve() {
     for (step, (found, expected)) in found.iter().zip(&expected).enumerate() {
         let deviation = (found / expected - 1.0).abs();
         println!("{step} {found} {deviation:.1e}");
-        if std::env::var("H3_SIMD").is_err() { assert!(deviation < RELATIVE, "{step}: {found} {expected}"); }
+        if std::env::var("H3_SIMD").is_err() {
+            assert!(deviation < RELATIVE, "{step}: {found} {expected}");
+        }
     }
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     assert!(mean(&found[15..]) < mean(&found[..5]));
