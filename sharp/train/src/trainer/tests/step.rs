@@ -81,17 +81,32 @@ fn a_batch_has_the_mean_of_its_examples_gradients() {
     assert!(first.total != second.total);
     training.trainer.run(&mut Silent).unwrap();
     let log = std::fs::read_to_string(training.path("log.csv")).unwrap();
-    let total: f64 = log.lines().nth(1).unwrap().split(',').rev().nth(1).unwrap().parse().unwrap();
+    let total: f64 = log
+        .lines()
+        .nth(1)
+        .unwrap()
+        .split(',')
+        .rev()
+        .nth(1)
+        .unwrap()
+        .parse()
+        .unwrap();
     assert!((total - (first.total + second.total) / 2.0).abs() < 1e-12);
     let moments = training.trainer.state.weights.iter();
     let moments = moments.filter_map(|weights| weights.moments.as_ref());
     let both = first.gradients.iter().zip(&second.gradients);
     for (moments, (first, second)) in moments.zip(both) {
-        let largest = first.iter().chain(second).fold(0.0_f32, |m, g| m.max(g.abs()));
+        let largest = first
+            .iter()
+            .chain(second)
+            .fold(0.0_f32, |m, g| m.max(g.abs()));
         for (k, moment) in moments.first.iter().enumerate() {
             // Adam's first moment after one step is a tenth of the gradient.
             let expected = 0.1 * (first[k] + second[k]) / 2.0;
-            assert!((moment - expected).abs() <= 1e-7 * largest, "{moment} {expected}");
+            assert!(
+                (moment - expected).abs() <= 1e-7 * largest,
+                "{moment} {expected}"
+            );
         }
     }
 }
