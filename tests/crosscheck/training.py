@@ -1,4 +1,4 @@
-"""Losses of training and the renderer's derivative against torch's autograd in f64.
+"""Losses of training, the renderer's derivative and the network's operators against torch's autograd in f64.
 
 The example crosscheck_training writes one file per case: inputs, our value, our gradients. Here each case is a
 function of its inputs that gives the value anew; autograd gives its gradients. To add a quantity, write its cases
@@ -13,6 +13,8 @@ import torch
 import torch.nn.functional as F
 import torchvision
 from safetensors.torch import load_file
+
+from operators import MARGIN, OPERATORS, Kinks, relu
 
 # Sums of ours are f64, their gradients rounded to f32; networks and renderer compute in f32. Gradients are compared
 # relative to the largest of their kind.
@@ -131,20 +133,6 @@ def srgb(linear, upstream):
     above = linear > 0.0031308
     curve = 1.055 * torch.where(above, linear, 1) ** (1 / 2.4) - 0.055
     return (torch.where(above, curve, 12.92 * linear) * upstream).sum()
-
-
-class Kinks(Exception):
-    """A unit is so near to switching that f32 may decide otherwise than f64."""
-
-
-# Of the largest value of a layer: Winograd's rounding, relative L2, is 6e-7. Only what is differentiated counts.
-MARGIN = 5e-7
-
-
-def relu(x):
-    if x.requires_grad and (x.abs() < MARGIN * x.abs().max()).any():
-        raise Kinks
-    return F.relu(x)
 
 
 def max_pool(x, side, padding):
@@ -354,6 +342,7 @@ CASES = {name: (function, VALUE, ROUNDED) for name, function in LOSSES.items()}
 CASES["srgb"] = (srgb, F32, ROUNDED)
 CASES["renderer"] = (renderer, F32, F32)
 CASES["covariances"] = (covariances, VALUE, ROUNDED)
+CASES |= {name: (function, F32, F32) for name, function in OPERATORS.items()}
 NETWORKS = ("vgg16", "vgg16 features", "resnet50dilated")
 
 EXPECTED = {f"training: {name}{part}" for name in [*CASES, *(f"perceptual {n}" for n in NETWORKS)]
@@ -367,9 +356,11 @@ def compare_case(comparison, name, case, stored):
     value = function(**inputs)
     gradients = torch.autograd.grad(value, list(leaves.values()))
     scale = abs(value.item())
+    # A bias before a normalisation has hardly any gradient: those of one network's weights are of one kind.
+    least = 1e-3 * max(theirs.abs().max().item() for theirs in gradients) if name == "alignment" else 0
     comparison.add(f"training: {name}", "torch", stored["value"].item() / scale, value.item() / scale, of_value)
     for key, theirs in zip(leaves, gradients):
-        largest = theirs.abs().max().item()
+        largest = max(theirs.abs().max().item(), least)
         comparison.add(f"training: {name} ∇", "torch's autograd", stored[f"d {key}"].double().numpy() / largest,
                        theirs.numpy() / largest, of_gradient)
 
@@ -395,4 +386,4 @@ def compare(comparison, run, program, rng, folder):
             compare_case(comparison, name, cases[name], load_file(file))
         except Kinks:
             left_out += 1
-    print(f"perceptual loss: {left_out} pictures with a unit at its kink are not compared")
+    print(f"training: {left_out} cases with a unit at its kink are not compared")

@@ -323,3 +323,6 @@ fn add_scaled(sum: &mut [f32], gradient: &[f32], weight: f64) {
         *sum += (weight * f64::from(*g)) as f32;
     }
 }
+
+#[cfg(test)]
+mod tests;

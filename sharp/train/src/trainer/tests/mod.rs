@@ -17,8 +17,8 @@ fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
         batch: 1,
         seed: 3,
         schedule: Schedule {
-            peak: 2e-4,
-            last: 1e-5,
+            peak: 2e-5,
+            last: 2e-6,
             warmup_steps: 1,
         },
         clip_norm: 1.0,

@@ -1,8 +1,11 @@
-//! Losses of training and the renderer's derivative, for the cross-check against torch.
+//! Losses of training, the renderer's derivative and the network's operators, for the cross-check
+//! against torch.
 //!
 //! Reads a JSON request from standard input: `seed`, `folder` and `resnet50dilated`, weights of that
 //! network. Writes `<case>.safetensors` or `<case>.<number>.safetensors` into the folder, each with its inputs by
 //! name, `value` (one number) and for each input that is differentiated `d <input>`.
+
+mod operators;
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -414,5 +417,6 @@ fn main() -> Done {
     let mut values = Values(SplitMix64::new(request.seed));
     losses(&mut values, &request.folder)?;
     perceptual(&mut values, &request.folder, &request.resnet50dilated)?;
-    renderer(&mut values, &request.folder)
+    renderer(&mut values, &request.folder)?;
+    operators::operators(&mut values, &request.folder)
 }
