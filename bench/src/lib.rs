@@ -15,6 +15,7 @@
 //! * [`export`]: what foreign methods are given, as files.
 //! * [`pictures`]: two pictures or two folders, compared.
 //! * [`analyze`]: the paper's explanatory experiments.
+//! * [`train`]: trainings, validated by all of that.
 //! * [`cli`]: the command line.
 
 pub mod analyze;
@@ -31,3 +32,4 @@ pub mod report;
 pub mod scale;
 pub mod scoring;
 pub mod track;
+pub mod train;

@@ -58,4 +58,6 @@ mod tiny;
 #[cfg(test)]
 mod traced_models;
 #[cfg(test)]
+mod train_command;
+#[cfg(test)]
 mod weights_command;

@@ -150,7 +150,7 @@ pub(super) struct OverlapArgs {
     /// dataset's own depth by the median of ratios (overlap=given)
     #[arg(long, value_name = "DIR")]
     overlap_depth: Option<PathBuf>,
-    /// The checkpoint of overlap=sharp-release; where the release keeps it without this
+    /// The checkpoint of overlap=sharp-release, or mini; where the release keeps it without this
     #[arg(long, value_name = "FILE")]
     overlap_checkpoint: Option<PathBuf>,
     /// Its architecture, where it is not the release's: FILE.json#NAME

@@ -143,7 +143,7 @@ struct UncertaintyArgs {
     /// The depth of the mirrored picture, as it was predicted
     #[arg(long, value_name = "FILE", requires = "depth")]
     mirrored: Option<PathBuf>,
-    /// A SHARP checkpoint that predicts both, each of its two layers a row
+    /// A SHARP checkpoint, or mini, that predicts both, each of its two layers a row
     #[arg(
         long,
         value_name = "FILE",

@@ -35,6 +35,7 @@ mod speed;
 mod status;
 mod sweep;
 mod table;
+mod train;
 mod weights;
 
 use std::borrow::Cow;
@@ -89,6 +90,7 @@ enum CliCommand {
     Datasets(datasets::DatasetsArgs),
     Metrics(metrics::MetricsArgs),
     Analyze(analyze::AnalyzeArgs),
+    Train(train::TrainArgs),
     Predict(model::predict::PredictArgs),
     Render(render::RenderArgs),
     Gaussians(model::gaussians::GaussiansArgs),
@@ -173,6 +175,7 @@ impl Cli {
             CliCommand::Datasets(args) => datasets::execute(&args),
             CliCommand::Metrics(args) => metrics::execute(&args),
             CliCommand::Analyze(args) => analyze::execute(&args),
+            CliCommand::Train(args) => train::execute(&args),
             CliCommand::Predict(args) => model::predict::execute(&args),
             CliCommand::Gaussians(args) => model::gaussians::execute(&args),
             CliCommand::Record(args) => model::record::execute(&args),

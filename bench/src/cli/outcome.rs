@@ -9,6 +9,7 @@ use crate::methods::SpecError;
 use crate::pairs::{OpenDataset, PairError};
 use crate::report::ReportError;
 use crate::scale::ScaleError;
+use crate::train::TrainError;
 
 /// How a command that finishes or can go on ends; one that cannot finish returns an error instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +68,7 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
             || cause.is::<SelectionError>()
             || cause.is::<UnknownBackbone>()
             || matches!(cause.downcast_ref(), Some(ScaleError::Refused { .. }))
+            || matches!(cause.downcast_ref(), Some(TrainError::NotHeldOut { .. }))
             || matches!(
                 cause.downcast_ref::<SpecError>(),
                 Some(SpecError::UnknownKind { .. })

@@ -134,13 +134,30 @@ pub(super) fn span(secs: f64) -> String {
 impl Terminal {
     /// One that asks work to stop after some time, and at the signals by which schedulers say that it is up.
     pub(super) fn until(budget: Option<Duration>) -> io::Result<Self> {
+        Self::obeying(
+            budget,
+            #[cfg(unix)]
+            &[libc::SIGTERM, libc::SIGUSR1],
+        )
+    }
+
+    /// The same for work that would lose much when it is killed: Ctrl-C asks it to stop, too.
+    pub(super) fn until_interrupted(budget: Option<Duration>) -> io::Result<Self> {
+        Self::obeying(
+            budget,
+            #[cfg(unix)]
+            &[libc::SIGTERM, libc::SIGUSR1, libc::SIGINT],
+        )
+    }
+
+    fn obeying(budget: Option<Duration>, #[cfg(unix)] signals: &[i32]) -> io::Result<Self> {
         let terminal = Self {
             // A budget beyond what a clock holds is none.
             deadline: budget.and_then(|budget| Instant::now().checked_add(budget)),
             ..Self::default()
         };
         #[cfg(unix)]
-        for signal in [libc::SIGTERM, libc::SIGUSR1] {
+        for &signal in signals {
             let asked = &terminal.asked_to_stop;
             // A second one means it: in this order, since each is asked in turn.
             signal_hook::flag::register_conditional_shutdown(signal, 75, Arc::clone(asked))?;

@@ -355,7 +355,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];
 
 /// Takes the folder for this process, and whether it did: not where the file system has no locks.
-fn lock(
+pub(crate) fn lock(
     root: &Path,
     take: fn(&File) -> Result<(), TryLockError>,
 ) -> Result<(File, bool), FileError> {
@@ -372,7 +372,7 @@ fn lock(
     let file = file.map_err(FileError::new(&path, "create"))?;
     match take(&file) {
         Err(TryLockError::WouldBlock) => {
-            let reason = std::io::Error::other("another process is writing this run");
+            let reason = std::io::Error::other("another process is writing into it");
             Err(FileError::new(root, "use as run folder")(reason))
         }
         taken => Ok((file, taken.is_ok())),

@@ -57,8 +57,8 @@ pub const KINDS: [MethodKind; 8] = [
     MethodKind {
         name: "sharp",
         options: &Sharp::OPTIONS,
-        summary: "the SHARP network (checkpoint=FILE, config=FILE#NAME, depth=none|privileged, device=cpu, \
-                  allow_unused=PREFIX,…)",
+        summary: "the SHARP network (checkpoint=FILE, or mini for the small one that comes with the program, config=FILE#NAME, \
+                  depth=none|privileged, device=cpu, allow_unused=PREFIX,…)",
         build: |spec, _| Ok(Box::new(Sharp::from_spec(spec)?)),
     },
     MethodKind {

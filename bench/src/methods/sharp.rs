@@ -1,12 +1,10 @@
 //! SHARP itself: our network on the source photograph, our renderer for the target.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::OnceLock;
 
-use sharp::model::{
-    Algorithm, DeviceChoice, ModelConfig, ModelError, NetworkIdentity, NetworkSpec, Predictor,
-};
+use sharp::model::{Algorithm, DeviceChoice, ModelError, NetworkIdentity, NetworkSpec, Predictor};
 use sharp_datasets::DepthMap;
 
 use super::method::{
@@ -14,7 +12,7 @@ use super::method::{
     PredictGaussians, Privilege, SourceView,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::checkpoint::find_checkpoint;
+use crate::io::checkpoint::named_network;
 use crate::io::checkpoint::record::{RecordError, compare_or_record, record_file};
 use crate::io::fingerprints;
 use crate::io::hash::{FileStamp, HashedFile};
@@ -52,43 +50,52 @@ impl Sharp {
             .map_err(|error: ModelError| refused(&error))?;
         // A device that is not there is said before a checkpoint is looked for.
         device.open(Algorithm::Winograd).map_err(|e| refused(&e))?;
-        let checkpoint = match spec.option("checkpoint") {
-            Some(file) => PathBuf::from(file),
-            None => find_checkpoint().map_err(|error| refused(&error))?,
-        };
-        let config = match spec.option("config") {
-            Some(file) => ModelConfig::load(file).map_err(|error| refused(&error))?,
-            None => ModelConfig::release(),
-        };
+        let checkpoint = spec.option("checkpoint").map(Path::new);
+        let named = named_network(checkpoint, spec.option("config"));
         let prefixes = spec.option("allow_unused").unwrap_or_default().split(',');
         let network = NetworkSpec {
-            checkpoint,
-            config,
             allow_unused: prefixes
                 .filter(|prefix| !prefix.is_empty())
                 .map(str::to_owned)
                 .collect(),
             device,
-            convolution: Algorithm::Winograd,
+            ..named.map_err(|error| refused(&error))?
         };
-        let stamp = FileStamp::of(&network.checkpoint).map_err(|error| refused(&error))?;
-        let identity = network.identity().map_err(|error| refused(&error))?;
-        let sha256 = identity.checkpoint_sha256.clone();
-        let checkpoint = HashedFile::new(&network.checkpoint, sha256, stamp);
+        let sharp = Self::new(&spec.label, network, privilege).map_err(|error| refused(&error))?;
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
-        if let (None, Some(record)) = (spec.option("checkpoint"), record_file()) {
+        if let (None, Some(record)) = (checkpoint, record_file()) {
+            let Self {
+                network, identity, ..
+            } = &sharp;
             match compare_or_record(&network.checkpoint, &identity.checkpoint_sha256, &record) {
                 Ok(_) | Err(RecordError::File(_)) => {}
                 Err(error) => return Err(refused(&error)),
             }
         }
+        Ok(sharp)
+    }
+
+    /// A network under a label; its weights are loaded at the first prediction.
+    ///
+    /// # Errors
+    /// When its checkpoint cannot be read, or its device is not there.
+    pub fn new(
+        label: &str,
+        network: NetworkSpec,
+        privilege: Privilege,
+    ) -> Result<Self, MethodError> {
+        let stamp = FileStamp::of(&network.checkpoint);
+        let stamp = stamp.map_err(|error| MethodError::Model(error.to_string()))?;
+        let identity = network.identity();
+        let identity = identity.map_err(|error| MethodError::Model(error.to_string()))?;
+        let sha256 = identity.checkpoint_sha256.clone();
         Ok(Self {
-            label: spec.label.clone(),
+            label: label.to_owned(),
+            checkpoint: HashedFile::new(&network.checkpoint, sha256, stamp),
             network,
             identity,
             privilege,
-            checkpoint,
             predictor: OnceLock::new(),
         })
     }

@@ -4,10 +4,8 @@ use std::path::PathBuf;
 
 use sharp_datasets::DatasetError;
 
-use sharp::model::ModelError;
-
 use crate::io::atomic_files::FileError;
-use crate::io::checkpoint::NoCheckpoint;
+use crate::io::checkpoint::NetworkError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PairError {
@@ -46,9 +44,7 @@ pub enum PairError {
     #[error("{0}")]
     Recipe(String),
     #[error(transparent)]
-    Checkpoint(#[from] NoCheckpoint),
-    #[error(transparent)]
-    Config(#[from] ModelError),
+    Network(#[from] NetworkError),
     #[error("no pair to evaluate: {0}")]
     NoPair(String),
 }

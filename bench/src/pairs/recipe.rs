@@ -17,7 +17,7 @@ use super::options::{OverlapDepth, PairOptions};
 use super::overlap_cache::OverlapCache;
 use super::pair_list::PairList;
 use super::provenance::{DepthMaps, PairProvenance};
-use crate::io::checkpoint::find_checkpoint;
+use crate::io::checkpoint::named_network;
 use crate::io::observer::Observer;
 
 /// The open choices of a dataset's pairs and the files that they need.
@@ -232,15 +232,13 @@ impl PairRecipe {
             OverlapDepth::Given => OpenDepth::new(ScaledToGroundTruth(given()?)),
             OverlapDepth::GivenMetric => OpenDepth::new(given()?),
             OverlapDepth::SharpRelease => {
-                let checkpoint = match &self.overlap_checkpoint {
-                    Some(file) => file.clone(),
-                    None => find_checkpoint()?,
+                let config = self.overlap_config.as_deref();
+                let network = named_network(self.overlap_checkpoint.as_deref(), config)?;
+                let name = match network.config == ModelConfig::release() {
+                    true => "first layer of sharp-release",
+                    false => "first layer of another network",
                 };
-                let (config, name) = match &self.overlap_config {
-                    Some(file) => (ModelConfig::load(file)?, "first layer of another network"),
-                    None => (ModelConfig::release(), "first layer of sharp-release"),
-                };
-                let network = FirstLayerDepth::new(&checkpoint, config, name)?;
+                let network = FirstLayerDepth::new(&network.checkpoint, network.config, name)?;
                 let sha256 = network.checkpoint_sha256().to_owned();
                 let mut depth = OpenDepth::new(ScaledToGroundTruth(network));
                 depth.checkpoint_sha256 = Some(sha256);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
+use sharp::model::bundled;
 use sharp_datasets::{DepthMap, Scene, View};
 
 use super::input::{
@@ -26,7 +27,7 @@ use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::view_hashes::lock;
-use crate::methods::{KINDS, Privilege};
+use crate::methods::{KINDS, MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::options::paper::PROXY;
 
@@ -188,11 +189,15 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
         _ => "",
     };
     let kernel = identity.settings.get("resize");
+    let note = bundled_network(identity);
     ReportMethod {
         label: record.label.clone(),
         description: format!(
             "{} ({identity}{privilege})",
-            summary.map_or("", |known| known.summary)
+            match (&note, summary) {
+                (Some(note), _) => note,
+                (None, summary) => summary.map_or("", |known| known.summary),
+            }
         ),
         is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),
         unranked: (identity.kind == "target").then(|| "it is the ground truth itself".to_owned()),
@@ -201,7 +206,15 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
             .and_then(|text| text.split(' ').next())
             .map(str::to_owned),
         doubt: of_method.find_map(|r| doubt(r, record.privilege)),
+        note,
     }
+}
+
+/// What the bundled network is, where a method runs it.
+pub(super) fn bundled_network(identity: &MethodIdentity) -> Option<String> {
+    let checkpoint = identity.settings.get("checkpoint")?;
+    let is_bundled = identity.kind == "sharp" && checkpoint == bundled::weights_sha256();
+    is_bundled.then(|| bundled::description().ok())?
 }
 
 /// The readings of a dataset and the choices behind its pairs that are known to differ from the paper's, once each.

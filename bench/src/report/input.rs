@@ -241,6 +241,8 @@ pub struct ReportMethod {
     pub resize_kernel: Option<String>,
     /// What is odd about its predictions, as a sentence of which its label is the beginning: a remark of the first table.
     pub doubt: Option<String>,
+    /// What it is and may be mistaken for, likewise.
+    pub note: Option<String>,
 }
 
 impl ReportMethod {

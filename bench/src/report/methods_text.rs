@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use sharp_datasets::entry::entry;
 
-use super::assemble::proxies;
+use super::assemble::{bundled_network, proxies};
 use super::tables::latex::{escape, noted};
 use crate::evaluate::Results;
 use crate::evaluate::manifest::{DatasetRecord, ListOrigin, Manifest};
@@ -184,6 +184,12 @@ fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
                 escape(kernel)
             );
             say(BTreeSet::from([method.label.as_str()]), &what);
+        }
+    }
+    for method in &manifest.methods {
+        if let Some(what) = bundled_network(&method.identity) {
+            let sentence = format!("The network of METHODS: {}.", escape(&what));
+            say(BTreeSet::from([method.label.as_str()]), &sentence);
         }
     }
     say(

@@ -241,8 +241,11 @@ fn score_tables(input: &ReportInput<'_>, board: &Board<'_>) -> (Vec<Column>, Vec
     if let Some(first) = tables.first_mut() {
         first.remarks.extend(remark);
         let methods = board.methods.iter();
-        let doubts = methods.filter_map(|m| Some(format!("{}: {}.", m.label, m.doubt.as_ref()?)));
-        first.remarks.extend(doubts);
+        let said = methods.flat_map(|m| {
+            let texts = [&m.note, &m.doubt].into_iter().flatten();
+            texts.map(|text| format!("{}: {text}.", m.label))
+        });
+        first.remarks.extend(said);
     }
     (metrics, tables)
 }

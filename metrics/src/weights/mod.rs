@@ -24,7 +24,7 @@ pub(crate) use embedded::{dists_weights, linear_weights};
 pub use fetch::{FetchError, fetch};
 pub use load::NamedTensors;
 pub(crate) use load::Tensors;
-pub use registry::{Published, cache_folder, lies_in, mirrored, torch_hub, user_cache};
+pub use registry::{Published, cache_folder, lies_in, mirrored, own_folder, torch_hub, user_cache};
 
 use crate::identity::{LpipsNet, Metric};
 use crate::options::Device;

@@ -120,10 +120,16 @@ fn variable(name: &str) -> Option<PathBuf> {
 /// Where a program's own files lie that is none by itself.
 static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
-/// Where VGG16's weights lie, instead of beside the executable: for a library that something else runs. The first call
-/// counts, before any weights are looked for.
+/// Where the files lie that travel with the program, instead of beside the executable: for a library that something else
+/// runs. The first call counts, before any weights are looked for.
 pub fn lies_in(folder: impl Into<PathBuf>) {
     OWN_FOLDER.get_or_init(|| folder.into());
+}
+
+/// Where the files lie that travel with the program: [as was said](lies_in), else beside the executable.
+pub fn own_folder() -> Option<PathBuf> {
+    let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
+    OWN_FOLDER.get().cloned().or_else(beside)
 }
 
 impl Weights {
@@ -132,11 +138,8 @@ impl Weights {
     /// of its executable ([or another](lies_in)) or the sources that it was built from, where VGG16's
     /// lie; torch's hub folder.
     pub fn at_hand() -> Self {
-        let executable = std::env::current_exe().ok();
-        let beside = executable.and_then(|file| Some(file.parent()?.to_owned()));
-        let beside = OWN_FOLDER.get().cloned().or(beside);
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights");
-        let bundled = [beside, Some(sources)].map(Option::unwrap_or_default);
+        let bundled = [own_folder(), Some(sources)].map(Option::unwrap_or_default);
         let [cache, hub] = [cache_folder(), torch_hub()].map(Option::unwrap_or_default);
         Self::found_in(&cache, &bundled, &hub)
     }

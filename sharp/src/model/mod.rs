@@ -6,6 +6,7 @@
 //!
 //! # Contents, in the order of computation
 //! * [`config`]: sizes of a network, the release's preset, configurations in files.
+//! * [`bundled`]: the small network that comes with these sources.
 //! * [`params`], [`synth`]: where weights come from; [`inventory`]: which there have to be.
 //! * [`preprocess`]: a photograph, its orientation and focal length.
 //! * [`engine`], `map`, `layers`: our CPU kernels or tensors on any device, behind one set of layers.
@@ -19,6 +20,7 @@
 //! * [`recording`]: every stage written down, or compared with what another implementation wrote.
 
 mod alignment;
+pub mod bundled;
 pub mod config;
 mod decoder;
 mod device;

@@ -208,7 +208,7 @@ impl Trainer {
                 return Ok(Ended::Stopped(position));
             }
         }
-        self.export("weights")?;
+        self.export_named("weights")?;
         Ok(Ended::Complete)
     }
 
@@ -244,7 +244,7 @@ impl Trainer {
             }
         }
         if stage == Stage::Supervised {
-            self.export(FIRST_STAGE)?;
+            self.export_named(FIRST_STAGE)?;
         }
         Ok(Ended::Complete)
     }
@@ -416,11 +416,19 @@ impl Trainer {
             .save(&self.state, &self.config_sha256, kept)?)
     }
 
-    /// Writes `NAME.safetensors`, f32.
-    fn export(&self, name: &str) -> Result<PathBuf, TrainingError> {
-        let path = self.folder.join(format!("{name}.safetensors"));
+    /// Writes the weights as they stand, as a checkpoint that a [`Predictor`](sharp::model::Predictor) opens.
+    ///
+    /// # Errors
+    /// [`TrainingError::State`].
+    pub fn export(&self, path: &Path, precision: Precision) -> Result<(), TrainingError> {
         let about = BTreeMap::from([("trained".to_owned(), self.position().to_string())]);
-        self.state.export(&path, Precision::F32, &about)?;
+        Ok(self.state.export(path, precision, &about)?)
+    }
+
+    /// Writes `NAME.safetensors` into the folder, f32.
+    fn export_named(&self, name: &str) -> Result<PathBuf, TrainingError> {
+        let path = self.folder.join(format!("{name}.safetensors"));
+        self.export(&path, Precision::F32)?;
         Ok(path)
     }
 
@@ -430,7 +438,7 @@ impl Trainer {
         watcher: &mut dyn Watcher,
     ) -> Result<(), TrainingError> {
         let position = self.position();
-        let weights = self.export("validated")?;
+        let weights = self.export_named("validated")?;
         let measured = watcher.validate(&weights, &self.config.network, position);
         let measured = measured.map_err(|reason| TrainingError::Validation { position, reason })?;
         Ok(log.append_validation(position, &measured)?)

@@ -2,18 +2,19 @@
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::ensure;
 use clap::Args;
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
-use sharp::model::{Algorithm, DeviceChoice, ModelConfig, NetworkSpec, Predictor};
+use sharp::model::{Algorithm, DeviceChoice, NetworkSpec, Predictor};
 
 use crate::cli::output;
-use crate::io::checkpoint::find_checkpoint;
+use crate::io::checkpoint::named_network;
 
 /// Which network.
 #[derive(Debug, Args)]
 pub(crate) struct ModelArgs {
-    /// The weights: .pt or .safetensors. Without it, a release checkpoint in its own or our cache folder
+    /// The weights: .pt or .safetensors, or mini, the small network that comes with the program. Without it, a release
+    /// checkpoint in its own or our cache folder
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Sizes of the network, FILE.json or FILE.json#NAME; the release's without it
@@ -32,28 +33,19 @@ pub(crate) struct ModelArgs {
 }
 
 impl ModelArgs {
-    fn config(&self) -> anyhow::Result<ModelConfig> {
-        Ok(match &self.config {
-            Some(file) => ModelConfig::load(file)?,
-            None => ModelConfig::release(),
-        })
-    }
-
     pub(crate) fn load(&self) -> anyhow::Result<Predictor> {
-        let checkpoint = match &self.checkpoint {
-            Some(file) => file.clone(),
-            None if self.config.is_some() => bail!("--config needs --checkpoint FILE"),
-            None => find_checkpoint()?,
-        };
+        ensure!(
+            self.config.is_none() || self.checkpoint.is_some(),
+            "--config needs --checkpoint FILE"
+        );
         Ok(Predictor::open(&NetworkSpec {
-            checkpoint,
-            config: self.config()?,
             allow_unused: self.allow_unused.clone(),
             device: self.device,
             convolution: match self.exact {
                 true => Algorithm::Direct,
                 false => Algorithm::Winograd,
             },
+            ..named_network(self.checkpoint.as_deref(), self.config.as_deref())?
         })?)
     }
 }

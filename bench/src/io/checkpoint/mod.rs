@@ -1,10 +1,12 @@
-//! SHARP's official checkpoint: what it is, where it lies, and whether it is still the same file.
+//! SHARP's official checkpoint: what it is, where it lies, and whether it is still the same file; networks by name.
 //!
 //! * [`release`]: name, address and licence.
 //! * [`record`]: its size and sha256 from the first use on.
 //! * `fetch`: getting it.
+//! * [`named_network`]: any network as people name it, the bundled one among them.
 
 pub mod fetch;
+mod named;
 pub mod record;
 pub mod release;
 
@@ -12,12 +14,14 @@ use std::path::PathBuf;
 
 use sharp_metrics::weights::{cache_folder, torch_hub};
 
+pub use named::{NetworkError, bundled_weights, named_network};
 pub use release::{RELEASE_ADDRESS, RELEASE_FILE};
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "no SHARP checkpoint found (looked for {}); get the official one with `sharp-bench weights fetch sharp` or from \
-     {RELEASE_ADDRESS}, or name one with --checkpoint FILE (checkpoint=FILE in a method)",
+     {RELEASE_ADDRESS}, or name one with --checkpoint FILE (checkpoint=FILE in a method), where `mini` is the small network that comes with \
+     this program",
     searched.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
 )]
 pub struct NoCheckpoint {

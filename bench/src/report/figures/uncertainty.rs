@@ -5,12 +5,13 @@ use std::path::Path;
 
 use image::RgbImage;
 use image::imageops::flip_horizontal;
-use sharp::model::{ModelConfig, ModelError, NetworkSpec, Predictor};
+use sharp::model::Predictor;
 use sharp::resize::nearest;
 use sharp_datasets::DepthMap;
 
 use super::failure::{false_colours, inverse_depth};
 use super::sheet::{Sheet, Tile};
+use crate::io::checkpoint::{NetworkError, named_network};
 use crate::pairs::PairError;
 use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
@@ -70,7 +71,7 @@ impl Mirrored {
     }
 }
 
-/// Both layers of a SHARP checkpoint, for a picture and its mirror image; `config` is the architecture, `FILE.json#NAME`, where
+/// Both layers of a SHARP checkpoint (`mini`: the bundled one), for a picture and its mirror image; `config` is the architecture, `FILE.json#NAME`, where
 /// it is not the release's. The focal length scales both depths alike and leaves their relative difference as it is, so that
 /// it is not asked for.
 ///
@@ -80,12 +81,8 @@ pub fn by_network(
     picture: &RgbImage,
     checkpoint: &Path,
     config: Option<&str>,
-) -> Result<Vec<Mirrored>, ModelError> {
-    let network = NetworkSpec {
-        config: config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
-        ..NetworkSpec::release(checkpoint)
-    };
-    let predictor = Predictor::open(&network)?;
+) -> Result<Vec<Mirrored>, NetworkError> {
+    let predictor = Predictor::open(&named_network(Some(checkpoint), config)?)?;
     let whole = predictor.predict_rgb8(picture, 1.0)?;
     let mirror = predictor.predict_rgb8(&flip_horizontal(picture), 1.0)?;
     let side = whole.resolution;

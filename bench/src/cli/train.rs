@@ -1,0 +1,130 @@
+//! `train`: a network from nothing, or from where it stopped.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+use sharp_train::trainer::Ended;
+
+use super::data_args::MetricArgs;
+use super::outcome::UsageError;
+use super::output::Terminal;
+use super::run::time;
+use super::{Outcome, output};
+use crate::evaluate::record::finite_or_text;
+use crate::io::counts::counted;
+use crate::io::hash::file_sha256;
+use crate::train::{TrainRequest, Trained, ValidationRequest, train};
+
+/// Train a network of SHARP's architecture, both stages
+///
+/// The configuration says which network, losses, data, schedule and intervals; what it leaves out is as in the paper. A
+/// training that was stopped (Ctrl-C, SIGTERM, --time-budget) goes on with the same command, and its log and weights are
+/// the same bytes as without. Weights are validated on pairs that are not learnt from, as a run evaluates a method.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  sharp-bench train mini.toml --out training
+  sharp-bench run --dataset synthetic=seed=3 --method sharp:checkpoint=training/weights.safetensors,config=mini.json --out runs/mini
+
+Writes config.toml, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder validation/, and in the
+end weights.safetensors. bench/docs/train.md explains the configuration.")]
+pub(super) struct TrainArgs {
+    /// The configuration
+    #[arg(value_name = "CONFIG.toml")]
+    config: PathBuf,
+    /// Where everything goes; a training that is there goes on
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000 or
+    /// from 900000, which no training sees
+    #[arg(long, value_name = "SPEC", default_value = ValidationRequest::DATASET)]
+    validation: Vec<String>,
+    /// Pairs to validate on at most, spread over datasets and scenes
+    #[arg(long, value_name = "N", default_value_t = ValidationRequest::PAIRS)]
+    validation_pairs: usize,
+    #[command(flatten)]
+    metrics: MetricArgs,
+    /// Also write the weights in half precision, as they stand when the command ends
+    #[arg(long, value_name = "FILE.safetensors")]
+    export_f16: Option<PathBuf>,
+    /// Begin no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as Ctrl-C and SIGTERM do
+    #[arg(long, value_name = "TIME", value_parser = time)]
+    time_budget: Option<Duration>,
+    /// Threads; all cores without it. Results do not depend on it
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
+    super::set_threads(args.threads)?;
+    if args.validation_pairs == 0 {
+        let reason = "--validation-pairs 0: `intervals.validation = 0` in the configuration validates nothing";
+        return Err(UsageError(reason.to_owned()).into());
+    }
+    let selection = args.metrics.selection()?;
+    let validation = ValidationRequest {
+        datasets: args.validation.clone(),
+        pairs: args.validation_pairs,
+        scoring: args.metrics.complete_scoring(&selection)?,
+    };
+    let terminal = Terminal::until_interrupted(args.time_budget)?;
+    let request = TrainRequest {
+        config: &args.config,
+        folder: &args.out,
+        validation,
+        export_f16: args.export_f16.as_deref(),
+    };
+    let Trained {
+        ended,
+        position,
+        perceptual_network,
+        parameters: (learning, all),
+        weights,
+        validated,
+        page,
+    } = train(request, &terminal)?;
+    if args.json {
+        let measured = validated.iter().map(|(name, value)| {
+            let text = finite_or_text::text(*value);
+            (name.clone(), text.map_or(json!(value), |text| json!(text)))
+        });
+        let sha256 = weights.as_deref().map(file_sha256).transpose()?;
+        output::json(&json!({
+            "complete": ended == Ended::Complete,
+            "stage": position.stage.number(),
+            "step": position.step,
+            "parameters": all,
+            "learning": learning,
+            "perceptual_network": perceptual_network,
+            "weights": weights.map(|path| path.display().to_string()),
+            "weights_sha256": sha256,
+            "validation": measured.collect::<serde_json::Map<_, _>>(),
+            "page": page.display().to_string(),
+        }))?;
+    } else {
+        for (name, value) in validated {
+            output::line(format!("{name}  {value:.4}"))?;
+        }
+        output::line(match &weights {
+            Some(path) => format!("weights {}", path.display()),
+            None => format!("stopped after {position}; the same command goes on"),
+        })?;
+        output::line(format!(
+            "network {}, of which {learning} learnt",
+            counted(all, "parameter")
+        ))?;
+        if let Some(network) = perceptual_network {
+            output::line(format!("perceptual loss on {network}"))?;
+        }
+        output::line(format!("page    {}", page.display()))?;
+    }
+    Ok(match ended {
+        Ended::Complete => Outcome::Done,
+        Ended::Stopped(_) => Outcome::Resumable,
+    })
+}

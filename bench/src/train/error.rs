@@ -1,0 +1,60 @@
+//! Why the harness cannot train.
+
+use std::path::PathBuf;
+
+use sharp_datasets::DatasetError;
+use sharp_train::config::ConfigError;
+use sharp_train::trainer::TrainingError;
+
+use crate::evaluate::EvaluateError;
+use crate::io::atomic_files::FileError;
+use crate::methods::MethodError;
+use crate::pairs::PairError;
+use crate::report::ReportError;
+
+/// Why a training cannot begin, or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Training(#[from] TrainingError),
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    #[error(transparent)]
+    Pairs(#[from] PairError),
+    #[error(transparent)]
+    Evaluate(Box<EvaluateError>),
+    #[error(transparent)]
+    Report(Box<ReportError>),
+    #[error(transparent)]
+    Method(#[from] MethodError),
+    /// The folder holds something else.
+    #[error("{}: {reason}", folder.display())]
+    OtherFolder { folder: PathBuf, reason: String },
+    /// A dataset that is no check of what was learnt.
+    #[error(
+        "validation dataset '{spec}': networks are trained on its seeds; take seeds below 1000 or from 900000"
+    )]
+    NotHeldOut { spec: String },
+    /// A pair without a prediction: means without it could not be compared with the others.
+    #[error("pair '{pair}': {reason}")]
+    Unpredicted { pair: String, reason: String },
+    /// A log that is not as it was written.
+    #[error("{}: {reason}", path.display())]
+    Log { path: PathBuf, reason: String },
+}
+
+impl From<EvaluateError> for TrainError {
+    fn from(error: EvaluateError) -> Self {
+        Self::Evaluate(Box::new(error))
+    }
+}
+
+impl From<ReportError> for TrainError {
+    fn from(error: ReportError) -> Self {
+        Self::Report(Box::new(error))
+    }
+}

@@ -1,0 +1,154 @@
+//! The folder of a training: begun, or found and checked.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use sharp::files::read_text;
+use sharp_train::config::TrainingConfig;
+
+use super::TrainError;
+use crate::evaluate::folder::lock;
+use crate::io::atomic_files::{FileError, write_atomic};
+
+/// A folder that one process trains in.
+pub(super) struct TrainingFolder {
+    root: PathBuf,
+    _lock: File,
+}
+
+const CONFIG: &str = "config.toml";
+
+impl TrainingFolder {
+    /// Begins a training of the configuration in `file`, or finds the one that was begun under it. The file is kept as
+    /// `config.toml`; what no result depends on may have changed in it.
+    ///
+    /// # Errors
+    /// [`TrainError::OtherFolder`] for one that holds other files, or a training of another configuration, which names a
+    /// key that differs.
+    pub(super) fn open(
+        root: &Path,
+        file: &Path,
+        config: &TrainingConfig,
+    ) -> Result<Self, TrainError> {
+        let refused = |reason: String| TrainError::OtherFolder {
+            folder: root.to_owned(),
+            reason,
+        };
+        fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
+        let text = read_text(file).map_err(FileError::new(file, "read"))?;
+        let kept = root.join(CONFIG);
+        if kept.exists() {
+            let before = read_text(&kept).map_err(FileError::new(&kept, "read"))?;
+            if before != text && TrainingConfig::load(&kept)?.sha256() != config.sha256() {
+                let difference = difference(&before, &text);
+                return Err(refused(format!(
+                    "a training of another configuration: {difference}; take another folder"
+                )));
+            }
+        } else {
+            let entries = fs::read_dir(root).map_err(FileError::new(root, "read"))?;
+            let mut entries = entries.filter_map(Result::ok);
+            // As in a run folder, names with a dot are ours.
+            if entries.any(|entry| !entry.file_name().to_string_lossy().starts_with('.')) {
+                return Err(refused(format!("it holds other files and no {CONFIG}")));
+            }
+        }
+        let (lock, _) = lock(root, File::try_lock)?;
+        write_atomic(&kept, text.as_bytes())?;
+        Ok(Self {
+            root: root.to_owned(),
+            _lock: lock,
+        })
+    }
+
+    pub(super) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The run folder of the last validation.
+    pub(super) fn validation(&self) -> PathBuf {
+        self.root.join("validation")
+    }
+}
+
+/// The first key in which two files differ, whatever no result depends on set aside.
+fn difference(before: &str, now: &str) -> String {
+    let [before, now] = [before, now].map(|text| {
+        let mut values = BTreeMap::new();
+        if let Ok(table) = toml::from_str(text) {
+            flatten("", &table, &mut values);
+        }
+        values.retain(|key, _| !key.starts_with("intervals."));
+        values
+    });
+    let mut keys = before.keys().chain(now.keys());
+    let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
+        return "a file that it names has changed".to_owned();
+    };
+    let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
+    let (before, now) = (text(before.get(key)), text(now.get(key)));
+    format!("`{key}` is {before} there and {now} here")
+}
+
+/// Values by their dotted keys.
+fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
+    match value {
+        Value::Object(table) => {
+            for (key, value) in table {
+                let dot = if prefix.is_empty() { "" } else { "." };
+                flatten(&format!("{prefix}{dot}{key}"), value, into);
+            }
+        }
+        value => {
+            into.insert(prefix.to_owned(), value.to_string());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAIN: &str = "[stage1]\nsteps = 20\nbatch = 1\nschedule.warmup_steps = 5\n\
+                         [stage2]\nsteps = 0\nbatch = 1\n[intervals]\ncheckpoint = 7\n";
+
+    fn open(root: &Path, text: &str) -> Result<(), String> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        fs::write(file.path(), text).unwrap();
+        let config = TrainingConfig::load(file.path()).unwrap();
+        let opened = TrainingFolder::open(root, file.path(), &config);
+        opened.map(drop).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_training_is_found_by_its_configuration() {
+        let dir = tempfile::tempdir().unwrap();
+        open(dir.path(), PLAIN).unwrap();
+        open(dir.path(), PLAIN).unwrap();
+        // As often as one likes.
+        open(
+            dir.path(),
+            &PLAIN.replace("checkpoint = 7", "checkpoint = 9"),
+        )
+        .unwrap();
+        let kept = fs::read_to_string(dir.path().join(CONFIG)).unwrap();
+        assert!(kept.contains("checkpoint = 9"));
+        let error = open(dir.path(), &PLAIN.replace("steps = 20", "steps = 30")).unwrap_err();
+        assert!(
+            error.contains("`stage1.steps` is 20 there and 30 here"),
+            "{error}"
+        );
+        let error = open(dir.path(), &format!("initial = \"a.pt\"\n{PLAIN}")).unwrap_err();
+        assert!(error.contains("`initial` is not given there"), "{error}");
+    }
+
+    #[test]
+    fn other_folders_are_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("mine.txt"), "").unwrap();
+        assert!(open(dir.path(), PLAIN).unwrap_err().contains("other files"));
+        assert!(!dir.path().join(CONFIG).exists());
+    }
+}

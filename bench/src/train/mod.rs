@@ -1,0 +1,149 @@
+//! A training run by the harness: validated by its own means, with a page that shows how it goes.
+//!
+//! | in the folder, besides [what `sharp_train` writes](sharp_train::trainer) | |
+//! |---|---|
+//! | `validation-pairs.csv` | the pairs that weights are validated on |
+//! | `validation/` | the run folder of the last validation |
+//! | `index.html` | the page |
+//!
+//! * `folder`: what a training finds where it is to go on; `validation`: weights measured; `page`: curves and samples.
+
+mod error;
+mod folder;
+mod page;
+mod validation;
+
+use std::path::{Path, PathBuf};
+
+use sharp::model::ModelConfig;
+use sharp_train::checkpoint::Precision;
+use sharp_train::config::TrainingConfig;
+use sharp_train::log::StepRecord;
+use sharp_train::position::{Position, Stage};
+use sharp_train::trainer::{Ended, Trainer, Watcher};
+
+pub use error::TrainError;
+use folder::TrainingFolder;
+use validation::Validation;
+pub use validation::ValidationRequest;
+
+use crate::io::observer::Observer;
+
+/// What is to be trained.
+pub struct TrainRequest<'a> {
+    /// The configuration, a TOML file.
+    pub config: &'a Path,
+    /// Where everything goes, and from where a training that was stopped goes on.
+    pub folder: &'a Path,
+    pub validation: ValidationRequest,
+    /// Where the weights are also written in half precision, however the training ends.
+    pub export_f16: Option<&'a Path>,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trained {
+    pub ended: Ended,
+    pub position: Position,
+    /// Whose features the perceptual loss compared.
+    pub perceptual_network: Option<&'static str>,
+    /// Values that learn, and all of the network.
+    pub parameters: (usize, usize),
+    /// The weights after the last step; `None` where it was stopped before.
+    pub weights: Option<PathBuf>,
+    /// What was measured of the last weights that were validated.
+    pub validated: Vec<(String, f64)>,
+    pub page: PathBuf,
+}
+
+/// Trains, or goes on with a training, until it is complete or the observer asks to stop.
+///
+/// # Errors
+/// [`TrainError`]. What was checkpointed stays, and the same call goes on from there.
+pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
+    let config = TrainingConfig::load(request.config)?;
+    let folder = TrainingFolder::open(request.folder, request.config, &config)?;
+    let validates = config.intervals.validation > 0;
+    let validation = validates.then(|| Validation::new(request.validation, &folder, observer));
+    let validation = validation.transpose()?;
+    let mut trainer = Trainer::open(config, folder.root())?;
+    let mut watcher = Watching {
+        folder: &folder,
+        validation,
+        observer,
+        phase: None,
+        validated: Vec::new(),
+        page_due: false,
+    };
+    let ended = trainer.run(&mut watcher);
+    observer.end();
+    let validated = watcher.validated;
+    // A training that failed has a page too.
+    let page = page::write(&folder, observer);
+    let (ended, page) = (ended?, page?);
+    if let Some(path) = request.export_f16 {
+        trainer.export(path, Precision::F16)?;
+    }
+    let weights = folder.root().join("weights.safetensors");
+    Ok(Trained {
+        ended,
+        position: trainer.position(),
+        perceptual_network: trainer.perceptual_network(),
+        parameters: trainer.parameter_counts(),
+        weights: (ended == Ended::Complete).then_some(weights),
+        validated,
+        page,
+    })
+}
+
+/// Hands a trainer's news to an observer, and its weights to the validation.
+struct Watching<'a> {
+    folder: &'a TrainingFolder,
+    validation: Option<Validation>,
+    observer: &'a dyn Observer,
+    /// The stage whose progress is shown.
+    phase: Option<Stage>,
+    validated: Vec<(String, f64)>,
+    /// After a validation, as soon as its values are in the log.
+    page_due: bool,
+}
+
+impl Watcher for Watching<'_> {
+    fn stepped(&mut self, record: &StepRecord<'_>, steps: u64) {
+        let Position { stage, step } = record.position;
+        if std::mem::take(&mut self.page_due)
+            && let Err(error) = page::write(self.folder, self.observer)
+        {
+            self.observer.warn(&format!("no page: {error}"));
+        }
+        if self.phase.replace(stage) != Some(stage) {
+            let name = format!("stage {}", stage.number());
+            self.observer.begin(&name, steps as usize, "steps");
+        }
+        let now = format!("stage {}, loss {:.4}", stage.number(), record.total);
+        self.observer.progress(step as usize, &now);
+    }
+
+    fn validate(
+        &mut self,
+        weights: &Path,
+        config: &ModelConfig,
+        _: Position,
+    ) -> Result<Vec<(String, f64)>, String> {
+        let Some(validation) = &self.validation else {
+            return Ok(Vec::new());
+        };
+        self.observer.end();
+        // Its own phases take the place of the stage's.
+        self.phase = None;
+        let measured = validation.measure(weights, config, self.observer);
+        let measured = measured.map_err(|error| error.to_string())?;
+        self.validated.clone_from(&measured);
+        self.page_due = true;
+        Ok(measured)
+    }
+
+    fn stop(&self) -> bool {
+        self.observer.stop()
+    }
+}

@@ -1,0 +1,64 @@
+//! The small network that comes with these sources: its sizes are compiled in, its weights are the file
+//! `sharp/mini/mini.safetensors`, which travels beside programs.
+
+use std::path::Path;
+
+use super::params::Parameter;
+use super::training::TrainableNetwork;
+use super::{ModelConfig, ModelError};
+
+/// What it is called where a checkpoint is named.
+pub const NAME: &str = "mini";
+
+/// Name of the file of its weights.
+pub const FILE: &str = "mini.safetensors";
+
+/// Its sizes.
+///
+/// # Errors
+/// When they are damaged.
+pub fn config() -> Result<ModelConfig, ModelError> {
+    let text = include_str!("../../mini/mini.json");
+    let config: ModelConfig = serde_json::from_str(text)
+        .map_err(|error| ModelError::file(Path::new("mini.json"), error))?;
+    config.validate()?;
+    Ok(config)
+}
+
+/// sha256 of the file of its weights, 64 lower-case hexadecimal digits.
+pub fn weights_sha256() -> &'static str {
+    let line = include_str!("../../mini/mini.sha256");
+    line.split(' ').next().unwrap_or_default()
+}
+
+/// Where its weights lie in these sources.
+pub fn source_folder() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/mini"))
+}
+
+/// What it is, in half a sentence.
+///
+/// # Errors
+/// As [`config`].
+pub fn description() -> Result<String, ModelError> {
+    let network = TrainableNetwork::new(&config()?)?;
+    let count: usize = network.parameters().iter().map(Parameter::len).sum();
+    let millions = count as f64 / 1e6;
+    Ok(format!(
+        "SHARP architecture, {millions:.1} million parameters, trained on procedural scenes; not Apple's model"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::inventory::CheckpointSource;
+
+    #[test]
+    fn the_weights_are_those_of_the_sizes_and_the_hash() {
+        let source = CheckpointSource::open(&source_folder().join(FILE)).unwrap();
+        assert_eq!(source.sha256().unwrap(), weights_sha256());
+        source.check(&config().unwrap(), &[]).unwrap();
+        assert!(description().unwrap().starts_with("SHARP architecture, "));
+    }
+}

@@ -1,0 +1,205 @@
+//! `train` on the tiny network, and the bundled one wherever a checkpoint is named.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::support::{Said, read, sharp_bench};
+use crate::tiny::{golden, recorded_input};
+
+/// Four steps of the first stage, without the perceptual loss, whose network takes longest.
+fn config(folder: &Path) -> String {
+    let text = format!(
+        "network.file = {:?}\nlosses.percep = 0.0\n\
+         [stage1]\nsteps = 4\nbatch = 1\nside = 192\n\
+         schedule = {{ peak = 1e-3, last = 1e-4, warmup_steps = 1 }}\n\
+         [stage2]\nsteps = 0\nbatch = 1\n\
+         [intervals]\nvalidation = 2\ncheckpoint = 2\n",
+        golden("tiny_config.json#tiny")
+    );
+    std::fs::write(folder.join("t.toml"), &text).unwrap();
+    text
+}
+
+fn arguments(out: &str) -> [&str; 12] {
+    [
+        "train",
+        "t.toml",
+        "--out",
+        out,
+        "--validation",
+        "synthetic=size=64x48,views=20",
+        "--validation-pairs",
+        "1",
+        "--metrics",
+        "psnr",
+        "--json",
+        "--quiet",
+    ]
+}
+
+fn train(folder: &Path, out: &str) -> Said {
+    sharp_bench(folder, &arguments(out))
+}
+
+/// Starts a training and sends a signal as soon as its log has that many lines; its exit code.
+fn signalled(folder: &Path, out: &str, lines: usize, signal: &str) -> Option<i32> {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sharp-bench"))
+        .args(arguments(out))
+        .current_dir(folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let log = folder.join(out).join("log.csv");
+    let started = Instant::now();
+    let has = || std::fs::read_to_string(&log).is_ok_and(|text| text.lines().count() >= lines);
+    while !has() && started.elapsed() < Duration::from_secs(300) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let pid = child.id().to_string();
+    let sent = Command::new("kill").args([signal, &pid]).status().unwrap();
+    assert!(sent.success());
+    child.wait().unwrap().code()
+}
+
+/// What follows from configuration and seed.
+fn bytes(folder: &Path) -> Vec<Vec<u8>> {
+    let names = ["log.csv", "validation.csv", "weights.safetensors"];
+    let files = names.map(|name| std::fs::read(folder.join(name)).unwrap());
+    files.into()
+}
+
+#[test]
+#[cfg(unix)]
+fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
+    let dir = tempfile::tempdir().unwrap();
+    config(dir.path());
+    let json = train(dir.path(), "a").ends_with(0).json();
+    assert_eq!(
+        (&json["complete"], &json["step"]),
+        (&true.into(), &4.into())
+    );
+    let whole = dir.path().join("a");
+    assert_eq!(read(whole.join("log.csv")).lines().count(), 5);
+    let validation = read(whole.join("validation.csv"));
+    let steps: Vec<&str> = validation.lines().skip(1).map(|row| &row[..4]).collect();
+    assert_eq!(steps, ["1,2,", "1,4,"], "{validation}");
+    let psnr = json["validation"]["psnr"].as_f64().unwrap();
+    assert!(
+        validation.contains(&format!("1,4,{psnr},\"psnr\"")),
+        "{validation}"
+    );
+    // The last validation is a run like any other.
+    let scores = read(whole.join("validation/scores.csv"));
+    assert!(
+        scores.lines().nth(1).unwrap().contains(&psnr.to_string()),
+        "{scores}"
+    );
+    let page = read(whole.join("index.html"));
+    for part in ["learning rate", "psnr", "data:image/jpeg;base64,", "stage1"] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("src=\"http") && !page.contains("<script"));
+
+    assert_eq!(signalled(dir.path(), "b", 4, "-KILL"), None);
+    assert!(!dir.path().join("b/weights.safetensors").exists());
+    train(dir.path(), "b").ends_with(0);
+    assert_eq!(bytes(&whole), bytes(&dir.path().join("b")));
+
+    assert_eq!(signalled(dir.path(), "c", 2, "-INT"), Some(75));
+    assert!(!dir.path().join("c/weights.safetensors").exists());
+    train(dir.path(), "c").ends_with(0);
+    assert_eq!(bytes(&whole), bytes(&dir.path().join("c")));
+
+    // Of a complete one nothing is left to do.
+    let again = train(dir.path(), "a").ends_with(0).json();
+    assert_eq!(again["weights_sha256"], json["weights_sha256"]);
+
+    // The weights are a checkpoint of that network.
+    let method = format!(
+        "sharp:checkpoint=a/weights.safetensors,config={}",
+        golden("tiny_config.json#tiny")
+    );
+    let run = [
+        "run",
+        "--dataset",
+        "synthetic=size=64x48,views=20",
+        "--limit",
+        "1",
+        "--metrics",
+        "psnr",
+        "--method",
+    ];
+    sharp_bench(dir.path(), &[&run[..], &[&method, "--out", "r"]].concat()).ends_with(0);
+}
+
+#[test]
+fn what_cannot_be_trained_is_one_clear_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = config(dir.path());
+    let with = |text: &str| {
+        std::fs::write(dir.path().join("t.toml"), text).unwrap();
+        train(dir.path(), "t")
+    };
+    with(&text.replace("peak = 1e-3", "peak = nan"))
+        .is_error_with(&["t.toml", "`stage1.schedule.peak`"]);
+    with("[stage1\n").is_error_with(&["t.toml: line 1"]);
+    with(&format!("stepz = 3\n{text}")).is_error_with(&["line 1", "stepz"]);
+    std::fs::remove_file(dir.path().join("t.toml")).unwrap();
+    train(dir.path(), "t").is_error_with(&["t.toml: "]);
+    assert!(!dir.path().join("t").exists());
+
+    config(dir.path());
+    let mut seen = arguments("t");
+    seen[5] = "synthetic=world=varied,seed=999,scenes=2";
+    sharp_bench(dir.path(), &seen).is_usage_error_with(&["scenes=2", "below 1000"]);
+}
+
+#[test]
+fn the_bundled_network_is_the_one_that_its_training_makes() {
+    let file = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../sharp/train/configs/mini.toml"
+    );
+    let training = sharp_train::config::TrainingConfig::load(Path::new(file)).unwrap();
+    assert_eq!(training.network, sharp::model::bundled::config().unwrap());
+}
+
+#[test]
+fn the_bundled_network_predicts_records_and_compares() {
+    let dir = tempfile::tempdir().unwrap();
+    let (image, focal) = recorded_input();
+    let input = [
+        "--image",
+        &image,
+        "--focal-px",
+        &focal,
+        "--checkpoint",
+        "mini",
+    ];
+    let record = [&["record", "--out", "r.safetensors"][..], &input].concat();
+    sharp_bench(dir.path(), &record).ends_with(0);
+    let parity = [&["parity", "--golden", "r.safetensors"][..], &input].concat();
+    let said = sharp_bench(dir.path(), &parity).ends_with(0);
+    assert!(said.out.contains("within"), "{}", said.out);
+    let exact = [&parity[..], &["--exact"]].concat();
+    sharp_bench(dir.path(), &exact).ends_with(0);
+
+    let predict = [
+        "predict",
+        &image,
+        "--checkpoint",
+        "mini",
+        "--out",
+        "p.ply",
+        "--json",
+    ];
+    let json = sharp_bench(dir.path(), &predict).ends_with(0).json();
+    assert_eq!(json[0]["gaussians"], 2 * 128 * 128);
+    let both = [&predict[..], &["--config", "x.json"]].concat();
+    sharp_bench(dir.path(), &both).is_error_with(&["own configuration", "./mini"]);
+    // Without a name it is not used, but named.
+    let none = ["predict", &image, "--out", "q.ply"];
+    sharp_bench(dir.path(), &none).is_error_with(&["no SHARP checkpoint", "`mini`"]);
+}
