@@ -24,6 +24,7 @@ fn before_the_first_step_the_network_changes_nothing() {
         },
         disparity_factor: 0.8,
         known_depth: Some(&known),
+        zeros_return: false,
     };
     let snapshot = Snapshot(Arc::clone(&trainer.state));
     let pass = trainer.network.forward(snapshot, |_| true, input).unwrap();
