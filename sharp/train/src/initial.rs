@@ -15,7 +15,7 @@ use sharp::random::{SplitMix64, mix, unit};
 /// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that
 ///   its factors are 1. Both as in the release.
 /// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of
-///   [`FIRST_DISPARITY`], because a rectified output that starts at 0 never learns.
+///   0.3, because a rectified output that starts at 0 never learns.
 pub struct Untrained {
     seed: u64,
     layer_scale: f32,

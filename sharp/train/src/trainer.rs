@@ -2,11 +2,10 @@
 //!
 //! | in the folder | |
 //! |---|---|
-//! | `config.toml` | what decides it, as given |
 //! | `log.csv`, `timing.csv` | every step |
 //! | `validation.csv` | what the caller measured, by step |
 //! | `checkpoints/` | states to go on from |
-//! | `stage1.safetensors`, `weights.safetensors` | weights after the first stage, and after the last step |
+//! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage, at the last validation, after the last step |
 //! | `stopped-…/` | the inputs of a step whose loss or gradient was not finite |
 
 use std::collections::BTreeMap;
