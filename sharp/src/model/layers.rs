@@ -8,7 +8,9 @@ use candle_core::{DType, Tensor};
 use sharp_kernels::conv::backward::{
     ConvInput, InputGradient, bias_gradient, keep_where_positive, weight_gradient,
 };
-use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, Simd};
+use sharp_kernels::{
+    Algorithm, Conv2d, ConvOptions, ConvSpec, NormGradient, RowOp, RowWindow, Simd,
+};
 
 use super::ModelError;
 use super::engine::{CpuKernels, Engine, Runtime};
@@ -261,6 +263,17 @@ impl Learned {
             gradients.add_parameter(name, bias_gradient(g, channels));
         }
     }
+
+    /// Adds the gradients of a normalisation's scales and shifts; that of its input is given back.
+    pub(super) fn add_norm(&self, gradients: &mut Gradients, back: NormGradient) -> Vec<f32> {
+        if let Some(name) = &self.weight {
+            gradients.add_parameter(name, back.gamma);
+        }
+        if let Some(name) = &self.bias {
+            gradients.add_parameter(name, back.beta);
+        }
+        back.input
+    }
 }
 
 /// A transposed 2×2 convolution with stride 2: every pixel becomes a block of four.
@@ -426,13 +439,8 @@ impl GroupNormLayer {
         let (data, node) = (Arc::clone(&x.data), x.node.clone());
         Some(tape.record(move |g, gradients| {
             let back = norm.backward(simd, &data, &g);
-            if let Some(name) = &learned.weight {
-                gradients.add_parameter(name, back.gamma);
-            }
-            if let Some(name) = &learned.bias {
-                gradients.add_parameter(name, back.beta);
-            }
-            gradients.add(node.as_ref(), back.input);
+            let of_input = learned.add_norm(gradients, back);
+            gradients.add(node.as_ref(), of_input);
             Ok(())
         }))
     }

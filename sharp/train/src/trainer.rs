@@ -116,8 +116,7 @@ pub struct Trainer {
 }
 
 /// The state as a source of weights.
-#[derive(Clone)]
-pub(crate) struct Snapshot(pub(crate) Arc<TrainingState>);
+struct Snapshot(Arc<TrainingState>);
 
 impl WeightSource for Snapshot {
     fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {

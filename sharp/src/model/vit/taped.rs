@@ -168,13 +168,8 @@ impl Pass<'_> {
         let (data, node) = (Arc::clone(&x.data), x.node.clone());
         let node = self.recorded(x, learned.any(), move |g, gradients| {
             let back = layer_norm_gradient(&data, &gamma, eps, &g);
-            if let Some(name) = &learned.weight {
-                gradients.add_parameter(name, back.gamma);
-            }
-            if let Some(name) = &learned.bias {
-                gradients.add_parameter(name, back.beta);
-            }
-            gradients.add(node.as_ref(), back.input);
+            let of_input = learned.add_norm(gradients, back);
+            gradients.add(node.as_ref(), of_input);
             Ok(())
         });
         Ok(HostMap::new(shape_of(x), out).at_node(node))
