@@ -34,6 +34,9 @@ pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
+    /// A value in place of the configuration's, by its dotted key: stage1.steps=500, losses.percep=0; repeatable
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Where everything goes; a training that is there goes on
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -75,6 +78,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
     let terminal = Terminal::until_interrupted(args.time_budget)?;
     let request = TrainRequest {
         config: &args.config,
+        set: &args.set,
         folder: &args.out,
         validation,
         export_f16: args.export_f16.as_deref(),

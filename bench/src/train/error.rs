@@ -17,6 +17,9 @@ use crate::report::ReportError;
 pub enum TrainError {
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// A value from the command line that the configuration cannot take.
+    #[error("--set {set}: {reason}")]
+    Set { set: String, reason: String },
     #[error(transparent)]
     Training(#[from] TrainingError),
     #[error(transparent)]

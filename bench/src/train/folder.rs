@@ -21,7 +21,7 @@ pub(super) struct TrainingFolder {
 const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
-    /// Begins a training of the configuration in `file`, or finds the one that was begun under it. The file is kept as
+    /// Begins a training of a configuration, or finds the one that was begun under it. Its text is kept as
     /// `config.toml`; what no result depends on may have changed in it.
     ///
     /// # Errors
@@ -29,7 +29,7 @@ impl TrainingFolder {
     /// key that differs.
     pub(super) fn open(
         root: &Path,
-        file: &Path,
+        text: &str,
         config: &TrainingConfig,
     ) -> Result<Self, TrainError> {
         let refused = |reason: String| TrainError::OtherFolder {
@@ -37,12 +37,11 @@ impl TrainingFolder {
             reason,
         };
         fs::create_dir_all(root).map_err(FileError::new(root, "create"))?;
-        let text = read_text(file).map_err(FileError::new(file, "read"))?;
         let kept = root.join(CONFIG);
         if kept.exists() {
             let before = read_text(&kept).map_err(FileError::new(&kept, "read"))?;
             if before != text && TrainingConfig::load(&kept)?.sha256() != config.sha256() {
-                let difference = difference(&before, &text);
+                let difference = difference(&before, text);
                 return Err(refused(format!(
                     "a training of another configuration: {difference}; take another folder"
                 )));
@@ -115,10 +114,8 @@ mod tests {
                          [stage2]\nsteps = 0\nbatch = 1\n[intervals]\ncheckpoint = 7\n";
 
     fn open(root: &Path, text: &str) -> Result<(), String> {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        fs::write(file.path(), text).unwrap();
-        let config = TrainingConfig::load(file.path()).unwrap();
-        let opened = TrainingFolder::open(root, file.path(), &config);
+        let config = TrainingConfig::parse(text, Path::new("a.toml")).unwrap();
+        let opened = TrainingFolder::open(root, text, &config);
         opened.map(drop).map_err(|error| error.to_string())
     }
 

@@ -6,8 +6,9 @@
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
 //!
-//! * `folder`: what a training finds where it is to go on; `validation`: weights measured; `page`: curves and samples.
+//! * `configured`: a file with values changed; `folder`: what a training finds where it is to go on; `validation`: weights measured; `page`: curves and samples.
 
+mod configured;
 mod error;
 mod folder;
 mod page;
@@ -17,11 +18,11 @@ use std::path::{Path, PathBuf};
 
 use sharp::model::ModelConfig;
 use sharp_train::checkpoint::Precision;
-use sharp_train::config::TrainingConfig;
 use sharp_train::log::StepRecord;
 use sharp_train::position::{Position, Stage};
 use sharp_train::trainer::{Ended, Trainer, Watcher};
 
+use configured::configured;
 pub use error::TrainError;
 use folder::TrainingFolder;
 use validation::Validation;
@@ -33,6 +34,8 @@ use crate::io::observer::Observer;
 pub struct TrainRequest<'a> {
     /// The configuration, a TOML file.
     pub config: &'a Path,
+    /// Values in place of the file's, each as `KEY=VALUE`: a dotted key and a TOML value, or a text without quotes.
+    pub set: &'a [String],
     /// Where everything goes, and from where a training that was stopped goes on.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
@@ -61,8 +64,8 @@ pub struct Trained {
 /// # Errors
 /// [`TrainError`]. What was checkpointed stays, and the same call goes on from there.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
-    let config = TrainingConfig::load(request.config)?;
-    let folder = TrainingFolder::open(request.folder, request.config, &config)?;
+    let (text, config) = configured(request.config, request.set)?;
+    let folder = TrainingFolder::open(request.folder, &text, &config)?;
     let validates = config.intervals.validation > 0;
     let validation = validates.then(|| Validation::new(request.validation, &folder, observer));
     let validation = validation.transpose()?;

@@ -274,7 +274,10 @@ impl TrainingPass {
         for (node, channels) in self.nodes.deltas.iter().zip(DELTA_CHANNELS) {
             let (planes, others) = rest.split_at(channels * rows * columns);
             rest = others;
-            gradients.add(node.as_ref(), interleaved(planes, channels));
+            // Without it, the way back leaves the Gaussian decoder out.
+            if planes.iter().any(|g| *g != 0.0) {
+                gradients.add(node.as_ref(), interleaved(planes, channels));
+            }
         }
         self.tape
             .backward(self.nodes.features.index + 1, gradients)?;

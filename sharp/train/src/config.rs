@@ -52,8 +52,8 @@ pub enum ConfigError {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingConfig {
-    /// `"release"`, `{ file = "FILE#NAME" }` (JSON, from the working directory) or
-    /// `{ inline = { … } }`.
+    /// `"release"`, `"mini"` (the bundled one), `{ file = "FILE#NAME" }` (JSON, from the working
+    /// directory) or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
     /// A checkpoint of this network that the training begins with, in place of random weights.
@@ -172,6 +172,7 @@ impl Default for TrainingConfig {
 #[serde(rename_all = "snake_case")]
 enum NetworkChoice {
     Release,
+    Mini,
     File(String),
     Inline(Box<ModelConfig>),
 }
@@ -179,6 +180,7 @@ enum NetworkChoice {
 fn network<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ModelConfig, D::Error> {
     let config = match NetworkChoice::deserialize(deserializer)? {
         NetworkChoice::Release => Ok(ModelConfig::release()),
+        NetworkChoice::Mini => sharp::model::bundled::config(),
         NetworkChoice::File(file) => ModelConfig::load(&file),
         NetworkChoice::Inline(config) => config.validate().map(|()| *config),
     };
@@ -195,7 +197,15 @@ impl TrainingConfig {
             path: path.to_owned(),
             source,
         })?;
-        let config: Self = toml::from_str(&text).map_err(|error| ConfigError::Parse {
+        Self::parse(&text, path)
+    }
+
+    /// Checks the text of a file.
+    ///
+    /// # Errors
+    /// [`ConfigError::Parse`] and [`ConfigError::Value`], which name the file.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text).map_err(|error| ConfigError::Parse {
             path: path.to_owned(),
             line: error
                 .span()

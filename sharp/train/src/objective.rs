@@ -71,7 +71,6 @@ pub struct Objective {
     weights: LossWeights,
     options: LossOptions,
     perceptual: Option<Perceptual>,
-    renderer: CpuRenderer,
 }
 
 impl Objective {
@@ -88,7 +87,6 @@ impl Objective {
             weights,
             options,
             perceptual,
-            renderer: CpuRenderer::new(),
         })
     }
 
@@ -101,11 +99,7 @@ impl Objective {
     ///
     /// # Errors
     /// [`ObjectiveError`].
-    pub fn cost(
-        &mut self,
-        pass: &TrainingPass,
-        example: &Example<'_>,
-    ) -> Result<Cost, ObjectiveError> {
+    pub fn cost(&self, pass: &TrainingPass, example: &Example<'_>) -> Result<Cost, ObjectiveError> {
         let Example { source, target, .. } = *example;
         let mut sum = Sum {
             terms: [0.0; 10],
@@ -152,7 +146,7 @@ impl Objective {
 
     /// Losses of a rendered picture: of the input view, or, with its mask, of the novel one.
     fn on_picture(
-        &mut self,
+        &self,
         sum: &mut Sum,
         pass: &TrainingPass,
         view: &RenderView,
@@ -160,7 +154,12 @@ impl Objective {
         novel: Option<&[bool]>,
     ) -> Result<(), ObjectiveError> {
         let (weights, options) = (&self.weights, &self.options);
-        let rendered = self.renderer.render(&pass.gaussians, view)?;
+        // Where depth is learnt alone, nothing is rendered.
+        if [weights.color, weights.alpha, weights.percep] == [0.0; 3] {
+            return Ok(());
+        }
+        let mut renderer = CpuRenderer::new();
+        let rendered = renderer.render(&pass.gaussians, view)?;
         let (truth, mask) = match novel {
             Some(mask) => (&example.target.image, Some(mask)),
             None => (&example.source.image, example.source_mask),
@@ -202,7 +201,7 @@ impl Objective {
             alpha: &of_alpha,
             depth_acc: &vec![0.0; encoded.len()],
         };
-        let of_gaussians = self.renderer.backward(&pass.gaussians, view, &gradient)?;
+        let of_gaussians = renderer.backward(&pass.gaussians, view, &gradient)?;
         for (sum, one) in sum.gradient.gaussians.iter_mut().zip(&of_gaussians) {
             *sum += one;
         }

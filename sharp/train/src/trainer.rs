@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use image::RgbImage;
+use rayon::prelude::*;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::Planes;
@@ -259,16 +260,25 @@ impl Trainer {
         let started = Instant::now();
         let mut sum = StepSum::default();
         let mut inputs = Vec::new();
-        for k in 0..settings.batch as u64 {
-            let sample = samples.fetch()?;
-            let index = (position.step - 1) * settings.batch as u64 + k;
-            let added = self.add_example(&sample, mix(settings.seed ^ mix(index)), &mut sum);
-            inputs.push(sample);
-            match added {
-                Err(TrainingError::Model(ModelError::Depth(_))) => {
-                    return Err(self.not_finite(position, "the depth", &inputs, &sum)?);
+        let batch = settings.batch as u64;
+        let indices: Vec<u64> = ((position.step - 1) * batch..position.step * batch).collect();
+        for indices in indices.chunks(EXAMPLES_AT_ONCE) {
+            let mut examples = Vec::new();
+            for index in indices {
+                let sample = samples.fetch()?;
+                examples.push((sample, mix(settings.seed ^ mix(*index))));
+            }
+            let costs = examples.par_iter();
+            let costs = costs.map(|(sample, seed)| self.example(sample, *seed));
+            let costs: Vec<_> = costs.collect();
+            inputs.extend(examples.into_iter().map(|(sample, _)| sample));
+            for cost in costs {
+                match cost {
+                    Err(TrainingError::Model(ModelError::Depth(_))) => {
+                        return Err(self.not_finite(position, "the depth", &inputs, &sum)?);
+                    }
+                    cost => sum.add(cost?),
                 }
-                added => added?,
             }
         }
         sum.divide_by(settings.batch);
@@ -321,16 +331,15 @@ impl Trainer {
         })
     }
 
-    /// Adds what one example costs, and its gradient.
-    fn add_example(
-        &mut self,
+    /// What one example costs, and its gradient.
+    fn example(
+        &self,
         MaskedSample {
             sample,
             source_mask,
         }: &MaskedSample,
         seed: u64,
-        sum: &mut StepSum,
-    ) -> Result<(), TrainingError> {
+    ) -> Result<StepSum, TrainingError> {
         let source = &sample.source;
         let side = self.config.network.internal_resolution;
         let parts = self.config.trained;
@@ -363,20 +372,11 @@ impl Trainer {
             let found = found.remove(&weights.name);
             found.unwrap_or_else(|| vec![0.0; weights.values.len()])
         });
-        if sum.gradients.is_empty() {
-            sum.gradients = gradients.collect();
-        } else {
-            for (sum, gradient) in sum.gradients.iter_mut().zip(gradients) {
-                for (sum, g) in sum.iter_mut().zip(gradient) {
-                    *sum += g;
-                }
-            }
-        }
-        sum.total += cost.total;
-        for (sum, term) in sum.terms.iter_mut().zip(cost.terms) {
-            *sum += term;
-        }
-        Ok(())
+        Ok(StepSum {
+            terms: cost.terms,
+            total: cost.total,
+            gradients: gradients.collect(),
+        })
     }
 
     /// What a stage learns from.
@@ -447,8 +447,11 @@ impl Trainer {
 const FIRST_STAGE: &str = "stage1";
 /// Examples that wait while a step computes.
 const SAMPLES_AHEAD: usize = 3;
+/// Examples of a batch that are computed side by side. Much of a pass has too little work for several
+/// threads, and two of them fill what one leaves idle; more would only take memory.
+const EXAMPLES_AT_ONCE: usize = 2;
 
-/// Sums over a step's examples.
+/// Of an example, or the sum over a step's.
 #[derive(Default)]
 struct StepSum {
     terms: [f64; TERMS.len()],
@@ -458,6 +461,20 @@ struct StepSum {
 }
 
 impl StepSum {
+    fn add(&mut self, example: Self) {
+        self.total += example.total;
+        for (sum, term) in self.terms.iter_mut().zip(example.terms) {
+            *sum += term;
+        }
+        if self.gradients.is_empty() {
+            self.gradients = example.gradients;
+            return;
+        }
+        let gradients = self.gradients.iter_mut().flatten();
+        let added = example.gradients.iter().flatten();
+        gradients.zip(added).for_each(|(sum, g)| *sum += g);
+    }
+
     fn divide_by(&mut self, batch: usize) {
         let share = 1.0 / batch as f64;
         self.total *= share;

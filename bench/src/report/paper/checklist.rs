@@ -28,8 +28,6 @@ pub(super) struct ChecklistInput<'a> {
     /// The datasets as columns, empty ones where no row has any pair.
     pub(super) board: &'a Board<'a>,
     pub(super) columns: &'a [Column],
-    /// Datasets of the rows that the table does not have.
-    pub(super) elsewhere: &'a [String],
 }
 
 impl ChecklistInput<'_> {
@@ -47,17 +45,21 @@ pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
         .iter()
         .filter(|d| !d.pairs.is_empty());
     let measured: Vec<&DatasetBoard<'_>> = measured.collect();
+    let (papers, others): (Vec<&DatasetBoard<'_>>, Vec<_>) = measured
+        .iter()
+        .partition(|d| column(&d.dataset).is_some_and(|at| compared.paper.datasets.contains(&at)));
     let mut checks = vec![coverage(compared)];
-    checks.extend(measured.iter().map(|dataset| pairs(compared, dataset)));
-    checks.extend(measured.iter().map(|dataset| readings(compared, dataset)));
+    checks.extend(papers.iter().map(|dataset| pairs(compared, dataset)));
+    checks.extend(papers.iter().map(|dataset| readings(compared, dataset)));
     checks.extend(compared.columns.iter().map(identity));
     checks.push(aggregation(compared));
     checks.push(privilege(compared));
     checks.push(whole_pictures(&measured));
-    if !compared.elsewhere.is_empty() {
-        let names = compared.elsewhere.join(", ");
+    if !others.is_empty() {
+        let names: Vec<&str> = others.iter().map(|d| title(d)).collect();
+        let names = names.join(", ");
         checks.push(unmet(format!(
-            "The table has no column for {names}: not shown."
+            "The paper's table has no column for {names}: nothing published stands beside it."
         )));
     }
     checks

@@ -50,14 +50,15 @@ pub(super) fn with_rows(
             let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
             let board = Board::new(input.records, &input.datasets, &input.methods)?;
             let columns = columns(paper, &board, &input.metrics, &beside.metrics);
-            let (placed, elsewhere) = placed(paper, board)?;
+            let placed = placed(paper, board)?;
             let kept = |d: &usize| !beside.only_measured || !placed.datasets[*d].pairs.is_empty();
             let kept: Vec<usize> = all.into_iter().filter(kept).collect();
             let shown = Board {
                 methods: placed.methods,
                 datasets: {
                     let boards = placed.datasets.into_iter().enumerate();
-                    let boards = boards.filter(|(d, _)| kept.contains(d));
+                    let boards =
+                        boards.filter(|(d, _)| *d >= paper.datasets.len() || kept.contains(d));
                     boards.map(|(_, board)| board).collect()
                 },
             };
@@ -68,7 +69,6 @@ pub(super) fn with_rows(
                 missing: results.missing.len(),
                 board: &shown,
                 columns: &columns,
-                elsewhere: &elsewhere,
             };
             own.checklist = checklist(&compared);
             let doubts = shown.methods.iter();
@@ -104,9 +104,18 @@ pub(super) fn with_rows(
     }
 }
 
-/// Rows of one's own below published ones, under the identities of one's own.
-fn below(published: Table, own: Table) -> Table {
+/// Rows of one's own below published ones, under the identities of one's own. Datasets that the paper does not have
+/// come last, without published numbers.
+fn below(mut published: Table, own: Table) -> Table {
     let mut table = own;
+    let none = Cell {
+        printed: Some("–".to_owned()),
+        ..Cell::default()
+    };
+    let cells = table.groups.len() * table.columns.len();
+    for row in &mut published.rows {
+        row.cells.resize(cells, none.clone());
+    }
     let groups = table.groups.iter_mut().zip(published.groups);
     for (group, published) in groups {
         (group.name, group.title) = (published.name, published.title);
@@ -126,10 +135,7 @@ fn below(published: Table, own: Table) -> Table {
     {
         for (at, cell) in row.cells.iter_mut().enumerate() {
             if table.groups[at / table.columns.len()].pairs == Some(0) {
-                *cell = Cell {
-                    printed: Some("–".to_owned()),
-                    ..Cell::default()
-                };
+                *cell = none.clone();
             }
         }
     }
@@ -196,20 +202,17 @@ fn columns(
     columns.collect()
 }
 
-/// The datasets in the paper's order, an empty one for each that no row has, and the names of the others.
-fn placed<'a>(
-    paper: &PublishedTable,
-    board: Board<'a>,
-) -> Result<(Board<'a>, Vec<String>), RowError> {
+/// The datasets in the paper's order, an empty one for each that no row has, and then those that the paper lacks.
+fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();
-    let mut elsewhere = Vec::new();
+    let mut others = Vec::new();
     for dataset in board.datasets {
         let at = column(&dataset.dataset)
             .and_then(|column| paper.datasets.iter().position(|name| *name == column));
         match at {
             Some(at) => by_column[at].push(dataset),
-            None => elsewhere.push(dataset.dataset.title().to_owned()),
+            None => others.push(dataset),
         }
     }
     let mut datasets = Vec::new();
@@ -228,13 +231,11 @@ fn placed<'a>(
             pairs: Vec::new(),
         }));
     }
-    Ok((
-        Board {
-            datasets,
-            methods: board.methods,
-        },
-        elsewhere,
-    ))
+    datasets.append(&mut others);
+    Ok(Board {
+        datasets,
+        methods: board.methods,
+    })
 }
 
 /// A cell with what it is about, as it is written.

@@ -97,7 +97,7 @@ fn ties_gaps_and_infinities_stand_as_they_are() {
         .iter()
         .map(|group| group.title.as_str())
         .collect();
-    assert_eq!(titles, ["Middlebury", "ETH3D"]);
+    assert_eq!(titles, ["Middlebury", "ETH3D", "own"]);
     let [a, b] = &table.rows[7..] else {
         panic!("{:?}", table.rows)
     };
@@ -109,6 +109,11 @@ fn ties_gaps_and_infinities_stand_as_they_are() {
         (Some(f64::INFINITY), Some((1, 1)))
     );
     assert_eq!((b.cells[2].value, b.cells[2].rank), (None, None));
+    // A dataset of one's own comes last, where the paper has nothing.
+    assert_eq!(
+        (b.cells[4].value, &table.rows[6].cells[4].value),
+        (Some(30.0), &None)
+    );
     // Published rows are ranked among themselves.
     assert_eq!(
         (table.rows[6].cells[0].value, table.rows[6].cells[0].rank),
@@ -121,7 +126,7 @@ fn ties_gaps_and_infinities_stand_as_they_are() {
             .any(|c| !c.is_met && c.text.contains(text))
     };
     assert!(
-        unmet("b 5 of 6 on Middlebury") && unmet("no column for own"),
+        unmet("b 5 of 6 on Middlebury") && unmet("no column for own: nothing published"),
         "{:?}",
         table.checklist
     );

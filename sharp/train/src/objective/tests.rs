@@ -106,7 +106,7 @@ fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
         seed: 1,
     };
     let cost = |weights| {
-        let mut objective = Objective::new(weights, options()).unwrap();
+        let objective = Objective::new(weights, options()).unwrap();
         objective.cost(&pass, &example).unwrap()
     };
     let whole = cost(weights());
@@ -150,7 +150,7 @@ fn the_total_changes_as_its_gradient_says() {
         alpha_floor: 0.05,
         ..options()
     };
-    let mut objective = Objective::new(weights(), options).unwrap();
+    let objective = Objective::new(weights(), options).unwrap();
     let gradient = objective.cost(&pass, &example).unwrap().gradient;
     type Field = fn(&mut TrainingPass) -> &mut [f32];
     // Rendering skips what is below 1/255: where a Gaussian of opacity o begins to be seen, the picture jumps, and
@@ -207,8 +207,8 @@ fn true_depth_costs_less_at_the_true_camera() {
     let depth = known_depth(&sample.source, SIDE).repeat(2);
     let base = BaseGaussians::new(&planes, &depth, pass.base.grid, InvalidDepth::Skip);
     pass.gaussians = compose(&base.unwrap(), None).unwrap();
-    let mut objective = Objective::new(only(0), options()).unwrap();
-    let mut color = |camera| {
+    let objective = Objective::new(only(0), options()).unwrap();
+    let color = |camera| {
         let target = TrainingView {
             camera_from_world: camera,
             ..sample.target.clone()

@@ -65,8 +65,7 @@ fn mean(training: &mut Training, examples: std::ops::Range<u64>) -> StepSum {
     for k in examples {
         let seed = mix(training.trainer.config.stage1.seed ^ mix(k));
         let example = example(training, k);
-        let trainer = &mut training.trainer;
-        trainer.add_example(&example, seed, &mut sum).unwrap();
+        sum.add(training.trainer.example(&example, seed).unwrap());
     }
     sum.divide_by(count);
     sum

@@ -1,0 +1,125 @@
+//! A configuration of which the command line changes single values.
+
+use std::path::Path;
+
+use sharp::files::read_text;
+use sharp_train::config::{ConfigError, TrainingConfig};
+use toml::Table;
+
+use super::TrainError;
+use crate::io::atomic_files::FileError;
+
+/// The text of a configuration and what it says: the file's own, or with the values of `set` in place of its.
+///
+/// # Errors
+/// [`TrainError::Config`] where the file by itself cannot be; [`TrainError::Set`] where its changes cannot.
+pub(super) fn configured(
+    file: &Path,
+    set: &[String],
+) -> Result<(String, TrainingConfig), TrainError> {
+    let text = read_text(file).map_err(FileError::new(file, "read"))?;
+    let config = TrainingConfig::parse(&text, file)?;
+    if set.is_empty() {
+        return Ok((text, config));
+    }
+    let fault = |set: &str, reason: String| TrainError::Set {
+        set: set.to_owned(),
+        reason,
+    };
+    let mut table: Table = toml::from_str(&text).map_err(|e| fault("", e.to_string()))?;
+    for one in set {
+        change(&mut table, one).map_err(|reason| fault(one, reason))?;
+    }
+    // Checked together: a stage of fewer steps may need a shorter warm-up.
+    let text = table.to_string();
+    let config = TrainingConfig::parse(&text, file).map_err(|error| {
+        let reason = match error {
+            ConfigError::Parse { reason, .. } => reason,
+            ConfigError::Value { key, reason, .. } => format!("`{key}` {reason}"),
+            read @ ConfigError::Read { .. } => read.to_string(),
+        };
+        fault(&set.join(" --set "), reason)
+    })?;
+    Ok((text, config))
+}
+
+/// Applies `KEY=VALUE`.
+fn change(table: &mut Table, set: &str) -> Result<(), String> {
+    let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
+    let mut names = key.trim().split('.');
+    let last = names.next_back().unwrap_or_default();
+    let mut place = table;
+    for name in names {
+        let inner = place.entry(name).or_insert_with(|| Table::new().into());
+        place = inner
+            .as_table_mut()
+            .ok_or_else(|| format!("`{name}` is one value, without parts"))?;
+    }
+    // What is no TOML is a text that lacks its quotes.
+    let value = value.trim();
+    let parsed = toml::from_str(&format!("value = {value}")).ok();
+    let parsed = parsed.and_then(|mut table: Table| table.remove("value"));
+    place.insert(last.to_owned(), parsed.unwrap_or_else(|| value.into()));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str =
+        "zeros_return = true\n[stage1]\nsteps = 900\nbatch = 2\nschedule.warmup_steps = 300\n";
+
+    fn configure(set: &[&str]) -> Result<TrainingConfig, String> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), TEXT).unwrap();
+        let set: Vec<String> = set.iter().map(|&one| one.to_owned()).collect();
+        let (text, config) = configured(file.path(), &set).map_err(|error| error.to_string())?;
+        // What is kept says the same.
+        assert_eq!(
+            TrainingConfig::parse(&text, file.path()).unwrap().sha256(),
+            config.sha256()
+        );
+        Ok(config)
+    }
+
+    #[test]
+    fn values_take_the_place_of_the_files() {
+        let config = configure(&[
+            "stage1.steps=30",
+            "stage1.schedule.warmup_steps = 3",
+            "aligned=false",
+            "losses.percep=0",
+            "initial=first/weights.safetensors",
+            "stage1.data={ datasets = [\"colmap=desk\"] }",
+        ])
+        .unwrap();
+        assert_eq!((config.stage1.steps, config.stage1.batch), (30, 2));
+        assert_eq!(config.stage1.schedule.warmup_steps, 3);
+        assert!(!config.aligned && config.zeros_return);
+        assert_eq!(config.losses.percep, 0.0);
+        assert_eq!(
+            config.initial.as_deref(),
+            Some(Path::new("first/weights.safetensors"))
+        );
+        assert_ne!(config.stage1.data, Default::default());
+        assert_eq!(configure(&[]).unwrap().stage1.steps, 900);
+    }
+
+    #[test]
+    fn what_cannot_be_set_is_named() {
+        for (set, reason) in [
+            ("stage1.steps", "it is not KEY=VALUE"),
+            ("zeros_return.a=1", "`zeros_return` is one value"),
+            ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
+            ("stage1.stesp=200", "stesp"),
+            ("losses.percep=much", "much"),
+        ] {
+            let error = configure(&[set]).unwrap_err();
+            assert!(
+                error.starts_with(&format!("--set {set}: ")) && error.contains(reason),
+                "{error}"
+            );
+        }
+    }
+}
