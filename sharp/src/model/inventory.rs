@@ -60,15 +60,27 @@ impl CheckpointSource {
                 self.0.path().display()
             )));
         }
-        let expected: Vec<Expected> = inventory(config)?
-            .into_iter()
-            .filter(|p| p.used || self.0.contains(&p.name))
-            .map(|p| Expected {
-                name: p.name,
-                shape: p.shape,
-            })
-            .collect();
-        Ok(self.0.check(&expected, allow_unused)?)
+        Ok(self.0.check(&self.expected(config, "")?, allow_unused)?)
+    }
+
+    /// As [`Self::check`] for the parameters whose names begin with `prefix`, whatever else the file holds.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`], [`ModelError::Incomplete`].
+    pub fn check_part(&self, config: &ModelConfig, prefix: &str) -> Result<(), ModelError> {
+        let anything = String::new();
+        Ok(self.0.check(&self.expected(config, prefix)?, &[anything])?)
+    }
+
+    fn expected(&self, config: &ModelConfig, prefix: &str) -> Result<Vec<Expected>, ModelError> {
+        let parameters = inventory(config)?.into_iter();
+        let named = parameters.filter(|p| p.name.starts_with(prefix));
+        let needed = named.filter(|p| p.used || self.0.contains(&p.name));
+        let expected = needed.map(|p| Expected {
+            name: p.name,
+            shape: p.shape,
+        });
+        Ok(expected.collect())
     }
 
     /// The Gaussian stride of the weights: the kernel of the convolution that takes image and depth to the Gaussians'

@@ -41,6 +41,8 @@ pub struct TrainingInput<'a> {
     /// that begins with random weights may otherwise lose all of its depth at once, and never
     /// learns again; the release has a clamp to the same end, which it does not use.
     pub zeros_return: bool,
+    /// Leaves out what refines Gaussians, for losses that see the depth alone: deltas are 0.
+    pub depth_only: bool,
 }
 
 /// What a pass made, with the way back. R is the internal resolution.
@@ -158,15 +160,24 @@ impl TrainableNetwork {
         let base = BaseGaussians::from_normalized(&image, &normalized, grid)?;
 
         let features = tape.leaf();
-        let planes = normalized.feature_input(&image);
-        let seen = Map::from_planes(&rt.engine, &planes, (3 + LAYERS, side, side))?;
-        let seen = seen.at_node(features.clone());
-        let [texture, geometry] =
-            network
-                .feature_model
-                .forward(rt, out.features, &seen, &mut Silent)?;
-        let heads = network.prediction_head.forward(rt, &texture, &geometry)?;
-        let deltas = [heads[0].to_planes()?, heads[1].to_planes()?].concat();
+        let (deltas, delta_nodes) = match input.depth_only {
+            true => {
+                let channels: usize = DELTA_CHANNELS.iter().sum();
+                (vec![0.0; channels * grid.blocks()], [None, None])
+            }
+            false => {
+                let planes = normalized.feature_input(&image);
+                let seen = Map::from_planes(&rt.engine, &planes, (3 + LAYERS, side, side))?;
+                let seen = seen.at_node(features.clone());
+                let [texture, geometry] =
+                    network
+                        .feature_model
+                        .forward(rt, out.features, &seen, &mut Silent)?;
+                let heads = network.prediction_head.forward(rt, &texture, &geometry)?;
+                let deltas = [heads[0].to_planes()?, heads[1].to_planes()?].concat();
+                (deltas, heads.map(|head| head.node().cloned()))
+            }
+        };
         let gaussians = compose(&base, Some(&deltas))?;
         Ok(TrainingPass {
             gaussians,
@@ -183,7 +194,7 @@ impl TrainableNetwork {
                 disparity: out.disparity.node().cloned(),
                 alignment,
                 features,
-                deltas: heads.map(|head| head.node().cloned()),
+                deltas: delta_nodes,
             },
             tape,
             side,
@@ -274,10 +285,7 @@ impl TrainingPass {
         for (node, channels) in self.nodes.deltas.iter().zip(DELTA_CHANNELS) {
             let (planes, others) = rest.split_at(channels * rows * columns);
             rest = others;
-            // Without it, the way back leaves the Gaussian decoder out.
-            if planes.iter().any(|g| *g != 0.0) {
-                gradients.add(node.as_ref(), interleaved(planes, channels));
-            }
+            gradients.add(node.as_ref(), interleaved(planes, channels));
         }
         self.tape
             .backward(self.nodes.features.index + 1, gradients)?;

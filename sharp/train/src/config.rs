@@ -58,6 +58,8 @@ pub struct TrainingConfig {
     pub network: ModelConfig,
     /// A checkpoint of this network that the training begins with, in place of random weights.
     pub initial: Option<PathBuf>,
+    /// A checkpoint whose depth network the training begins with; everything else is random.
+    pub initial_depth: Option<PathBuf>,
     pub trained: TrainedParts,
     /// Whether depth is brought to the true one before it is used (paper, depth adjustment).
     pub aligned: bool,
@@ -154,6 +156,7 @@ impl Default for TrainingConfig {
         Self {
             network: ModelConfig::release(),
             initial: None,
+            initial_depth: None,
             losses: LossWeights::default(),
             loss_options: LossOptions::default(),
             trained: TrainedParts::default(),
@@ -234,6 +237,7 @@ impl TrainingConfig {
         let Self {
             network,
             initial,
+            initial_depth,
             trained,
             aligned,
             zeros_return,
@@ -251,6 +255,7 @@ impl TrainingConfig {
                 (
                     network,
                     initial,
+                    initial_depth,
                     trained,
                     aligned,
                     zeros_return,
@@ -273,6 +278,11 @@ impl TrainingConfig {
             weight_decay,
         } = self.adam;
         let checks = [
+            (
+                self.initial.is_none() || self.initial_depth.is_none(),
+                "initial_depth",
+                "stands beside `initial`, which brings the depth network, too",
+            ),
             (
                 betas.iter().all(|beta| (0.0..1.0).contains(beta)),
                 "adam.betas",
@@ -424,8 +434,12 @@ mod tests {
             ("stepz = 1", "line 1: unknown field `stepz`"),
             ("\n[stage1]\nsteps = 1", "line 2: missing field `batch`"),
             ("[stage1]\nsteps = -1\nbatch = 1", "line 2: invalid value"),
-            ("network = \"mini\"", "line 1: unknown variant `mini`"),
+            ("network = \"big\"", "line 1: unknown variant `big`"),
             ("network.file = \"absent.json\"", "`network`: absent.json"),
+            (
+                "initial = \"a\"\ninitial_depth = \"b\"",
+                "`initial_depth` stands beside",
+            ),
             ("adam.betas = [0.9, 1.0]", "`adam.betas`"),
             ("adam.epsilon = 0.0", "`adam.epsilon`"),
             ("adam.weight_decay = -1.0", "`adam.weight_decay`"),

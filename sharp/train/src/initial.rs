@@ -1,17 +1,23 @@
 //! Weights before the first step.
 
+use std::path::Path;
+
+use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::{SplitMix64, mix, unit};
 
 /// Random weights of a network that has seen nothing.
 ///
-/// * Convolutions and linear layers: normal with variance 2 / fan-in (1 / fan-in where no
-///   rectification follows: transposed convolutions, transformers), biases 0. The last convolution of
-///   a residual branch is divided by four, so that the branches do not add up. The four taps of a
-///   transposed convolution are equal, so that it begins as nearest doubling, without a pattern.
-/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token and
-///   positions: deviation 0.02.
+/// * Convolutions and linear layers: normal with variance 1 / fan-in, biases 0; 2 / fan-in for what
+///   sees rectified features, 1 / (2 fan-in) for what sees the sum of two maps, at the end of a fusion. So
+///   features stay of order 1 from the encoder to the heads; larger ones would make every step of the
+///   optimiser a leap of the depth. The last convolution of a residual branch is divided by four, so
+///   that the branches do not add up. The four taps of a transposed convolution are equal, so that it
+///   begins as nearest doubling, without a pattern.
+/// * Normalisation: 1 and 0. LayerScale: the configuration's `vit.init_values`. Class token: deviation
+///   0.02. Positions: sines and cosines of column and row, because where in a picture something
+///   stands says most about how far it is.
 /// * Prediction heads: 0, so that the Gaussians are the base Gaussians. Alignment: last weight 0, so that
 ///   its factors are 1. Both as in the release.
 /// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of
@@ -46,6 +52,35 @@ impl Untrained {
     }
 }
 
+/// Positions `[tokens, channels]` of the class token, zeros, and of a square of patches, by row. A
+/// channel is the sine or the cosine of the column or the row, of wave lengths from four times the
+/// square's side down to two patches.
+fn positions(tokens: usize, channels: usize) -> Vec<f32> {
+    let side = ((tokens - 1) as f64).sqrt().round().max(1.0);
+    let waves = (channels / 4).max(1);
+    let value = |patch: usize, channel: usize| {
+        let patch = patch as f64;
+        let (row, column) = ((patch / side).floor(), patch % side);
+        let along = if channel.is_multiple_of(2) {
+            column
+        } else {
+            row
+        };
+        let share = (channel / 4) as f64 / waves as f64;
+        let wave_length = 4.0 * side * (2.0 * side).powf(-share);
+        let phase = std::f64::consts::TAU * along / wave_length;
+        let wave = if (channel / 2).is_multiple_of(2) {
+            phase.sin()
+        } else {
+            phase.cos()
+        };
+        0.5 * wave as f32
+    };
+    let class_token = std::iter::repeat_n(0.0, channels);
+    let patches = (0..tokens - 1).flat_map(|p| (0..channels).map(move |c| value(p, c)));
+    class_token.chain(patches).collect()
+}
+
 impl WeightSource for Untrained {
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
         let len: usize = shape.iter().product();
@@ -55,8 +90,11 @@ impl WeightSource for Untrained {
         if contains(&["prediction_head.", "scale_map_estimator.conv_out."]) {
             return constant(0.0);
         }
-        if ends(&["cls_token", "pos_embed"]) {
+        if ends(&["cls_token"]) {
             return Ok(self.normal(name, len, 0.02));
+        }
+        if ends(&["pos_embed"]) {
+            return Ok(positions(shape[1], shape[2]));
         }
         if ends(&[".gamma"]) {
             return constant(self.layer_scale);
@@ -71,20 +109,28 @@ impl WeightSource for Untrained {
             return constant(1.0);
         }
         let transposed = shape[2..] == [2, 2] && contains(&["deconv", "upsample", "head.1."]);
-        let transformer = contains(&["_encoder.blocks", "patch_embed"]);
         // Of a transposed convolution, each output pixel sees one weight of each input.
         let fan_in = match transposed {
             true => shape[0],
             false => shape[1..].iter().product(),
         };
-        let linear = transformer || contains(&["upsample", "fuse_lowres"]);
-        let gain = if transposed || linear { 1.0 } else { 2.0 };
+        let rectified = contains(&[
+            ".residual.",
+            "texture_head.3.",
+            "geometry_head.3.",
+            ".head.4.",
+        ]);
+        let gain = match ends(&["out_conv.weight"]) {
+            true => 0.5,
+            false if rectified => 2.0,
+            false => 1.0,
+        };
         let mut deviation = (gain / fan_in as f64).sqrt();
         if ends(&["residual.3.weight", "residual.5.weight"]) {
             deviation *= 0.25;
         }
         if ends(&["monodepth_predictor.head.4.weight"]) {
-            let layer = self.normal(name, len / shape[0], 0.01 * deviation);
+            let layer = self.normal(name, len / shape[0], 0.1 * deviation);
             return Ok(layer.repeat(shape[0]));
         }
         if transposed {
@@ -92,5 +138,98 @@ impl WeightSource for Untrained {
             return Ok(taps.flat_map(|weight| [weight; 4]).collect());
         }
         Ok(self.normal(name, len, deviation))
+    }
+}
+
+/// The depth network of a checkpoint; what makes Gaussians of it is untrained.
+pub struct TrainedDepth {
+    depth: CheckpointSource,
+    rest: Untrained,
+}
+
+/// Names of the depth network's parameters begin with it.
+const DEPTH: &str = "monodepth_model.";
+
+impl TrainedDepth {
+    /// # Errors
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another depth network.
+    pub fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
+        let depth = CheckpointSource::open(file)?;
+        depth.check_part(config, DEPTH)?;
+        let rest = Untrained::new(config, seed);
+        Ok(Self { depth, rest })
+    }
+}
+
+impl WeightSource for TrainedDepth {
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
+        match name.starts_with(DEPTH) {
+            true => self.depth.values(name, shape),
+            false => self.rest.values(name, shape),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use sharp::model::predictor::Planes;
+    use sharp::model::{Algorithm, Engine, Predictor, StageObserver, StageValue};
+
+    use super::*;
+
+    /// Root mean squares by stage.
+    #[derive(Default)]
+    struct Magnitudes(BTreeMap<String, f64>);
+
+    impl StageObserver for Magnitudes {
+        fn stage(&mut self, name: &str, value: StageValue<'_>) -> Result<(), ModelError> {
+            let values = value.to_vec()?;
+            let sum: f64 = values.iter().map(|v| f64::from(*v).powi(2)).sum();
+            let mean = sum / values.len() as f64;
+            self.0.insert(name.to_owned(), mean.sqrt());
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn features_are_of_order_one_wherever_a_decoder_or_head_reads_them() {
+        let config = sharp::model::bundled::config().unwrap();
+        let side = config.internal_resolution;
+        let source = Untrained::new(&config, 7);
+        let engine = Engine::cpu(Algorithm::Winograd);
+        let predictor = Predictor::from_source(&config, source, engine).unwrap();
+        let mut random = SplitMix64::new(1);
+        // Blocks of 16 pixels, as coarse as what a picture shows.
+        let blocks: Vec<f32> = (0..3 * 24 * 24)
+            .map(|_| unit(random.next_u64()) as f32)
+            .collect();
+        let value = |at: usize| {
+            let (c, y, x) = (at / side / side, at / side % side, at % side);
+            blocks[c * 576 + y * 24 / side * 24 + x * 24 / side]
+        };
+        let values: Vec<f32> = (0..3 * side * side).map(value).collect();
+        let image = Planes {
+            values: &values,
+            width: side,
+            height: side,
+        };
+        let mut found = Magnitudes::default();
+        predictor.predict(image, 1.0, &mut found).unwrap();
+        let read = [
+            "encoder.feature",
+            "depth_decoder.fusion",
+            "depth_head.0",
+            "depth_head.2",
+            "gauss_decoder.fus",
+            "geometry_head.1",
+        ];
+        let read = |name: &str| read.iter().any(|stage| name.starts_with(stage));
+        let read: Vec<_> = found.0.iter().filter(|(name, _)| read(name)).collect();
+        assert!(read.len() > 15, "{read:?}");
+        for (name, magnitude) in read {
+            assert!((0.2..3.0).contains(magnitude), "{name}: {magnitude}");
+        }
     }
 }

@@ -3,7 +3,8 @@
 //! Knows no harness: whoever runs a training hands in how it is validated.
 //!
 //! # Contents
-//! * [`data`]: what is learnt from; [`self_supervision`]: the second stage's part of it.
+//! * [`data`]: what is learnt from; [`self_supervision`]: the second stage's part of it;
+//!   `examples`: as a configuration says.
 //! * [`losses`]: what is minimised; [`objective`]: all of it on one example.
 //! * [`initial`]: weights before the first step.
 //! * [`config`]: a training as one TOML file; [`parts`]: which of the network's parts learn.
@@ -16,6 +17,7 @@
 pub mod checkpoint;
 pub mod config;
 pub mod data;
+mod examples;
 pub mod initial;
 pub mod log;
 pub mod losses;

@@ -95,17 +95,35 @@ impl Objective {
         self.perceptual.as_ref().map(Perceptual::network)
     }
 
+    /// Whether no loss looks at Gaussians or their pictures.
+    pub fn is_of_depth_alone(&self) -> bool {
+        let LossWeights {
+            color,
+            alpha,
+            percep,
+            grad,
+            delta,
+            splat,
+            ..
+        } = self.weights;
+        [color, alpha, percep, grad, delta, splat] == [0.0; 6]
+    }
+
     /// The losses of a pass on `example.source`'s picture.
     ///
     /// # Errors
     /// [`ObjectiveError`].
     pub fn cost(&self, pass: &TrainingPass, example: &Example<'_>) -> Result<Cost, ObjectiveError> {
         let Example { source, target, .. } = *example;
-        let mut sum = Sum {
+        let mut sum = Cost {
             terms: [0.0; 10],
             total: 0.0,
             gradient: pass.zero_gradient(),
         };
+        self.on_depth(&mut sum, pass, source);
+        if self.is_of_depth_alone() {
+            return Ok(sum);
+        }
         let target_from_source = target
             .camera_from_world
             .after(&source.camera_from_world.inverse());
@@ -135,29 +153,20 @@ impl Objective {
         );
         let mask: Vec<bool> = mask.iter().map(|inside| *inside > 0).collect();
         self.on_picture(&mut sum, pass, &novel, example, Some(&mask))?;
-        self.on_depth(&mut sum, pass, source);
         self.on_gaussians(&mut sum, pass, [&input, &novel])?;
-        Ok(Cost {
-            terms: sum.terms,
-            total: sum.total,
-            gradient: sum.gradient,
-        })
+        Ok(sum)
     }
 
     /// Losses of a rendered picture: of the input view, or, with its mask, of the novel one.
     fn on_picture(
         &self,
-        sum: &mut Sum,
+        sum: &mut Cost,
         pass: &TrainingPass,
         view: &RenderView,
         example: &Example<'_>,
         novel: Option<&[bool]>,
     ) -> Result<(), ObjectiveError> {
         let (weights, options) = (&self.weights, &self.options);
-        // Where depth is learnt alone, nothing is rendered.
-        if [weights.color, weights.alpha, weights.percep] == [0.0; 3] {
-            return Ok(());
-        }
         let mut renderer = CpuRenderer::new();
         let rendered = renderer.render(&pass.gaussians, view)?;
         let (truth, mask) = match novel {
@@ -209,7 +218,7 @@ impl Objective {
     }
 
     /// Losses of the depth layers and of the alignment's factors.
-    fn on_depth(&self, sum: &mut Sum, pass: &TrainingPass, source: &TrainingView) {
+    fn on_depth(&self, sum: &mut Cost, pass: &TrainingPass, source: &TrainingView) {
         let (weights, options) = (&self.weights, &self.options);
         let side = pass.base.grid.width;
         let (first, second) = pass.depth.split_at(side * side);
@@ -243,7 +252,7 @@ impl Objective {
     /// Losses of the Gaussians themselves.
     fn on_gaussians(
         &self,
-        sum: &mut Sum,
+        sum: &mut Cost,
         pass: &TrainingPass,
         [input, novel]: [&RenderView; 2],
     ) -> Result<(), ObjectiveError> {
@@ -291,14 +300,7 @@ impl Objective {
     }
 }
 
-/// What has been added up so far.
-struct Sum {
-    terms: [f64; 10],
-    total: f64,
-    gradient: PassGradient,
-}
-
-impl Sum {
+impl Cost {
     fn add(&mut self, term: usize, value: f64, weight: f64) {
         self.terms[term] += value;
         self.total += weight * value;

@@ -21,21 +21,18 @@ use sharp::model::predictor::Planes;
 use sharp::model::training::{TrainableNetwork, TrainingInput};
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::mix;
-use sharp_datasets::DatasetSpec;
 
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
-use crate::config::{StageConfig, TrainingConfig, TrainingData};
-use crate::data::{
-    DEFAULT_MAX_BASELINE_M, DataError, FolderPhotographs, Photograph, PosedSamples, Prefetcher,
-    ProceduralPhotographs, ProceduralSamples, Sample, Source,
-};
-use crate::initial::Untrained;
+use crate::config::{StageConfig, TrainingConfig};
+use crate::data::{DataError, Prefetcher};
+use crate::examples::AnySource;
+use crate::initial::{TrainedDepth, Untrained};
 use crate::log::{LogError, StepRecord, TrainingLog};
 use crate::losses::perceptual::PerceptualError;
 use crate::objective::{Example, Objective, ObjectiveError, TERMS, known_depth};
 use crate::optimizer::{OptimizerError, clip_norm};
 use crate::position::{Position, Stage};
-use crate::self_supervision::{MaskedSample, SelfSupervisedSamples};
+use crate::self_supervision::MaskedSample;
 use crate::stopped;
 
 /// Why a training cannot go on.
@@ -145,13 +142,15 @@ impl Trainer {
                 &config.trained,
             )?,
             None => {
-                let source: Box<dyn WeightSource> = match &config.initial {
-                    Some(file) => {
+                let (sizes, seed) = (&config.network, config.stage1.seed);
+                let source: Box<dyn WeightSource> = match (&config.initial, &config.initial_depth) {
+                    (Some(file), _) => {
                         let source = CheckpointSource::open(file)?;
-                        source.check(&config.network, &[])?;
+                        source.check(sizes, &[])?;
                         Box::new(source)
                     }
-                    None => Box::new(Untrained::new(&config.network, config.stage1.seed)),
+                    (None, Some(file)) => Box::new(TrainedDepth::open(file, sizes, seed)?),
+                    (None, None) => Box::new(Untrained::new(sizes, seed)),
                 };
                 TrainingState::new(network.parameters(), &config.trained, source.as_ref())?
             }
@@ -222,7 +221,7 @@ impl Trainer {
         let intervals = self.config.intervals.clone();
         let batch = settings.batch as u64;
         if first < settings.steps {
-            let source = self.source(stage, &settings)?;
+            let source = AnySource::open(&self.config, stage, &self.teacher())?;
             let mut samples = Prefetcher::start(source, first * batch, SAMPLES_AHEAD)?;
             for step in first + 1..=settings.steps {
                 if watcher.stop() {
@@ -355,6 +354,7 @@ impl Trainer {
             // Without its network there is no alignment.
             known_depth: self.config.aligned.then_some(&known),
             zeros_return: self.config.zeros_return,
+            depth_only: self.objective.is_of_depth_alone(),
         };
         let snapshot = Snapshot(Arc::clone(&self.state));
         let trains = move |name: &str| parts.contain(name);
@@ -379,32 +379,9 @@ impl Trainer {
         })
     }
 
-    /// What a stage learns from.
-    fn source(&self, stage: Stage, settings: &StageConfig) -> Result<AnySource, TrainingError> {
-        let (seed, size) = (settings.seed, (settings.side, settings.side));
-        if stage == Stage::SelfSupervised {
-            let photographs: Box<dyn Source<Photograph>> = match &settings.data {
-                TrainingData::Photographs(folder) => {
-                    Box::new(FolderPhotographs::open(folder, seed, size)?)
-                }
-                _ => Box::new(ProceduralPhotographs::new(seed, size)),
-            };
-            let teacher = self.folder.join(format!("{FIRST_STAGE}.safetensors"));
-            let config = &self.config.network;
-            let samples = SelfSupervisedSamples::new(photographs, &teacher, config, seed)?;
-            return Ok(AnySource::Masked(Box::new(samples)));
-        }
-        let TrainingData::Datasets(specs) = &settings.data else {
-            let samples = ProceduralSamples::new(seed, size);
-            return Ok(AnySource::Plain(vec![Box::new(samples)]));
-        };
-        let mut sources: Vec<Box<dyn Source<Sample>>> = Vec::new();
-        for spec in specs {
-            let spec = DatasetSpec::parse(spec).map_err(DataError::from)?;
-            let limit = DEFAULT_MAX_BASELINE_M;
-            sources.push(Box::new(PosedSamples::open(&spec, seed, size, limit)?));
-        }
-        Ok(AnySource::Plain(sources))
+    /// The weights after the first stage, which teach in the second.
+    fn teacher(&self) -> PathBuf {
+        self.folder.join(format!("{FIRST_STAGE}.safetensors"))
     }
 
     fn checkpoint(&self) -> Result<(), TrainingError> {
@@ -482,29 +459,6 @@ impl StepSum {
         if batch > 1 {
             let all = self.gradients.iter_mut().flatten();
             all.for_each(|g| *g *= share as f32);
-        }
-    }
-}
-
-/// Either stage's examples.
-enum AnySource {
-    /// Several sources take turns.
-    Plain(Vec<Box<dyn Source<Sample>>>),
-    Masked(Box<SelfSupervisedSamples>),
-}
-
-impl Source<MaskedSample> for AnySource {
-    fn get(&self, k: u64) -> Result<MaskedSample, DataError> {
-        match self {
-            Self::Plain(sources) => {
-                let count = sources.len() as u64;
-                let sample = sources[(k % count) as usize].get(k / count)?;
-                Ok(MaskedSample {
-                    sample,
-                    source_mask: None,
-                })
-            }
-            Self::Masked(samples) => samples.get(k),
         }
     }
 }

@@ -339,6 +339,7 @@ fn alignment(values: &mut Values, folder: &Path) -> Done {
             disparity_factor: FACTOR,
             known_depth: Some(&known),
             zeros_return: false,
+            depth_only: false,
         };
         let trains = |name: &str| name.starts_with(ALIGNMENT);
         let pass = network.forward(source, trains, input)?;

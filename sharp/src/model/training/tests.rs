@@ -66,6 +66,7 @@ impl Scene {
             disparity_factor: 0.8,
             known_depth: Some(&self.known),
             zeros_return: false,
+            depth_only: false,
         }
     }
 }
@@ -257,6 +258,7 @@ fn depth_that_is_lost_everywhere_returns_where_it_may() {
         let input = TrainingInput {
             known_depth: None,
             zeros_return,
+            depth_only: false,
             ..scene.input()
         };
         let trainable = |name: &str| name == BIAS;

@@ -32,6 +32,7 @@ fn pass() -> (TrainingPass, Sample, Vec<f32>) {
         disparity_factor: 0.8,
         known_depth: Some(&known_depth(&sample.source, SIDE)),
         zeros_return: false,
+        depth_only: false,
     };
     let mut pass = network.forward(Synth::default(), |_| false, input).unwrap();
     // Beyond the margin of its loss.

@@ -1,11 +1,12 @@
 use sharp::composer::compose;
 
 use super::*;
+use crate::data::Source;
 
 /// Example `k` of a training, as its step is given it.
 fn example(training: &Training, k: u64) -> MaskedSample {
-    let settings = training.trainer.config.stage1.clone();
-    let source = training.trainer.source(Stage::Supervised, &settings);
+    let config = &training.trainer.config;
+    let source = AnySource::open(config, Stage::Supervised, Path::new(""));
     source.unwrap().get(k).unwrap()
 }
 
@@ -25,6 +26,7 @@ fn before_the_first_step_the_network_changes_nothing() {
         disparity_factor: 0.8,
         known_depth: Some(&known),
         zeros_return: false,
+        depth_only: false,
     };
     let snapshot = Snapshot(Arc::clone(&trainer.state));
     let pass = trainer.network.forward(snapshot, |_| true, input).unwrap();
@@ -165,4 +167,88 @@ fn the_second_stage_may_be_the_only_one() {
     assert_eq!(ended, Ended::Complete);
     let stage = Stage::SelfSupervised;
     assert_eq!(training.trainer.position(), Position { stage, step: 1 });
+}
+
+/// Losses of depth alone leave out half of the network, and learn the same from the rest.
+#[test]
+fn depth_is_learnt_alone_as_with_everything_else() {
+    let mut alone = config([1, 0], 96);
+    alone.losses = LossWeights {
+        color: 0.0,
+        alpha: 0.0,
+        grad: 0.0,
+        delta: 0.0,
+        splat: 0.0,
+        ..alone.losses
+    };
+    let training = Training::new(&alone);
+    let trainer = &training.trainer;
+    assert!(trainer.objective.is_of_depth_alone());
+    let masked = example(&training, 0);
+    let source = &masked.sample.source;
+    let found = trainer.example(&masked, 1).unwrap();
+    assert!(found.terms[3] > 0.0 && found.terms[..3] == [0.0; 3]);
+
+    let values = planes(&source.image);
+    let known = known_depth(source, alone.network.internal_resolution);
+    let input = TrainingInput {
+        image: Planes {
+            values: &values,
+            width: 96,
+            height: 96,
+        },
+        disparity_factor: (source.intrinsics.fx / 96.0) as f32,
+        known_depth: Some(&known),
+        zeros_return: false,
+        depth_only: false,
+    };
+    let snapshot = Snapshot(Arc::clone(&trainer.state));
+    let parts = alone.trained;
+    let trains = move |name: &str| parts.contain(name);
+    let pass = trainer.network.forward(snapshot, trains, input).unwrap();
+    let whole = Example {
+        source,
+        target: &masked.sample.target,
+        source_mask: None,
+        seed: 1,
+    };
+    let cost = trainer.objective.cost(&pass, &whole).unwrap();
+    let expected = pass.backward(&cost.gradient).unwrap();
+    let learning = trainer.state.weights.iter().filter(|w| w.moments.is_some());
+    let mut moved = 0;
+    for (weights, found) in learning.zip(&found.gradients) {
+        let zeros = vec![0.0; found.len()];
+        let expected = expected.get(&weights.name).unwrap_or(&zeros);
+        assert_eq!(found, expected, "{}", weights.name);
+        moved += usize::from(*found != zeros);
+    }
+    assert!(moved > 50, "{moved}");
+}
+
+#[test]
+fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
+    let first = Training::new(&config([1, 0], 96));
+    let file = first.path("depth.safetensors");
+    first.trainer.export(&file, Precision::F32).unwrap();
+    let mut coarse = config([1, 0], 96);
+    coarse.network.gaussian_stride = 4;
+    coarse.stage1.seed += 1;
+    let untrained = Training::new(&coarse);
+    coarse.initial_depth = Some(file.clone());
+    let second = Training::new(&coarse);
+    let states = [&first, &untrained, &second].map(|t| &t.trainer.state.weights);
+    let [first, untrained, second] = states;
+    for ((first, untrained), second) in first.iter().zip(untrained).zip(second) {
+        let expected = match second.name.starts_with("monodepth_model.") {
+            true => first,
+            false => untrained,
+        };
+        assert_eq!(second.values, expected.values, "{}", second.name);
+    }
+
+    let mut other = coarse;
+    other.network.monodepth_dims_decoder = [8; 5];
+    let opened = Trainer::open(other, tempfile::tempdir().unwrap().path());
+    let error = opened.err().unwrap().to_string();
+    assert!(error.contains("monodepth_predictor.decoder"), "{error}");
 }
