@@ -34,7 +34,8 @@ pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
-    /// A value in place of the configuration's, by its dotted key: stage1.steps=500, losses.percep=0; repeatable
+    /// A value in place of the configuration's, by its dotted key: stage1.steps=500, losses.percep=0; without a value, the
+    /// default; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Where everything goes; a training that is there goes on

@@ -43,7 +43,7 @@ pub(super) fn configured(
     Ok((text, config))
 }
 
-/// Applies `KEY=VALUE`.
+/// Applies `KEY=VALUE`; without a value, the key is back at its default.
 fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
     let mut names = key.trim().split('.');
@@ -51,12 +51,18 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
-        place = inner
-            .as_table_mut()
-            .ok_or_else(|| format!("`{name}` is one value, without parts"))?;
+        // As `network.file` takes the place of a network's name.
+        if !inner.is_table() {
+            *inner = Table::new().into();
+        }
+        place = inner.as_table_mut().ok_or("it is no table")?;
+    }
+    let value = value.trim();
+    if value.is_empty() {
+        place.remove(last);
+        return Ok(());
     }
     // What is no TOML is a text that lacks its quotes.
-    let value = value.trim();
     let parsed = toml::from_str(&format!("value = {value}")).ok();
     let parsed = parsed.and_then(|mut table: Table| table.remove("value"));
     place.insert(last.to_owned(), parsed.unwrap_or_else(|| value.into()));
@@ -90,14 +96,18 @@ mod tests {
             "stage1.schedule.warmup_steps = 3",
             "aligned=false",
             "losses.percep=0",
+            "trained=x",
+            "zeros_return=",
+            "trained.alignment=false",
             "initial=first/weights.safetensors",
             "stage1.data={ datasets = [\"colmap=desk\"] }",
         ])
         .unwrap();
         assert_eq!((config.stage1.steps, config.stage1.batch), (30, 2));
         assert_eq!(config.stage1.schedule.warmup_steps, 3);
-        assert!(!config.aligned && config.zeros_return);
+        assert!(!config.aligned && !config.zeros_return);
         assert_eq!(config.losses.percep, 0.0);
+        assert!(!config.trained.alignment && config.trained.gaussian_decoder);
         assert_eq!(
             config.initial.as_deref(),
             Some(Path::new("first/weights.safetensors"))
@@ -110,7 +120,7 @@ mod tests {
     fn what_cannot_be_set_is_named() {
         for (set, reason) in [
             ("stage1.steps", "it is not KEY=VALUE"),
-            ("zeros_return.a=1", "`zeros_return` is one value"),
+            ("zeros_return.a=1", "expected a boolean"),
             ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
             ("stage1.stesp=200", "stesp"),
             ("losses.percep=much", "much"),

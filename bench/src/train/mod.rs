@@ -34,7 +34,8 @@ use crate::io::observer::Observer;
 pub struct TrainRequest<'a> {
     /// The configuration, a TOML file.
     pub config: &'a Path,
-    /// Values in place of the file's, each as `KEY=VALUE`: a dotted key and a TOML value, or a text without quotes.
+    /// Values in place of the file's, each as `KEY=VALUE`: a dotted key and a TOML value, a text
+    /// without quotes, or nothing for the default.
     pub set: &'a [String],
     /// Where everything goes, and from where a training that was stopped goes on.
     pub folder: &'a Path,
