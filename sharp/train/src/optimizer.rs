@@ -8,7 +8,7 @@ const CHUNK: usize = 1 << 14;
 
 /// A parameter of the network in training.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Weights {
+pub struct ParameterState {
     /// As in the network's checkpoints.
     pub name: String,
     /// As PyTorch lays it out.
@@ -82,7 +82,7 @@ impl Adam {
     /// [`OptimizerError`], before anything is changed.
     pub fn update(
         &self,
-        weights: &mut [Weights],
+        weights: &mut [ParameterState],
         gradients: &[Vec<f32>],
         learning_rate: f64,
         step: u64,
@@ -102,7 +102,7 @@ impl Adam {
             *second = square as f32;
         };
         let mut gradients = gradients.iter();
-        for Weights {
+        for ParameterState {
             values, moments, ..
         } in weights
         {
@@ -125,7 +125,7 @@ impl Adam {
     }
 }
 
-fn check(weights: &[Weights], gradients: &[Vec<f32>]) -> Result<(), OptimizerError> {
+fn check(weights: &[ParameterState], gradients: &[Vec<f32>]) -> Result<(), OptimizerError> {
     let trained = || weights.iter().filter(|weights| weights.moments.is_some());
     let (expected, found) = (trained().count(), gradients.len());
     if expected != found {
@@ -168,8 +168,8 @@ pub fn clip_norm(gradients: &mut [Vec<f32>], limit: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn weights(name: &str, values: &[f32]) -> Weights {
-        Weights {
+    fn weights(name: &str, values: &[f32]) -> ParameterState {
+        ParameterState {
             name: name.to_owned(),
             shape: vec![values.len()],
             values: values.to_vec(),
@@ -177,8 +177,8 @@ mod tests {
         }
     }
 
-    fn frozen(name: &str, values: &[f32]) -> Weights {
-        Weights {
+    fn frozen(name: &str, values: &[f32]) -> ParameterState {
+        ParameterState {
             moments: None,
             ..weights(name, values)
         }

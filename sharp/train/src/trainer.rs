@@ -30,7 +30,7 @@ use crate::initial::{TrainedDepth, Untrained};
 use crate::log::{LogError, StepRecord, TrainingLog};
 use crate::losses::perceptual::PerceptualError;
 use crate::objective::{Example, Objective, ObjectiveError, TERMS, known_depth};
-use crate::optimizer::{OptimizerError, clip_norm};
+use crate::optimizer::{OptimizerError, ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::self_supervision::MaskedSample;
 use crate::stopped;
@@ -180,8 +180,7 @@ impl Trainer {
     pub fn parameter_counts(&self) -> (usize, usize) {
         let weights = &self.state.weights;
         let learning = weights.iter().filter(|weights| weights.moments.is_some());
-        let count =
-            |values: usize, weights: &crate::optimizer::Weights| values + weights.values.len();
+        let count = |values: usize, weights: &ParameterState| values + weights.values.len();
         (learning.fold(0, count), weights.iter().fold(0, count))
     }
 

@@ -16,7 +16,7 @@ use sharp_checkpoint::{
 };
 
 pub use self::folder::CheckpointFolder;
-use crate::optimizer::{Moments, Weights};
+use crate::optimizer::{Moments, ParameterState};
 use crate::parts::TrainedParts;
 use crate::position::{Position, Stage};
 
@@ -68,7 +68,7 @@ pub enum Precision {
 pub struct TrainingState {
     pub position: Position,
     /// All that the network uses, frozen or not, in the order of its construction.
-    pub weights: Vec<Weights>,
+    pub weights: Vec<ParameterState>,
 }
 
 impl TrainingState {
@@ -92,7 +92,7 @@ impl TrainingState {
                     found: values.len(),
                 });
             }
-            Ok(Weights {
+            Ok(ParameterState {
                 moments: parts.contain(&name).then(|| Moments::zero(values.len())),
                 name,
                 shape,
@@ -195,7 +195,7 @@ impl TrainingState {
                     second: read(SECOND, name)?,
                 })
             };
-            Ok(Weights {
+            Ok(ParameterState {
                 name: name.clone(),
                 shape: shape.clone(),
                 values: read(VALUES, name)?,
@@ -224,7 +224,7 @@ impl TrainingState {
             Precision::F16 => f16::from_f32(*value).is_finite(),
         };
         let mut tensors = BTreeMap::new();
-        for Weights {
+        for ParameterState {
             name,
             shape,
             values,

@@ -20,7 +20,7 @@ fn tiny() -> Vec<Parameter> {
 fn state() -> TrainingState {
     let mut state = TrainingState::new(&tiny(), &PARTS(), &Synth::default()).unwrap();
     for weights in &mut state.weights {
-        let Weights {
+        let ParameterState {
             values, moments, ..
         } = weights;
         if let Some(Moments { first, second }) = moments {
@@ -53,7 +53,7 @@ fn a_state_comes_back_as_it_was_and_in_the_same_bytes() {
     loaded.save(&b, "hash").unwrap();
     assert_eq!(fs::read(a).unwrap(), fs::read(b).unwrap());
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
-    let trained = |weights: &&Weights| weights.moments.is_some();
+    let trained = |weights: &&ParameterState| weights.moments.is_some();
     let count = state.weights.iter().filter(trained).count();
     assert!(count > 0 && count < state.weights.len());
 }
@@ -139,7 +139,7 @@ fn exported_weights_are_a_networks_checkpoint_in_either_precision() {
         };
         Predictor::open(&spec).unwrap();
         let source = CheckpointSource::open(&path).unwrap();
-        for Weights {
+        for ParameterState {
             name,
             shape,
             values,

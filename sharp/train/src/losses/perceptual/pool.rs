@@ -1,6 +1,6 @@
 //! Max pooling with every second pixel as output, of rectified maps.
 
-use super::conv::Map;
+use super::conv::Features;
 use super::layers::{Layer, Pull};
 use rayon::prelude::*;
 use sharp_kernels::Workspace;
@@ -27,9 +27,9 @@ impl MaxPool {
     }
 
     /// The maxima, and which tap of its window each came from: the first of equal ones.
-    fn outputs(&self, x: &Map) -> (Map, Vec<u8>) {
+    fn outputs(&self, x: &Features) -> (Features, Vec<u8>) {
         let c = x.channels;
-        let mut out = Map::zeros(self.out_size(x.size()), c);
+        let mut out = Features::zeros(self.out_size(x.size()), c);
         let mut taps = vec![0_u8; out.data.len()];
         let row = out.width * c;
         let rows = out.data.par_chunks_mut(row).zip(taps.par_chunks_mut(row));
@@ -56,9 +56,9 @@ impl MaxPool {
         (out, taps)
     }
 
-    fn pull(&self, gradient: &Map, taps: &[u8], size: [usize; 2]) -> Map {
+    fn pull(&self, gradient: &Features, taps: &[u8], size: [usize; 2]) -> Features {
         let c = gradient.channels;
-        let mut out = Map::zeros(size, c);
+        let mut out = Features::zeros(size, c);
         // Each input row gathers from the output rows whose windows reach it.
         let rows = out.data.par_chunks_mut(size[1] * c).enumerate();
         rows.for_each(|(iy, out)| {
@@ -88,14 +88,14 @@ impl MaxPool {
 }
 
 impl Layer for MaxPool {
-    fn run(&self, x: &Map, _workspace: &mut Workspace) -> Map {
+    fn run(&self, x: &Features, _workspace: &mut Workspace) -> Features {
         self.outputs(x).0
     }
 
-    fn trace<'a>(&'a self, x: &Map, _workspace: &mut Workspace) -> (Map, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &Features, _workspace: &mut Workspace) -> (Features, Pull<'a>) {
         let size = x.size();
         let (out, taps) = self.outputs(x);
-        let pull = move |gradient: Map, _: &mut Workspace| self.pull(&gradient, &taps, size);
+        let pull = move |gradient: Features, _: &mut Workspace| self.pull(&gradient, &taps, size);
         (out, Box::new(pull))
     }
 }
