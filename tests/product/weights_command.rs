@@ -235,6 +235,8 @@ fn networks_that_ship_are_at_hand_and_others_are_fetched_from_the_mirror() {
         (list[2]["name"].as_str(), file(2)),
         (Some("squeezenet1_1"), None)
     );
+    let mini = list[3]["name"].as_str();
+    assert!(mini == Some("mini") && file(3).unwrap().ends_with("mini.safetensors"));
 
     let fetch = |name: &str| at_home(dir.path(), &["weights", "fetch", name]);
     // Only what is not at hand, unless it is asked for by name.

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use serde_json::json;
+use sharp::model::bundled;
 use sharp_metrics::weights::Published;
 use sharp_metrics::{Backbone, Weights};
 
 use crate::cli::{Outcome, output};
-use crate::io::checkpoint::find_checkpoint;
 use crate::io::checkpoint::record::{self, record_file};
 use crate::io::checkpoint::release::{LICENCE_ADDRESS, LICENCE_NAME, RELEASE_ADDRESS};
+use crate::io::checkpoint::{bundled_weights, find_checkpoint};
 
 pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     let weights = Weights::at_hand();
@@ -43,7 +44,16 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     let sharp = shown(find_checkpoint().ok());
     let recorded = record_file().map(|file| record::read(&file)).transpose()?;
     let recorded = recorded.flatten();
+    let mini = shown(bundled_weights().ok());
+    let description = bundled::description()?;
     if json {
+        entries.push(json!({
+            "name": bundled::NAME,
+            "description": description,
+            "sha256": bundled::weights_sha256(),
+            "licence": "MIT or Apache-2.0",
+            "file": mini,
+        }));
         entries.push(json!({
             "name": "sharp",
             "address": RELEASE_ADDRESS,
@@ -58,6 +68,14 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
             || "no hash is published: unverified until its first use".to_owned(),
             |record| format!("sha256 {} recorded on {}", record.sha256, record.recorded),
         );
+        output::line(format!(
+            "{:<14} {:>13}  {description}  {}\n{:<14} sha256 {:.8}…, licence MIT or Apache-2.0",
+            bundled::NAME,
+            "bundled",
+            mini.as_deref().unwrap_or("not at hand"),
+            "",
+            bundled::weights_sha256(),
+        ))?;
         output::line(format!(
             "{:<14} {:>13}  {RELEASE_ADDRESS}  {}\n{:<14} {known}, licence {LICENCE_NAME} (research only)",
             "sharp",
