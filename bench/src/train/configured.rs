@@ -46,8 +46,20 @@ pub(super) fn configured(
 /// Applies `KEY=VALUE`; without a value, the key is back at its default.
 fn change(table: &mut Table, set: &str) -> Result<(), String> {
     let (key, value) = set.split_once('=').ok_or("it is not KEY=VALUE")?;
-    let mut names = key.trim().split('.');
-    let last = names.next_back().unwrap_or_default();
+    let (key, value) = (key.trim(), value.trim());
+    let mut names: Vec<&str> = key.split('.').collect();
+    let last = names.pop().unwrap_or_default();
+    if value.is_empty() {
+        let mut place = Some(table);
+        for name in names {
+            place = place.and_then(|table| table.get_mut(name)?.as_table_mut());
+        }
+        let removed = place.and_then(|table| table.remove(last));
+        return removed
+            .map(drop)
+            .ok_or_else(|| format!("the configuration does not give `{key}`"));
+    }
+    let chooses = matches!(names.last(), Some(&("network" | "data")));
     let mut place = table;
     for name in names {
         let inner = place.entry(name).or_insert_with(|| Table::new().into());
@@ -57,10 +69,9 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
         }
         place = inner.as_table_mut().ok_or("it is no table")?;
     }
-    let value = value.trim();
-    if value.is_empty() {
-        place.remove(last);
-        return Ok(());
+    // One of several forms takes the place of another.
+    if chooses {
+        place.clear();
     }
     // What is no TOML is a text that lacks its quotes.
     let parsed = toml::from_str(&format!("value = {value}")).ok();
@@ -100,7 +111,8 @@ mod tests {
             "zeros_return=",
             "trained.alignment=false",
             "initial=first/weights.safetensors",
-            "stage1.data={ datasets = [\"colmap=desk\"] }",
+            "stage1.data={ photographs = \"a\" }",
+            "stage1.data.datasets=[\"colmap=desk\"]",
         ])
         .unwrap();
         assert_eq!((config.stage1.steps, config.stage1.batch), (30, 2));
@@ -123,6 +135,8 @@ mod tests {
             ("zeros_return.a=1", "expected a boolean"),
             ("stage1.steps=200", "`stage1.schedule.warmup_steps` leaves"),
             ("stage1.stesp=200", "stesp"),
+            ("stage1.stesp=", "does not give `stage1.stesp`"),
+            ("stage2.seed=", "does not give `stage2.seed`"),
             ("losses.percep=much", "much"),
         ] {
             let error = configure(&[set]).unwrap_err();

@@ -22,7 +22,7 @@ const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
     /// Begins a training of a configuration, or finds the one that was begun under it. Its text is kept as
-    /// `config.toml`; what no result depends on may have changed in it.
+    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] for one that holds other files, or a training of another configuration, which names a
@@ -40,7 +40,10 @@ impl TrainingFolder {
         let kept = root.join(CONFIG);
         if kept.exists() {
             let before = read_text(&kept).map_err(FileError::new(&kept, "read"))?;
-            if before != text && TrainingConfig::load(&kept)?.sha256() != config.sha256() {
+            if before != text
+                && has_begun(root)
+                && TrainingConfig::load(&kept)?.sha256() != config.sha256()
+            {
                 let difference = difference(&before, text);
                 return Err(refused(format!(
                     "a training of another configuration: {difference}; take another folder"
@@ -72,6 +75,12 @@ impl TrainingFolder {
     }
 }
 
+/// Whether a step was made. Without one, a wrong path in the configuration has used nothing up.
+fn has_begun(root: &Path) -> bool {
+    let log = read_text(&root.join("log.csv")).unwrap_or_default();
+    log.lines().count() > 1 || root.join("checkpoints").exists()
+}
+
 /// The first key in which two files differ, whatever no result depends on set aside.
 fn difference(before: &str, now: &str) -> String {
     let [before, now] = [before, now].map(|text| {
@@ -84,7 +93,7 @@ fn difference(before: &str, now: &str) -> String {
     });
     let mut keys = before.keys().chain(now.keys());
     let Some(key) = keys.find(|key| before.get(*key) != now.get(*key)) else {
-        return "a file that it names has changed".to_owned();
+        return "a default, or a file that it names, is another now".to_owned();
     };
     let text = |value: Option<&String>| value.cloned().unwrap_or_else(|| "not given".to_owned());
     let (before, now) = (text(before.get(key)), text(now.get(key)));
@@ -116,6 +125,8 @@ mod tests {
     fn open(root: &Path, text: &str) -> Result<(), String> {
         let config = TrainingConfig::parse(text, Path::new("a.toml")).unwrap();
         let opened = TrainingFolder::open(root, text, &config);
+        // A step.
+        fs::write(root.join("log.csv"), "stage,step\n1,1\n").unwrap();
         opened.map(drop).map_err(|error| error.to_string())
     }
 
@@ -139,6 +150,15 @@ mod tests {
         );
         let error = open(dir.path(), &format!("initial = \"a.pt\"\n{PLAIN}")).unwrap_err();
         assert!(error.contains("`initial` is not given there"), "{error}");
+    }
+
+    #[test]
+    fn before_the_first_step_the_configuration_may_change() {
+        let dir = tempfile::tempdir().unwrap();
+        open(dir.path(), &format!("initial = \"absent\"\n{PLAIN}")).unwrap();
+        fs::remove_file(dir.path().join("log.csv")).unwrap();
+        open(dir.path(), PLAIN).unwrap();
+        assert_eq!(fs::read_to_string(dir.path().join(CONFIG)).unwrap(), PLAIN);
     }
 
     #[test]

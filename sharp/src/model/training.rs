@@ -79,6 +79,8 @@ struct Nodes {
 
 struct AlignmentNodes {
     input: Node,
+    /// Where the true depth is unknown, so that the predicted one stands in for it.
+    stands_in: Vec<bool>,
     /// Of the factors' logarithm.
     log: Option<Node>,
 }
@@ -218,16 +220,23 @@ impl TrainableNetwork {
             )));
         }
         let first = &predicted[..side * side];
-        let known = known.iter().zip(first);
-        let known = known.map(|(known, first)| if *known > 0.0 { known } else { first });
-        let depths = first.iter().chain(known);
+        let is_unknown = |known: &f32| known.is_nan() || *known <= 0.0;
+        let stands_in: Vec<bool> = known.iter().map(is_unknown).collect();
+        let seen = stands_in.iter().zip(known.iter().zip(first));
+        let seen = seen.map(|(stands_in, (known, first))| if *stands_in { first } else { known });
+        let depths = first.iter().chain(seen);
         let input: Vec<f32> = depths.map(|d| inverse_depth(*d)).collect();
         let leaf = tape.leaf();
         let input = Map::from_planes(&rt.engine, &input, (2, side, side))?.at_node(leaf.clone());
         let log = self.network.depth_alignment.forward(rt, &input)?;
         let factors = log.to_planes()?.into_iter().map(f32::exp).collect();
         let log = log.node().cloned();
-        Ok((factors, AlignmentNodes { input: leaf, log }))
+        let nodes = AlignmentNodes {
+            input: leaf,
+            stands_in,
+            log,
+        };
+        Ok((factors, nodes))
     }
 }
 
@@ -310,7 +319,12 @@ impl TrainingPass {
             .zip(self.factors.iter().chain(&self.factors))
             .map(|(g, s)| g * s)
             .collect();
-        if let Some(AlignmentNodes { input, log }) = &self.nodes.alignment {
+        if let Some(nodes) = &self.nodes.alignment {
+            let AlignmentNodes {
+                input,
+                stands_in,
+                log,
+            } = nodes;
             let of_log: Vec<f32> = (0..pixels)
                 .map(|k| {
                     let layers = [k, k + pixels].map(|at| depth[at] * self.predicted[at]);
@@ -323,7 +337,8 @@ impl TrainingPass {
                 for (k, of_input) in of_input.chunks_exact(2).enumerate() {
                     let depth = self.predicted[k];
                     if depth > MIN_DEPTH {
-                        predicted[k] -= of_input[0] / (depth * depth);
+                        let of_known = if stands_in[k] { of_input[1] } else { 0.0 };
+                        predicted[k] -= (of_input[0] + of_known) / (depth * depth);
                     }
                 }
             }

@@ -39,7 +39,7 @@ pub enum ConfigError {
         line: usize,
         reason: String,
     },
-    /// A value that cannot be.
+    /// An impossible value.
     #[error("{}: `{key}` {reason}", path.display())]
     Value {
         path: PathBuf,
@@ -234,40 +234,12 @@ impl TrainingConfig {
 
     /// Of all that results depend on: a training goes on only under the configuration it began with.
     pub fn sha256(&self) -> String {
-        let Self {
-            network,
-            initial,
-            initial_depth,
-            trained,
-            aligned,
-            zeros_return,
-            losses,
-            loss_options,
-            adam,
-            stage1,
-            stage2,
-            intervals: _,
-        } = self;
+        let decides = Self {
+            intervals: Intervals::default(),
+            ..self.clone()
+        };
         // Debug output of numbers, texts and lists of them is unambiguous and cannot fail.
-        sha256_hex(
-            format!(
-                "{:?}",
-                (
-                    network,
-                    initial,
-                    initial_depth,
-                    trained,
-                    aligned,
-                    zeros_return,
-                    losses,
-                    loss_options,
-                    adam,
-                    stage1,
-                    stage2
-                )
-            )
-            .as_bytes(),
-        )
+        sha256_hex(format!("{decides:?}").as_bytes())
     }
 
     /// The first value that cannot be, by its key.
@@ -307,6 +279,8 @@ impl TrainingConfig {
         ];
         let failed = checks.into_iter().find(|(holds, ..)| !holds);
         let failed = failed.map(|(_, key, reason)| (key.to_owned(), reason.to_owned()));
+        let failed = failed.or_else(|| self.losses.first_fault());
+        let failed = failed.or_else(|| self.loss_options.first_fault());
         failed.or_else(|| {
             Stage::ALL.into_iter().find_map(|stage| {
                 let (key, reason) = self.stage(stage).first_fault(stage)?;
@@ -324,7 +298,12 @@ impl StageConfig {
             warmup_steps,
         } = self.schedule;
         let checks = [
-            (self.batch > 0, "batch", "is 0"),
+            (
+                (1..=1 << 16).contains(&self.batch),
+                "batch",
+                "is not 1 to 65536",
+            ),
+            (self.steps <= 1 << 32, "steps", "are more than 2^32"),
             (self.clip_norm > 0.0, "clip_norm", "is not positive"),
             (
                 (2..=1 << 13).contains(&self.side),
@@ -453,6 +432,21 @@ mod tests {
                 "`stage2.schedule.warmup_steps`",
             ),
             ("[stage2]\nsteps = 0\nbatch = 0", "`stage2.batch`"),
+            ("losses.tv = -1", "`losses.tv` is negative"),
+            ("losses.tv = nan", "`losses.tv` is negative"),
+            (
+                "loss_options.alpha_floor = 0.0",
+                "`loss_options.alpha_floor`",
+            ),
+            (
+                "loss_options.splat_width = nan",
+                "`loss_options.splat_width`",
+            ),
+            (
+                "loss_options.percep.gram = -1",
+                "`loss_options.percep.gram`",
+            ),
+            ("loss_options.percep.crop = 7", "`loss_options.percep.crop`"),
             (&format!("{stage}clip_norm = nan"), "`stage1.clip_norm`"),
             (
                 &format!("{stage}schedule.peak = inf"),

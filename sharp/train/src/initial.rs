@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use sharp::model::config::LAYERS;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::{ModelConfig, ModelError};
@@ -141,7 +142,8 @@ impl WeightSource for Untrained {
     }
 }
 
-/// The depth network of a checkpoint; what makes Gaussians of it is untrained.
+/// The depth network of a checkpoint; what makes Gaussians of it is untrained. Both layers begin as the
+/// checkpoint's first (paper, section on the depth decoder): a training of depth alone has no loss of the second.
 pub struct TrainedDepth {
     depth: CheckpointSource,
     rest: Untrained,
@@ -163,10 +165,15 @@ impl TrainedDepth {
 
 impl WeightSource for TrainedDepth {
     fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
-        match name.starts_with(DEPTH) {
-            true => self.depth.values(name, shape),
-            false => self.rest.values(name, shape),
+        if !name.starts_with(DEPTH) {
+            return self.rest.values(name, shape);
         }
+        let mut values = self.depth.values(name, shape)?;
+        if name.contains("monodepth_predictor.head.4.") {
+            let layer = values.len() / LAYERS;
+            values.copy_within(..layer, layer);
+        }
+        Ok(values)
     }
 }
 

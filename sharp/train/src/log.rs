@@ -1,5 +1,6 @@
-//! Every step of a training as a row, and what was measured in between: `log.csv` holds what follows from configuration and seed, and is the same
-//! after a kill and a resumption as without; `timing.csv` holds what does not.
+//! Every step of a training as a row, and what was measured in between: `log.csv` holds what follows
+//! from configuration and seed, and is the same after a kill and a resumption as without; `timing.csv`
+//! holds what does not.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -33,7 +34,7 @@ pub struct StepRecord<'a> {
     pub seconds: f64,
 }
 
-/// The two files of a training that is under way.
+/// The files of a training that is under way.
 #[derive(Debug)]
 pub struct TrainingLog {
     terms: usize,

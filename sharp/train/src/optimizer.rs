@@ -145,7 +145,7 @@ fn check(weights: &[ParameterState], gradients: &[Vec<f32>]) -> Result<(), Optim
 
 /// Scales gradients down to `limit` where their Euclidean norm over all of them is above, by
 /// `limit / (norm + 1e-6)` as torch does. Gives the norm before; where that is not finite, the
-/// gradients stay as they are, and nobody should use them.
+/// gradients stay as they are, and they must not be used.
 pub fn clip_norm(gradients: &mut [Vec<f32>], limit: f64) -> f64 {
     let square = |chunk: &[f32]| chunk.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>();
     let mut total = 0.0;

@@ -16,12 +16,12 @@ use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::Quantization;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::{Algorithm, Engine, ModelConfig, ModelError, Predictor};
-use sharp::random::{SplitMix64, mix};
+use sharp::random::SplitMix64;
 use sharp::render::trajectory::looking;
 use sharp::render::{Background, CpuRenderer, RenderView, Renderer};
 use sharp::resize::nearest;
 
-use crate::data::{DataError, Photograph, Sample, Source, TrainingView};
+use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
 /// Farthest of the pseudo-novel cameras, metres.
 const RADIUS_M: f64 = 0.6;
@@ -75,19 +75,21 @@ impl Source<MaskedSample> for SelfSupervisedSamples {
             intrinsics,
         } = self.photographs.get(k)?;
         let factor = intrinsics.fx / f64::from(intrinsics.width);
-        let output = self.teacher.predict_rgb8(&image, factor as f32)?;
+        let output = self.teacher.predict_rgb8(&image, factor as f32);
+        let output = output.map_err(|error| DataError::from(error).of_sample(&id))?;
         let side = output.resolution;
         let size = (image.width() as usize, image.height() as usize);
         let depth = nearest(output.first_layer(), (side, side), size);
         let mut sorted = depth.clone();
         sorted.sort_unstable_by(f32::total_cmp);
         let distance = f64::from(sorted[sorted.len() / 2]);
-        let mut random = SplitMix64::new(mix(mix(self.seed ^ SPREAD).wrapping_add(k)));
+        let mut random = draws(self.seed ^ SPREAD, k);
         let eye = eye(&mut random, distance);
         let camera_from_world = looking(eye, DVec3::new(0.0, 0.0, distance));
         let placed = target_camera_from_source_ndc(&intrinsics, &camera_from_world);
         let view = RenderView::new(placed, intrinsics);
-        let rendered = CpuRenderer::new().render(&output.gaussians, &view)?;
+        let rendered = CpuRenderer::new().render(&output.gaussians, &view);
+        let rendered = rendered.map_err(|error| DataError::from(error).of_sample(&id))?;
         let covered: Vec<bool> = rendered.alpha.iter().map(|a| *a >= COVERED).collect();
         let mut seen_depth = rendered.expected_depth();
         for (depth, covered) in seen_depth.iter_mut().zip(&covered) {

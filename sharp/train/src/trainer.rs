@@ -6,7 +6,7 @@
 //! | `validation.csv` | what the caller measured, by step |
 //! | `checkpoints/` | states to go on from |
 //! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage, at the last validation, after the last step |
-//! | `stopped-…/` | the inputs of a step whose loss or gradient was not finite |
+//! | `stopped-…/` | the example whose loss or gradient was not finite |
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,8 +23,8 @@ use sharp::model::{ModelConfig, ModelError};
 use sharp::random::mix;
 
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
-use crate::config::{StageConfig, TrainingConfig};
-use crate::data::{DataError, Prefetcher};
+use crate::config::{StageConfig, TrainingConfig, TrainingData};
+use crate::data::{DataError, FolderPhotographs, Prefetcher};
 use crate::examples::AnySource;
 use crate::initial::{TrainedDepth, Untrained};
 use crate::log::{LogError, StepRecord, TrainingLog};
@@ -59,7 +59,7 @@ pub enum TrainingError {
     },
     /// Predicted depth that is NaN or infinite, or a loss or a gradient.
     #[error(
-        "{position}: {what} is not finite; the step's inputs are in {}. Look at these inputs, or begin anew with a \
+        "{position}: {what} of an example is not finite; its views are in {}. Look at them, or begin anew with a \
          smaller learning rate",
         folder.display()
     )]
@@ -73,7 +73,7 @@ pub enum TrainingError {
     Validation { position: Position, reason: String },
 }
 
-/// What a caller sees of a training, and has a say in.
+/// What a caller observes and controls.
 pub trait Watcher {
     /// Called after every step.
     fn stepped(&mut self, record: &StepRecord<'_>, steps: u64);
@@ -131,6 +131,11 @@ impl Trainer {
     /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration,
     /// initial weights that do not fit.
     pub fn open(config: TrainingConfig, folder: &Path) -> Result<Self, TrainingError> {
+        // Not only when the first stage is over.
+        if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
+        {
+            FolderPhotographs::open(folder, config.stage2.seed, (1, 1))?;
+        }
         let network = TrainableNetwork::new(&config.network)?;
         let checkpoints = CheckpointFolder::new(folder.join("checkpoints"));
         let config_sha256 = config.sha256();
@@ -257,7 +262,6 @@ impl Trainer {
     ) -> Result<(), TrainingError> {
         let started = Instant::now();
         let mut sum = StepSum::default();
-        let mut inputs = Vec::new();
         let batch = settings.batch as u64;
         let indices: Vec<u64> = ((position.step - 1) * batch..position.step * batch).collect();
         for indices in indices.chunks(EXAMPLES_AT_ONCE) {
@@ -269,23 +273,24 @@ impl Trainer {
             let costs = examples.par_iter();
             let costs = costs.map(|(sample, seed)| self.example(sample, *seed));
             let costs: Vec<_> = costs.collect();
-            inputs.extend(examples.into_iter().map(|(sample, _)| sample));
-            for cost in costs {
-                match cost {
-                    Err(TrainingError::Model(ModelError::Depth(_))) => {
-                        return Err(self.not_finite(position, "the depth", &inputs, &sum)?);
+            for ((sample, _), cost) in examples.iter().zip(costs) {
+                let (what, terms) = match cost {
+                    Err(TrainingError::Model(ModelError::Depth(_))) => ("the depth", None),
+                    Err(error) => return Err(error),
+                    Ok(cost) if !cost.total.is_finite() => ("the loss", Some(cost.terms)),
+                    Ok(cost) if !cost.gradients.iter().flatten().all(|g| g.is_finite()) => {
+                        ("the gradient", Some(cost.terms))
                     }
-                    cost => sum.add(cost?),
-                }
+                    Ok(cost) => {
+                        sum.add(cost);
+                        continue;
+                    }
+                };
+                return Err(self.not_finite(position, what, sample, terms)?);
             }
         }
         sum.divide_by(settings.batch);
         let norm = clip_norm(&mut sum.gradients, settings.clip_norm);
-        for (what, value) in [("the loss", sum.total), ("the gradient", norm)] {
-            if !value.is_finite() {
-                return Err(self.not_finite(position, what, &inputs, &sum)?);
-            }
-        }
         let Position { step, .. } = position;
         let learning_rate = settings.schedule.learning_rate(step, settings.steps);
         let state = Arc::make_mut(&mut self.state);
@@ -305,18 +310,18 @@ impl Trainer {
         Ok(())
     }
 
-    /// Keeps what a step was given that cannot be made: its inputs, and the state before it.
+    /// Saves the example that a step failed on, and the state before the step.
     fn not_finite(
         &self,
         position: Position,
         what: &'static str,
-        inputs: &[MaskedSample],
-        sum: &StepSum,
+        sample: &MaskedSample,
+        terms: Option<[f64; TERMS.len()]>,
     ) -> Result<TrainingError, TrainingError> {
         let Position { stage, step } = position;
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
-        stopped::save(&folder, inputs, &sum.terms).map_err(|e| fault(&folder, e))?;
+        stopped::save(&folder, sample, terms).map_err(|e| fault(&folder, e))?;
         let mut values = self.state.weights.iter().flat_map(|w| &w.values);
         // Nothing could go on from other weights.
         if values.all(|value| value.is_finite()) {

@@ -48,7 +48,11 @@ fn scene() -> Scene {
     let wave = |k: usize, f: f32| ((k % SIDE) as f32 * f).sin() * ((k / SIDE) as f32 * f).cos();
     let image =
         (0..3 * SIDE * SIDE).map(|k| 0.5 + 0.3 * wave(k % (SIDE * SIDE), 0.11) + 0.1 * noise[k]);
-    let known = (0..SIDE * SIDE).map(|k| 2.5 + wave(k, 0.05));
+    // Unknown in a third of the picture.
+    let known = (0..SIDE * SIDE).map(|k| match k % SIDE < SIDE / 3 {
+        true => 0.0,
+        false => 2.5 + wave(k, 0.05),
+    });
     Scene {
         image: image.collect(),
         known: known.collect(),

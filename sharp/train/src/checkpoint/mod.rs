@@ -39,7 +39,9 @@ pub enum StateError {
     #[error("{}: no state of a training: its header lacks `{key}` or has it in another form", path.display())]
     NotAState { path: PathBuf, key: &'static str },
     #[error(
-        "{}: made under another configuration ({found}); this one's hash is {expected}", path.display()
+        "{}: made under another configuration ({found}; this one's hash is {expected}): a file that the \
+         configuration names has changed, or the program; take another folder",
+        path.display()
     )]
     OtherConfig {
         path: PathBuf,
@@ -118,7 +120,7 @@ impl TrainingState {
     /// Writes the whole state, at once or not at all.
     ///
     /// # Errors
-    /// [`StateError::File`].
+    /// [`StateError::File`]; [`StateError::Value`] for values that no training can go on from.
     pub fn save(&self, path: &Path, config_sha256: &str) -> Result<(), StateError> {
         let Position { stage, step } = self.position;
         let metadata = [
@@ -130,12 +132,15 @@ impl TrainingState {
         let mut tensors = BTreeMap::new();
         for weights in &self.weights {
             let mut add = |kind: &str, values| {
-                tensors.insert(format!("{kind}{}", weights.name), (&*weights.shape, values));
+                let name = format!("{kind}{}", weights.name);
+                check_values(path, kind, &name, values)?;
+                tensors.insert(name, (&*weights.shape, values));
+                Ok::<_, StateError>(())
             };
-            add(VALUES, &*weights.values);
+            add(VALUES, &*weights.values)?;
             if let Some(Moments { first, second }) = &weights.moments {
-                add(FIRST, first);
-                add(SECOND, second);
+                add(FIRST, first)?;
+                add(SECOND, second)?;
             }
         }
         Ok(write(path, &metadata, &tensors, Precision::F32)?)
@@ -178,15 +183,8 @@ impl TrainingState {
         let read = |kind: &str, name: &str| {
             let name = format!("{kind}{name}");
             let values = file.tensor_f32(&name)?;
-            let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
-            match values.iter().find(|value| !is_good(value)) {
-                None => Ok(values),
-                Some(&value) => Err(StateError::Value {
-                    path: path.to_owned(),
-                    name,
-                    value,
-                }),
-            }
+            check_values(path, kind, &name, &values)?;
+            Ok::<_, StateError>(values)
         };
         let weights = used().map(|Parameter { name, shape, .. }| {
             let moments = || -> Result<Moments, StateError> {
@@ -241,6 +239,19 @@ impl TrainingState {
             tensors.insert(name.clone(), (&**shape, &**values));
         }
         Ok(write(path, metadata, &tensors, precision)?)
+    }
+}
+
+/// Whether values of a kind can be gone on from: finite, and a mean of squares not negative.
+fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(), StateError> {
+    let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
+    match values.iter().find(|value| !is_good(value)) {
+        None => Ok(()),
+        Some(&value) => Err(StateError::Value {
+            path: path.to_owned(),
+            name: name.to_owned(),
+            value,
+        }),
     }
 }
 

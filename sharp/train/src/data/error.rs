@@ -47,7 +47,7 @@ pub enum DataError {
 }
 
 impl DataError {
-    pub(super) fn of_sample(self, id: &str) -> Self {
+    pub(crate) fn of_sample(self, id: &str) -> Self {
         Self::Sample {
             id: id.to_owned(),
             source: Box::new(self),

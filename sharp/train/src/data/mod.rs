@@ -66,6 +66,6 @@ impl<T, S: Source<T> + ?Sized> Source<T> for Box<S> {
 }
 
 /// The random numbers that sample k is drawn with.
-fn draws(seed: u64, k: u64) -> SplitMix64 {
+pub(crate) fn draws(seed: u64, k: u64) -> SplitMix64 {
     SplitMix64::new(mix(mix(seed).wrapping_add(k)))
 }

@@ -84,6 +84,9 @@ pub struct ProceduralPhotographs {
     size: (u32, u32),
 }
 
+/// Separates the scenes of photographs from those of a first stage with the same seed.
+const APART: u64 = 0x5048_4f54;
+
 impl ProceduralPhotographs {
     /// For a training of this seed, with pictures of so many pixels (width, height).
     pub fn new(seed: u64, size: (u32, u32)) -> Self {
@@ -93,7 +96,7 @@ impl ProceduralPhotographs {
 
 impl Source<Photograph> for ProceduralPhotographs {
     fn get(&self, k: u64) -> Result<Photograph, DataError> {
-        let mut random = draws(self.seed, k);
+        let mut random = draws(self.seed ^ APART, k);
         let (scene, views) = scene(&mut random, self.size)?;
         let view = &views[random.below(views.len() as u64) as usize];
         let id = format!("{scene}/{}", view.id);

@@ -37,6 +37,36 @@ impl Default for LossWeights {
     }
 }
 
+impl LossWeights {
+    /// The weights, by name.
+    fn named(&self) -> [(&'static str, f64); 10] {
+        [
+            ("color", self.color),
+            ("alpha", self.alpha),
+            ("percep", self.percep),
+            ("depth", self.depth),
+            ("tv", self.tv),
+            ("grad", self.grad),
+            ("delta", self.delta),
+            ("splat", self.splat),
+            ("scale", self.scale),
+            ("scale_gradient", self.scale_gradient),
+        ]
+    }
+
+    /// The first weight that cannot be, by its key in a configuration.
+    pub(crate) fn first_fault(&self) -> Option<(String, String)> {
+        let named = self.named();
+        if named.iter().all(|(_, weight)| *weight == 0.0) {
+            return Some(("losses".to_owned(), "are all 0".to_owned()));
+        }
+        let is_good = |weight: f64| weight >= 0.0 && weight.is_finite();
+        let (name, _) = named.into_iter().find(|(_, weight)| !is_good(*weight))?;
+        let reason = "is negative or not finite".to_owned();
+        Some((format!("losses.{name}"), reason))
+    }
+}
+
 /// Choices that the paper leaves open. Those of a view are made by whoever adds the losses up; all
 /// others are read by the losses themselves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -96,6 +126,43 @@ impl Default for LossOptions {
             scale_per_full_pixel: false,
             percep: PerceptualOptions::default(),
         }
+    }
+}
+
+impl LossOptions {
+    /// The first option that cannot be, by its key in a configuration.
+    pub(crate) fn first_fault(&self) -> Option<(String, String)> {
+        let is_weight = |weight: f64| weight >= 0.0 && weight.is_finite();
+        let percep = &self.percep;
+        let checks = [
+            (
+                self.alpha_floor > 0.0 && self.alpha_floor < 1.0,
+                "alpha_floor",
+                "is not between 0 and 1",
+            ),
+            (
+                self.splat_width > 0.0 && self.splat_width.is_finite(),
+                "splat_width",
+                "is not positive",
+            ),
+            (
+                is_weight(percep.features),
+                "percep.features",
+                "is negative or not finite",
+            ),
+            (
+                is_weight(percep.gram),
+                "percep.gram",
+                "is negative or not finite",
+            ),
+            (
+                percep.crop.is_none_or(|crop| crop >= 8),
+                "percep.crop",
+                "is less than 8 pixels, which leave no features",
+            ),
+        ];
+        let (_, key, reason) = checks.into_iter().find(|(holds, ..)| !holds)?;
+        Some((format!("loss_options.{key}"), reason.to_owned()))
     }
 }
 

@@ -6,7 +6,6 @@ mod step;
 use tempfile::TempDir;
 
 use super::*;
-use crate::config::TrainingData;
 use crate::losses::LossWeights;
 use crate::schedule::Schedule;
 

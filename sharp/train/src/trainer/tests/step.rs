@@ -143,9 +143,9 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
         let saved = example(&training, 0).sample;
         let id = saved.id.clone();
         for (role, view) in [("source", saved.source), ("target", saved.target)] {
-            let picture = image::open(folder.join(format!("0-{role}.png"))).unwrap();
+            let picture = image::open(folder.join(format!("{role}.png"))).unwrap();
             assert_eq!(picture.into_rgb8(), view.image);
-            let depth = std::fs::read(folder.join(format!("0-{role}-depth.f32"))).unwrap();
+            let depth = std::fs::read(folder.join(format!("{role}-depth.f32"))).unwrap();
             let (depth, _) = depth.as_chunks::<4>();
             let depth = depth.iter().map(|bytes| f32::from_le_bytes(*bytes));
             assert!(depth.eq(view.depth.iter().copied()));
@@ -153,6 +153,7 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
         let text = std::fs::read_to_string(folder.join("step.json")).unwrap();
         let is_whole = text.contains(&id) && text.contains("camera_from_world");
         assert!(is_whole, "{text}");
+        assert_eq!(text.contains("color"), what != "the depth", "{text}");
         // The steps since the last checkpoint would be lost otherwise.
         let again = Trainer::open(training.trainer.config, training.folder.path()).unwrap();
         assert_eq!(*again.state == *before, value.is_finite(), "{part}");
@@ -225,9 +226,20 @@ fn depth_is_learnt_alone_as_with_everything_else() {
     assert!(moved > 50, "{moved}");
 }
 
+/// What each of the two depth layers has its own values of.
+const LAYERED: &str = "monodepth_predictor.head.4.";
+
 #[test]
 fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
-    let first = Training::new(&config([1, 0], 96));
+    let mut first = Training::new(&config([1, 0], 96));
+    // Its layers differ.
+    let state = Arc::make_mut(&mut first.trainer.state);
+    for weights in &mut state.weights {
+        if weights.name.contains(LAYERED) {
+            let values = weights.values.iter_mut().enumerate();
+            values.for_each(|(at, value)| *value += at as f32);
+        }
+    }
     let file = first.path("depth.safetensors");
     first.trainer.export(&file, Precision::F32).unwrap();
     let mut coarse = config([1, 0], 96);
@@ -239,11 +251,16 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
     let states = [&first, &untrained, &second].map(|t| &t.trainer.state.weights);
     let [first, untrained, second] = states;
     for ((first, untrained), second) in first.iter().zip(untrained).zip(second) {
-        let expected = match second.name.starts_with("monodepth_model.") {
-            true => first,
-            false => untrained,
+        let mut expected = match second.name.starts_with("monodepth_model.") {
+            true => first.values.clone(),
+            false => untrained.values.clone(),
         };
-        assert_eq!(second.values, expected.values, "{}", second.name);
+        if second.name.contains(LAYERED) {
+            let layer = expected[..expected.len() / 2].to_vec();
+            assert_ne!(expected, layer.repeat(2));
+            expected = layer.repeat(2);
+        }
+        assert_eq!(second.values, expected, "{}", second.name);
     }
 
     let mut other = coarse;
@@ -251,4 +268,13 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
     let opened = Trainer::open(other, tempfile::tempdir().unwrap().path());
     let error = opened.err().unwrap().to_string();
     assert!(error.contains("monodepth_predictor.decoder"), "{error}");
+}
+
+#[test]
+fn photographs_of_the_second_stage_are_looked_for_before_the_first() {
+    let mut missing = config([1, 1], 48);
+    missing.stage2.data = TrainingData::Photographs("absent".into());
+    let opened = Trainer::open(missing, tempfile::tempdir().unwrap().path());
+    let error = opened.err().unwrap().to_string();
+    assert!(error.contains("absent"), "{error}");
 }
