@@ -153,15 +153,15 @@ fn what_cannot_be_trained_is_one_clear_error() {
     config(dir.path());
     let set = |values: &[&str]| {
         let sets = values.iter().flat_map(|value| ["--set", value]);
-        let all: Vec<&str> = arguments("t").into_iter().chain(sets).collect();
+        let all: Vec<&str> = arguments("u").into_iter().chain(sets).collect();
         sharp_bench(dir.path(), &all)
     };
     set(&["stage1.steps=1"]).is_error_with(&["--set stage1.steps=1: ", "warmup_steps"]);
-    assert!(!dir.path().join("t").exists());
+    assert!(!dir.path().join("u").exists());
     set(&["stage1.steps=2", "losses.tv=0"]).ends_with(0);
-    let log = std::fs::read_to_string(dir.path().join("t/log.csv")).unwrap();
+    let log = std::fs::read_to_string(dir.path().join("u/log.csv")).unwrap();
     assert_eq!(log.lines().count(), 3);
-    train(dir.path(), "t").is_error_with(&["`losses.tv` is 0 there and not given here"]);
+    train(dir.path(), "u").is_error_with(&["`losses.tv` is 0 there and not given here"]);
 
     let mut seen = arguments("t");
     seen[5] = "synthetic=world=varied,seed=999,scenes=2";
