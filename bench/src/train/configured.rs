@@ -26,7 +26,8 @@ pub(super) fn configured(
         set: set.to_owned(),
         reason,
     };
-    let mut table: Table = toml::from_str(&text).map_err(|e| fault("", e.to_string()))?;
+    let all = set.join(" --set ");
+    let mut table: Table = toml::from_str(&text).map_err(|e| fault(&all, e.to_string()))?;
     for one in set {
         change(&mut table, one).map_err(|reason| fault(one, reason))?;
     }
@@ -38,7 +39,7 @@ pub(super) fn configured(
             ConfigError::Value { key, reason, .. } => format!("`{key}` {reason}"),
             read @ ConfigError::Read { .. } => read.to_string(),
         };
-        fault(&set.join(" --set "), reason)
+        fault(&all, reason)
     })?;
     Ok((text, config))
 }

@@ -6,7 +6,8 @@
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
 //!
-//! * `configured`: a file with values changed; `folder`: what a training finds where it is to go on; `validation`: weights measured; `page`: curves and samples.
+//! * `configured`: a file with values changed; `folder`: what a training finds where it is to go on; `validation`: weights
+//!   measured; `page`: curves and samples.
 
 mod configured;
 mod error;

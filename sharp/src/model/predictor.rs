@@ -29,7 +29,7 @@ pub struct Planes<'a> {
 }
 
 /// Planes `[3, height, width]` of interleaved RGB.
-pub(super) fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
+pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
     let mut out = Vec::with_capacity(rgb.len());
     for channel in 0..3 {
         out.extend(rgb.iter().skip(channel).step_by(3).map(|&v| value(v)));

@@ -7,7 +7,7 @@ use std::path::Path;
 use sharp::model::ModelConfig;
 use sharp_train::config::TrainingConfig;
 use sharp_train::log::StepRecord;
-use sharp_train::objective::TERMS;
+use sharp_train::losses::TERMS;
 use sharp_train::position::Position;
 use sharp_train::trainer::{Trainer, Watcher};
 

@@ -376,6 +376,8 @@ mod tests {
         assert_eq!((config.stage1.steps, config.stage1.batch), (100_000, 128));
         assert_eq!((config.stage2.steps, config.stage2.batch), (60_000, 32));
         assert_eq!(config.network, ModelConfig::release());
+        let bundled = sharp::model::bundled::config().unwrap();
+        assert_eq!(load("network = \"mini\"").unwrap().network, bundled);
     }
 
     #[test]
@@ -432,6 +434,12 @@ mod tests {
                 "`stage2.schedule.warmup_steps`",
             ),
             ("[stage2]\nsteps = 0\nbatch = 0", "`stage2.batch`"),
+            ("[stage2]\nsteps = 0\nbatch = 65537", "`stage2.batch`"),
+            ("[stage2]\nsteps = 4294967297\nbatch = 1", "`stage2.steps`"),
+            (
+                "[losses]\ncolor = 0\nalpha = 0\npercep = 0\ndepth = 0\ntv = 0\ngrad = 0\ndelta = 0\nsplat = 0\nscale = 0\nscale_gradient = 0",
+                "`losses` are all 0",
+            ),
             ("losses.tv = -1", "`losses.tv` is negative"),
             ("losses.tv = nan", "`losses.tv` is negative"),
             (

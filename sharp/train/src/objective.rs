@@ -18,23 +18,9 @@ use sharp::resize::nearest;
 use crate::data::TrainingView;
 use crate::losses::perceptual::{PerceptualError, PerceptualViews};
 use crate::losses::{
-    self, AlphaViews, LossOptions, LossWeights, MaskSky, Perceptual, SplatView,
+    self, AlphaViews, LossOptions, LossWeights, MaskSky, Perceptual, SplatView, TERMS,
     linear_from_srgb_gradient,
 };
-
-/// Names of the losses, in the order of [`Cost::terms`].
-pub const TERMS: [&str; 10] = [
-    "color",
-    "alpha",
-    "percep",
-    "depth",
-    "tv",
-    "grad",
-    "delta",
-    "splat",
-    "scale",
-    "scale_gradient",
-];
 
 /// What the network is given and what its Gaussians are held against.
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +37,7 @@ pub struct Example<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cost {
     /// Before their weights, in the order of [`TERMS`]; 0 for what has no weight.
-    pub terms: [f64; 10],
+    pub terms: [f64; TERMS.len()],
     /// Weighted sum.
     pub total: f64,
     /// Of the total.
@@ -116,7 +102,7 @@ impl Objective {
     pub fn cost(&self, pass: &TrainingPass, example: &Example<'_>) -> Result<Cost, ObjectiveError> {
         let Example { source, target, .. } = *example;
         let mut sum = Cost {
-            terms: [0.0; 10],
+            terms: [0.0; TERMS.len()],
             total: 0.0,
             gradient: pass.zero_gradient(),
         };

@@ -7,7 +7,7 @@ use std::path::Path;
 use image::GrayImage;
 use serde_json::json;
 
-use crate::objective::TERMS;
+use crate::losses::TERMS;
 use crate::self_supervision::MaskedSample;
 
 /// Writes pictures, depth (f32, little endian, row by row), the source's mask, cameras and losses, where there are

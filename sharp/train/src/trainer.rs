@@ -13,11 +13,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use image::RgbImage;
 use rayon::prelude::*;
 use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
-use sharp::model::predictor::Planes;
+use sharp::model::predictor::{Planes, planes_of};
 use sharp::model::training::{TrainableNetwork, TrainingInput};
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::mix;
@@ -28,8 +27,9 @@ use crate::data::{DataError, FolderPhotographs, Prefetcher};
 use crate::examples::AnySource;
 use crate::initial::{TrainedDepth, Untrained};
 use crate::log::{LogError, StepRecord, TrainingLog};
+use crate::losses::TERMS;
 use crate::losses::perceptual::PerceptualError;
-use crate::objective::{Example, Objective, ObjectiveError, TERMS, known_depth};
+use crate::objective::{Example, Objective, ObjectiveError, known_depth};
 use crate::optimizer::{OptimizerError, ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::self_supervision::MaskedSample;
@@ -275,18 +275,17 @@ impl Trainer {
             let costs: Vec<_> = costs.collect();
             for ((sample, _), cost) in examples.iter().zip(costs) {
                 let (what, terms) = match cost {
-                    Err(TrainingError::Model(ModelError::Depth(_))) => ("the depth", None),
+                    Err(TrainingError::Model(ModelError::Depth(_))) => (Some("the depth"), None),
                     Err(error) => return Err(error),
-                    Ok(cost) if !cost.total.is_finite() => ("the loss", Some(cost.terms)),
-                    Ok(cost) if !cost.gradients.iter().flatten().all(|g| g.is_finite()) => {
-                        ("the gradient", Some(cost.terms))
-                    }
                     Ok(cost) => {
+                        let terms = cost.terms;
                         sum.add(cost);
-                        continue;
+                        (sum.not_finite(), Some(terms))
                     }
                 };
-                return Err(self.not_finite(position, what, sample, terms)?);
+                if let Some(what) = what {
+                    return Err(self.not_finite(position, what, sample, terms)?);
+                }
             }
         }
         sum.divide_by(settings.batch);
@@ -322,10 +321,10 @@ impl Trainer {
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
         stopped::save(&folder, sample, terms).map_err(|e| fault(&folder, e))?;
-        let mut values = self.state.weights.iter().flat_map(|w| &w.values);
-        // Nothing could go on from other weights.
-        if values.all(|value| value.is_finite()) {
-            self.checkpoint()?;
+        match self.checkpoint() {
+            // Nothing could go on from such a state.
+            Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
+            Err(error) => return Err(error),
         }
         Ok(TrainingError::NotFinite {
             position,
@@ -346,7 +345,7 @@ impl Trainer {
         let source = &sample.source;
         let side = self.config.network.internal_resolution;
         let parts = self.config.trained;
-        let values = planes(&source.image);
+        let values = planes_of(source.image.as_raw(), |v| f32::from(v) / 255.0);
         let known = known_depth(source, side);
         let input = TrainingInput {
             image: Planes {
@@ -456,6 +455,16 @@ impl StepSum {
         gradients.zip(added).for_each(|(sum, g)| *sum += g);
     }
 
+    /// What is not finite, in words.
+    fn not_finite(&self) -> Option<&'static str> {
+        if !self.total.is_finite() {
+            return Some("the loss");
+        }
+        let mut gradients = self.gradients.iter().flatten();
+        let is_finite = gradients.all(|g| g.is_finite());
+        (!is_finite).then_some("the gradient")
+    }
+
     fn divide_by(&mut self, batch: usize) {
         let share = 1.0 / batch as f64;
         self.total *= share;
@@ -465,16 +474,6 @@ impl StepSum {
             all.for_each(|g| *g *= share as f32);
         }
     }
-}
-
-/// Planes `[3, height, width]` in 0..1.
-fn planes(image: &RgbImage) -> Vec<f32> {
-    let levels = |c: usize| {
-        image
-            .pixels()
-            .map(move |pixel| f32::from(pixel.0[c]) / 255.0)
-    };
-    (0..3).flat_map(levels).collect()
 }
 
 fn fault(path: &Path, source: std::io::Error) -> TrainingError {

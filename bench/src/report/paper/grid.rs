@@ -50,18 +50,11 @@ pub(super) fn with_rows(
             let input = assemble::input(&results, &NoPictures, PublishedNumbers::Never);
             let board = Board::new(input.records, &input.datasets, &input.methods)?;
             let columns = columns(paper, &board, &input.metrics, &beside.metrics);
-            let placed = placed(paper, board)?;
-            let kept = |d: &usize| !beside.only_measured || !placed.datasets[*d].pairs.is_empty();
-            let kept: Vec<usize> = all.into_iter().filter(kept).collect();
-            let shown = Board {
-                methods: placed.methods,
-                datasets: {
-                    let boards = placed.datasets.into_iter().enumerate();
-                    let boards =
-                        boards.filter(|(d, _)| *d >= paper.datasets.len() || kept.contains(d));
-                    boards.map(|(_, board)| board).collect()
-                },
-            };
+            let mut shown = placed(paper, board)?;
+            let is_kept = |d: &DatasetBoard<'_>| !beside.only_measured || !d.pairs.is_empty();
+            let kept = all.into_iter().filter(|d| is_kept(&shown.datasets[*d]));
+            let kept: Vec<usize> = kept.collect();
+            shown.datasets.retain(is_kept);
             let mut own = build::table(&shown, &columns, paper.name, paper.title, of_metric);
             let compared = ChecklistInput {
                 paper,
@@ -260,6 +253,10 @@ pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> 
     for row in &table.rows {
         for (at, cell) in row.cells.iter().enumerate() {
             let m = at % table.columns.len();
+            let dataset = table.groups[at / table.columns.len()].name.as_str();
+            if row.origin == Origin::Published && !paper.datasets.contains(&dataset) {
+                continue;
+            }
             let column = match row.origin {
                 Origin::Measured => &table.columns[m],
                 Origin::Published => &unstated[m],
@@ -267,7 +264,7 @@ pub fn numbers<'a>(paper: &PublishedTable, table: &'a Table) -> Vec<Number<'a>> 
             numbers.push(Number {
                 row: &row.label,
                 origin: row.origin.name(),
-                dataset: &table.groups[at / table.columns.len()].name,
+                dataset,
                 metric: column.key.clone(),
                 value: cell.value,
                 n: cell.coverage.map(|c| c.0),

@@ -262,7 +262,6 @@ fn depth_that_is_lost_everywhere_returns_where_it_may() {
         let input = TrainingInput {
             known_depth: None,
             zeros_return,
-            depth_only: false,
             ..scene.input()
         };
         let trainable = |name: &str| name == BIAS;

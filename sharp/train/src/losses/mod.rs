@@ -25,7 +25,7 @@ mod testing;
 pub use alignment::{scale, scale_gradient};
 pub use options::{
     AlphaViews, Channels, Difference, GradientNorm, InverseDepthUnits, LossOptions, LossWeights,
-    MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView,
+    MaskNormalization, MaskSky, ScalePooling, SplatVariance, SplatView, TERMS,
 };
 pub use perceptual::{Perceptual, PerceptualOptions};
 pub use pictures::{alpha, color, depth, linear_from_srgb_gradient};

@@ -3,6 +3,20 @@
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
 
+/// Names of the losses.
+pub const TERMS: [&str; 10] = [
+    "color",
+    "alpha",
+    "percep",
+    "depth",
+    "tv",
+    "grad",
+    "delta",
+    "splat",
+    "scale",
+    "scale_gradient",
+];
+
 /// λ of each loss; the default is the published (paper, implementation details).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -38,33 +52,51 @@ impl Default for LossWeights {
 }
 
 impl LossWeights {
-    /// The weights, by name.
-    fn named(&self) -> [(&'static str, f64); 10] {
+    /// In the order of [`TERMS`].
+    fn values(&self) -> [f64; TERMS.len()] {
+        let Self {
+            color,
+            alpha,
+            percep,
+            depth,
+            tv,
+            grad,
+            delta,
+            splat,
+            scale,
+            scale_gradient,
+        } = *self;
         [
-            ("color", self.color),
-            ("alpha", self.alpha),
-            ("percep", self.percep),
-            ("depth", self.depth),
-            ("tv", self.tv),
-            ("grad", self.grad),
-            ("delta", self.delta),
-            ("splat", self.splat),
-            ("scale", self.scale),
-            ("scale_gradient", self.scale_gradient),
+            color,
+            alpha,
+            percep,
+            depth,
+            tv,
+            grad,
+            delta,
+            splat,
+            scale,
+            scale_gradient,
         ]
     }
 
     /// The first weight that cannot be, by its key in a configuration.
     pub(crate) fn first_fault(&self) -> Option<(String, String)> {
-        let named = self.named();
-        if named.iter().all(|(_, weight)| *weight == 0.0) {
+        let values = self.values();
+        if values == [0.0; TERMS.len()] {
             return Some(("losses".to_owned(), "are all 0".to_owned()));
         }
-        let is_good = |weight: f64| weight >= 0.0 && weight.is_finite();
-        let (name, _) = named.into_iter().find(|(_, weight)| !is_good(*weight))?;
+        let (name, _) = TERMS
+            .iter()
+            .zip(values)
+            .find(|(_, weight)| !is_weight(*weight))?;
         let reason = "is negative or not finite".to_owned();
         Some((format!("losses.{name}"), reason))
     }
+}
+
+fn is_weight(value: f64) -> bool {
+    value >= 0.0 && value.is_finite()
 }
 
 /// Choices that the paper leaves open. Those of a view are made by whoever adds the losses up; all
@@ -132,7 +164,6 @@ impl Default for LossOptions {
 impl LossOptions {
     /// The first option that cannot be, by its key in a configuration.
     pub(crate) fn first_fault(&self) -> Option<(String, String)> {
-        let is_weight = |weight: f64| weight >= 0.0 && weight.is_finite();
         let percep = &self.percep;
         let checks = [
             (

@@ -8,14 +8,14 @@ use sharp_kernels::{Algorithm, Conv2d, ConvOptions, ConvSpec, RowOp, RowWindow, 
 
 /// A feature map, `[row][column][channel]`.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Features {
+pub(super) struct FeatureMap {
     pub(super) height: usize,
     pub(super) width: usize,
     pub(super) channels: usize,
     pub(super) data: Vec<f32>,
 }
 
-impl Features {
+impl FeatureMap {
     pub(super) fn zeros([height, width]: [usize; 2], channels: usize) -> Self {
         Self {
             height,
@@ -126,27 +126,27 @@ impl FrozenConv {
     /// The result, plus `residual`, rectified if `relu`.
     pub(super) fn run(
         &self,
-        x: &Features,
-        residual: Option<&Features>,
+        x: &FeatureMap,
+        residual: Option<&FeatureMap>,
         relu: bool,
         workspace: &mut Workspace,
-    ) -> Features {
+    ) -> FeatureMap {
         dilated(&self.run, self.dilation, x, residual, relu, workspace)
     }
 
     /// From the gradient of the result to that of an input of `size`, plus `residual`.
     pub(super) fn pull(
         &self,
-        gradient: &Features,
+        gradient: &FeatureMap,
         size: [usize; 2],
-        residual: Option<&Features>,
+        residual: Option<&FeatureMap>,
         workspace: &mut Workspace,
-    ) -> Features {
+    ) -> FeatureMap {
         let spread;
         let gradient = if self.stride == 1 {
             gradient
         } else {
-            let between = Features::zeros(size, gradient.channels);
+            let between = FeatureMap::zeros(size, gradient.channels);
             spread = gradient.moved(between, false, |i| [i * self.stride; 2]);
             &spread
         };
@@ -166,35 +166,35 @@ impl FrozenConv {
 fn dilated(
     conv: &Conv2d,
     dilation: usize,
-    x: &Features,
-    residual: Option<&Features>,
+    x: &FeatureMap,
+    residual: Option<&FeatureMap>,
     relu: bool,
     workspace: &mut Workspace,
-) -> Features {
+) -> FeatureMap {
     if dilation == 1 {
         return whole(conv, x, residual, relu, workspace);
     }
     // Each image with the line of zeros that parts it from the next.
     let [rows, columns] = x.size().map(|side| side.div_ceil(dilation) + 1);
     let place = |i: usize| [rows, columns].map(|side| i % dilation * side + i / dilation);
-    let phases = |map: &Features| {
-        let zeros = Features::zeros([dilation * rows, dilation * columns], map.channels);
+    let phases = |map: &FeatureMap| {
+        let zeros = FeatureMap::zeros([dilation * rows, dilation * columns], map.channels);
         map.moved(zeros, false, place)
     };
     let residual = residual.map(phases);
     let apart = whole(conv, &phases(x), residual.as_ref(), relu, workspace);
-    apart.moved(Features::zeros(x.size(), apart.channels), true, place)
+    apart.moved(FeatureMap::zeros(x.size(), apart.channels), true, place)
 }
 
 fn whole(
     conv: &Conv2d,
-    x: &Features,
-    residual: Option<&Features>,
+    x: &FeatureMap,
+    residual: Option<&FeatureMap>,
     relu: bool,
     workspace: &mut Workspace,
-) -> Features {
+) -> FeatureMap {
     let (height, width) = conv.out_size(x.height, x.width);
-    let mut out = Features::zeros([height, width], conv.spec().out_channels);
+    let mut out = FeatureMap::zeros([height, width], conv.spec().out_channels);
     let window = RowWindow::whole(&x.data, x.height, x.width, x.channels);
     let options = ConvOptions {
         residual: residual.map(|map| map.data.as_slice()),

@@ -1,7 +1,7 @@
 //! The two terms of the perceptual loss at one layer, with their gradient.
 
 use super::super::sum_over;
-use super::conv::Features;
+use super::conv::FeatureMap;
 use rayon::prelude::*;
 use sharp_kernels::{Epilogue, PackedMatrix, Simd, Workspace, matmul};
 
@@ -18,10 +18,10 @@ impl Terms<'_> {
     /// and its gradient with respect to F̂.
     pub(super) fn compare(
         &self,
-        predicted: &Features,
-        target: &Features,
+        predicted: &FeatureMap,
+        target: &FeatureMap,
         workspace: &mut Workspace,
-    ) -> (f64, Features) {
+    ) -> (f64, FeatureMap) {
         let (x, y) = (self.weighted(predicted), self.weighted(target));
         let (x, y) = (
             x.as_ref().unwrap_or(predicted),
@@ -56,7 +56,7 @@ impl Terms<'_> {
                 workspace,
             );
         }
-        let mut gradient = Features {
+        let mut gradient = FeatureMap {
             data: gradient,
             ..*predicted
         };
@@ -66,7 +66,7 @@ impl Terms<'_> {
         (value, gradient)
     }
 
-    fn weighted(&self, map: &Features) -> Option<Features> {
+    fn weighted(&self, map: &FeatureMap) -> Option<FeatureMap> {
         let weight = self.weight?;
         let mut map = map.clone();
         let pixels = map.data.chunks_exact_mut(map.channels).zip(weight);
@@ -76,7 +76,7 @@ impl Terms<'_> {
 }
 
 /// `Fᵀ F`, not divided.
-fn gram(map: &Features, workspace: &mut Workspace) -> Vec<f32> {
+fn gram(map: &FeatureMap, workspace: &mut Workspace) -> Vec<f32> {
     /// Channels that a task transposes at once: a line of the cache.
     const LINE: usize = 16;
     let (channels, pixels) = (map.channels, map.height * map.width);

@@ -1,25 +1,25 @@
 //! What the frozen networks are made of.
 
-use super::conv::{Features, FrozenConv};
+use super::conv::{FeatureMap, FrozenConv};
 use rayon::prelude::*;
 use sharp_kernels::Workspace;
 
 /// From the gradient of a layer's output to that of its input.
-pub(super) type Pull<'a> = Box<dyn FnOnce(Features, &mut Workspace) -> Features + 'a>;
+pub(super) type Pull<'a> = Box<dyn FnOnce(FeatureMap, &mut Workspace) -> FeatureMap + 'a>;
 
 /// A layer of a frozen network.
 pub(super) trait Layer: Send + Sync {
-    fn run(&self, x: &Features, workspace: &mut Workspace) -> Features;
+    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap;
 
     /// The same, with what its derivative needs: which units were active, not their values.
-    fn trace<'a>(&'a self, x: &Features, workspace: &mut Workspace) -> (Features, Pull<'a>);
+    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>);
 }
 
 /// Which units of a rectified map are active.
 struct Gate(Vec<bool>);
 
 impl Gate {
-    fn of(map: &Features) -> Self {
+    fn of(map: &FeatureMap) -> Self {
         Self(
             map.data
                 .par_iter()
@@ -30,7 +30,7 @@ impl Gate {
     }
 
     /// Zeros the gradient of those that are not.
-    fn close(&self, gradient: &mut Features) {
+    fn close(&self, gradient: &mut FeatureMap) {
         let pairs = gradient
             .data
             .par_iter_mut()
@@ -44,14 +44,14 @@ impl Gate {
 pub(super) struct ReluConv(pub(super) FrozenConv);
 
 impl Layer for ReluConv {
-    fn run(&self, x: &Features, workspace: &mut Workspace) -> Features {
+    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap {
         self.0.run(x, None, true, workspace)
     }
 
-    fn trace<'a>(&'a self, x: &Features, workspace: &mut Workspace) -> (Features, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
         let (out, size) = (self.run(x, workspace), x.size());
         let gate = Gate::of(&out);
-        let pull = move |mut gradient: Features, workspace: &mut Workspace| {
+        let pull = move |mut gradient: FeatureMap, workspace: &mut Workspace| {
             gate.close(&mut gradient);
             self.0.pull(&gradient, size, None, workspace)
         };
@@ -70,7 +70,7 @@ pub(super) struct Bottleneck {
 
 impl Bottleneck {
     /// The outputs of the three convolutions.
-    fn outputs(&self, x: &Features, workspace: &mut Workspace) -> [Features; 3] {
+    fn outputs(&self, x: &FeatureMap, workspace: &mut Workspace) -> [FeatureMap; 3] {
         let narrow = self.narrow.run(x, None, true, workspace);
         let middle = self.middle.run(&narrow, None, true, workspace);
         let fitted = self
@@ -84,16 +84,16 @@ impl Bottleneck {
 }
 
 impl Layer for Bottleneck {
-    fn run(&self, x: &Features, workspace: &mut Workspace) -> Features {
+    fn run(&self, x: &FeatureMap, workspace: &mut Workspace) -> FeatureMap {
         let [_, _, out] = self.outputs(x, workspace);
         out
     }
 
-    fn trace<'a>(&'a self, x: &Features, workspace: &mut Workspace) -> (Features, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
         let size = x.size();
         let [narrow, middle, out] = self.outputs(x, workspace);
         let (inner, gates) = (narrow.size(), [&narrow, &middle, &out].map(Gate::of));
-        let pull = move |mut gradient: Features, workspace: &mut Workspace| {
+        let pull = move |mut gradient: FeatureMap, workspace: &mut Workspace| {
             let [narrow_gate, middle_gate, out_gate] = gates;
             out_gate.close(&mut gradient);
             let mut middle = self.widen.pull(&gradient, gradient.size(), None, workspace);

@@ -213,7 +213,7 @@ impl Perceptual {
             groups.push((pulls, gradient));
         }
         drop((x, y));
-        let mut back: Option<conv::Features> = None;
+        let mut back: Option<conv::FeatureMap> = None;
         while let Some((pulls, mut gradient)) = groups.pop() {
             if let Some(back) = back {
                 gradient.add(&back);

@@ -1,6 +1,6 @@
 //! From pictures to a network's input, and gradients back.
 
-use super::conv::Features;
+use super::conv::FeatureMap;
 use sharp::random::SplitMix64;
 
 /// Mean and standard deviation of ImageNet's pictures, by which both networks' inputs are normalised.
@@ -55,12 +55,12 @@ pub(super) fn normalized(
     picture: &[[f32; 3]],
     [height, width]: [usize; 2],
     mask: Option<&[bool]>,
-) -> Features {
+) -> FeatureMap {
     let pixel = |(p, rgb): (usize, &[f32; 3])| {
         let kept = mask.is_none_or(|mask| mask[p]);
         [0, 1, 2].map(|c: usize| (if kept { rgb[c] } else { 0.0 } - MEAN[c]) / DEVIATION[c])
     };
-    Features {
+    FeatureMap {
         height,
         width,
         channels: 3,
@@ -69,7 +69,7 @@ pub(super) fn normalized(
 }
 
 /// From the gradient with respect to a network's input to that with respect to the picture.
-pub(super) fn denormalized(gradient: &Features, mask: Option<&[bool]>) -> Vec<[f32; 3]> {
+pub(super) fn denormalized(gradient: &FeatureMap, mask: Option<&[bool]>) -> Vec<[f32; 3]> {
     let (pixels, _) = gradient.data.as_chunks::<3>();
     let pixel = |(p, of): (usize, &[f32; 3])| {
         let kept = mask.is_none_or(|mask| mask[p]);

@@ -1,6 +1,6 @@
 //! Max pooling with every second pixel as output, of rectified maps.
 
-use super::conv::Features;
+use super::conv::FeatureMap;
 use super::layers::{Layer, Pull};
 use rayon::prelude::*;
 use sharp_kernels::Workspace;
@@ -27,9 +27,9 @@ impl MaxPool {
     }
 
     /// The maxima, and which tap of its window each came from: the first of equal ones.
-    fn outputs(&self, x: &Features) -> (Features, Vec<u8>) {
+    fn outputs(&self, x: &FeatureMap) -> (FeatureMap, Vec<u8>) {
         let c = x.channels;
-        let mut out = Features::zeros(self.out_size(x.size()), c);
+        let mut out = FeatureMap::zeros(self.out_size(x.size()), c);
         let mut taps = vec![0_u8; out.data.len()];
         let row = out.width * c;
         let rows = out.data.par_chunks_mut(row).zip(taps.par_chunks_mut(row));
@@ -56,9 +56,9 @@ impl MaxPool {
         (out, taps)
     }
 
-    fn pull(&self, gradient: &Features, taps: &[u8], size: [usize; 2]) -> Features {
+    fn pull(&self, gradient: &FeatureMap, taps: &[u8], size: [usize; 2]) -> FeatureMap {
         let c = gradient.channels;
-        let mut out = Features::zeros(size, c);
+        let mut out = FeatureMap::zeros(size, c);
         // Each input row gathers from the output rows whose windows reach it.
         let rows = out.data.par_chunks_mut(size[1] * c).enumerate();
         rows.for_each(|(iy, out)| {
@@ -88,14 +88,14 @@ impl MaxPool {
 }
 
 impl Layer for MaxPool {
-    fn run(&self, x: &Features, _workspace: &mut Workspace) -> Features {
+    fn run(&self, x: &FeatureMap, _workspace: &mut Workspace) -> FeatureMap {
         self.outputs(x).0
     }
 
-    fn trace<'a>(&'a self, x: &Features, _workspace: &mut Workspace) -> (Features, Pull<'a>) {
+    fn trace<'a>(&'a self, x: &FeatureMap, _workspace: &mut Workspace) -> (FeatureMap, Pull<'a>) {
         let size = x.size();
         let (out, taps) = self.outputs(x);
-        let pull = move |gradient: Features, _: &mut Workspace| self.pull(&gradient, &taps, size);
+        let pull = move |gradient: FeatureMap, _: &mut Workspace| self.pull(&gradient, &taps, size);
         (out, Box::new(pull))
     }
 }

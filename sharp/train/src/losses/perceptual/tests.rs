@@ -1,7 +1,7 @@
 //! Layers against their definitions, gradients as adjoints and by differences along directions.
 
 use super::super::testing::{check_to, noise, pixels};
-use super::conv::{ConvWeights, Features, FrozenConv};
+use super::conv::{ConvWeights, FeatureMap, FrozenConv};
 use super::distance::Terms;
 use super::layers::{Bottleneck, Layer};
 use super::pool::MaxPool;
@@ -16,8 +16,8 @@ fn signed(seed: u64, count: usize) -> Vec<f32> {
         .collect()
 }
 
-fn map(seed: u64, [height, width]: [usize; 2], channels: usize) -> Features {
-    Features {
+fn map(seed: u64, [height, width]: [usize; 2], channels: usize) -> FeatureMap {
+    FeatureMap {
         height,
         width,
         channels,
@@ -108,7 +108,7 @@ fn convolutions_match_their_definition_and_pull_back_by_the_adjoint() {
 fn maxima_are_found_and_their_gradient_goes_where_they_were() {
     for (side, padding, out_size) in [(2, 0, [3, 5]), (3, 1, [4, 5])] {
         let pool = MaxPool { side, padding };
-        let x = Features {
+        let x = FeatureMap {
             data: noise(1, 7 * 10 * 5),
             ..map(1, [7, 10], 5)
         };
@@ -170,7 +170,7 @@ fn the_gradient_of_a_block_is_its_difference_along_a_direction() {
 
 #[test]
 fn hand_case_of_both_terms() {
-    let one = |data: [f32; 2]| Features {
+    let one = |data: [f32; 2]| FeatureMap {
         height: 1,
         width: 1,
         channels: 2,
@@ -194,7 +194,7 @@ fn hand_case_of_both_terms() {
 fn the_gradient_of_both_terms_is_that_of_the_definition() {
     const D: usize = 20;
     const P: usize = 15;
-    let map = |seed| Features {
+    let map = |seed| FeatureMap {
         height: 3,
         width: 5,
         channels: D,

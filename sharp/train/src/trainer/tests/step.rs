@@ -15,7 +15,7 @@ fn before_the_first_step_the_network_changes_nothing() {
     let training = Training::new(&config([1, 0], 96));
     let trainer = &training.trainer;
     let source = example(&training, 0).sample.source;
-    let values = planes(&source.image);
+    let values = planes_of(source.image.as_raw(), |v| f32::from(v) / 255.0);
     let known = known_depth(&source, trainer.config.network.internal_resolution);
     let input = TrainingInput {
         image: Planes {
@@ -190,7 +190,7 @@ fn depth_is_learnt_alone_as_with_everything_else() {
     let found = trainer.example(&masked, 1).unwrap();
     assert!(found.terms[3] > 0.0 && found.terms[..3] == [0.0; 3]);
 
-    let values = planes(&source.image);
+    let values = planes_of(source.image.as_raw(), |v| f32::from(v) / 255.0);
     let known = known_depth(source, alone.network.internal_resolution);
     let input = TrainingInput {
         image: Planes {
@@ -277,4 +277,18 @@ fn photographs_of_the_second_stage_are_looked_for_before_the_first() {
     let opened = Trainer::open(missing, tempfile::tempdir().unwrap().path());
     let error = opened.err().unwrap().to_string();
     assert!(error.contains("absent"), "{error}");
+}
+
+#[test]
+fn gradients_that_are_finite_one_by_one_may_overflow_together() {
+    let one = || StepSum {
+        gradients: vec![vec![f32::MAX, 1.0]],
+        ..StepSum::default()
+    };
+    let mut sum = one();
+    assert_eq!(sum.not_finite(), None);
+    sum.add(one());
+    assert_eq!(sum.not_finite(), Some("the gradient"));
+    sum.total = f64::NAN;
+    assert_eq!(sum.not_finite(), Some("the loss"));
 }
