@@ -169,13 +169,15 @@ fn what_cannot_be_trained_is_one_clear_error() {
 }
 
 #[test]
-fn the_bundled_network_is_the_one_that_its_training_makes() {
-    let file = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../sharp/train/configs/mini.toml"
-    );
-    let training = sharp_train::config::TrainingConfig::load(Path::new(file)).unwrap();
-    assert_eq!(training.network, sharp::model::bundled::config().unwrap());
+fn the_bundled_network_is_the_one_that_its_trainings_make() {
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sharp/train/configs");
+    let load = |name| sharp_train::config::TrainingConfig::load(&configs.join(name)).unwrap();
+    let (depth, whole) = (load("mini-depth.toml"), load("mini.toml"));
+    let bundled = sharp::model::bundled::config().unwrap();
+    assert_eq!((&depth.network, &whole.network), (&bundled, &bundled));
+    let handed_on = whole.initial_depth.unwrap();
+    assert_eq!(handed_on, Path::new("depth/weights.safetensors"));
+    assert!(depth.losses.depth > 0.0 && whole.losses.color > 0.0);
 }
 
 #[test]
@@ -208,7 +210,7 @@ fn the_bundled_network_predicts_records_and_compares() {
         "--json",
     ];
     let json = sharp_bench(dir.path(), &predict).ends_with(0).json();
-    assert_eq!(json[0]["gaussians"], 2 * 128 * 128);
+    assert_eq!(json[0]["gaussians"], 2 * 192 * 192);
     let both = [&predict[..], &["--config", "x.json"]].concat();
     sharp_bench(dir.path(), &both).is_error_with(&["own configuration", "./mini"]);
     // Without a name it is not used, but named.

@@ -114,7 +114,7 @@ struct Watching<'a> {
 }
 
 impl Watcher for Watching<'_> {
-    fn stepped(&mut self, record: &StepRecord<'_>, steps: u64) {
+    fn stepped(&mut self, record: &StepRecord, steps: u64) {
         let Position { stage, step } = record.position;
         if std::mem::take(&mut self.page_due)
             && let Err(error) = page::write(self.folder, self.observer)

@@ -14,7 +14,7 @@ use sharp_train::trainer::{Trainer, Watcher};
 struct Printer;
 
 impl Watcher for Printer {
-    fn stepped(&mut self, record: &StepRecord<'_>, steps: u64) {
+    fn stepped(&mut self, record: &StepRecord, steps: u64) {
         let terms = TERMS.iter().zip(record.terms);
         let terms: String = terms.map(|(n, v)| format!(" {n} {v:.4}")).collect();
         let mut out = std::io::stdout().lock();

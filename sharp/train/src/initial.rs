@@ -23,7 +23,7 @@ use sharp::random::{SplitMix64, mix, unit};
 ///   its factors are 1. Both as in the release.
 /// * Both channels of the depth head are equal (paper, section on the depth decoder), with a bias of
 ///   0.3, because a rectified output that starts at 0 never learns.
-pub struct Untrained {
+pub(crate) struct Untrained {
     seed: u64,
     layer_scale: f32,
 }
@@ -32,7 +32,7 @@ pub struct Untrained {
 const FIRST_DISPARITY: f32 = 0.3;
 
 impl Untrained {
-    pub fn new(config: &ModelConfig, seed: u64) -> Self {
+    pub(crate) fn new(config: &ModelConfig, seed: u64) -> Self {
         Self {
             seed,
             layer_scale: config.vit.init_values as f32,
@@ -144,7 +144,7 @@ impl WeightSource for Untrained {
 
 /// The depth network of a checkpoint; what makes Gaussians of it is untrained. Both layers begin as the
 /// checkpoint's first (paper, section on the depth decoder): a training of depth alone has no loss of the second.
-pub struct TrainedDepth {
+pub(crate) struct TrainedDepth {
     depth: CheckpointSource,
     rest: Untrained,
 }
@@ -155,7 +155,7 @@ const DEPTH: &str = "monodepth_model.";
 impl TrainedDepth {
     /// # Errors
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another depth network.
-    pub fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
+    pub(crate) fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
         let depth = CheckpointSource::open(file)?;
         depth.check_part(config, DEPTH)?;
         let rest = Untrained::new(config, seed);

@@ -3,10 +3,10 @@
 //! Knows no harness: whoever runs a training hands in how it is validated.
 //!
 //! # Contents
-//! * [`data`]: what is learnt from; [`self_supervision`]: the second stage's part of it;
+//! * [`data`]: what is learnt from; `self_supervision`: the second stage's part of it;
 //!   `examples`: as a configuration says.
-//! * [`losses`]: what is minimised; [`objective`]: all of it on one example.
-//! * [`initial`]: weights before the first step.
+//! * [`losses`]: what is minimised; `objective`: all of it on one example.
+//! * `initial`: weights before the first step.
 //! * [`config`]: a training as one TOML file; [`parts`]: which of the network's parts learn.
 //! * [`position`]: where a training stands.
 //! * [`optimizer`], [`schedule`]: Adam, the clipped gradient, the learning rate.
@@ -18,14 +18,14 @@ pub mod checkpoint;
 pub mod config;
 pub mod data;
 mod examples;
-pub mod initial;
+mod initial;
 pub mod log;
 pub mod losses;
-pub mod objective;
+mod objective;
 pub mod optimizer;
 pub mod parts;
 pub mod position;
 pub mod schedule;
-pub mod self_supervision;
+mod self_supervision;
 mod stopped;
 pub mod trainer;

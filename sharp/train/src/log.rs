@@ -6,6 +6,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use crate::losses::TERMS;
 use crate::position::{Position, Stage};
 
 /// Why a log cannot be kept.
@@ -20,12 +21,12 @@ pub enum LogError {
 
 /// What is written of one step.
 #[derive(Debug, Clone, Copy)]
-pub struct StepRecord<'a> {
+pub struct StepRecord {
     /// After the step.
     pub position: Position,
     pub learning_rate: f64,
-    /// Losses before their weights, in the order of the log's terms.
-    pub terms: &'a [f64],
+    /// Losses before their weights, in the order of [`TERMS`].
+    pub terms: [f64; TERMS.len()],
     /// What was minimised.
     pub total: f64,
     /// Before clipping.
@@ -37,7 +38,6 @@ pub struct StepRecord<'a> {
 /// The files of a training that is under way.
 #[derive(Debug)]
 pub struct TrainingLog {
-    terms: usize,
     log: Rows,
     timing: Rows,
     validation: Rows,
@@ -45,16 +45,17 @@ pub struct TrainingLog {
 
 impl TrainingLog {
     /// Opens the files in a folder, or begins them, for a training that goes on after the step at
-    /// `after`: later rows are cut off. `terms` are the names of the losses, a column each.
+    /// `after`: later rows are cut off.
     ///
     /// # Errors
-    /// [`LogError::Io`]; [`LogError::Other`] for a log of other terms, or one that does not reach
+    /// [`LogError::Io`]; [`LogError::Other`] for a file that is no such log, or one that does not reach
     /// up to `after`.
-    pub fn open(folder: &Path, terms: &[&str], after: Position) -> Result<Self, LogError> {
-        let terms_header: String = terms.iter().map(|term| format!("{term},")).collect();
-        let header = format!("stage,step,learning_rate,{terms_header}total,gradient_norm\n");
+    pub fn open(folder: &Path, after: Position) -> Result<Self, LogError> {
+        let header = format!(
+            "stage,step,learning_rate,{},total,gradient_norm\n",
+            TERMS.join(",")
+        );
         Ok(Self {
-            terms: terms.len(),
             log: Rows::open(folder.join("log.csv"), &header, after)?.reaching(after)?,
             timing: Rows::open(folder.join("timing.csv"), "stage,step,seconds\n", after)?
                 .reaching(after)?,
@@ -86,8 +87,8 @@ impl TrainingLog {
     /// Adds a step, on disk when this returns. Numbers are the shortest that read back as they are.
     ///
     /// # Errors
-    /// [`LogError::Io`]; [`LogError::Other`] for another number of terms.
-    pub fn append(&mut self, record: &StepRecord<'_>) -> Result<(), LogError> {
+    /// [`LogError::Io`].
+    pub fn append(&mut self, record: &StepRecord) -> Result<(), LogError> {
         let StepRecord {
             position: Position { stage, step },
             learning_rate,
@@ -96,10 +97,6 @@ impl TrainingLog {
             gradient_norm,
             seconds,
         } = *record;
-        if terms.len() != self.terms {
-            let reason = format!("{} losses for {} columns", terms.len(), self.terms);
-            return Err(self.log.other(reason));
-        }
         let start = format!("{},{step},", stage.number());
         let terms: String = terms.iter().map(|term| format!("{term},")).collect();
         let row = format!("{start}{learning_rate},{terms}{total},{gradient_norm}\n");
@@ -134,7 +131,7 @@ impl Rows {
             return Ok(rows);
         }
         let Some(body) = text.strip_prefix(header) else {
-            return Err(rows.other("not the log of a training with these losses".to_owned()));
+            return Err(rows.other("not the log of a training".to_owned()));
         };
         let mut kept = header.len();
         for line in body.split_inclusive('\n') {
@@ -207,19 +204,25 @@ mod tests {
     }
 
     fn write(folder: &Path, after: Position, positions: &[Position], seconds: f64) {
-        let mut log = TrainingLog::open(folder, &["color", "alpha"], after).unwrap();
+        let mut log = TrainingLog::open(folder, after).unwrap();
         for position in positions {
             let value = position.step as f64 / 3.0 + position.stage.number() as f64;
             let record = StepRecord {
                 position: *position,
                 learning_rate: 1e-5 * value,
-                terms: &[value, f64::NAN],
+                terms: terms(value),
                 total: -value,
                 gradient_norm: f64::INFINITY,
                 seconds,
             };
             log.append(&record).unwrap();
         }
+    }
+
+    fn terms(value: f64) -> [f64; TERMS.len()] {
+        let mut terms = [0.0; TERMS.len()];
+        (terms[0], terms[1]) = (value, f64::NAN);
+        terms
     }
 
     fn text(folder: &Path, name: &str) -> String {
@@ -233,8 +236,9 @@ mod tests {
         let value = 1.0 / 3.0 + 1.0;
         let rate = 1e-5 * value;
         let expected = format!(
-            "stage,step,learning_rate,color,alpha,total,gradient_norm\n\
-             1,1,{rate},{value},NaN,-{value},inf\n"
+            "stage,step,learning_rate,color,alpha,percep,depth,tv,grad,delta,splat,scale,\
+             scale_gradient,total,gradient_norm\n\
+             1,1,{rate},{value},NaN,0,0,0,0,0,0,0,0,-{value},inf\n"
         );
         assert_eq!(text(dir.path(), "log.csv"), expected);
         let row = expected.lines().nth(1).unwrap();
@@ -276,19 +280,20 @@ mod tests {
     fn a_log_that_does_not_fit_is_an_error() {
         let dir = tempfile::tempdir().unwrap();
         write(dir.path(), Position::START, &steps()[..2], 1.0);
-        let open = |terms: &[&str], after| {
-            let opened = TrainingLog::open(dir.path(), terms, after);
+        let open = |after| {
+            let opened = TrainingLog::open(dir.path(), after);
             opened.unwrap_err().to_string()
         };
-        let error = open(&["color"], at(Stage::Supervised, 2));
-        assert!(error.contains("log.csv: not the log"), "{error}");
-        let error = open(&["color", "alpha"], at(Stage::Supervised, 3));
+        let error = open(at(Stage::Supervised, 3));
         assert!(
             error.ends_with("ends at stage 1, step 2, before stage 1, step 3"),
             "{error}"
         );
+        fs::write(dir.path().join("log.csv"), "stage,step,loss\n1,1,0.5\n").unwrap();
+        let error = open(at(Stage::Supervised, 2));
+        assert!(error.contains("log.csv: not the log"), "{error}");
         let empty = tempfile::tempdir().unwrap();
-        let opened = TrainingLog::open(empty.path(), &[], at(Stage::Supervised, 1));
+        let opened = TrainingLog::open(empty.path(), at(Stage::Supervised, 1));
         assert!(opened.is_err());
     }
 }

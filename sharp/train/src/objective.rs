@@ -24,7 +24,7 @@ use crate::losses::{
 
 /// What the network is given and what its Gaussians are held against.
 #[derive(Debug, Clone, Copy)]
-pub struct Example<'a> {
+pub(crate) struct Example<'a> {
     pub source: &'a TrainingView,
     pub target: &'a TrainingView,
     /// Pixels of the source whose colours count; all where there is none.
@@ -35,7 +35,7 @@ pub struct Example<'a> {
 
 /// What an example costs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cost {
+pub(crate) struct Cost {
     /// Before their weights, in the order of [`TERMS`]; 0 for what has no weight.
     pub terms: [f64; TERMS.len()],
     /// Weighted sum.
@@ -53,7 +53,7 @@ pub enum ObjectiveError {
 }
 
 /// The weighted losses.
-pub struct Objective {
+pub(crate) struct Objective {
     weights: LossWeights,
     options: LossOptions,
     perceptual: Option<Perceptual>,
@@ -64,7 +64,7 @@ impl Objective {
     ///
     /// # Errors
     /// [`PerceptualError`].
-    pub fn new(weights: LossWeights, options: LossOptions) -> Result<Self, PerceptualError> {
+    pub(crate) fn new(weights: LossWeights, options: LossOptions) -> Result<Self, PerceptualError> {
         let perceptual = match weights.percep > 0.0 {
             true => Some(Perceptual::new(options.percep.clone())?),
             false => None,
@@ -77,12 +77,12 @@ impl Objective {
     }
 
     /// The perceptual loss's network, for a log.
-    pub fn perceptual_network(&self) -> Option<&'static str> {
+    pub(crate) fn perceptual_network(&self) -> Option<&'static str> {
         self.perceptual.as_ref().map(Perceptual::network)
     }
 
     /// Whether no loss looks at Gaussians or their pictures.
-    pub fn is_of_depth_alone(&self) -> bool {
+    pub(crate) fn is_of_depth_alone(&self) -> bool {
         let LossWeights {
             color,
             alpha,
@@ -99,7 +99,11 @@ impl Objective {
     ///
     /// # Errors
     /// [`ObjectiveError`].
-    pub fn cost(&self, pass: &TrainingPass, example: &Example<'_>) -> Result<Cost, ObjectiveError> {
+    pub(crate) fn cost(
+        &self,
+        pass: &TrainingPass,
+        example: &Example<'_>,
+    ) -> Result<Cost, ObjectiveError> {
         let Example { source, target, .. } = *example;
         let mut sum = Cost {
             terms: [0.0; TERMS.len()],
@@ -294,7 +298,7 @@ impl Cost {
 }
 
 /// The source's depth at the network's resolution, `[side, side]`, as a pass takes it.
-pub fn known_depth(view: &TrainingView, side: usize) -> Vec<f32> {
+pub(crate) fn known_depth(view: &TrainingView, side: usize) -> Vec<f32> {
     let (width, height) = view.depth.dimensions();
     nearest(&view.depth, (width as usize, height as usize), (side, side))
 }

@@ -32,14 +32,14 @@ const COVERED: f32 = 0.99;
 
 /// A pair of views, and where the first may be trusted.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MaskedSample {
+pub(crate) struct MaskedSample {
     pub sample: Sample,
     /// Pixels of the source whose colours count; all where there is none.
     pub source_mask: Option<Vec<bool>>,
 }
 
 /// Examples out of photographs.
-pub struct SelfSupervisedSamples {
+pub(crate) struct SelfSupervisedSamples {
     photographs: Box<dyn Source<Photograph>>,
     teacher: Predictor,
     seed: u64,
@@ -50,7 +50,7 @@ impl SelfSupervisedSamples {
     ///
     /// # Errors
     /// Those of the file.
-    pub fn new(
+    pub(crate) fn new(
         photographs: Box<dyn Source<Photograph>>,
         teacher: &Path,
         config: &ModelConfig,

@@ -76,7 +76,7 @@ pub enum TrainingError {
 /// What a caller observes and controls.
 pub trait Watcher {
     /// Called after every step.
-    fn stepped(&mut self, record: &StepRecord<'_>, steps: u64);
+    fn stepped(&mut self, record: &StepRecord, steps: u64);
 
     /// Measures weights that lie in a file; called at the configured interval and after the last step.
     /// Each value is named.
@@ -194,7 +194,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainingError`]. What was checkpointed stays.
     pub fn run(&mut self, watcher: &mut dyn Watcher) -> Result<Ended, TrainingError> {
-        let mut log = TrainingLog::open(&self.folder, &TERMS, self.position())?;
+        let mut log = TrainingLog::open(&self.folder, self.position())?;
         for stage in Stage::ALL {
             let Position { stage: at, step } = self.position();
             let is_first = stage == Stage::Supervised;
@@ -299,7 +299,7 @@ impl Trainer {
         let record = StepRecord {
             position,
             learning_rate,
-            terms: &sum.terms,
+            terms: sum.terms,
             total: sum.total,
             gradient_norm: norm,
             seconds: started.elapsed().as_secs_f64(),

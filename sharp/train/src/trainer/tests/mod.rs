@@ -73,7 +73,7 @@ impl Training {
 struct Silent;
 
 impl Watcher for Silent {
-    fn stepped(&mut self, _: &StepRecord<'_>, _: u64) {}
+    fn stepped(&mut self, _: &StepRecord, _: u64) {}
 
     fn validate(
         &mut self,

@@ -75,7 +75,7 @@ fn one_scene_can_be_learnt_by_heart() {
     let sample = ProceduralSamples::new(3, (192, 192)).get(13).unwrap();
     let mut samples = Prefetcher::start(Same(sample.clone()), 0, 1).unwrap();
     let folder = training.folder.path();
-    let mut log = TrainingLog::open(folder, &TERMS, Position::START).unwrap();
+    let mut log = TrainingLog::open(folder, Position::START).unwrap();
     let stage = Stage::Supervised;
     for step in 1..=STEPS {
         let position = Position { stage, step };

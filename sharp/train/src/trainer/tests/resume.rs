@@ -18,7 +18,7 @@ struct Interrupter {
 }
 
 impl Watcher for Interrupter {
-    fn stepped(&mut self, record: &StepRecord<'_>, _: u64) {
+    fn stepped(&mut self, record: &StepRecord, _: u64) {
         self.seen = record.position;
         if self.at == Some(Interruption::Kill(self.seen)) {
             std::panic::resume_unwind(Box::new("killed"));
