@@ -56,7 +56,7 @@ pub struct TrainingConfig {
     /// directory) or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
-    /// A checkpoint of this network that the training begins with, in place of random weights.
+    /// A checkpoint of this network, of any picture size, that the training begins with in place of random weights.
     pub initial: Option<PathBuf>,
     /// A checkpoint whose depth network the training begins with; everything else is random.
     pub initial_depth: Option<PathBuf>,

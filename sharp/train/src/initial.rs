@@ -7,6 +7,7 @@ use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::{SplitMix64, mix, unit};
+use sharp::resize::bilinear_align_corners;
 
 /// Random weights of a network that has seen nothing.
 ///
@@ -142,10 +143,64 @@ impl WeightSource for Untrained {
     }
 }
 
+/// A checkpoint, also one of the same network for pictures of another size: the positions of its tokens are
+/// resampled as the network resamples pictures. Nothing else depends on the size.
+pub(crate) struct Pretrained(CheckpointSource);
+
+impl Pretrained {
+    /// # Errors
+    /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another network.
+    pub(crate) fn open(file: &Path, config: &ModelConfig) -> Result<Self, ModelError> {
+        let weights = CheckpointSource::open(file)?;
+        weights.check(&sizes_there(&weights, config), &[])?;
+        Ok(Self(weights))
+    }
+}
+
+impl WeightSource for Pretrained {
+    fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
+        let values = self.0.values(name, shape)?;
+        let len: usize = shape.iter().product();
+        match values.len() == len {
+            true => Ok(values),
+            false => Ok(resample_positions(&values, shape[1], shape[2])),
+        }
+    }
+}
+
+const POSITIONS: &str = "monodepth_model.monodepth_predictor.encoder.patch_encoder.pos_embed";
+
+/// The configuration for pictures of the size that a checkpoint was trained on.
+fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig {
+    let mut there = config.clone();
+    if let Ok(positions) = weights.values(POSITIONS, &[]) {
+        there.vit.img_size = side(positions.len() / config.vit.embed_dim) * config.vit.patch_size;
+        there.internal_resolution = 4 * there.vit.img_size;
+    }
+    there
+}
+
+/// Tokens along a side, of all with the class token.
+fn side(tokens: usize) -> usize {
+    tokens.saturating_sub(1).isqrt()
+}
+
+/// Positions `[1, tokens, channels]` of any number of tokens to another; the class token, the first, keeps its own.
+fn resample_positions(values: &[f32], tokens: usize, channels: usize) -> Vec<f32> {
+    let (class, grid) = values.split_at(channels);
+    let [from, to] = [values.len() / channels, tokens].map(side);
+    let channel = |at| grid.iter().skip(at).step_by(channels).copied();
+    let planes: Vec<f32> = (0..channels).flat_map(channel).collect();
+    let resized = bilinear_align_corners(&planes, (from, from), (to, to));
+    let token = |at| resized.iter().skip(at).step_by(to * to).copied();
+    let rest = (0..to * to).flat_map(token);
+    class.iter().copied().chain(rest).collect()
+}
+
 /// The depth network of a checkpoint; what makes Gaussians of it is untrained. Both layers begin as the
 /// checkpoint's first (paper, section on the depth decoder): a training of depth alone has no loss of the second.
 pub(crate) struct TrainedDepth {
-    depth: CheckpointSource,
+    depth: Pretrained,
     rest: Untrained,
 }
 
@@ -157,8 +212,9 @@ impl TrainedDepth {
     /// [`ModelError::Checkpoint`], [`ModelError::Incomplete`] for another depth network.
     pub(crate) fn open(file: &Path, config: &ModelConfig, seed: u64) -> Result<Self, ModelError> {
         let depth = CheckpointSource::open(file)?;
-        depth.check_part(config, DEPTH)?;
+        depth.check_part(&sizes_there(&depth, config), DEPTH)?;
         let rest = Untrained::new(config, seed);
+        let depth = Pretrained(depth);
         Ok(Self { depth, rest })
     }
 }

@@ -14,7 +14,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use sharp::model::inventory::CheckpointSource;
 use sharp::model::params::WeightSource;
 use sharp::model::predictor::{Planes, planes_of};
 use sharp::model::training::{TrainableNetwork, TrainingInput};
@@ -25,7 +24,7 @@ use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
 use crate::config::{StageConfig, TrainingConfig, TrainingData};
 use crate::data::{DataError, FolderPhotographs, Prefetcher};
 use crate::examples::AnySource;
-use crate::initial::{TrainedDepth, Untrained};
+use crate::initial::{Pretrained, TrainedDepth, Untrained};
 use crate::log::{LogError, StepRecord, TrainingLog};
 use crate::losses::TERMS;
 use crate::losses::perceptual::PerceptualError;
@@ -149,11 +148,7 @@ impl Trainer {
             None => {
                 let (sizes, seed) = (&config.network, config.stage1.seed);
                 let source: Box<dyn WeightSource> = match (&config.initial, &config.initial_depth) {
-                    (Some(file), _) => {
-                        let source = CheckpointSource::open(file)?;
-                        source.check(sizes, &[])?;
-                        Box::new(source)
-                    }
+                    (Some(file), _) => Box::new(Pretrained::open(file, sizes)?),
                     (None, Some(file)) => Box::new(TrainedDepth::open(file, sizes, seed)?),
                     (None, None) => Box::new(Untrained::new(sizes, seed)),
                 };

@@ -271,6 +271,58 @@ fn a_trained_depth_network_goes_with_gaussians_of_any_stride() {
 }
 
 #[test]
+fn a_network_goes_on_with_larger_pictures() {
+    let small = Training::new(&config([1, 0], 96));
+    let file = small.path("small.safetensors");
+    small.trainer.export(&file, Precision::F32).unwrap();
+    let mut large = config([1, 0], 96);
+    large.network.vit.img_size *= 2;
+    large.network.internal_resolution *= 2;
+    large.stage1.seed += 1;
+    let channels = large.network.vit.embed_dim;
+    let tokens = large.network.vit.tokens_per_side();
+    large.initial = Some(file.clone());
+    let whole = Training::new(&large);
+    (large.initial, large.initial_depth) = (None, Some(file));
+    let depth = Training::new(&large);
+    let mut resampled = 0;
+    for (small, large) in small
+        .trainer
+        .state
+        .weights
+        .iter()
+        .zip(&whole.trainer.state.weights)
+    {
+        if !large.name.ends_with("pos_embed") {
+            assert_eq!(small.values, large.values, "{}", large.name);
+            continue;
+        }
+        resampled += 1;
+        assert_eq!(large.values.len(), (tokens * tokens + 1) * channels);
+        // The class token and the corners are where they were.
+        let row = |values: &[f32], at: usize| values[at * channels..][..channels].to_vec();
+        let (n, last) = (tokens / 2, tokens * tokens);
+        for (there, here) in [(0, 0), (1, 1), (n, tokens), (n * n, last)] {
+            assert_eq!(row(&small.values, there), row(&large.values, here));
+        }
+        // Between two tokens of the first row: what lies there linearly.
+        let at = (n - 1) as f32 / (tokens - 1) as f32;
+        let [first, second] = [1, 2].map(|token| row(&small.values, token));
+        let found = row(&large.values, 2);
+        for ((first, second), found) in first.iter().zip(second).zip(found) {
+            assert!((first + at * (second - first) - found).abs() < 1e-6);
+        }
+    }
+    assert_eq!(resampled, 2);
+    let depth = depth.trainer.state.weights.iter();
+    for (depth, whole) in depth.zip(&whole.trainer.state.weights) {
+        if depth.name.ends_with("pos_embed") {
+            assert_eq!(depth.values, whole.values);
+        }
+    }
+}
+
+#[test]
 fn photographs_of_the_second_stage_are_looked_for_before_the_first() {
     let mut missing = config([1, 1], 48);
     missing.stage2.data = TrainingData::Photographs("absent".into());
