@@ -170,11 +170,14 @@ impl WeightSource for Pretrained {
 
 const POSITIONS: &str = "monodepth_model.monodepth_predictor.encoder.patch_encoder.pos_embed";
 
-/// The configuration for pictures of the size that a checkpoint was trained on.
+/// The configuration for pictures of the size that a checkpoint was trained on; unchanged where its positions are not
+/// those of a square of tokens with this configuration's channels.
 fn sizes_there(weights: &CheckpointSource, config: &ModelConfig) -> ModelConfig {
     let mut there = config.clone();
-    if let Ok(positions) = weights.values(POSITIONS, &[]) {
-        there.vit.img_size = side(positions.len() / config.vit.embed_dim) * config.vit.patch_size;
+    let values = weights.values(POSITIONS, &[]).unwrap_or_default().len();
+    let side = side(values / config.vit.embed_dim);
+    if side > 0 && (side * side + 1) * config.vit.embed_dim == values {
+        there.vit.img_size = side * config.vit.patch_size;
         there.internal_resolution = 4 * there.vit.img_size;
     }
     there

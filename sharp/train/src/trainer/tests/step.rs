@@ -286,13 +286,8 @@ fn a_network_goes_on_with_larger_pictures() {
     (large.initial, large.initial_depth) = (None, Some(file));
     let depth = Training::new(&large);
     let mut resampled = 0;
-    for (small, large) in small
-        .trainer
-        .state
-        .weights
-        .iter()
-        .zip(&whole.trainer.state.weights)
-    {
+    let [small, whole, depth] = [&small, &whole, &depth].map(|t| &t.trainer.state.weights);
+    for (small, large) in small.iter().zip(whole) {
         if !large.name.ends_with("pos_embed") {
             assert_eq!(small.values, large.values, "{}", large.name);
             continue;
@@ -314,8 +309,7 @@ fn a_network_goes_on_with_larger_pictures() {
         }
     }
     assert_eq!(resampled, 2);
-    let depth = depth.trainer.state.weights.iter();
-    for (depth, whole) in depth.zip(&whole.trainer.state.weights) {
+    for (depth, whole) in depth.iter().zip(whole) {
         if depth.name.ends_with("pos_embed") {
             assert_eq!(depth.values, whole.values);
         }
