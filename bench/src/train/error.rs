@@ -38,10 +38,8 @@ pub enum TrainError {
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },
     /// A dataset that is no check of what was learnt.
-    #[error(
-        "validation dataset '{spec}': networks are trained on its seeds; take seeds below 1000 or from 900000"
-    )]
-    NotHeldOut { spec: String },
+    #[error("validation dataset '{spec}': {reason}")]
+    NotHeldOut { spec: String, reason: String },
     /// A pair without a prediction: means without it could not be compared with the others.
     #[error("pair '{pair}': {reason}")]
     Unpredicted { pair: String, reason: String },

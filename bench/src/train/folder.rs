@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
 use sharp::files::read_text;
 use sharp_train::config::TrainingConfig;
+use toml::Value;
 
 use super::TrainError;
 use crate::evaluate::folder::lock;
@@ -86,7 +86,7 @@ fn difference(before: &str, now: &str) -> String {
     let [before, now] = [before, now].map(|text| {
         let mut values = BTreeMap::new();
         if let Ok(table) = toml::from_str(text) {
-            flatten("", &table, &mut values);
+            flatten("", &Value::Table(table), &mut values);
         }
         values.retain(|key, _| !key.starts_with("intervals."));
         values
@@ -103,7 +103,7 @@ fn difference(before: &str, now: &str) -> String {
 /// Values by their dotted keys.
 fn flatten(prefix: &str, value: &Value, into: &mut BTreeMap<String, String>) {
     match value {
-        Value::Object(table) => {
+        Value::Table(table) => {
             for (key, value) in table {
                 let dot = if prefix.is_empty() { "" } else { "." };
                 flatten(&format!("{prefix}{dot}{key}"), value, into);
@@ -148,6 +148,9 @@ mod tests {
             error.contains("`stage1.steps` is 20 there and 30 here"),
             "{error}"
         );
+        let clipped = PLAIN.replace("schedule", "clip_norm = inf\nschedule");
+        let error = open(dir.path(), &clipped).unwrap_err();
+        assert!(error.contains("is not given there and inf here"), "{error}");
         let error = open(dir.path(), &format!("initial = \"a.pt\"\n{PLAIN}")).unwrap_err();
         assert!(error.contains("`initial` is not given there"), "{error}");
     }

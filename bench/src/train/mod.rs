@@ -41,7 +41,7 @@ pub struct TrainRequest<'a> {
     /// Where everything goes, and from where a training that was stopped goes on.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
-    /// Where the weights are also written in half precision, however the training ends.
+    /// Where the weights are also written in half precision, as they stand when the training is complete or stopped.
     pub export_f16: Option<&'a Path>,
 }
 
@@ -69,7 +69,8 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let (text, config) = configured(request.config, request.set)?;
     let folder = TrainingFolder::open(request.folder, &text, &config)?;
     let validates = config.intervals.validation > 0;
-    let validation = validates.then(|| Validation::new(request.validation, &folder, observer));
+    let validation =
+        validates.then(|| Validation::new(request.validation, &config, &folder, observer));
     let validation = validation.transpose()?;
     let mut trainer = Trainer::open(config, folder.root())?;
     let mut watcher = Watching {
@@ -85,10 +86,11 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let validated = watcher.validated;
     // A training that failed has a page too.
     let page = page::write(&folder, observer);
-    let (ended, page) = (ended?, page?);
+    let ended = ended?;
     if let Some(path) = request.export_f16 {
         trainer.export(path, Precision::F16)?;
     }
+    let page = page?;
     let weights = folder.root().join("weights.safetensors");
     Ok(Trained {
         ended,

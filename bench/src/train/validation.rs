@@ -1,10 +1,13 @@
 //! Weights measured on pairs that no training sees, as any run measures a method.
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use sharp::files::read_text;
 use sharp::model::{ModelConfig, NetworkSpec};
 use sharp_datasets::DatasetSpec;
+use sharp_train::config::{TrainingConfig, TrainingData};
 use sharp_train::data::shares_training_seeds;
 
 use super::{TrainError, TrainingFolder};
@@ -55,19 +58,26 @@ impl Validation {
     /// Chooses the pairs, by the paper's rules, and writes them into the training's folder.
     ///
     /// # Errors
-    /// [`TrainError::NotHeldOut`]; [`TrainError::OtherFolder`] for pairs other than those that this training was
-    /// validated on before; [`TrainError::Pairs`].
+    /// [`TrainError::NotHeldOut`] for what the training learns from; [`TrainError::OtherFolder`] for pairs other than
+    /// those that it was validated on before; [`TrainError::Pairs`].
     pub(super) fn new(
         request: ValidationRequest,
+        config: &TrainingConfig,
         folder: &TrainingFolder,
         observer: &dyn Observer,
     ) -> Result<Self, TrainError> {
         for text in &request.datasets {
             if shares_training_seeds(&DatasetSpec::parse(text)?)? {
-                return Err(TrainError::NotHeldOut { spec: text.clone() });
+                return Err(TrainError::NotHeldOut {
+                    spec: text.clone(),
+                    reason:
+                        "networks are trained on its seeds; take seeds below 1000 or from 900000"
+                            .to_owned(),
+                });
             }
         }
         let datasets = OpenDataset::open_all(&request.datasets, None)?;
+        held_out(&datasets, config)?;
         let built = PairRecipe::default().build(&datasets, None, observer)?;
         let all = built.list("");
         let scenes = scenes_of(&datasets);
@@ -79,7 +89,9 @@ impl Validation {
         }
         let path = folder.root().join("validation-pairs.csv");
         let list = PairList::new(&path, chosen.iter().map(|pair| pair.pair.clone()).collect());
-        if path.exists() && PairList::read(&path)?.sha256 != list.sha256 {
+        // Before the first measurement there is no curve to mix.
+        let curve = read_text(&folder.root().join("validation.csv")).unwrap_or_default();
+        if curve.lines().count() > 1 && PairList::read(&path)?.sha256 != list.sha256 {
             return Err(TrainError::OtherFolder {
                 folder: folder.root().to_owned(),
                 reason: "its training was validated on other pairs (validation-pairs.csv), and curves would mix them; \
@@ -131,6 +143,50 @@ impl Validation {
         )?;
         means(&finished.results)
     }
+}
+
+/// That no stage learns from what is in front of the cameras of `datasets`.
+fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
+    let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
+        spec: dataset.spec.clone(),
+        reason: format!("this training learns from {what}; name what it does not see"),
+    };
+    let root = |dataset: &OpenDataset| dataset.root.as_ref()?.canonicalize().ok();
+    if let (1.., TrainingData::Datasets(specs)) = (config.stage1.steps, &config.stage1.data) {
+        let mut seen = HashSet::new();
+        for spec in specs {
+            let dataset = OpenDataset::open_recorded(spec, &[], None)?;
+            let root = root(&dataset);
+            seen.extend(
+                dataset
+                    .scenes
+                    .into_iter()
+                    .map(|s| (root.clone(), s.cluster)),
+            );
+        }
+        for dataset in datasets.iter().filter(|dataset| dataset.root.is_some()) {
+            let root = root(dataset);
+            let mut clusters = dataset.scenes.iter().map(|scene| &scene.cluster);
+            if let Some(scene) = clusters.find(|c| seen.contains(&(root.clone(), (*c).clone()))) {
+                return Err(refused(dataset, format!("its scene '{scene}'")));
+            }
+        }
+    }
+    if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
+        && let Ok(folder) = folder.canonicalize()
+    {
+        let holds = |root: PathBuf| root.starts_with(&folder) || folder.starts_with(&root);
+        if let Some(dataset) = datasets
+            .iter()
+            .find(|dataset| root(dataset).is_some_and(holds))
+        {
+            return Err(refused(
+                dataset,
+                format!("the photographs of {}", folder.display()),
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn means(results: &Results) -> Result<Vec<(String, f64)>, TrainError> {

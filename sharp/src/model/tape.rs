@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use rayon::prelude::*;
 use sharp_kernels::Workspace;
@@ -25,10 +25,10 @@ pub(super) struct Tape {
     nodes: Mutex<Vec<Option<Backward>>>,
 }
 
-/// A place on a tape.
+/// A place on a tape, which nodes do not keep: their own tape holds them.
 #[derive(Clone)]
 pub(super) struct Node {
-    tape: Arc<Tape>,
+    tape: Weak<Tape>,
     pub(super) index: usize,
 }
 
@@ -81,7 +81,7 @@ impl Tape {
         let mut nodes = self.nodes.lock().unwrap_or_else(PoisonError::into_inner);
         nodes.push(backward);
         Node {
-            tape: Arc::clone(self),
+            tape: Arc::downgrade(self),
             index: nodes.len() - 1,
         }
     }
@@ -111,15 +111,18 @@ impl Tape {
 impl Node {
     /// Whether disparity that has become zero lets gradients pass that would raise it.
     pub(super) fn zeros_return(&self) -> bool {
-        self.tape.zeros_return
+        self.tape.upgrade().is_some_and(|tape| tape.zeros_return)
     }
 
-    /// As [`Tape::record`], on this node's tape.
+    /// As [`Tape::record`], on this node's tape while there is one.
     pub(super) fn record(
         &self,
         backward: impl FnOnce(Vec<f32>, &mut Gradients) -> Result<(), ModelError> + Send + 'static,
     ) -> Self {
-        self.tape.record(backward)
+        match self.tape.upgrade() {
+            Some(tape) => tape.record(backward),
+            None => self.clone(),
+        }
     }
 }
 

@@ -51,8 +51,6 @@ pub struct TrainingPass {
     pub gaussians: Gaussians,
     /// What the deltas refined.
     pub base: BaseGaussians,
-    /// The aligned depth over its nearest.
-    pub normalized: NormalizedDepth,
     /// Aligned depth layers `[2, R, R]`, metres.
     pub depth: Vec<f32>,
     /// The alignment's factors `[R, R]`.
@@ -61,6 +59,8 @@ pub struct TrainingPass {
     pub deltas: Vec<f32>,
     /// Depth layers before alignment `[2, R, R]`, metres.
     predicted: Vec<f32>,
+    /// The aligned depth over its nearest.
+    normalized: NormalizedDepth,
     disparity: Vec<f32>,
     disparity_factor: f32,
     zeros_return: bool,
@@ -112,10 +112,6 @@ impl TrainableNetwork {
             network,
             parameters: list.into_inner(),
         })
-    }
-
-    pub fn config(&self) -> &ModelConfig {
-        &self.config
     }
 
     /// Every parameter of the network, in the order of its modules.

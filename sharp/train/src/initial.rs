@@ -267,7 +267,7 @@ mod tests {
         let engine = Engine::cpu(Algorithm::Winograd);
         let predictor = Predictor::from_source(&config, source, engine).unwrap();
         let mut random = SplitMix64::new(1);
-        // Blocks of 16 pixels, as coarse as what a picture shows.
+        // Blocks as coarse as what a picture shows.
         let blocks: Vec<f32> = (0..3 * 24 * 24)
             .map(|_| unit(random.next_u64()) as f32)
             .collect();

@@ -38,6 +38,7 @@ pub struct StepRecord {
 /// The files of a training that is under way.
 #[derive(Debug)]
 pub struct TrainingLog {
+    after: Position,
     log: Rows,
     timing: Rows,
     validation: Rows,
@@ -56,6 +57,7 @@ impl TrainingLog {
             TERMS.join(",")
         );
         Ok(Self {
+            after,
             log: Rows::open(folder.join("log.csv"), &header, after)?.reaching(after)?,
             timing: Rows::open(folder.join("timing.csv"), "stage,step,seconds\n", after)?
                 .reaching(after)?,
@@ -65,6 +67,11 @@ impl TrainingLog {
                 after,
             )?,
         })
+    }
+
+    /// Whether the weights that it was opened after were measured.
+    pub fn is_validated(&self) -> bool {
+        self.after == self.validation.last
     }
 
     /// Adds what was measured of the weights at `position`, on disk when this returns.

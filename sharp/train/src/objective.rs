@@ -4,6 +4,7 @@
 //! Pixel gradients of a view are gathered and taken through the renderer at once, so that nothing of a
 //! view is kept when the next is rendered (the paper's graph surgery, carried to all losses).
 
+use glam::DVec3;
 use image::RgbImage;
 use sharp::camera::{RigidTransform, target_camera_from_source_ndc};
 use sharp::color::srgb_from_linear;
@@ -278,11 +279,22 @@ impl Objective {
                 SplatView::Input => input,
                 SplatView::Novel => novel,
             };
-            let variances = covariances(&pass.gaussians, view)?;
+            // A novel camera may have passed some.
+            let means = &pass.gaussians.means;
+            let depth = |k: usize| {
+                let mean = DVec3::from_array(means[k].map(f64::from));
+                view.camera_from_scene.transform_point3(mean).z
+            };
+            let near = f64::from(view.near);
+            let seen: Vec<usize> = (0..means.len()).filter(|k| depth(*k) >= near).collect();
+            let all = covariances(&pass.gaussians, view)?;
+            let variances: Vec<[f64; 3]> = seen.iter().map(|k| all[*k]).collect();
             let loss = losses::splat(&variances, view.intrinsics.width, options);
             sum.add(7, loss.value, weights.splat);
-            let scaled = |g: &[f64; 3]| g.map(|g| weights.splat * g);
-            let scaled: Vec<[f64; 3]> = loss.gradient.iter().map(scaled).collect();
+            let mut scaled = vec![[0.0; 3]; all.len()];
+            for (k, g) in seen.iter().zip(&loss.gradient) {
+                scaled[*k] = g.map(|g| weights.splat * g);
+            }
             let out: &mut [GaussianGradient] = &mut sum.gradient.gaussians;
             backward_covariances(&pass.gaussians, view, &scaled, out)?;
         }

@@ -4,8 +4,8 @@
 //! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph,
 //! which are rendered from a camera nearby; that rendering is then the input, and the photograph, whose
 //! pixels are real, what the novel view is held against. What the paper leaves open is decided so:
-//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the distance that they
-//! look at, which is the median depth; pixels of the rendering with an alpha below 0.99 count in no
+//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the median depth; they look at
+//! a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of the rendering with an alpha below 0.99 count in no
 //! loss; its expected depth is the depth of the input, the teacher's first layer that of the photograph.
 
 use std::path::Path;
@@ -27,6 +27,8 @@ use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 const RADIUS_M: f64 = 0.6;
 /// The same as a part of the distance that they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
+/// Farthest that the point they look at lies aside, to either side and up or down, as a part of its distance.
+const PART_ASIDE: f64 = 0.1;
 /// Least alpha of a pixel that counts.
 const COVERED: f32 = 0.99;
 
@@ -85,7 +87,8 @@ impl Source<MaskedSample> for SelfSupervisedSamples {
         let distance = f64::from(sorted[sorted.len() / 2]);
         let mut random = draws(self.seed ^ SPREAD, k);
         let eye = eye(&mut random, distance);
-        let camera_from_world = looking(eye, DVec3::new(0.0, 0.0, distance));
+        let mut aside = || distance * random.between(-PART_ASIDE, PART_ASIDE);
+        let camera_from_world = looking(eye, DVec3::new(aside(), aside(), distance));
         let placed = target_camera_from_source_ndc(&intrinsics, &camera_from_world);
         let view = RenderView::new(placed, intrinsics);
         let rendered = CpuRenderer::new().render(&output.gaussians, &view);

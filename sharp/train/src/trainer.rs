@@ -8,6 +8,9 @@
 //! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage, at the last validation, after the last step |
 //! | `stopped-…/` | the example whose loss or gradient was not finite |
 
+mod error;
+mod sum;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,57 +23,21 @@ use sharp::model::training::{TrainableNetwork, TrainingInput};
 use sharp::model::{ModelConfig, ModelError};
 use sharp::random::mix;
 
+pub use error::TrainingError;
+use sum::StepSum;
+
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
 use crate::config::{StageConfig, TrainingConfig, TrainingData};
-use crate::data::{DataError, FolderPhotographs, Prefetcher};
+use crate::data::{FolderPhotographs, Prefetcher};
 use crate::examples::AnySource;
 use crate::initial::{Pretrained, TrainedDepth, Untrained};
-use crate::log::{LogError, StepRecord, TrainingLog};
+use crate::log::{StepRecord, TrainingLog};
 use crate::losses::TERMS;
-use crate::losses::perceptual::PerceptualError;
-use crate::objective::{Example, Objective, ObjectiveError, known_depth};
-use crate::optimizer::{OptimizerError, ParameterState, clip_norm};
+use crate::objective::{Example, Objective, known_depth};
+use crate::optimizer::{ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::self_supervision::MaskedSample;
 use crate::stopped;
-
-/// Why a training cannot go on.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainingError {
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    #[error(transparent)]
-    State(#[from] StateError),
-    #[error(transparent)]
-    Log(#[from] LogError),
-    #[error(transparent)]
-    Data(#[from] DataError),
-    #[error(transparent)]
-    Perceptual(#[from] PerceptualError),
-    #[error(transparent)]
-    Objective(#[from] ObjectiveError),
-    #[error(transparent)]
-    Optimizer(#[from] OptimizerError),
-    #[error("{}: {source}", path.display())]
-    Io {
-        path: PathBuf,
-        source: std::io::Error,
-    },
-    /// Predicted depth that is NaN or infinite, or a loss or a gradient.
-    #[error(
-        "{position}: {what} of an example is not finite; its views are in {}. Look at them, or begin anew with a \
-         smaller learning rate",
-        folder.display()
-    )]
-    NotFinite {
-        position: Position,
-        what: &'static str,
-        folder: PathBuf,
-    },
-    /// The caller's validation failed.
-    #[error("validation after {position}: {reason}")]
-    Validation { position: Position, reason: String },
-}
 
 /// What a caller observes and controls.
 pub trait Watcher {
@@ -152,7 +119,12 @@ impl Trainer {
                     (None, Some(file)) => Box::new(TrainedDepth::open(file, sizes, seed)?),
                     (None, None) => Box::new(Untrained::new(sizes, seed)),
                 };
-                TrainingState::new(network.parameters(), &config.trained, source.as_ref())?
+                let state =
+                    TrainingState::new(network.parameters(), &config.trained, source.as_ref())?;
+                if let Some(file) = config.initial.as_ref().or(config.initial_depth.as_ref()) {
+                    state.check(file)?;
+                }
+                state
             }
         };
         Ok(Self {
@@ -219,6 +191,12 @@ impl Trainer {
         let settings = self.config.stage(stage).clone();
         let intervals = self.config.intervals.clone();
         let batch = settings.batch as u64;
+        let is_due = |interval, step: u64| step == settings.steps || step.is_multiple_of(interval);
+        let validates = |step| intervals.validation > 0 && is_due(intervals.validation, step);
+        // One that failed or was killed is made up for.
+        if first > 0 && validates(first) && !log.is_validated() {
+            self.validate(log, watcher)?;
+        }
         if first < settings.steps {
             let source = AnySource::open(&self.config, stage, &self.teacher())?;
             let mut samples = Prefetcher::start(source, first * batch, SAMPLES_AHEAD)?;
@@ -228,15 +206,17 @@ impl Trainer {
                     return Ok(Ended::Stopped(self.position()));
                 }
                 let position = Position { stage, step };
-                self.step(position, &settings, &mut samples, log, watcher)?;
-                let last = step == settings.steps;
-                let due = |interval| last || step.is_multiple_of(interval);
-                // Before the checkpoint, so that a resumption from it finds what was measured.
-                if intervals.validation > 0 && due(intervals.validation) {
-                    self.validate(log, watcher)?;
-                }
-                if due(intervals.checkpoint) {
+                let stepped = self.step(position, &settings, &mut samples, log, watcher);
+                // A picture that cannot be read costs no step.
+                if matches!(stepped, Err(TrainingError::Data(_))) {
                     self.checkpoint()?;
+                }
+                stepped?;
+                if validates(step) || is_due(intervals.checkpoint, step) {
+                    self.checkpoint()?;
+                }
+                if validates(step) {
+                    self.validate(log, watcher)?;
                 }
             }
         }
@@ -315,12 +295,12 @@ impl Trainer {
         let Position { stage, step } = position;
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
-        stopped::save(&folder, sample, terms).map_err(|e| fault(&folder, e))?;
         match self.checkpoint() {
             // Nothing could go on from such a state.
             Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
             Err(error) => return Err(error),
         }
+        stopped::save(&folder, sample, terms).map_err(|e| fault(&folder, e))?;
         Ok(TrainingError::NotFinite {
             position,
             what,
@@ -425,51 +405,6 @@ const SAMPLES_AHEAD: usize = 3;
 /// Examples of a batch that are computed side by side. Much of a pass has too little work for several
 /// threads, and two of them fill what one leaves idle; more would only take memory.
 const EXAMPLES_AT_ONCE: usize = 2;
-
-/// Of an example, or the sum over a step's.
-#[derive(Default)]
-struct StepSum {
-    terms: [f64; TERMS.len()],
-    total: f64,
-    /// One for each parameter that learns.
-    gradients: Vec<Vec<f32>>,
-}
-
-impl StepSum {
-    fn add(&mut self, example: Self) {
-        self.total += example.total;
-        for (sum, term) in self.terms.iter_mut().zip(example.terms) {
-            *sum += term;
-        }
-        if self.gradients.is_empty() {
-            self.gradients = example.gradients;
-            return;
-        }
-        let gradients = self.gradients.iter_mut().flatten();
-        let added = example.gradients.iter().flatten();
-        gradients.zip(added).for_each(|(sum, g)| *sum += g);
-    }
-
-    /// What is not finite, in words.
-    fn not_finite(&self) -> Option<&'static str> {
-        if !self.total.is_finite() {
-            return Some("the loss");
-        }
-        let mut gradients = self.gradients.iter().flatten();
-        let is_finite = gradients.all(|g| g.is_finite());
-        (!is_finite).then_some("the gradient")
-    }
-
-    fn divide_by(&mut self, batch: usize) {
-        let share = 1.0 / batch as f64;
-        self.total *= share;
-        self.terms.iter_mut().for_each(|term| *term *= share);
-        if batch > 1 {
-            let all = self.gradients.iter_mut().flatten();
-            all.for_each(|g| *g *= share as f32);
-        }
-    }
-}
 
 fn fault(path: &Path, source: std::io::Error) -> TrainingError {
     TrainingError::Io {

@@ -107,6 +107,15 @@ impl TrainingState {
         })
     }
 
+    /// That all weights, which `path` holds, are finite.
+    ///
+    /// # Errors
+    /// [`StateError::Value`].
+    pub(crate) fn check(&self, path: &Path) -> Result<(), StateError> {
+        let mut weights = self.weights.iter();
+        weights.try_for_each(|weights| check_values(path, VALUES, &weights.name, &weights.values))
+    }
+
     /// Goes to the start of a stage. The optimiser starts anew, too: its moments become zero.
     pub fn begin(&mut self, stage: Stage) {
         self.position = Position { stage, step: 0 };

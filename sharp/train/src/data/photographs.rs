@@ -31,7 +31,7 @@ impl FolderPhotographs {
     pub fn open(folder: &Path, seed: u64, size: (u32, u32)) -> Result<Self, DataError> {
         let named = |path: &PathBuf| {
             let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-            ENDINGS.iter().any(|known| ending == *known)
+            path.is_file() && ENDINGS.iter().any(|known| ending == *known)
         };
         let listed = files::list(folder)?.into_iter().map(|(_, path)| path);
         let files: Vec<PathBuf> = listed.filter(named).collect();

@@ -114,7 +114,7 @@ pub struct LossOptions {
     pub depth_units: InverseDepthUnits,
     /// What the mask of the novel view ([`sharp::frustum_mask`]) does with sky.
     pub mask_sky: MaskSky,
-    /// What losses of masked pictures are divided by.
+    /// What `color` and `alpha` of masked pictures are divided by.
     pub mask_normalization: MaskNormalization,
     /// Of `grad`: whether only the opacity gets a gradient, not the depth.
     pub grad_stops_at_depth: bool,

@@ -201,6 +201,43 @@ fn the_total_changes_as_its_gradient_says() {
     }
 }
 
+#[test]
+fn what_a_novel_camera_has_passed_has_no_size() {
+    let (pass, sample, _) = pass();
+    let mut options = options();
+    options.splat_view = SplatView::Novel;
+    let objective = Objective::new(only(7), options).unwrap();
+    let cost = |ahead: f64| {
+        let mut target = sample.target.clone();
+        let mut moved = sample.source.camera_from_world;
+        moved.translation.z -= ahead;
+        target.camera_from_world = moved;
+        let example = Example {
+            source: &sample.source,
+            target: &target,
+            source_mask: None,
+            seed: 1,
+        };
+        objective.cost(&pass, &example).unwrap()
+    };
+    let mut depths: Vec<f32> = pass.gaussians.means.iter().map(|mean| mean[2]).collect();
+    depths.sort_unstable_by(f32::total_cmp);
+    let middle = f64::from(depths[depths.len() / 2]);
+    let cost_there = cost(middle);
+    for (mean, gradient) in pass
+        .gaussians
+        .means
+        .iter()
+        .zip(&cost_there.gradient.gaussians)
+    {
+        let is_behind = f64::from(mean[2]) < middle;
+        assert!(!is_behind || gradient.scales == [0.0; 3]);
+    }
+    // Behind all of them is nothing to see.
+    let beyond = cost(2.0 * f64::from(depths[depths.len() - 1]));
+    assert_eq!((beyond.terms[7], cost_there.terms[7] > 0.0), (0.0, true));
+}
+
 /// The novel camera is where the data has it: true depth explains its picture.
 #[test]
 fn true_depth_costs_less_at_the_true_camera() {

@@ -6,7 +6,7 @@ use sharp_metrics::picture::Picture;
 use sharp_metrics::psnr;
 
 use super::*;
-use crate::data::{ProceduralSamples, Sample, Source};
+use crate::data::{DataError, ProceduralSamples, Sample, Source};
 
 /// One sample again and again.
 struct Same(Sample);

@@ -10,6 +10,8 @@ enum Interruption {
     Stop(Position),
     /// As by a power cut: the step is in the log, and in no checkpoint.
     Kill(Position),
+    /// By a validation that fails.
+    Unmeasured(Position),
 }
 
 struct Interrupter {
@@ -31,6 +33,9 @@ impl Watcher for Interrupter {
         _: &ModelConfig,
         position: Position,
     ) -> Result<Vec<(String, f64)>, String> {
+        if self.at == Some(Interruption::Unmeasured(position)) {
+            return Err("a pair could not be read".to_owned());
+        }
         let bytes = fs::read(weights).map_err(|error| error.to_string())?;
         Ok(vec![
             ("bytes".to_owned(), bytes.len() as f64),
@@ -57,11 +62,19 @@ fn files(threads: usize, interruptions: &[Interruption]) -> BTreeMap<String, Vec
             let mut trainer = Trainer::open(config.clone(), folder.path()).unwrap();
             let seen = trainer.position();
             let mut watcher = Interrupter { at, seen };
-            let run = || trainer.run(&mut watcher).unwrap();
+            let run = || trainer.run(&mut watcher);
             match (at, catch_unwind(AssertUnwindSafe(run))) {
-                (None, Ok(Ended::Complete))
+                (None, Ok(Ok(Ended::Complete)))
                 | (Some(Interruption::Kill(_)), Err(_))
-                | (Some(Interruption::Stop(_)), Ok(Ended::Stopped(_))) => {}
+                | (Some(Interruption::Stop(_)), Ok(Ok(Ended::Stopped(_)))) => {}
+                (
+                    Some(Interruption::Unmeasured(position)),
+                    Ok(Err(TrainingError::Validation { .. })),
+                ) => {
+                    // It costs no step.
+                    let taken_up = Trainer::open(config.clone(), folder.path()).unwrap();
+                    assert_eq!(taken_up.position(), position);
+                }
                 _ => panic!("not interrupted as asked"),
             }
         }
@@ -102,9 +115,11 @@ fn neither_interruptions_nor_threads_change_a_byte() {
             Interruption::Kill(at(Stage::Supervised, 1)),
             Interruption::Kill(at(Stage::Supervised, 3)),
             Interruption::Stop(at(Stage::Supervised, 3)),
+            Interruption::Unmeasured(at(Stage::Supervised, 4)),
             Interruption::Kill(at(Stage::SelfSupervised, 1)),
             Interruption::Stop(at(Stage::Supervised, 4)),
             Interruption::Stop(at(Stage::SelfSupervised, 2)),
+            Interruption::Unmeasured(at(Stage::SelfSupervised, 3)),
         ],
     );
     for (name, bytes) in &whole {

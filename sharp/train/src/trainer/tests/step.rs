@@ -317,6 +317,49 @@ fn a_network_goes_on_with_larger_pictures() {
 }
 
 #[test]
+fn weights_to_begin_with_are_finite() {
+    let training = Training::new(&config([1, 0], 48));
+    let file = training.path("w.safetensors");
+    training.trainer.export(&file, Precision::F32).unwrap();
+    let mut bytes = std::fs::read(&file).unwrap();
+    // The first value of the first tensor.
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+    bytes[8 + header..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(&file, bytes).unwrap();
+    let mut begun = config([1, 0], 48);
+    begun.initial = Some(file);
+    let opened = Trainer::open(begun, tempfile::tempdir().unwrap().path());
+    let error = opened.err().unwrap().to_string();
+    assert!(
+        error.contains("w.safetensors") && error.contains("NaN"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_photograph_that_cannot_be_read_costs_no_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = config([0, 50], 48);
+    config.intervals.checkpoint = 1000;
+    config.stage2.data = TrainingData::Photographs(folder.path().to_owned());
+    for name in ["a.png", "b.png", "c.png", "d.png"] {
+        let picture = image::RgbImage::from_fn(48, 48, |x, y| {
+            image::Rgb([x as u8 * 5, y as u8 * 5, name.as_bytes()[0]])
+        });
+        picture.save(folder.path().join(name)).unwrap();
+    }
+    std::fs::write(folder.path().join("b.png"), "no picture").unwrap();
+    std::fs::create_dir(folder.path().join("folder.png")).unwrap();
+    let mut training = Training::new(&config);
+    let error = training.trainer.run(&mut Silent).unwrap_err();
+    assert!(error.to_string().contains("b.png"), "{error}");
+    let made = training.trainer.position();
+    assert!(made.step > 0, "the first photograph is the broken one");
+    let taken_up = Trainer::open(config, training.folder.path()).unwrap();
+    assert_eq!(taken_up.position(), made);
+}
+
+#[test]
 fn photographs_of_the_second_stage_are_looked_for_before_the_first() {
     let mut missing = config([1, 1], 48);
     missing.stage2.data = TrainingData::Photographs("absent".into());
