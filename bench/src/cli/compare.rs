@@ -28,16 +28,16 @@ Examples:
   sharp-bench compare runs/all --method depth-splat=sharp
   sharp-bench compare runs/v1 runs/v2 --anatomy --out v1-v2")]
 pub(super) struct CompareArgs {
-    /// Run folder A: what was before
+    /// Run folder A, what was before
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// Run folder B: what is now; A itself if left out
+    /// Run folder B, what is now; A itself if left out
     #[arg(value_name = "B")]
     b: Option<PathBuf>,
     /// A method of A against one of B; without it, those of equal label, or the only ones
     #[arg(long = "method", value_name = "OLD=NEW")]
     methods: Vec<MethodPair>,
-    /// Up to where a difference matters to nobody, by metric; psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001 if not given
+    /// Largest difference that counts as negligible, by metric; psnr=0.05,ssim=0.001,lpips=0.001,dists=0.001 if not given
     #[arg(long, value_name = "METRIC=VALUE", value_delimiter = ',')]
     practical: Vec<Threshold>,
     /// Show means by scene, baseline, rotation, overlap and relative motion too

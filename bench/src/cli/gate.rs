@@ -27,17 +27,17 @@ Limits:
   lpips > +0.005             on each dataset, and over all
   psnr < -0.1 on eth3d       on one dataset; `on all` is the mean of the datasets
   psnr < -1 per scene        on the mean of each scene, significant or not
-  |lpips| > 0.005            for the better, too
+  |lpips| > 0.005            in either direction
   seconds_per_pair > +10 %   of A, on the same class of device; also peak_memory
 
 Examples:
   sharp-bench gate --baseline main.zip --candidate runs/now --fail-if 'psnr < -0.1' --fail-if 'lpips > +0.005'
   sharp-bench gate --baseline main.zip --candidate runs/now --config gate.toml --junit gate.xml --markdown comment.md")]
 pub(super) struct GateArgs {
-    /// Run A, a folder or a bundle: what must not get worse
+    /// Run A, what must not get worse; a folder or a bundle
     #[arg(long, value_name = "A")]
     baseline: PathBuf,
-    /// Run B, a folder or a bundle: what is judged
+    /// Run B, what is judged; a folder or a bundle
     #[arg(long, value_name = "B")]
     candidate: PathBuf,
     /// Limits as a file: fail_if = ["psnr < -0.1"], missing_pairs = 0, require_power = { psnr = 0.5 }

@@ -48,6 +48,9 @@ const RARE: [&str; 39] = [
     "weights",
 ];
 
+/// How a paragraph begins that a screen shows, too.
+const EXAMPLES: [&str; 2] = ["Example", "Start with"];
+
 /// The command line with both.
 pub(super) fn command() -> Command {
     two_sizes(Cli::command().disable_help_flag(true), "sharp-bench")
@@ -68,10 +71,8 @@ fn two_sizes(command: Command, path: &str) -> Command {
     let examples = command.get_after_help().map(ToString::to_string);
     let examples = examples.map(|text| examples_of(&text)).unwrap_or_default();
     let command = command.mut_args(short).args(both);
-    let command = match command.get_after_help().cloned() {
-        Some(all) => command.after_long_help(all),
-        None => command,
-    };
+    let all = command.get_after_help().map(ToString::to_string);
+    let command = command.after_long_help(unwrapped(&all.unwrap_or_default()));
     let more = format!("{examples}All options: {path} --help-all");
     let command = command.after_help(more);
     command.mut_subcommands(|sub| {
@@ -94,9 +95,21 @@ fn short(arg: Arg) -> Arg {
     arg.help(clause).long_help(full).hide_short_help(is_rare)
 }
 
+/// A text whose paragraphs are one line each, to be wrapped at whatever width there is. Examples stay as they are.
+fn unwrapped(text: &str) -> String {
+    let paragraph = |lines: &str| match lines.contains("\n  ") {
+        true => lines.to_owned(),
+        false => lines.replace('\n', " "),
+    };
+    let paragraphs: Vec<String> = text.split("\n\n").map(paragraph).collect();
+    paragraphs.join("\n\n")
+}
+
 /// The paragraph of examples, with an empty line after it.
 fn examples_of(text: &str) -> String {
-    let lines = text.lines().skip_while(|line| !line.starts_with("Example"));
+    let lines = text
+        .lines()
+        .skip_while(|line| !EXAMPLES.iter().any(|start| line.starts_with(start)));
     let lines: Vec<&str> = lines.take_while(|line| !line.is_empty()).collect();
     match lines.is_empty() {
         true => String::new(),

@@ -7,7 +7,7 @@ use crate::io::machine::peak_bytes;
 #[derive(Debug, clap::Args)]
 pub(super) struct MemoryArgs {
     /// Memory to keep within, such as 512M or 4G: Gaussians wait on disk, and the predictions of a pair are made and scored in
-    /// parts. One picture at a time and the networks' weights are the least; what takes more is said [default: 2G]
+    /// parts. One picture at a time and the networks' weights are the least; exceeding it is reported [default: 2G]
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     memory_limit: Option<u64>,
 }

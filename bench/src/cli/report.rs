@@ -15,8 +15,8 @@ use crate::report::{self, Layout, PublishedNumbers, ReportOptions, assemble};
 /// Write tables, plots and a browsable page from runs
 ///
 /// Several runs become one report: equal units once, other pairs, methods and datasets side by side. NAME=RUN puts the
-/// name before each method of a run, or takes its place where the run has one method. A run that has not ended is
-/// reported as far as it is.
+/// name before each method of a run, or takes its place where the run has one method. An unfinished run is
+/// reported as far as it has got.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -38,7 +38,7 @@ pub(super) struct ReportArgs {
     /// Which of the paper's numbers stand beside ours
     #[arg(long, value_enum, default_value_t = PublishedNumbers::Matching)]
     published: PublishedNumbers,
-    /// What means are means of, whatever the runs' own rule: over pairs, over scenes of means over pairs, or over source
+    /// How means are aggregated, overriding the runs' own rule: over pairs, over scenes of means over pairs, or over source
     /// views of means over targets
     #[arg(long, value_enum, value_name = "OVER")]
     aggregate: Option<Aggregation>,

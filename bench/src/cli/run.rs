@@ -32,7 +32,12 @@ use crate::scoring::ScoringRules;
 /// methods, pairs, metrics and datasets later; nothing that is done is done again.
 #[derive(Debug, Args)]
 // A shard's own options come after those of its plan.
-#[command(after_help = help(), args_override_self = true)]
+#[command(
+    after_help = help(),
+    args_override_self = true,
+    override_usage = "sharp-bench run [OPTIONS] --dataset <SPEC> --method <SPEC> --out <DIR>\n       \
+                      sharp-bench run --plan <DIR> --shard <I/N> [OPTIONS]"
+)]
 pub(super) struct RunArgs {
     #[command(flatten)]
     datasets: DatasetArgs,

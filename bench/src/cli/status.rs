@@ -9,7 +9,7 @@ use super::output::span;
 use super::{Outcome, output};
 use crate::evaluate::{RunProgress, status::unfinished_shards};
 
-/// How far a run is
+/// Show how far a run has got
 ///
 /// Reads the run folder alone, on any machine that sees it, while shards are at work. Exit code 75 while units are missing,
 /// 4 where all are there and some failed.
@@ -22,7 +22,7 @@ pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// Print only which of N shards have units without a result, as schedulers take lists; nothing where none has
+    /// Print only the numbers of the shards, of N, that are not finished, as a list for a scheduler (2,17-19); nothing if all are
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
     /// Print them for arrays with indices up to this: a line an array, its offset and its indices

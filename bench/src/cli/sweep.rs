@@ -43,8 +43,8 @@ pub(super) struct SweepArgs {
     /// What the pairs are told apart by
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
-    /// A width, 0.1; quantile:N for N bins of equally many pairs, up to 1000; or edges, 0,0.1,0.5, beyond which pairs are left
-    /// out. A bin holds its lower edge. Without it at most ten bins of a round width
+    /// How pairs are binned, as a width 0.1, quantile:N or edges 0,0.1,0.5; quantile:N makes N bins of equally many
+    /// pairs, up to 1000; beyond edges pairs are left out. A bin holds its lower edge. Without it at most ten bins of a round width
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
     /// What is shaded around a mean
@@ -56,10 +56,10 @@ pub(super) struct SweepArgs {
     /// Metrics of the runs, comma-separated; all without it
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     metrics: Vec<MetricKey>,
-    /// From where on each method's mean is worse than a value; repeatable
+    /// Report the motion beyond which each method's mean is worse than a value; repeatable
     #[arg(long = "threshold", value_name = "METRIC=VALUE")]
     thresholds: Vec<Threshold>,
-    /// From where on each method is worse than this one, over the pairs that both have
+    /// Report the motion beyond which each method is worse than this one, over the pairs that both have
     #[arg(long, value_name = "METHOD")]
     against: Option<String>,
     /// Sizes and colours of the figures, a TOML file: width_mm, font_pt, dpi, panel_aspect, caption, colours

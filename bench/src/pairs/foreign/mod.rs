@@ -34,7 +34,7 @@ pub enum ListForm {
     Index,
     /// Flash3D: `key source +5 +10 random` a line, positions
     Flash3d,
-    /// MINE: a JSON object a line, frames by their time stamps
+    /// MINE: a JSON object a line, frames by their time stamps; read only
     Mine,
     /// UniSHARP: `scene|source|target,…` a line, with one or two fields more in some datasets
     Unisharp,
