@@ -9,7 +9,7 @@ root=$here/../..
 bench=${SHARP_BENCH:-$root/target/release/sharp-bench}
 out=$1 depth=$(realpath "$2") steps=${3:-250}
 mkdir -p "$out"
-cp "$root/sharp/mini/mini.json" "$out/stride2.json"
+cp "$root/sharp/mini/mini-384.json" "$out/stride2.json"
 for stride in 4 8; do
     sed "s/\"internal_resolution\"/\"gaussian_stride\": $stride,\n  &/" "$out/stride2.json" >"$out/stride$stride.json"
 done
@@ -24,7 +24,7 @@ variant() {
         keys+=(--set "$key")
     done
     if [ ! -e "$out/$name/weights.safetensors" ]; then
-        "$bench" train -q "$root/sharp/train/configs/mini.toml" --out "$out/$name" "${keys[@]}"
+        "$bench" train -q "$root/sharp/train/configs/mini-384.toml" --out "$out/$name" "${keys[@]}"
     fi
     methods+=(--method "sharp:label=$name,checkpoint=$out/$name/weights.safetensors,config=$out/stride$stride.json")
 }

@@ -4,6 +4,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use sharp::model::inventory::CheckpointSource;
+
 use crate::support::{Said, read, sharp_bench};
 use crate::tiny::{golden, recorded_input};
 
@@ -166,18 +168,39 @@ fn what_cannot_be_trained_is_one_clear_error() {
     let mut seen = arguments("t");
     seen[5] = "synthetic=world=varied,seed=999,scenes=2";
     sharp_bench(dir.path(), &seen).is_usage_error_with(&["scenes=2", "below 1000"]);
+
+    let bundled = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../datasets/bundled/middlebury"
+    );
+    let dataset = format!("middlebury={bundled}");
+    let data = format!("stage1.data={{ datasets = [{dataset:?}] }}");
+    seen[5] = &dataset;
+    let learnt = [&seen[..], &["--set", &data]].concat();
+    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "learns from"]);
+    let data = format!("stage2.data={{ photographs = \"{bundled}/Motorcycle-quarter\" }}");
+    let learnt = [&seen[..], &["--set", "stage2.steps=1", "--set", &data]].concat();
+    sharp_bench(dir.path(), &learnt).is_usage_error_with(&["photographs", "learns from"]);
 }
 
 #[test]
 fn the_bundled_network_is_the_one_that_its_trainings_make() {
-    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sharp/train/configs");
-    let load = |name| sharp_train::config::TrainingConfig::load(&configs.join(name)).unwrap();
-    let (depth, whole) = (load("mini-depth.toml"), load("mini.toml"));
-    let bundled = sharp::model::bundled::config().unwrap();
-    assert_eq!((&depth.network, &whole.network), (&bundled, &bundled));
-    let handed_on = whole.initial_depth.unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let load = |name| {
+        let file = root.join("sharp/train/configs").join(name);
+        // The first two name their network from the folder of these sources.
+        let text = std::fs::read_to_string(&file).unwrap();
+        let text = text.replace("sharp/mini/", &format!("{}/sharp/mini/", root.display()));
+        sharp_train::config::TrainingConfig::parse(&text, &file).unwrap()
+    };
+    let [depth, early, whole] = ["mini-384-depth.toml", "mini-384.toml", "mini.toml"].map(load);
+    assert_eq!(whole.network, sharp::model::bundled::config().unwrap());
+    assert_eq!(depth.network, early.network);
+    let handed_on = early.initial_depth.unwrap();
     assert_eq!(handed_on, Path::new("depth/weights.safetensors"));
-    assert!(depth.losses.depth > 0.0 && whole.losses.color > 0.0);
+    assert!(depth.losses.depth > 0.0 && early.losses.color > 0.0);
+    let checkpoint = CheckpointSource::open(&whole.initial.unwrap()).unwrap();
+    checkpoint.check(&early.network, &[]).unwrap();
 }
 
 #[test]
@@ -210,7 +233,7 @@ fn the_bundled_network_predicts_records_and_compares() {
         "--json",
     ];
     let json = sharp_bench(dir.path(), &predict).ends_with(0).json();
-    assert_eq!(json[0]["gaussians"], 2 * 192 * 192);
+    assert_eq!(json[0]["gaussians"], 2 * 256 * 256);
     let both = [&predict[..], &["--config", "x.json"]].concat();
     sharp_bench(dir.path(), &both).is_error_with(&["own configuration", "./mini"]);
     // Without a name it is not used, but named.
