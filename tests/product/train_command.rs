@@ -179,7 +179,18 @@ fn what_cannot_be_trained_is_one_clear_error() {
     let learnt = [&seen[..], &["--set", &data]].concat();
     sharp_bench(dir.path(), &learnt).is_usage_error_with(&["Motorcycle", "learns from"]);
     let data = format!("stage2.data={{ photographs = \"{bundled}/Motorcycle-quarter\" }}");
-    let learnt = [&seen[..], &["--set", "stage2.steps=1", "--set", &data]].concat();
+    let learnt = [
+        &seen[..],
+        &[
+            "--set",
+            "stage2.steps=1",
+            "--set",
+            "stage2.schedule.warmup_steps=0",
+            "--set",
+            &data,
+        ],
+    ]
+    .concat();
     sharp_bench(dir.path(), &learnt).is_usage_error_with(&["photographs", "learns from"]);
 }
 
