@@ -1,6 +1,7 @@
 //! The harness: pairs from datasets, predictions from methods, scores from metrics, and reports.
 //!
-//! Data flows one way; each module uses only those above it, but for `report::methods_text`, which reads `pictures`. The command line calls what is public here and no more.
+//! Data flows one way; each module uses only those above it, but for `report::methods_text`, which reads `pictures`.
+//! The command line calls what is public here and no more.
 //!
 //! * [`io`]: what goes to disk and comes back.
 //! * [`pairs`]: which pairs are evaluated, and the geometry that decides it.

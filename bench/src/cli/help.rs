@@ -48,8 +48,8 @@ const RARE: [&str; 39] = [
     "weights",
 ];
 
-/// How a paragraph begins that a screen shows, too.
-const EXAMPLES: [&str; 2] = ["Example", "Start with"];
+/// First words of the one paragraph below the options that a screen shows, too.
+const ON_A_SCREEN: [&str; 2] = ["Example", "Start with"];
 
 /// The command line with both.
 pub(super) fn command() -> Command {
@@ -105,11 +105,11 @@ fn unwrapped(text: &str) -> String {
     paragraphs.join("\n\n")
 }
 
-/// The paragraph of examples, with an empty line after it.
+/// The paragraph for a screen, with an empty line after it.
 fn examples_of(text: &str) -> String {
     let lines = text
         .lines()
-        .skip_while(|line| !EXAMPLES.iter().any(|start| line.starts_with(start)));
+        .skip_while(|line| !ON_A_SCREEN.iter().any(|start| line.starts_with(start)));
     let lines: Vec<&str> = lines.take_while(|line| !line.is_empty()).collect();
     match lines.is_empty() {
         true => String::new(),
@@ -142,6 +142,13 @@ mod tests {
             );
             let lines = short.lines().count();
             assert!(lines <= SCREEN.0, "{lines} lines:\n{short}");
+            assert!(!all.contains("All options"), "{all}");
+            let is_root = command.get_name() == "sharp-bench";
+            assert_eq!(
+                short.contains("Start with: sharp-bench demo"),
+                is_root,
+                "{short}"
+            );
             for option in command.get_arguments().filter_map(Arg::get_long) {
                 assert!(all.contains(&format!("--{option}")), "{option}:\n{all}");
             }

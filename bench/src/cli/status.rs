@@ -22,7 +22,8 @@ pub(super) struct StatusArgs {
     /// The run folder
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// Print only the numbers of the shards, of N, that are not finished, as a list for a scheduler (2,17-19); nothing if all are
+    /// Print only the numbers of the shards, of N, that are not finished, as a list for a scheduler (2,17-19);
+    /// nothing if all are
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     unfinished_shards: Option<u32>,
     /// Print them for arrays with indices up to this: a line an array, its offset and its indices

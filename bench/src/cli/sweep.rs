@@ -44,7 +44,8 @@ pub(super) struct SweepArgs {
     #[arg(long, value_enum, value_name = "MOTION", default_value = "baseline_m")]
     x: Motion,
     /// How pairs are binned, as a width 0.1, quantile:N or edges 0,0.1,0.5; quantile:N makes N bins of equally many
-    /// pairs, up to 1000; beyond edges pairs are left out. A bin holds its lower edge. Without it at most ten bins of a round width
+    /// pairs, up to 1000; beyond edges pairs are left out. A bin holds its lower edge. Without it at most ten bins of a round
+    /// width
     #[arg(long, value_name = "BINS")]
     bins: Option<Binning>,
     /// What is shaded around a mean

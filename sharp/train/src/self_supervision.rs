@@ -4,9 +4,9 @@
 //! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph,
 //! which are rendered from a camera nearby; that rendering is then the input, and the photograph, whose
 //! pixels are real, what the novel view is held against. What the paper leaves open is decided so:
-//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the median depth; they look at
-//! a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of the rendering with an alpha below 0.99 count in no
-//! loss; its expected depth is the depth of the input, the teacher's first layer that of the photograph.
+//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the median depth; they look
+//! at a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of the
+//! rendering with an alpha below 0.99 count in no loss; its expected depth is the depth of the input, the teacher's first layer that of the photograph.
 
 use std::path::Path;
 

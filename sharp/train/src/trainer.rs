@@ -300,7 +300,11 @@ impl Trainer {
             Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
             Err(error) => return Err(error),
         }
-        stopped::save(&folder, sample, terms).map_err(|e| fault(&folder, e))?;
+        let saved = stopped::save(&folder, sample, terms);
+        saved.map_err(|source| TrainingError::Io {
+            path: folder.clone(),
+            source,
+        })?;
         Ok(TrainingError::NotFinite {
             position,
             what,
@@ -405,13 +409,6 @@ const SAMPLES_AHEAD: usize = 3;
 /// Examples of a batch that are computed side by side. Much of a pass has too little work for several
 /// threads, and two of them fill what one leaves idle; more would only take memory.
 const EXAMPLES_AT_ONCE: usize = 2;
-
-fn fault(path: &Path, source: std::io::Error) -> TrainingError {
-    TrainingError::Io {
-        path: path.to_owned(),
-        source,
-    }
-}
 
 #[cfg(test)]
 mod tests;
