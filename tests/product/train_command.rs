@@ -1,6 +1,6 @@
 //! `train` on the tiny network, and the bundled one wherever a checkpoint is named.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -118,11 +118,8 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
     let again = train(dir.path(), "a").ends_with(0).json();
     assert_eq!(again["weights_sha256"], json["weights_sha256"]);
 
-    // The weights are a checkpoint of that network.
-    let method = format!(
-        "sharp:checkpoint=a/weights.safetensors,config={}",
-        golden("tiny_config.json#tiny")
-    );
+    // The weights are a checkpoint of the network beside them.
+    let method = "sharp:checkpoint=a/weights.safetensors,config=a/network.json";
     let run = [
         "run",
         "--dataset",
@@ -133,7 +130,7 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
         "psnr",
         "--method",
     ];
-    sharp_bench(dir.path(), &[&run[..], &[&method, "--out", "r"]].concat()).ends_with(0);
+    sharp_bench(dir.path(), &[&run[..], &[method, "--out", "r"]].concat()).ends_with(0);
 }
 
 #[test]
@@ -204,14 +201,59 @@ fn the_bundled_network_is_the_one_that_its_trainings_make() {
         let text = text.replace("sharp/mini/", &format!("{}/sharp/mini/", root.display()));
         sharp_train::config::TrainingConfig::parse(&text, &file).unwrap()
     };
-    let [depth, early, whole] = ["mini-384-depth.toml", "mini-384.toml", "mini.toml"].map(load);
-    assert_eq!(whole.network, sharp::model::bundled::config().unwrap());
-    assert_eq!(depth.network, early.network);
-    let handed_on = early.initial_depth.unwrap();
-    assert_eq!(handed_on, Path::new("depth/weights.safetensors"));
-    assert!(depth.losses.depth > 0.0 && early.losses.color > 0.0);
-    let checkpoint = CheckpointSource::open(&whole.initial.unwrap()).unwrap();
+    let [first_depth, early, middle, depth, whole] = [
+        "mini-384-depth.toml",
+        "mini-384.toml",
+        "mini-512.toml",
+        "mini-512-depth.toml",
+        "mini.toml",
+    ]
+    .map(load);
+    let bundled = sharp::model::bundled::config().unwrap();
+    for config in [&middle, &depth, &whole] {
+        assert_eq!(config.network, bundled);
+    }
+    for depth in [&first_depth, &depth] {
+        assert!(depth.losses.depth > 0.0 && depth.losses.color == 0.0);
+    }
+    assert_eq!(first_depth.network, early.network);
+    let handed_on = |path: Option<PathBuf>, file: &str| assert_eq!(path.unwrap(), Path::new(file));
+    handed_on(early.initial_depth, "depth/weights.safetensors");
+    handed_on(depth.initial, "mini-512.safetensors");
+    handed_on(whole.initial, "mini-512-depth/weights.safetensors");
+    let checkpoint = CheckpointSource::open(&middle.initial.unwrap()).unwrap();
     checkpoint.check(&early.network, &[]).unwrap();
+}
+
+#[test]
+fn a_training_may_begin_with_the_bundled_network() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = "network = \"mini\"\ninitial = \"mini\"\n\
+                losses = { color = 0, alpha = 0, percep = 0, grad = 0, delta = 0, splat = 0 }\n\
+                stage1 = { steps = 1, side = 64, schedule.warmup_steps = 0 }\n\
+                stage2.steps = 0\nintervals.validation = 0\n";
+    std::fs::write(dir.path().join("t.toml"), text).unwrap();
+    let json = train(dir.path(), "t").ends_with(0).json();
+    let learnt = dir.path().join("t/weights.safetensors");
+    let bundled = sharp::model::bundled::config().unwrap();
+    CheckpointSource::open(&learnt)
+        .unwrap()
+        .check(&bundled, &[])
+        .unwrap();
+    // Random weights would begin elsewhere.
+    let loss = |out: &str| {
+        let log = read(dir.path().join(out).join("log.csv"));
+        let row = log.lines().nth(1).unwrap();
+        row.split(',').nth(6).unwrap().parse::<f64>().unwrap()
+    };
+    std::fs::write(
+        dir.path().join("t.toml"),
+        text.replace("initial = \"mini\"\n", ""),
+    )
+    .unwrap();
+    train(dir.path(), "u").ends_with(0);
+    assert!(loss("t") < 0.8 * loss("u"), "{} {}", loss("t"), loss("u"));
+    assert_eq!(json["complete"], true);
 }
 
 #[test]

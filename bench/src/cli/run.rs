@@ -280,7 +280,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
         }))?;
     } else if counts.left > 0 {
         output::line(format!(
-            "stopped with {} left of {}; the same command goes on",
+            "stopped with {} left of {}; the same command resumes it",
             counted(counts.left, "unit"),
             counts.units
         ))?;
@@ -357,7 +357,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What came of it, unless the renderer's device failed: the same command goes on then.
+/// What came of it, unless the renderer's device failed: the same command resumes it then.
 fn unless_stopped<T>(result: Result<T, EvaluateError>) -> anyhow::Result<Option<T>> {
     match result {
         Err(error @ EvaluateError::Device { .. }) => {

@@ -20,15 +20,15 @@ use crate::train::{TrainRequest, Trained, ValidationRequest, train};
 /// Train a network of SHARP's architecture, both stages
 ///
 /// The configuration says which network, losses, data, schedule and intervals; what it leaves out is as in the paper. A
-/// training that was stopped (Ctrl-C, SIGTERM, --time-budget) goes on with the same command, and its log and weights are
-/// the same bytes as without. Weights are validated on pairs that are not learnt from, as a run evaluates a method.
+/// training that was stopped (Ctrl-C, SIGTERM, --time-budget) is resumed by the same command, and its log and weights have
+/// the same bytes as without the stop. Weights are validated on pairs that are not learnt from, as a run evaluates a method.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  sharp-bench train mini.toml --out training
-  sharp-bench run --dataset synthetic=seed=3 --method sharp:checkpoint=training/weights.safetensors,config=mini.json --out runs/mini
+  sharp-bench train mine.toml --out training
+  sharp-bench run --dataset synthetic=seed=3 --method sharp:checkpoint=training/weights.safetensors,config=training/network.json --out runs/mine
 
-Writes config.toml, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder validation/, and in the
+Writes config.toml, network.json, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder validation/, and in the
 end weights.safetensors. bench/docs/train.md explains the configuration.")]
 pub(super) struct TrainArgs {
     /// The configuration
@@ -38,7 +38,7 @@ pub(super) struct TrainArgs {
     /// default; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Where everything goes; a training that is there goes on
+    /// Where everything goes; a training that is there is resumed
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000 or
@@ -50,7 +50,7 @@ pub(super) struct TrainArgs {
     validation_pairs: usize,
     #[command(flatten)]
     metrics: MetricArgs,
-    /// Also write the weights in half precision, as they stand when the command ends
+    /// Also write the weights in half precision when the training is complete
     #[arg(long, value_name = "FILE.safetensors")]
     export_f16: Option<PathBuf>,
     /// Begin no step after this time, such as 90s, 55m or 3h, and end with exit code 75, as Ctrl-C and SIGTERM do
@@ -117,7 +117,7 @@ pub(super) fn execute(args: &TrainArgs) -> anyhow::Result<Outcome> {
         }
         output::line(match &weights {
             Some(path) => format!("weights {}", path.display()),
-            None => format!("stopped after {position}; the same command goes on"),
+            None => format!("stopped after {position}; the same command resumes it"),
         })?;
         output::line(format!(
             "network {}, of which {learning} learnt",

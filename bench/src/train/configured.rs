@@ -85,8 +85,7 @@ fn change(table: &mut Table, set: &str) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    const TEXT: &str =
-        "zeros_return = true\n[stage1]\nsteps = 900\nbatch = 2\nschedule.warmup_steps = 300\n";
+    const TEXT: &str = "zeros_return = true\n[stage1]\nsteps = 900\nbatch = 2\nschedule.warmup_steps = 300\n[stage2]\nsteps = 0\n";
 
     fn configure(set: &[&str]) -> Result<TrainingConfig, String> {
         let file = tempfile::NamedTempFile::new().unwrap();

@@ -8,11 +8,12 @@ use sharp_train::trainer::TrainingError;
 
 use crate::evaluate::EvaluateError;
 use crate::io::atomic_files::FileError;
+use crate::io::checkpoint::NetworkError;
 use crate::methods::MethodError;
 use crate::pairs::PairError;
 use crate::report::ReportError;
 
-/// Why a training cannot begin, or go on.
+/// Why a training cannot begin or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     #[error(transparent)]
@@ -34,6 +35,8 @@ pub enum TrainError {
     Report(Box<ReportError>),
     #[error(transparent)]
     Method(#[from] MethodError),
+    #[error(transparent)]
+    Network(#[from] NetworkError),
     /// The folder holds something else.
     #[error("{}: {reason}", folder.display())]
     OtherFolder { folder: PathBuf, reason: String },

@@ -10,7 +10,7 @@ use toml::Value;
 
 use super::TrainError;
 use crate::evaluate::folder::lock;
-use crate::io::atomic_files::{FileError, write_atomic};
+use crate::io::atomic_files::{FileError, write_atomic, write_json};
 
 /// A folder that one process trains in.
 pub(super) struct TrainingFolder {
@@ -22,7 +22,8 @@ const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
     /// Begins a training of a configuration, or finds the one that was begun under it. Its text is kept as
-    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step.
+    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step. The network's
+    /// sizes are `network.json`, which its weights are used with.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] for one that holds other files, or a training of another configuration, which names a
@@ -59,6 +60,7 @@ impl TrainingFolder {
         }
         let (lock, _) = lock(root, File::try_lock)?;
         write_atomic(&kept, text.as_bytes())?;
+        write_json(&root.join("network.json"), &config.network)?;
         Ok(Self {
             root: root.to_owned(),
             _lock: lock,

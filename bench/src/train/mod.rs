@@ -6,7 +6,7 @@
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
 //!
-//! * `configured`: a file with values changed; `folder`: what a training finds where it is to go on; `validation`: weights
+//! * `configured`: a file with values changed; `folder`: what a training finds where it is resumed; `validation`: weights
 //!   measured; `page`: curves and samples.
 
 mod configured;
@@ -17,7 +17,7 @@ mod validation;
 
 use std::path::{Path, PathBuf};
 
-use sharp::model::ModelConfig;
+use sharp::model::{ModelConfig, bundled};
 use sharp_train::checkpoint::Precision;
 use sharp_train::log::StepRecord;
 use sharp_train::position::{Position, Stage};
@@ -29,6 +29,7 @@ use folder::TrainingFolder;
 use validation::Validation;
 pub use validation::ValidationRequest;
 
+use crate::io::checkpoint::bundled_weights;
 use crate::io::observer::Observer;
 
 /// What is to be trained.
@@ -38,10 +39,10 @@ pub struct TrainRequest<'a> {
     /// Values in place of the file's, each as `KEY=VALUE`: a dotted key and a TOML value, a text
     /// without quotes, or nothing for the default.
     pub set: &'a [String],
-    /// Where everything goes, and from where a training that was stopped goes on.
+    /// Where everything goes, and where a training that was stopped is resumed.
     pub folder: &'a Path,
     pub validation: ValidationRequest,
-    /// Where the weights are also written in half precision, as they stand when the training is complete or stopped.
+    /// Where the weights of a complete training are also written, in half precision.
     pub export_f16: Option<&'a Path>,
 }
 
@@ -61,20 +62,36 @@ pub struct Trained {
     pub page: PathBuf,
 }
 
-/// Trains, or goes on with a training, until it is complete or the observer asks to stop.
+/// Trains, or resumes a training, until it is complete or the observer asks to stop.
 ///
 /// # Errors
-/// [`TrainError`]. What was checkpointed stays, and the same call goes on from there.
+/// [`TrainError`]. What was checkpointed stays, and the same call resumes from there.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
-    let (text, config) = configured(request.config, request.set)?;
+    let (text, mut config) = configured(request.config, request.set)?;
     let folder = TrainingFolder::open(request.folder, &text, &config)?;
     let validates = config.intervals.validation > 0;
     let validation =
         validates.then(|| Validation::new(request.validation, &config, &folder, observer));
     let validation = validation.transpose()?;
+    let weight = config.losses.percep;
+    let is_vgg = config.loss_options.percep.resnet50dilated.is_none();
+    if is_vgg && weight > VGG_WEIGHT_AT_MOST {
+        observer.warn(&format!(
+            "`losses.percep` is {weight}, which is for the paper's network (`loss_options.percep.resnet50dilated`); over \
+             VGG16, whose values are some hundred times as large, 0.01 is as much"
+        ));
+    }
+    // By its name a configuration is the same everywhere, so that only here it becomes a file.
+    for file in [&mut config.initial, &mut config.initial_depth] {
+        if file.as_deref() == Some(Path::new(bundled::NAME)) {
+            *file = Some(bundled_weights()?);
+        }
+    }
     let mut trainer = Trainer::open(config, folder.root())?;
+    let perceptual_network = trainer.perceptual_network();
     let mut watcher = Watching {
         folder: &folder,
+        perceptual_network,
         validation,
         observer,
         phase: None,
@@ -85,9 +102,11 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     observer.end();
     let validated = watcher.validated;
     // A training that failed has a page too.
-    let page = page::write(&folder, observer);
+    let page = page::write(&folder, perceptual_network, observer);
     let ended = ended?;
-    if let Some(path) = request.export_f16 {
+    if let Some(path) = request.export_f16
+        && ended == Ended::Complete
+    {
         trainer.export(path, Precision::F16)?;
     }
     let page = page?;
@@ -95,7 +114,7 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     Ok(Trained {
         ended,
         position: trainer.position(),
-        perceptual_network: trainer.perceptual_network(),
+        perceptual_network,
         parameters: trainer.parameter_counts(),
         weights: (ended == Ended::Complete).then_some(weights),
         validated,
@@ -103,9 +122,13 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     })
 }
 
+/// Weight of the perceptual loss over VGG16 from which on it outweighs everything else.
+const VGG_WEIGHT_AT_MOST: f64 = 0.3;
+
 /// Hands a trainer's news to an observer, and its weights to the validation.
 struct Watching<'a> {
     folder: &'a TrainingFolder,
+    perceptual_network: Option<&'static str>,
     validation: Option<Validation>,
     observer: &'a dyn Observer,
     /// The stage whose progress is shown.
@@ -119,7 +142,7 @@ impl Watcher for Watching<'_> {
     fn stepped(&mut self, record: &StepRecord, steps: u64) {
         let Position { stage, step } = record.position;
         if std::mem::take(&mut self.page_due)
-            && let Err(error) = page::write(self.folder, self.observer)
+            && let Err(error) = page::write(self.folder, self.perceptual_network, self.observer)
         {
             self.observer.warn(&format!("no page: {error}"));
         }
@@ -148,6 +171,10 @@ impl Watcher for Watching<'_> {
         self.validated.clone_from(&measured);
         self.page_due = true;
         Ok(measured)
+    }
+
+    fn warn(&mut self, text: &str) {
+        self.observer.warn(text);
     }
 
     fn stop(&self) -> bool {

@@ -111,6 +111,7 @@ impl Log {
 /// When a log is damaged or the file cannot be written.
 pub(super) fn write(
     folder: &TrainingFolder,
+    perceptual_network: Option<&'static str>,
     observer: &dyn Observer,
 ) -> Result<PathBuf, TrainError> {
     let root = folder.root();
@@ -127,6 +128,8 @@ pub(super) fn write(
         let last = log.values(loss)?.last().copied();
         tiles.extend(last.map(|loss| ("last loss", format!("{loss:.4}"))));
     }
+    let network = perceptual_network.map(str::to_owned);
+    tiles.extend(network.map(|network| ("network of the perceptual loss", network)));
     let figures = [losses(&log, places.len())?, validated(&validation, &steps)?];
     let page = TrainPage {
         title: "A training",

@@ -6,20 +6,21 @@ use sharp_datasets::DatasetSpec;
 
 use crate::config::{TrainingConfig, TrainingData};
 use crate::data::{
-    DEFAULT_MAX_BASELINE_M, DataError, FolderPhotographs, Photograph, PosedSamples,
-    ProceduralPhotographs, ProceduralSamples, Sample, Source,
+    DataError, FolderPhotographs, Photograph, PosedSamples, ProceduralPhotographs,
+    ProceduralSamples, Sample, Source,
 };
 use crate::position::Stage;
-use crate::self_supervision::{MaskedSample, SelfSupervisedSamples};
+use crate::self_supervision::SelfSupervisedSamples;
 
-/// Either stage's examples.
-pub(crate) enum AnySource {
-    /// Several sources take turns.
-    Plain(Vec<Box<dyn Source<Sample>>>),
-    Masked(Box<SelfSupervisedSamples>),
+/// A stage's examples.
+pub(crate) struct Examples {
+    /// They take turns.
+    sources: Vec<Box<dyn Source<Sample>>>,
+    /// What of the data is not learnt from, each with its reason.
+    pub left_out: Vec<String>,
 }
 
-impl AnySource {
+impl Examples {
     /// `teacher` are the weights that make the second stage's views.
     pub(crate) fn open(
         config: &TrainingConfig,
@@ -28,6 +29,9 @@ impl AnySource {
     ) -> Result<Self, DataError> {
         let settings = config.stage(stage);
         let (seed, size) = (settings.seed, (settings.side, settings.side));
+        let limit_m = settings.max_baseline_m;
+        let mut left_out = Vec::new();
+        let mut sources: Vec<Box<dyn Source<Sample>>> = Vec::new();
         if stage == Stage::SelfSupervised {
             let photographs: Box<dyn Source<Photograph>> = match &settings.data {
                 TrainingData::Photographs(folder) => {
@@ -36,35 +40,25 @@ impl AnySource {
                 _ => Box::new(ProceduralPhotographs::new(seed, size)),
             };
             let network = &config.network;
-            let samples = SelfSupervisedSamples::new(photographs, teacher, network, seed)?;
-            return Ok(Self::Masked(Box::new(samples)));
+            let samples = SelfSupervisedSamples::new(photographs, teacher, network, seed, limit_m)?;
+            sources.push(Box::new(samples));
+        } else if let TrainingData::Datasets(specs) = &settings.data {
+            for spec in specs {
+                let spec = DatasetSpec::parse(spec)?;
+                let samples = PosedSamples::open(&spec, seed, size, limit_m)?;
+                left_out.extend_from_slice(samples.left_out());
+                sources.push(Box::new(samples));
+            }
+        } else {
+            sources.push(Box::new(ProceduralSamples::new(seed, size)));
         }
-        let TrainingData::Datasets(specs) = &settings.data else {
-            let samples = ProceduralSamples::new(seed, size);
-            return Ok(Self::Plain(vec![Box::new(samples)]));
-        };
-        let mut sources: Vec<Box<dyn Source<Sample>>> = Vec::new();
-        for spec in specs {
-            let spec = DatasetSpec::parse(spec)?;
-            let limit = DEFAULT_MAX_BASELINE_M;
-            sources.push(Box::new(PosedSamples::open(&spec, seed, size, limit)?));
-        }
-        Ok(Self::Plain(sources))
+        Ok(Self { sources, left_out })
     }
 }
 
-impl Source<MaskedSample> for AnySource {
-    fn get(&self, k: u64) -> Result<MaskedSample, DataError> {
-        match self {
-            Self::Plain(sources) => {
-                let count = sources.len() as u64;
-                let sample = sources[(k % count) as usize].get(k / count)?;
-                Ok(MaskedSample {
-                    sample,
-                    source_mask: None,
-                })
-            }
-            Self::Masked(samples) => samples.get(k),
-        }
+impl Source<Sample> for Examples {
+    fn get(&self, k: u64) -> Result<Sample, DataError> {
+        let count = self.sources.len() as u64;
+        self.sources[(k % count) as usize].get(k / count)
     }
 }

@@ -45,7 +45,7 @@ pub struct TrainingLog {
 }
 
 impl TrainingLog {
-    /// Opens the files in a folder, or begins them, for a training that goes on after the step at
+    /// Opens the files in a folder, or begins them, for a training that continues after the step at
     /// `after`: later rows are cut off.
     ///
     /// # Errors

@@ -28,8 +28,6 @@ use crate::losses::{
 pub(crate) struct Example<'a> {
     pub source: &'a TrainingView,
     pub target: &'a TrainingView,
-    /// Pixels of the source whose colours count; all where there is none.
-    pub source_mask: Option<&'a [bool]>,
     /// Places the crop of the perceptual loss.
     pub seed: u64,
 }
@@ -162,7 +160,7 @@ impl Objective {
         let rendered = renderer.render(&pass.gaussians, view)?;
         let (truth, mask) = match novel {
             Some(mask) => (&example.target.image, Some(mask)),
-            None => (&example.source.image, example.source_mask),
+            None => (&example.source.image, example.source.valid.as_deref()),
         };
         let truth = srgb(truth);
         let linear = &rendered.rgb_linear;

@@ -4,9 +4,10 @@
 //! The teacher is the network at the end of the first stage. It predicts the Gaussians of a photograph,
 //! which are rendered from a camera nearby; that rendering is then the input, and the photograph, whose
 //! pixels are real, what the novel view is held against. What the paper leaves open is decided so:
-//! cameras lie anywhere in a disc of 0.6 m around the photograph's, at most 0.26 of the median depth; they look
-//! at a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of the
-//! rendering with an alpha below 0.99 count in no loss; its expected depth is the depth of the input, the teacher's first layer that of the photograph.
+//! cameras lie anywhere in a disc around the photograph's, of the configured radius but at most 0.26 of the median
+//! depth; they look at a point in that depth, at most a tenth of it to each side of the photograph's axis; pixels of
+//! the rendering with an alpha below 0.99 count in no loss; its expected depth is the depth of the input, the
+//! teacher's first layer that of the photograph.
 
 use std::path::Path;
 
@@ -23,28 +24,19 @@ use sharp::resize::nearest;
 
 use crate::data::{DataError, Photograph, Sample, Source, TrainingView, draws};
 
-/// Farthest of the pseudo-novel cameras, metres.
-const RADIUS_M: f64 = 0.6;
-/// The same as a part of the distance that they look at.
+/// Farthest of the pseudo-novel cameras as a part of the distance that they look at.
 const PART_OF_DISTANCE: f64 = 0.26;
 /// Farthest that the point they look at lies aside, to either side and up or down, as a part of its distance.
 const PART_ASIDE: f64 = 0.1;
 /// Least alpha of a pixel that counts.
 const COVERED: f32 = 0.99;
 
-/// A pair of views, and where the first may be trusted.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct MaskedSample {
-    pub sample: Sample,
-    /// Pixels of the source whose colours count; all where there is none.
-    pub source_mask: Option<Vec<bool>>,
-}
-
 /// Examples out of photographs.
 pub(crate) struct SelfSupervisedSamples {
     photographs: Box<dyn Source<Photograph>>,
     teacher: Predictor,
     seed: u64,
+    max_baseline_m: f64,
 }
 
 impl SelfSupervisedSamples {
@@ -57,6 +49,7 @@ impl SelfSupervisedSamples {
         teacher: &Path,
         config: &ModelConfig,
         seed: u64,
+        max_baseline_m: f64,
     ) -> Result<Self, ModelError> {
         let weights = CheckpointSource::open(teacher)?;
         weights.check(config, &[])?;
@@ -65,12 +58,13 @@ impl SelfSupervisedSamples {
             photographs,
             teacher: Predictor::from_source(config, weights, engine)?,
             seed,
+            max_baseline_m,
         })
     }
 }
 
-impl Source<MaskedSample> for SelfSupervisedSamples {
-    fn get(&self, k: u64) -> Result<MaskedSample, DataError> {
+impl Source<Sample> for SelfSupervisedSamples {
+    fn get(&self, k: u64) -> Result<Sample, DataError> {
         let Photograph {
             id,
             image,
@@ -86,7 +80,10 @@ impl Source<MaskedSample> for SelfSupervisedSamples {
         sorted.sort_unstable_by(f32::total_cmp);
         let distance = f64::from(sorted[sorted.len() / 2]);
         let mut random = draws(self.seed ^ SPREAD, k);
-        let eye = eye(&mut random, distance);
+        let eye = eye(
+            &mut random,
+            self.max_baseline_m.min(PART_OF_DISTANCE * distance),
+        );
         let mut aside = || distance * random.between(-PART_ASIDE, PART_ASIDE);
         let camera_from_world = looking(eye, DVec3::new(aside(), aside(), distance));
         let placed = target_camera_from_source_ndc(&intrinsics, &camera_from_world);
@@ -105,17 +102,16 @@ impl Source<MaskedSample> for SelfSupervisedSamples {
             intrinsics,
             camera_from_world,
             depth: seen_depth,
+            valid: Some(covered),
         };
         let target = TrainingView {
             depth: in_shape(image.width(), image.height(), depth),
             image,
             intrinsics,
             camera_from_world: RigidTransform::IDENTITY,
+            valid: None,
         };
-        Ok(MaskedSample {
-            sample: Sample { id, source, target },
-            source_mask: Some(covered),
-        })
+        Ok(Sample { id, source, target })
     }
 }
 
@@ -123,8 +119,7 @@ impl Source<MaskedSample> for SelfSupervisedSamples {
 const SPREAD: u64 = 0x5353_4654;
 
 /// Anywhere in the disc, evenly.
-fn eye(random: &mut SplitMix64, distance: f64) -> DVec3 {
-    let radius = RADIUS_M.min(PART_OF_DISTANCE * distance);
+fn eye(random: &mut SplitMix64, radius: f64) -> DVec3 {
     loop {
         let (x, y) = (random.between(-1.0, 1.0), random.between(-1.0, 1.0));
         if x * x + y * y <= 1.0 {
@@ -135,4 +130,96 @@ fn eye(random: &mut SplitMix64, distance: f64) -> DVec3 {
 
 fn in_shape(width: u32, height: u32, depth: Vec<f32>) -> ImageBuffer<Luma<f32>, Vec<f32>> {
     ImageBuffer::from_raw(width, height, depth).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use sharp::camera::baseline_m;
+    use sharp::model::bundled;
+
+    use super::*;
+    use crate::data::ProceduralPhotographs;
+    use crate::data::tests::warped;
+
+    const SIZE: (u32, u32) = (96, 96);
+    const COUNT: u64 = 8;
+
+    fn samples(max_baseline_m: f64) -> SelfSupervisedSamples {
+        let teacher = bundled::source_folder().join(bundled::FILE);
+        let config = bundled::config().unwrap();
+        let photographs = Box::new(ProceduralPhotographs::new(4, SIZE));
+        SelfSupervisedSamples::new(photographs, &teacher, &config, 7, max_baseline_m).unwrap()
+    }
+
+    #[test]
+    fn a_photograph_is_the_novel_view_of_what_the_teacher_makes_of_it() {
+        let photographs = ProceduralPhotographs::new(4, SIZE);
+        let samples = samples(0.6);
+        let mut before_when_exchanged = 0.0;
+        for k in 0..COUNT {
+            let mut sample = samples.get(k).unwrap();
+            let photograph = photographs.get(k).unwrap();
+            let Sample { source, target, .. } = &sample;
+            assert_eq!(target.image, photograph.image);
+            assert_eq!(target.camera_from_world, RigidTransform::IDENTITY);
+            assert_eq!(
+                (source.intrinsics, target.intrinsics),
+                (photograph.intrinsics, photograph.intrinsics)
+            );
+            assert_ne!(source.image, target.image);
+            // Colours count where the rendering covers a pixel, and only there is depth.
+            let covered = source.valid.as_ref().unwrap();
+            assert!(
+                covered
+                    .iter()
+                    .zip(&*source.depth)
+                    .all(|(covered, z)| *covered == (*z > 0.0))
+            );
+            assert!(covered.iter().filter(|covered| **covered).count() > covered.len() / 2);
+            let (there, before) = warped(&sample);
+            assert!(
+                there > 0.7 && before < 0.02,
+                "{}: {there} {before}",
+                sample.id
+            );
+            std::mem::swap(
+                &mut sample.source.camera_from_world,
+                &mut sample.target.camera_from_world,
+            );
+            before_when_exchanged += warped(&sample).1 / COUNT as f64;
+        }
+        assert!(before_when_exchanged > 0.01, "{before_when_exchanged}");
+    }
+
+    #[test]
+    fn pseudo_novel_cameras_are_near_and_look_where_the_photograph_does() {
+        for limit_m in [0.6, 0.05] {
+            let samples = samples(limit_m);
+            let mut farthest = 0.0_f64;
+            for k in 0..COUNT {
+                let Sample { source, target, .. } = samples.get(k).unwrap();
+                let mut depths: Vec<f32> = target.depth.iter().copied().collect();
+                depths.sort_unstable_by(f32::total_cmp);
+                let distance = f64::from(depths[depths.len() / 2]);
+                let metres = baseline_m(&source.camera_from_world, &target.camera_from_world);
+                assert!(
+                    metres <= limit_m.min(0.26 * distance) + 1e-9,
+                    "{metres} {distance}"
+                );
+                farthest = farthest.max(metres);
+                let world_from_camera = source.camera_from_world.inverse();
+                let (eye, ahead) = (
+                    world_from_camera.apply(DVec3::ZERO),
+                    world_from_camera.apply(DVec3::Z),
+                );
+                assert!(eye.z.abs() < 1e-9);
+                let aimed = eye + (ahead - eye) * (distance / (ahead.z - eye.z));
+                assert!(
+                    aimed.x.abs().max(aimed.y.abs()) <= 0.1 * distance + 1e-9,
+                    "{aimed}"
+                );
+            }
+            assert!(farthest > 0.03, "{farthest}");
+        }
+    }
 }

@@ -7,17 +7,14 @@ use std::path::Path;
 use image::GrayImage;
 use serde_json::json;
 
+use crate::data::Sample;
 use crate::losses::TERMS;
-use crate::self_supervision::MaskedSample;
 
-/// Writes pictures, depth (f32, little endian, row by row), the source's mask, cameras and losses, where there are
-/// any, into a folder.
+/// Writes pictures, depth (f32, little endian, row by row), masks, cameras and losses, where there are any, into a
+/// folder.
 pub(crate) fn save(
     folder: &Path,
-    MaskedSample {
-        sample,
-        source_mask,
-    }: &MaskedSample,
+    sample: &Sample,
     terms: Option<[f64; TERMS.len()]>,
 ) -> io::Result<()> {
     fs::create_dir_all(folder)?;
@@ -27,6 +24,14 @@ pub(crate) fn save(
         view.image.save(&picture).map_err(io::Error::other)?;
         let depth: Vec<u8> = view.depth.iter().flat_map(|d| d.to_le_bytes()).collect();
         fs::write(folder.join(format!("{role}-depth.f32")), depth)?;
+        if let Some(valid) = &view.valid {
+            let (width, height) = view.image.dimensions();
+            let levels = valid.iter().map(|counts| 255 * u8::from(*counts)).collect();
+            if let Some(mask) = GrayImage::from_raw(width, height, levels) {
+                let picture = folder.join(format!("{role}-mask.png"));
+                mask.save(&picture).map_err(io::Error::other)?;
+            }
+        }
         let k = view.intrinsics;
         let camera = json!({
             "intrinsics": [k.fx, k.fy, k.cx, k.cy],
@@ -34,14 +39,6 @@ pub(crate) fn save(
             "camera_from_world": view.camera_from_world.to_row_major(),
         });
         views.insert(role.to_owned(), camera);
-    }
-    if let Some(mask) = source_mask {
-        let (width, height) = sample.source.image.dimensions();
-        let levels = mask.iter().map(|counts| 255 * u8::from(*counts)).collect();
-        if let Some(mask) = GrayImage::from_raw(width, height, levels) {
-            let picture = folder.join("source-mask.png");
-            mask.save(&picture).map_err(io::Error::other)?;
-        }
     }
     // JSON knows no NaN: what is not finite is written as text.
     let losses = TERMS.iter().zip(terms.into_iter().flatten());

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `log.csv`, `timing.csv` | every step |
 //! | `validation.csv` | what the caller measured, by step |
-//! | `checkpoints/` | states to go on from |
+//! | `checkpoints/` | states to resume from |
 //! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage, at the last validation, after the last step |
 //! | `stopped-…/` | the example whose loss or gradient was not finite |
 
@@ -28,15 +28,14 @@ use sum::StepSum;
 
 use crate::checkpoint::{CheckpointFolder, Precision, StateError, TrainingState};
 use crate::config::{StageConfig, TrainingConfig, TrainingData};
-use crate::data::{FolderPhotographs, Prefetcher};
-use crate::examples::AnySource;
+use crate::data::{FolderPhotographs, Prefetcher, Sample};
+use crate::examples::Examples;
 use crate::initial::{Pretrained, TrainedDepth, Untrained};
 use crate::log::{StepRecord, TrainingLog};
 use crate::losses::TERMS;
 use crate::objective::{Example, Objective, known_depth};
 use crate::optimizer::{ParameterState, clip_norm};
 use crate::position::{Position, Stage};
-use crate::self_supervision::MaskedSample;
 use crate::stopped;
 
 /// What a caller observes and controls.
@@ -55,6 +54,9 @@ pub trait Watcher {
         config: &ModelConfig,
         position: Position,
     ) -> Result<Vec<(String, f64)>, String>;
+
+    /// What a stage does not learn from though it is configured, or another thing worth knowing; nothing stops for it.
+    fn warn(&mut self, text: &str);
 
     /// Asked before every step; true ends the training after a checkpoint.
     fn stop(&self) -> bool;
@@ -198,8 +200,9 @@ impl Trainer {
             self.validate(log, watcher)?;
         }
         if first < settings.steps {
-            let source = AnySource::open(&self.config, stage, &self.teacher())?;
-            let mut samples = Prefetcher::start(source, first * batch, SAMPLES_AHEAD)?;
+            let examples = Examples::open(&self.config, stage, &self.teacher())?;
+            examples.left_out.iter().for_each(|text| watcher.warn(text));
+            let mut samples = Prefetcher::start(examples, first * batch, SAMPLES_AHEAD)?;
             for step in first + 1..=settings.steps {
                 if watcher.stop() {
                     self.checkpoint()?;
@@ -220,7 +223,7 @@ impl Trainer {
                 }
             }
         }
-        if stage == Stage::Supervised {
+        if stage == Stage::Supervised && self.config.stage2.steps > 0 {
             self.export_named(FIRST_STAGE)?;
         }
         Ok(Ended::Complete)
@@ -231,7 +234,7 @@ impl Trainer {
         &mut self,
         position: Position,
         settings: &StageConfig,
-        samples: &mut Prefetcher<MaskedSample>,
+        samples: &mut Prefetcher<Sample>,
         log: &mut TrainingLog,
         watcher: &mut dyn Watcher,
     ) -> Result<(), TrainingError> {
@@ -289,14 +292,14 @@ impl Trainer {
         &self,
         position: Position,
         what: &'static str,
-        sample: &MaskedSample,
+        sample: &Sample,
         terms: Option<[f64; TERMS.len()]>,
     ) -> Result<TrainingError, TrainingError> {
         let Position { stage, step } = position;
         let name = format!("stopped-stage{}-step{step}", stage.number());
         let folder = self.folder.join(name);
         match self.checkpoint() {
-            // Nothing could go on from such a state.
+            // No training could resume from such a state.
             Ok(()) | Err(TrainingError::State(StateError::Value { .. })) => {}
             Err(error) => return Err(error),
         }
@@ -313,14 +316,7 @@ impl Trainer {
     }
 
     /// What one example costs, and its gradient.
-    fn example(
-        &self,
-        MaskedSample {
-            sample,
-            source_mask,
-        }: &MaskedSample,
-        seed: u64,
-    ) -> Result<StepSum, TrainingError> {
+    fn example(&self, sample: &Sample, seed: u64) -> Result<StepSum, TrainingError> {
         let source = &sample.source;
         let side = self.config.network.internal_resolution;
         let parts = self.config.trained;
@@ -344,7 +340,6 @@ impl Trainer {
         let example = Example {
             source,
             target: &sample.target,
-            source_mask: source_mask.as_deref(),
             seed,
         };
         let cost = self.objective.cost(&pass, &example)?;

@@ -55,7 +55,7 @@ impl ConvSpec {
 
 /// Blocks of `size × size` pixels as pixels: `[height][width][channels]` to
 /// `[height / size][width / size][channels · size · size]`, a block's row and column fastest.
-pub fn blocks_as_pixels(
+fn blocks_as_pixels(
     data: &[f32],
     (height, width, channels): (usize, usize, usize),
     size: usize,
@@ -68,7 +68,7 @@ pub fn blocks_as_pixels(
 }
 
 /// The inverse of [`blocks_as_pixels`]; the shape is the image's.
-pub fn pixels_as_blocks(
+fn pixels_as_blocks(
     data: &[f32],
     (height, width, channels): (usize, usize, usize),
     size: usize,

@@ -29,7 +29,7 @@ const VALUES: &str = "values.";
 const FIRST: &str = "first_moment.";
 const SECOND: &str = "second_moment.";
 
-/// Why a state cannot be written or gone on from.
+/// Why a state cannot be written or resumed from.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     #[error(transparent)]
@@ -129,7 +129,7 @@ impl TrainingState {
     /// Writes the whole state, at once or not at all.
     ///
     /// # Errors
-    /// [`StateError::File`]; [`StateError::Value`] for values that no training can go on from.
+    /// [`StateError::File`]; [`StateError::Value`] for values that no training can resume from.
     pub fn save(&self, path: &Path, config_sha256: &str) -> Result<(), StateError> {
         let Position { stage, step } = self.position;
         let metadata = [
@@ -159,7 +159,7 @@ impl TrainingState {
     ///
     /// # Errors
     /// [`StateError`]: a broken file, another configuration, other tensors than those of the
-    /// network and its moments, values that no training can go on from.
+    /// network and its moments, values that no training can resume from.
     pub fn load(
         path: &Path,
         config_sha256: &str,
@@ -251,7 +251,7 @@ impl TrainingState {
     }
 }
 
-/// Whether values of a kind can be gone on from: finite, and a mean of squares not negative.
+/// Whether a training can resume from values of a kind: finite, and a mean of squares not negative.
 fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(), StateError> {
     let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
     match values.iter().find(|value| !is_good(value)) {

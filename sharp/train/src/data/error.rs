@@ -26,7 +26,7 @@ pub enum DataError {
     #[error("{}: no depth belongs to this picture", image.display())]
     NoDepth { image: PathBuf },
     #[error(
-        "{dataset}: no two views of a scene stand at most {limit_m} m apart and differ in pose"
+        "{dataset}: no two views of a scene have depth, stand at most {limit_m} m apart (`max_baseline_m`) and differ in pose"
     )]
     NoPair { dataset: String, limit_m: f64 },
     #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]

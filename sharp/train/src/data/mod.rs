@@ -16,7 +16,7 @@ mod posed;
 mod prefetch;
 mod procedural;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod view;
 
 use image::RgbImage;
@@ -25,7 +25,7 @@ use sharp::random::{SplitMix64, mix};
 
 pub use error::DataError;
 pub use photographs::{FolderPhotographs, ProceduralPhotographs};
-pub use posed::{DEFAULT_MAX_BASELINE_M, PosedSamples};
+pub use posed::PosedSamples;
 pub use prefetch::Prefetcher;
 pub use procedural::{ProceduralSamples, shares_training_seeds};
 pub use view::TrainingView;

@@ -1,20 +1,19 @@
 //! Samples of posed pictures with depth, by the readers of `sharp-datasets`.
 
 use sharp::camera::baseline_m;
+use sharp_datasets::left_out::Why;
+use sharp_datasets::required_files::FileRole;
 use sharp_datasets::synthetic::{TRAINING_SEEDS, seeds_of};
-use sharp_datasets::{DatasetSpec, Scene, View, open};
+use sharp_datasets::{DatasetSpec, Scene, View, open_each};
 
 use super::procedural::pair;
 use super::{DataError, Sample, Source, draws};
-
-/// How far the cameras of the paper's synthetic data stand apart at most, metres.
-pub const DEFAULT_MAX_BASELINE_M: f64 = 0.6;
 
 /// Pairs of views of a dataset's scenes.
 ///
 /// Sample k has a random view as its source, all views that have a partner being equally likely, and
 /// a random one of its partners as its target: views of the same scene that stand at most so far
-/// from it and differ in pose.
+/// from it and differ in pose. Views without depth are neither.
 #[derive(Debug)]
 pub struct PosedSamples {
     seed: u64,
@@ -23,11 +22,12 @@ pub struct PosedSamples {
     scenes: Vec<Scene>,
     /// Scene and view of every possible source.
     sources: Vec<(usize, usize)>,
+    left_out: Vec<String>,
 }
 
 impl PosedSamples {
     /// Opens a dataset, of which cameras are read and no pixels; pictures will have so many pixels
-    /// (width, height).
+    /// (width, height). A scene that cannot be read costs no other.
     ///
     /// # Errors
     /// [`DataError::Dataset`] for a dataset that cannot be read; [`DataError::HeldOut`] for
@@ -43,12 +43,32 @@ impl PosedSamples {
             let dataset = spec.to_string();
             return Err(DataError::HeldOut { dataset });
         }
+        let found = open_each(spec)?;
+        let mut left_out: Vec<String> = Vec::new();
+        for scene in found.left_out {
+            if let Why::Fault(error) = scene.why {
+                left_out.push(format!("{spec}: scene '{}' is left out: {error}", scene.id));
+            }
+        }
+        let mut scenes = found.scenes;
+        let views = |scenes: &[Scene]| scenes.iter().map(|s| s.views.len()).sum::<usize>();
+        let all = views(&scenes);
+        for scene in &mut scenes {
+            scene.views.retain(has_depth);
+        }
+        let without = all - views(&scenes);
+        if without > 0 {
+            left_out.push(format!(
+                "{spec}: {without} of {all} views have no depth and are left out"
+            ));
+        }
         let mut samples = Self {
             seed,
             size,
             max_baseline_m,
-            scenes: open(spec)?,
+            scenes,
             sources: Vec::new(),
+            left_out,
         };
         let scenes = samples.scenes.iter().enumerate();
         let views = scenes.flat_map(|(i, scene)| (0..scene.views.len()).map(move |v| (i, v)));
@@ -64,6 +84,11 @@ impl PosedSamples {
         }
     }
 
+    /// What of the dataset is not learnt from, each with its reason.
+    pub fn left_out(&self) -> &[String] {
+        &self.left_out
+    }
+
     /// The views that may be the target of a source.
     fn partners<'a>(&self, scene: &'a Scene, view: usize) -> impl Iterator<Item = &'a View> {
         let limit_m = self.max_baseline_m;
@@ -73,6 +98,12 @@ impl PosedSamples {
             pose != source && baseline_m(&source, &pose) <= limit_m
         })
     }
+}
+
+/// Procedural views always have; they are no files.
+fn has_depth(view: &View) -> bool {
+    let mut files = view.content.files_by_role().into_iter();
+    view.content.image_file().is_none() || files.any(|(role, _)| role == FileRole::Depth)
 }
 
 impl Source<Sample> for PosedSamples {

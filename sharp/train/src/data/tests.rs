@@ -1,12 +1,13 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec2;
-use image::{Rgb, RgbImage};
+use image::{GrayImage, Luma, Rgb, RgbImage};
 use sharp::camera::baseline_m;
+use sharp_datasets::required_files::FileRole;
 use sharp_datasets::synthetic::TRAINING_SEEDS;
-use sharp_datasets::{DatasetSpec, bundled};
+use sharp_datasets::{DatasetError, DatasetSpec, DepthMap, View, ViewContent, bundled};
 
 use super::procedural::{cameras, training_seed};
 use super::*;
@@ -94,7 +95,7 @@ fn the_central_camera_is_the_source_half_of_the_time() {
 
 /// Shares of the target's surface points inside the source's picture that lie where the source sees
 /// a surface (to 5 % of depth, among the nine pixels around), and that lie before all it sees there.
-fn warped(sample: &Sample) -> (f64, f64) {
+pub(crate) fn warped(sample: &Sample) -> (f64, f64) {
     let (source, target) = (&sample.source, &sample.target);
     let pose = source.camera_from_world;
     let source_from_target = pose.after(&target.camera_from_world.inverse());
@@ -182,23 +183,106 @@ fn posed_pairs_keep_to_the_limit() {
 }
 
 #[test]
-fn pictures_of_readers_have_depth_or_are_named() {
+fn views_without_depth_and_broken_scenes_are_left_out_and_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = bundled::extract(folder.path()).unwrap();
     let text = format!("middlebury={}", path.display());
-    let error = posed(&text, SIZE, 0.6).unwrap().get(0).unwrap_err();
-    assert!(error.to_string().contains("im1.png"), "{error}");
-    assert!(error.to_string().contains("Motorcycle"), "{error}");
+    let error = posed(&text, SIZE, 0.6).unwrap_err().to_string();
+    assert!(error.contains("have depth"), "{error}");
     // The left one's map stands in for the right one's.
     let scene = path.join("Motorcycle-quarter");
+    for other in ["Broken", "Half"] {
+        std::fs::create_dir(path.join(other)).unwrap();
+        for entry in std::fs::read_dir(&scene).unwrap() {
+            let file = entry.unwrap();
+            std::fs::copy(file.path(), path.join(other).join(file.file_name())).unwrap();
+        }
+    }
+    std::fs::write(path.join("Broken/calib.txt"), "cam0=").unwrap();
     std::fs::copy(scene.join("disp0.pfm"), scene.join("disp1.pfm")).unwrap();
-    let sample = posed(&text, SIZE, 0.6).unwrap().get(0).unwrap();
+    let samples = posed(&text, SIZE, 0.6).unwrap();
+    let [broken, without] = samples.left_out() else {
+        panic!("{:?}", samples.left_out());
+    };
+    assert!(
+        broken.contains("'Broken'") && broken.contains("calib.txt"),
+        "{broken}"
+    );
+    assert!(
+        without.ends_with("1 of 4 views have no depth and are left out"),
+        "{without}"
+    );
+    for k in 0..20 {
+        assert!(samples.get(k).unwrap().id.starts_with("Motorcycle"));
+    }
+    let sample = samples.get(0).unwrap();
     let known = sample.source.depth.iter().filter(|z| **z > 0.0).count();
     let unknown = sample.source.depth.iter().filter(|z| **z == 0.0).count();
     assert!(known > 2000 && unknown > 0, "{known} {unknown}");
     assert!(sample.source.depth.iter().all(|z| z.is_finite()));
     let k = sample.source.intrinsics;
     assert!(k.fx / f64::from(k.width) > 1.0 && k.cx < 64.0 && k.cy < 48.0);
+}
+
+/// A view of a file whose left half is excluded.
+#[derive(Debug)]
+struct Masked;
+
+const MASKED: (u32, u32) = (100, 30);
+
+impl ViewContent for Masked {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        Ok(RgbImage::new(MASKED.0, MASKED.1))
+    }
+
+    fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
+        let level = |x, _| Luma([if x < 50 { 0 } else { 255 }]);
+        Ok(Some(GrayImage::from_fn(MASKED.0, MASKED.1, level)))
+    }
+
+    fn depth(&self) -> Result<Option<DepthMap>, DatasetError> {
+        Ok(Some(DepthMap::new(MASKED.0, MASKED.1)))
+    }
+
+    fn image_file(&self) -> Option<&Path> {
+        Some(Path::new("masked.png"))
+    }
+
+    fn files_by_role(&self) -> Vec<(FileRole, PathBuf)> {
+        Vec::new()
+    }
+
+    fn image_sha256(&self) -> Result<String, DatasetError> {
+        Ok(String::new())
+    }
+}
+
+/// Black that a dataset has painted over a picture is nothing to learn.
+#[test]
+fn excluded_pixels_do_not_count() {
+    let scene = sharp_datasets::open(&spec("synthetic=size=100x30,views=2")).unwrap();
+    let plain = &scene[0].views[0];
+    assert_eq!(TrainingView::read(plain, (20, 10)).unwrap().valid, None);
+    let masked = View {
+        content: Arc::new(Masked),
+        ..plain.clone()
+    };
+    for (width, columns) in [
+        (20, 10..20),
+        (100, 50..100),
+        (10, 5..10),
+        (8, 4..8),
+        (3, 2..3),
+    ] {
+        let view = TrainingView::read(&masked, (width, 10)).unwrap();
+        let valid = view.valid.unwrap();
+        assert_eq!(valid.len(), width as usize * 10);
+        for (k, valid) in valid.iter().enumerate() {
+            let column = k as u32 % width;
+            assert_eq!(*valid, columns.contains(&column), "{width}: {column}");
+        }
+        assert!(view.depth.iter().all(|z| *z == 0.0));
+    }
 }
 
 fn gradient(width: u32, height: u32) -> RgbImage {

@@ -1,6 +1,6 @@
 //! One view at the size of training.
 
-use image::{ImageBuffer, Luma, RgbImage};
+use image::{DynamicImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
 use sharp::resize::nearest;
 use sharp_datasets::View;
@@ -18,11 +18,14 @@ pub struct TrainingView {
     pub camera_from_world: RigidTransform,
     /// z-depth, metres; 0 where it is unknown, +∞ where the sky is seen.
     pub depth: ImageBuffer<Luma<f32>, Vec<f32>>,
+    /// Pixels whose colours count, row by row; all where there is none.
+    pub valid: Option<Vec<bool>>,
 }
 
 impl TrainingView {
     /// Reads a view and brings it to width and height: pictures by OpenCV's area kernel, depth by
-    /// the nearest pixel. Sides may be scaled differently, as the network's input is.
+    /// the nearest pixel. Sides may be scaled differently, as the network's input is. A pixel into which an excluded one
+    /// would run does not count.
     ///
     /// # Errors
     /// [`DataError::Dataset`]; [`DataError::NoDepth`]; [`DataError::Picture`] for a size without a
@@ -38,6 +41,10 @@ impl TrainingView {
             }
         }
         let image = resized(view.content.image()?, size)?;
+        let valid = view.content.valid_pixels()?.map(|mask| {
+            let levels = resized(DynamicImage::ImageLuma8(mask).into_rgb8(), size)?;
+            Ok::<_, DataError>(levels.pixels().map(|level| level.0[0] == 255).collect())
+        });
         let (width, height) = (size.0 as usize, size.1 as usize);
         let from = (depth.width() as usize, depth.height() as usize);
         let depths = nearest(&depth, from, (width, height));
@@ -49,6 +56,7 @@ impl TrainingView {
             intrinsics: view.intrinsics.resized(size.0, size.1),
             camera_from_world: view.camera_from_world,
             depth,
+            valid: valid.transpose()?,
         })
     }
 }

@@ -98,12 +98,11 @@ fn parts(gradient: &PassGradient) -> Vec<(&'static str, Vec<f32>)> {
 /// Every loss goes through the renderer on its own here, and with all others of its view there.
 #[test]
 fn gradients_gathered_by_view_are_the_sum_of_every_losss_own() {
-    let (pass, sample, _) = pass();
-    let source_mask: Vec<bool> = (0..SIDE * SIDE).map(|k| k % 5 != 0).collect();
+    let (pass, mut sample, _) = pass();
+    sample.source.valid = Some((0..SIDE * SIDE).map(|k| k % 5 != 0).collect());
     let example = Example {
         source: &sample.source,
         target: &sample.target,
-        source_mask: Some(&source_mask),
         seed: 1,
     };
     let cost = |weights| {
@@ -143,7 +142,6 @@ fn the_total_changes_as_its_gradient_says() {
     let example = Example {
         source: &sample.source,
         target: &sample.target,
-        source_mask: None,
         seed: 1,
     };
     let options = LossOptions {
@@ -215,7 +213,6 @@ fn what_a_novel_camera_has_passed_has_no_size() {
         let example = Example {
             source: &sample.source,
             target: &target,
-            source_mask: None,
             seed: 1,
         };
         objective.cost(&pass, &example).unwrap()
@@ -241,7 +238,8 @@ fn what_a_novel_camera_has_passed_has_no_size() {
 /// The novel camera is where the data has it: true depth explains its picture.
 #[test]
 fn true_depth_costs_less_at_the_true_camera() {
-    let (mut pass, sample, planes) = pass();
+    let (mut pass, mut sample, planes) = pass();
+    sample.source.valid = Some(vec![false; SIDE * SIDE]);
     let depth = known_depth(&sample.source, SIDE).repeat(2);
     let base = BaseGaussians::new(&planes, &depth, pass.base.grid, InvalidDepth::Skip);
     pass.gaussians = compose(&base.unwrap(), None).unwrap();
@@ -254,7 +252,6 @@ fn true_depth_costs_less_at_the_true_camera() {
         let example = Example {
             source: &sample.source,
             target: &target,
-            source_mask: Some(&[false; SIDE * SIDE]),
             seed: 1,
         };
         objective.cost(&pass, &example).unwrap().terms[0]

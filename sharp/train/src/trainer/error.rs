@@ -10,7 +10,7 @@ use crate::objective::ObjectiveError;
 use crate::optimizer::OptimizerError;
 use crate::position::Position;
 
-/// Why a training cannot go on.
+/// Why a training cannot continue.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainingError {
     #[error(transparent)]

@@ -103,15 +103,14 @@ impl Ordered {
         sums.iter().enumerate().map(one).collect()
     }
 
-    /// Central difference of the oracle's loss with respect to attribute `c` of member `m`, with an
-    /// estimate of its own error; `None` where some pixel decides otherwise on either side.
+    /// Central difference of the oracle's loss with respect to attribute `c` of member `m`; `None` where some pixel decides otherwise on either side.
     fn difference(
         &self,
         lists: &[Vec<u32>],
         gradient: &Gradient,
         m: usize,
         c: usize,
-    ) -> Option<(f64, f64)> {
+    ) -> Option<f64> {
         let (width, s) = (gradient.width, &self.oracles[m]);
         let pixels: Vec<usize> = (0..lists.len())
             .filter(|i| lists[*i].contains(&(m as u32)))
@@ -161,8 +160,7 @@ impl Ordered {
             Some(sum / (2.0 * h))
         };
         let (coarse, fine) = (at(1e-3 * unit)?, at(5e-4 * unit)?);
-        let better = (4.0 * fine - coarse) / 3.0;
-        Some((better, (better - fine).abs()))
+        Some((4.0 * fine - coarse) / 3.0)
     }
 }
 
@@ -216,22 +214,20 @@ fn check_f64(name: &str, eps2d: f32, samples: usize) {
         all.truncate(samples);
     }
     let scale = [0, 1, 2, 3, 4].map(|kind| largest(&ordered, &analytic, kind));
-    let compared: Vec<Option<f64>> = all
-        .par_iter()
-        .map(|&(m, c)| {
-            let (numeric, noise) = ordered.difference(&lists, &gradient, m, c)?;
-            let found = analytic[m].0[c];
-            let kind = KINDS.iter().position(|kind| kind.contains(&c)).unwrap();
-            let off = (found - numeric).abs();
-            let bound = 1e-5 * found.abs().max(1e-3 * scale[kind]) + noise;
-            assert!(noise < 1e-3 * found.abs().max(1e-2 * scale[kind]), "{name} {m} {c}: noise {noise:e}");
-            assert!(off <= bound, "{name}: Gaussian {} attribute {c}: {found:e} against {numeric:e} (noise {noise:e}, largest {:e}) of {:?} {:?}", ordered.indices[m], scale[kind], ordered.attributes[m], ordered.oracles[m]);
-            Some(off / found.abs().max(1e-3 * scale[kind]))
-        })
-        .collect();
-    let count = compared.iter().flatten().count();
+    let compared = all.par_iter().filter(|&&(m, c)| {
+        let Some(numeric) = ordered.difference(&lists, &gradient, m, c) else {
+            return false;
+        };
+        let found = analytic[m].0[c];
+        let kind = KINDS.iter().position(|kind| kind.contains(&c)).unwrap();
+        let bound = 1e-5 * found.abs().max(1e-3 * scale[kind]);
+        assert!((found - numeric).abs() <= bound, "{name}: Gaussian {} attribute {c}: {found:e} against {numeric:e} (largest {:e}) of {:?} {:?}", ordered.indices[m], scale[kind], ordered.attributes[m], ordered.oracles[m]);
+        true
+    });
+    // The others have a threshold within the difference's reach.
+    let count = compared.count();
     assert!(
-        count * 2 > all.len(),
+        4 * count >= 3 * all.len(),
         "{name}: only {count} of {}",
         all.len()
     );

@@ -24,6 +24,7 @@ fn config(steps: [u64; 2], side: u32) -> TrainingConfig {
         clip_norm: 1.0,
         side,
         data: TrainingData::Procedural,
+        max_baseline_m: 0.6,
     };
     let network = concat!(
         env!("CARGO_MANIFEST_DIR"),
@@ -83,6 +84,8 @@ impl Watcher for Silent {
     ) -> Result<Vec<(String, f64)>, String> {
         Ok(Vec::new())
     }
+
+    fn warn(&mut self, _: &str) {}
 
     fn stop(&self) -> bool {
         false

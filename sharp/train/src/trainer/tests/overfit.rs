@@ -6,17 +6,14 @@ use sharp_metrics::picture::Picture;
 use sharp_metrics::psnr;
 
 use super::*;
-use crate::data::{DataError, ProceduralSamples, Sample, Source};
+use crate::data::{DataError, ProceduralSamples, Source};
 
 /// One sample again and again.
 struct Same(Sample);
 
-impl Source<MaskedSample> for Same {
-    fn get(&self, _: u64) -> Result<MaskedSample, DataError> {
-        Ok(MaskedSample {
-            sample: self.0.clone(),
-            source_mask: None,
-        })
+impl Source<Sample> for Same {
+    fn get(&self, _: u64) -> Result<Sample, DataError> {
+        Ok(self.0.clone())
     }
 }
 

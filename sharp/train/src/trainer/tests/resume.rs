@@ -43,6 +43,8 @@ impl Watcher for Interrupter {
         ])
     }
 
+    fn warn(&mut self, _: &str) {}
+
     fn stop(&self) -> bool {
         self.at == Some(Interruption::Stop(self.seen))
     }

@@ -4,9 +4,9 @@ use super::*;
 use crate::data::Source;
 
 /// Example `k` of a training, as its step is given it.
-fn example(training: &Training, k: u64) -> MaskedSample {
+fn example(training: &Training, k: u64) -> Sample {
     let config = &training.trainer.config;
-    let source = AnySource::open(config, Stage::Supervised, Path::new(""));
+    let source = Examples::open(config, Stage::Supervised, Path::new(""));
     source.unwrap().get(k).unwrap()
 }
 
@@ -14,7 +14,7 @@ fn example(training: &Training, k: u64) -> MaskedSample {
 fn before_the_first_step_the_network_changes_nothing() {
     let training = Training::new(&config([1, 0], 96));
     let trainer = &training.trainer;
-    let source = example(&training, 0).sample.source;
+    let source = example(&training, 0).source;
     let values = planes_of(source.image.as_raw(), |v| f32::from(v) / 255.0);
     let known = known_depth(&source, trainer.config.network.internal_resolution);
     let input = TrainingInput {
@@ -140,7 +140,7 @@ fn what_is_not_finite_ends_the_training_and_leaves_its_inputs() {
         assert_eq!((what, position.step), (expected, 1), "{part} of {value}");
         assert!(Arc::ptr_eq(&before, &training.trainer.state));
         assert_eq!(folder, training.path("stopped-stage1-step1"));
-        let saved = example(&training, 0).sample;
+        let saved = example(&training, 0);
         let id = saved.id.clone();
         for (role, view) in [("source", saved.source), ("target", saved.target)] {
             let picture = image::open(folder.join(format!("{role}.png"))).unwrap();
@@ -185,9 +185,9 @@ fn depth_is_learnt_alone_as_with_everything_else() {
     let training = Training::new(&alone);
     let trainer = &training.trainer;
     assert!(trainer.objective.is_of_depth_alone());
-    let masked = example(&training, 0);
-    let source = &masked.sample.source;
-    let found = trainer.example(&masked, 1).unwrap();
+    let sample = example(&training, 0);
+    let source = &sample.source;
+    let found = trainer.example(&sample, 1).unwrap();
     assert!(found.terms[3] > 0.0 && found.terms[..3] == [0.0; 3]);
 
     let values = planes_of(source.image.as_raw(), |v| f32::from(v) / 255.0);
@@ -209,8 +209,7 @@ fn depth_is_learnt_alone_as_with_everything_else() {
     let pass = trainer.network.forward(snapshot, trains, input).unwrap();
     let whole = Example {
         source,
-        target: &masked.sample.target,
-        source_mask: None,
+        target: &sample.target,
         seed: 1,
     };
     let cost = trainer.objective.cost(&pass, &whole).unwrap();
