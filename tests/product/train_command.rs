@@ -111,7 +111,15 @@ fn a_training_is_validated_and_goes_on_where_it_was_killed_or_interrupted() {
 
     assert_eq!(signalled(dir.path(), "c", 2, "-INT"), Some(75));
     assert!(!dir.path().join("c/weights.safetensors").exists());
-    train(dir.path(), "c").ends_with(0);
+    // Half a training is not what a file of that name stands for.
+    let halves = [&arguments("c")[..], &["--export-f16", "half.safetensors"]].concat();
+    let stopped = [&halves[..], &["--time-budget", "0s"]].concat();
+    sharp_bench(dir.path(), &stopped).ends_with(75);
+    assert!(!dir.path().join("half.safetensors").exists());
+    sharp_bench(dir.path(), &halves).ends_with(0);
+    let half = CheckpointSource::open(&dir.path().join("half.safetensors")).unwrap();
+    let tiny = sharp::model::ModelConfig::load(&golden("tiny_config.json#tiny")).unwrap();
+    half.check(&tiny, &[]).unwrap();
     assert_eq!(bytes(&whole), bytes(&dir.path().join("c")));
 
     // Of a complete one nothing is left to do.

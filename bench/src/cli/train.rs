@@ -28,8 +28,8 @@ Example:
   sharp-bench train mine.toml --out training
   sharp-bench run --dataset synthetic=seed=3 --method sharp:checkpoint=training/weights.safetensors,config=training/network.json --out runs/mine
 
-Writes config.toml, network.json, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder validation/, and in the
-end weights.safetensors. bench/docs/train.md explains the configuration.")]
+Writes config.toml, network.json, log.csv, timing.csv, validation.csv, index.html, checkpoints/, the run folder
+validation/, and in the end weights.safetensors. bench/docs/train.md explains the configuration.")]
 pub(super) struct TrainArgs {
     /// The configuration
     #[arg(value_name = "CONFIG.toml")]

@@ -10,7 +10,7 @@ use toml::Value;
 
 use super::TrainError;
 use crate::evaluate::folder::lock;
-use crate::io::atomic_files::{FileError, write_atomic, write_json};
+use crate::io::atomic_files::{FileError, write_atomic};
 
 /// A folder that one process trains in.
 pub(super) struct TrainingFolder {
@@ -22,8 +22,7 @@ const CONFIG: &str = "config.toml";
 
 impl TrainingFolder {
     /// Begins a training of a configuration, or finds the one that was begun under it. Its text is kept as
-    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step. The network's
-    /// sizes are `network.json`, which its weights are used with.
+    /// `config.toml`; what no result depends on may have changed in it, and anything before the first step.
     ///
     /// # Errors
     /// [`TrainError::OtherFolder`] for one that holds other files, or a training of another configuration, which names a
@@ -60,7 +59,6 @@ impl TrainingFolder {
         }
         let (lock, _) = lock(root, File::try_lock)?;
         write_atomic(&kept, text.as_bytes())?;
-        write_json(&root.join("network.json"), &config.network)?;
         Ok(Self {
             root: root.to_owned(),
             _lock: lock,
@@ -78,7 +76,7 @@ impl TrainingFolder {
 }
 
 /// Whether a step was made. Without one, a wrong path in the configuration has used nothing up.
-fn has_begun(root: &Path) -> bool {
+pub(super) fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()
 }

@@ -2,6 +2,7 @@
 //!
 //! | in the folder, besides [what `sharp_train` writes](sharp_train::trainer) | |
 //! |---|---|
+//! | `config.toml`, `network.json` | the configuration, and the network's sizes by themselves |
 //! | `validation-pairs.csv` | the pairs that weights are validated on |
 //! | `validation/` | the run folder of the last validation |
 //! | `index.html` | the page |
@@ -25,10 +26,11 @@ use sharp_train::trainer::{Ended, Trainer, Watcher};
 
 use configured::configured;
 pub use error::TrainError;
-use folder::TrainingFolder;
+use folder::{TrainingFolder, has_begun};
 use validation::Validation;
 pub use validation::ValidationRequest;
 
+use crate::io::atomic_files::write_json;
 use crate::io::checkpoint::bundled_weights;
 use crate::io::observer::Observer;
 
@@ -67,7 +69,7 @@ pub struct Trained {
 /// # Errors
 /// [`TrainError`]. What was checkpointed stays, and the same call resumes from there.
 pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Trained, TrainError> {
-    let (text, mut config) = configured(request.config, request.set)?;
+    let (text, config) = configured(request.config, request.set)?;
     let folder = TrainingFolder::open(request.folder, &text, &config)?;
     let validates = config.intervals.validation > 0;
     let validation =
@@ -81,13 +83,16 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
              VGG16, whose values are some hundred times as large, 0.01 is as much"
         ));
     }
-    // By its name a configuration is the same everywhere, so that only here it becomes a file.
-    for file in [&mut config.initial, &mut config.initial_depth] {
-        if file.as_deref() == Some(Path::new(bundled::NAME)) {
-            *file = Some(bundled_weights()?);
-        }
-    }
-    let mut trainer = Trainer::open(config, folder.root())?;
+    // The configuration keeps the name, which is the same wherever the program lies.
+    let named = config
+        .initial
+        .as_deref()
+        .or(config.initial_depth.as_deref());
+    let is_bundled = named == Some(Path::new(bundled::NAME)) && !has_begun(folder.root());
+    let initial = is_bundled.then(bundled_weights).transpose()?;
+    let network = config.network.clone();
+    let mut trainer = Trainer::open(config, initial.as_deref(), folder.root())?;
+    write_json(&folder.root().join("network.json"), &network)?;
     let perceptual_network = trainer.perceptual_network();
     let mut watcher = Watching {
         folder: &folder,

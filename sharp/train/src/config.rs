@@ -58,8 +58,8 @@ pub struct TrainingConfig {
     /// directory) or `{ inline = { … } }`.
     #[serde(deserialize_with = "network")]
     pub network: ModelConfig,
-    /// A checkpoint of this network, of any picture size, that the training begins with in place of random weights: a file,
-    /// which for the harness `"mini"` is, too.
+    /// A checkpoint of this network, of any picture size, that the training begins with in place of random weights. The
+    /// harness also takes `"mini"`, the bundled network, here and below.
     pub initial: Option<PathBuf>,
     /// A checkpoint whose depth network the training begins with; everything else is random.
     pub initial_depth: Option<PathBuf>,

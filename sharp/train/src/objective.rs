@@ -140,7 +140,9 @@ impl Objective {
             &target_from_source.inverse(),
             &options,
         );
-        let mask: Vec<bool> = mask.iter().map(|inside| *inside > 0).collect();
+        let counts = |k: usize| target.valid.as_ref().is_none_or(|valid| valid[k]);
+        let mask = mask.iter().enumerate();
+        let mask: Vec<bool> = mask.map(|(k, inside)| *inside > 0 && counts(k)).collect();
         self.on_picture(&mut sum, pass, &novel, example, Some(&mask))?;
         self.on_gaussians(&mut sum, pass, [&input, &novel])?;
         Ok(sum)

@@ -5,7 +5,7 @@
 //! | `log.csv`, `timing.csv` | every step |
 //! | `validation.csv` | what the caller measured, by step |
 //! | `checkpoints/` | states to resume from |
-//! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage, at the last validation, after the last step |
+//! | `stage1.safetensors`, `validated.safetensors`, `weights.safetensors` | weights after the first stage (where a second follows), at the last validation, after the last step |
 //! | `stopped-…/` | the example whose loss or gradient was not finite |
 
 mod error;
@@ -93,12 +93,17 @@ impl WeightSource for Snapshot {
 }
 
 impl Trainer {
-    /// Begins a training in a folder, or takes up the one that is there from its latest checkpoint.
+    /// Begins a training in a folder, or takes up the one that is there from its latest checkpoint. `initial` is where the
+    /// weights to begin with lie, if not where the configuration says.
     ///
     /// # Errors
     /// [`TrainingError`]: a folder that cannot be written, a checkpoint of another configuration,
     /// initial weights that do not fit.
-    pub fn open(config: TrainingConfig, folder: &Path) -> Result<Self, TrainingError> {
+    pub fn open(
+        config: TrainingConfig,
+        initial: Option<&Path>,
+        folder: &Path,
+    ) -> Result<Self, TrainingError> {
         // Not only when the first stage is over.
         if let (1.., TrainingData::Photographs(folder)) = (config.stage2.steps, &config.stage2.data)
         {
@@ -116,14 +121,21 @@ impl Trainer {
             )?,
             None => {
                 let (sizes, seed) = (&config.network, config.stage1.seed);
-                let source: Box<dyn WeightSource> = match (&config.initial, &config.initial_depth) {
-                    (Some(file), _) => Box::new(Pretrained::open(file, sizes)?),
-                    (None, Some(file)) => Box::new(TrainedDepth::open(file, sizes, seed)?),
-                    (None, None) => Box::new(Untrained::new(sizes, seed)),
+                let named = config
+                    .initial
+                    .as_deref()
+                    .or(config.initial_depth.as_deref());
+                let file = initial.or(named);
+                let source: Box<dyn WeightSource> = match file {
+                    Some(file) if config.initial.is_some() => {
+                        Box::new(Pretrained::open(file, sizes)?)
+                    }
+                    Some(file) => Box::new(TrainedDepth::open(file, sizes, seed)?),
+                    None => Box::new(Untrained::new(sizes, seed)),
                 };
                 let state =
                     TrainingState::new(network.parameters(), &config.trained, source.as_ref())?;
-                if let Some(file) = config.initial.as_ref().or(config.initial_depth.as_ref()) {
+                if let Some(file) = file {
                     state.check(file)?;
                 }
                 state

@@ -43,7 +43,10 @@ impl PosedSamples {
             let dataset = spec.to_string();
             return Err(DataError::HeldOut { dataset });
         }
-        let found = open_each(spec)?;
+        let mut found = open_each(spec)?;
+        if found.scenes.is_empty() {
+            found.scenes = std::mem::take(&mut found).all()?;
+        }
         let mut left_out: Vec<String> = Vec::new();
         for scene in found.left_out {
             if let Why::Fault(error) = scene.why {

@@ -256,6 +256,16 @@ fn true_depth_costs_less_at_the_true_camera() {
         };
         objective.cost(&pass, &example).unwrap().terms[0]
     };
+    let nowhere = TrainingView {
+        valid: Some(vec![false; SIDE * SIDE]),
+        ..sample.target.clone()
+    };
+    let example = Example {
+        source: &sample.source,
+        target: &nowhere,
+        seed: 1,
+    };
+    assert_eq!(objective.cost(&pass, &example).unwrap().terms[0], 0.0);
     let there = color(sample.target.camera_from_world);
     let here = color(sample.source.camera_from_world);
     // As far on the other side.

@@ -103,7 +103,8 @@ impl Ordered {
         sums.iter().enumerate().map(one).collect()
     }
 
-    /// Central difference of the oracle's loss with respect to attribute `c` of member `m`; `None` where some pixel decides otherwise on either side.
+    /// Central difference of the oracle's loss with respect to attribute `c` of member `m`; `None`
+    /// where some pixel decides otherwise on either side.
     fn difference(
         &self,
         lists: &[Vec<u32>],

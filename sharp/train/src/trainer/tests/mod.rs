@@ -54,7 +54,7 @@ struct Training {
 impl Training {
     fn new(config: &TrainingConfig) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let trainer = Trainer::open(config.clone(), folder.path()).unwrap();
+        let trainer = Trainer::open(config.clone(), None, folder.path()).unwrap();
         Self { trainer, folder }
     }
 
