@@ -43,7 +43,7 @@ variant stride8 8
 # A fifth of the same budget goes to the second stage.
 variant self-supervised 2 stage1.steps=$((steps * 4 / 5)) stage2.steps=$((steps - steps * 4 / 5))
 
-"$bench" run -q --dataset held-out:synthetic=world=varied,seed=902000,size=256x256,scenes=50 --limit 100 \
+"$bench" run -q --dataset held-out:synthetic=world=varied,seed=902000,size=256x256,scenes=50 --limit 50 \
     --method copy "${methods[@]}" --metrics paper --keep none --out "$out/run"
 rows() {
     local table=$1 pair
