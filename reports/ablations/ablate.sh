@@ -7,7 +7,7 @@ set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
 bench=${SHARP_BENCH:-$root/target/release/sharp-bench}
-out=$1 depth=$(realpath "$2") steps=${3:-250}
+out=$1 depth=$(realpath "$2") steps=${3:-150}
 mkdir -p "$out"
 cp "$root/sharp/mini/mini-384.json" "$out/stride2.json"
 for stride in 4 8; do
