@@ -170,6 +170,12 @@ fn what_cannot_be_trained_is_one_clear_error() {
     assert_eq!(log.lines().count(), 3);
     train(dir.path(), "u").is_error_with(&["`losses.tv` is 0 there and not given here"]);
 
+    // The paper's weight is for another network than the bundled one.
+    let heavy = ["--set", "losses.percep=", "--set", "initial=absent.pt"];
+    let said = sharp_bench(dir.path(), &[&arguments("v")[..], &heavy].concat());
+    said.is_error_with(&["absent.pt"]);
+    assert!(said.err.contains("`losses.percep` is 3"), "{}", said.err);
+
     let mut seen = arguments("t");
     seen[5] = "synthetic=world=varied,seed=999,scenes=2";
     sharp_bench(dir.path(), &seen).is_usage_error_with(&["scenes=2", "below 1000"]);
@@ -234,6 +240,11 @@ fn a_training_may_begin_with_the_bundled_network() {
         .unwrap()
         .check(&bundled, &[])
         .unwrap();
+    // Killed before its first checkpoint, it begins anew with the same weights.
+    let bytes = std::fs::read(&learnt).unwrap();
+    std::fs::remove_dir_all(dir.path().join("t/checkpoints")).unwrap();
+    train(dir.path(), "t").ends_with(0);
+    assert_eq!(std::fs::read(&learnt).unwrap(), bytes);
     // Random weights would begin elsewhere.
     let loss = |out: &str| {
         let log = read(dir.path().join(out).join("log.csv"));

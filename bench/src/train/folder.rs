@@ -76,7 +76,7 @@ impl TrainingFolder {
 }
 
 /// Whether a step was made. Without one, a wrong path in the configuration has used nothing up.
-pub(super) fn has_begun(root: &Path) -> bool {
+fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()
 }

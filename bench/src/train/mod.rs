@@ -19,14 +19,14 @@ mod validation;
 use std::path::{Path, PathBuf};
 
 use sharp::model::{ModelConfig, bundled};
-use sharp_train::checkpoint::Precision;
+use sharp_train::checkpoint::{CheckpointFolder, Precision};
 use sharp_train::log::StepRecord;
 use sharp_train::position::{Position, Stage};
-use sharp_train::trainer::{Ended, Trainer, Watcher};
+use sharp_train::trainer::{Ended, Trainer, TrainingError, Watcher};
 
 use configured::configured;
 pub use error::TrainError;
-use folder::{TrainingFolder, has_begun};
+use folder::TrainingFolder;
 use validation::Validation;
 pub use validation::ValidationRequest;
 
@@ -79,8 +79,8 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
     let is_vgg = config.loss_options.percep.resnet50dilated.is_none();
     if is_vgg && weight > VGG_WEIGHT_AT_MOST {
         observer.warn(&format!(
-            "`losses.percep` is {weight}, which is for the paper's network (`loss_options.percep.resnet50dilated`); over \
-             VGG16, whose values are some hundred times as large, 0.01 is as much"
+            "`losses.percep` is {weight}, a weight for the paper's network (`loss_options.percep.resnet50dilated`); values \
+             over VGG16 are some hundred times as large and want one near 0.01"
         ));
     }
     // The configuration keeps the name, which is the same wherever the program lies.
@@ -88,7 +88,9 @@ pub fn train(request: TrainRequest<'_>, observer: &dyn Observer) -> Result<Train
         .initial
         .as_deref()
         .or(config.initial_depth.as_deref());
-    let is_bundled = named == Some(Path::new(bundled::NAME)) && !has_begun(folder.root());
+    let checkpoints = CheckpointFolder::new(folder.root().join("checkpoints")).positions();
+    let begins = checkpoints.map_err(TrainingError::from)?.is_empty();
+    let is_bundled = begins && named == Some(Path::new(bundled::NAME));
     let initial = is_bundled.then(bundled_weights).transpose()?;
     let network = config.network.clone();
     let mut trainer = Trainer::open(config, initial.as_deref(), folder.root())?;

@@ -55,7 +55,7 @@ pub trait Watcher {
         position: Position,
     ) -> Result<Vec<(String, f64)>, String>;
 
-    /// What a stage does not learn from though it is configured, or another thing worth knowing; nothing stops for it.
+    /// Told what of its data a stage leaves out; the training continues.
     fn warn(&mut self, text: &str);
 
     /// Asked before every step; true ends the training after a checkpoint.

@@ -43,17 +43,17 @@ impl PosedSamples {
             let dataset = spec.to_string();
             return Err(DataError::HeldOut { dataset });
         }
-        let mut found = open_each(spec)?;
-        if found.scenes.is_empty() {
-            found.scenes = std::mem::take(&mut found).all()?;
-        }
-        let mut left_out: Vec<String> = Vec::new();
-        for scene in found.left_out {
-            if let Why::Fault(error) = scene.why {
-                left_out.push(format!("{spec}: scene '{}' is left out: {error}", scene.id));
-            }
-        }
-        let mut scenes = found.scenes;
+        let found = open_each(spec)?;
+        let faults = found.left_out.iter().filter_map(|scene| match &scene.why {
+            Why::Fault(error) => Some(format!("{spec}: scene '{}' is left out: {error}", scene.id)),
+            Why::Choice(_) => None,
+        });
+        let mut left_out: Vec<String> = faults.collect();
+        // Where none is left and something is broken, that is why.
+        let mut scenes = match found.scenes.is_empty() {
+            true => found.all()?,
+            false => found.scenes,
+        };
         let views = |scenes: &[Scene]| scenes.iter().map(|s| s.views.len()).sum::<usize>();
         let all = views(&scenes);
         for scene in &mut scenes {
