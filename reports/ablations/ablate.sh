@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
-# The paper's ablations at the scale of the bundled network: every variant goes on from the same depth network for the
-# same number of steps on the same examples, and is evaluated on the same held-out scenes. Resumable: run it again.
+# The paper's ablations at the scale of the bundled network: every variant begins with the same depth network and learns for
+# the same number of steps on the same examples, and is evaluated on the same held-out scenes. Resumable: run it again.
 #
 # usage: ablate.sh OUT DEPTH.safetensors [STEPS]
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$here/../..
 bench=${SHARP_BENCH:-$root/target/release/sharp-bench}
-out=$1 depth=$(realpath "$2") steps=${3:-150}
+usage="usage: ablate.sh OUT DEPTH.safetensors [STEPS]"
+out=${1:?$usage} depth=$(realpath "${2:?$usage}") steps=${3:-150}
 mkdir -p "$out"
 cp "$root/sharp/mini/mini-384.json" "$out/stride2.json"
 for stride in 4 8; do

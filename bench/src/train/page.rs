@@ -38,6 +38,7 @@ struct TrainPage {
     /// Of each stage: steps, median seconds a step, hours.
     stages: Vec<[String; 4]>,
     samples: Vec<Sample>,
+    perceptual_network: Option<&'static str>,
     config: String,
 }
 
@@ -128,8 +129,6 @@ pub(super) fn write(
         let last = log.values(loss)?.last().copied();
         tiles.extend(last.map(|loss| ("last loss", format!("{loss:.4}"))));
     }
-    let network = perceptual_network.map(str::to_owned);
-    tiles.extend(network.map(|network| ("network of the perceptual loss", network)));
     let figures = [losses(&log, places.len())?, validated(&validation, &steps)?];
     let page = TrainPage {
         title: "A training",
@@ -137,6 +136,7 @@ pub(super) fn write(
         figures: figures.into_iter().flatten().collect(),
         stages,
         samples: samples(&folder.validation(), observer)?,
+        perceptual_network,
         config: config_text,
     };
     let html = page.render().map_err(ReportError::from)?;

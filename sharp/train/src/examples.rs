@@ -46,7 +46,8 @@ impl Examples {
             for spec in specs {
                 let spec = DatasetSpec::parse(spec)?;
                 let samples = PosedSamples::open(&spec, seed, size, limit_m)?;
-                left_out.extend_from_slice(samples.left_out());
+                let reasons = samples.left_out().iter();
+                left_out.extend(reasons.map(|reason| format!("{spec}: {reason}")));
                 sources.push(Box::new(samples));
             }
         } else {

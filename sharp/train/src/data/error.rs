@@ -26,9 +26,15 @@ pub enum DataError {
     #[error("{}: no depth belongs to this picture", image.display())]
     NoDepth { image: PathBuf },
     #[error(
-        "{dataset}: no two views of a scene have depth, stand at most {limit_m} m apart (`max_baseline_m`) and differ in pose"
+        "{dataset}: no two views of a scene have depth, stand at most {limit_m} m apart (`max_baseline_m`) and differ in pose{}",
+        left_out.iter().map(|reason| format!("; {reason}")).collect::<String>()
     )]
-    NoPair { dataset: String, limit_m: f64 },
+    NoPair {
+        dataset: String,
+        limit_m: f64,
+        /// Of the dataset, each with its reason.
+        left_out: Vec<String>,
+    },
     #[error("{}: no PNG or JPEG picture lies in this folder", folder.display())]
     NoPicture { folder: PathBuf },
     /// Some of the scenes are kept for evaluation.

@@ -45,7 +45,7 @@ impl PosedSamples {
         }
         let found = open_each(spec)?;
         let faults = found.left_out.iter().filter_map(|scene| match &scene.why {
-            Why::Fault(error) => Some(format!("{spec}: scene '{}' is left out: {error}", scene.id)),
+            Why::Fault(error) => Some(format!("scene '{}' is left out: {error}", scene.id)),
             Why::Choice(_) => None,
         });
         let mut left_out: Vec<String> = faults.collect();
@@ -62,7 +62,7 @@ impl PosedSamples {
         let without = all - views(&scenes);
         if without > 0 {
             left_out.push(format!(
-                "{spec}: {without} of {all} views have no depth and are left out"
+                "{without} of {all} views have no depth and are left out"
             ));
         }
         let mut samples = Self {
@@ -82,6 +82,7 @@ impl PosedSamples {
             true => Err(DataError::NoPair {
                 dataset: spec.to_string(),
                 limit_m: max_baseline_m,
+                left_out: samples.left_out,
             }),
             false => Ok(samples),
         }

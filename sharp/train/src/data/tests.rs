@@ -188,7 +188,7 @@ fn views_without_depth_and_broken_scenes_are_left_out_and_named() {
     let path = bundled::extract(folder.path()).unwrap();
     let text = format!("middlebury={}", path.display());
     let error = posed(&text, SIZE, 0.6).unwrap_err().to_string();
-    assert!(error.contains("have depth"), "{error}");
+    assert!(error.contains("; 1 of 2 views have no depth"), "{error}");
     // The left one's map stands in for the right one's.
     let scene = path.join("Motorcycle-quarter");
     for other in ["Broken", "Half"] {
