@@ -129,10 +129,14 @@ def scale_gradient_other(scale):
     return total
 
 
-def srgb(linear, upstream):
+def encoded(linear):
     above = linear > 0.0031308
     curve = 1.055 * torch.where(above, linear, 1) ** (1 / 2.4) - 0.055
-    return (torch.where(above, curve, 12.92 * linear) * upstream).sum()
+    return torch.where(above, curve, 12.92 * linear)
+
+
+def srgb(linear, upstream):
+    return (encoded(linear) * upstream).sum()
 
 
 def max_pool(x, side, padding):
@@ -303,8 +307,8 @@ def covariances(means, quaternions, scales, camera_from_scene, view, upstream):
     return (torch.stack([shapes[:, 0, 0], shapes[:, 0, 1], shapes[:, 1, 1]], -1) * upstream).sum()
 
 
-def renderer(means, quaternions, scales, opacities, colors, camera_from_scene, view, **of):
-    """Every Gaussian at every pixel, front to back."""
+def rendered(means, quaternions, scales, opacities, colors, camera_from_scene, view):
+    """Every Gaussian at every pixel, front to back: colour, alpha, depth."""
     p, centres, shapes = projected(means, quaternions, scales, camera_from_scene, view)
     width, height, eps = int(view[4]), int(view[5]), view[6]
     drawn = [k for k in p[:, 2].argsort(stable=True).tolist()
@@ -327,7 +331,12 @@ def renderer(means, quaternions, scales, opacities, colors, camera_from_scene, v
         rgb = rgb + weight[..., None] * colors[k]
         depth = depth + weight * p[k, 2]
         passing = passing * (1 - alpha)
-    return (rgb * of["of rgb"]).sum() + ((1 - passing) * of["of alpha"]).sum() + (depth * of["of depth"]).sum()
+    return rgb, 1 - passing, depth
+
+
+def renderer(**case):
+    upstream = [case.pop(f"of {part}") for part in ("rgb", "alpha", "depth")]
+    return sum((picture * weights).sum() for picture, weights in zip(rendered(**case), upstream))
 
 
 # Name of a case, without its number: its function, and what may differ of values and of gradients.
@@ -345,7 +354,7 @@ CASES["covariances"] = (covariances, VALUE, ROUNDED)
 CASES |= {name: (function, F32, F32) for name, function in OPERATORS.items()}
 NETWORKS = ("vgg16", "vgg16 features", "resnet50dilated")
 
-EXPECTED = {f"training: {name}{part}" for name in [*CASES, *(f"perceptual {n}" for n in NETWORKS)]
+EXPECTED = {f"training: {name}{part}" for name in [*CASES, "surgery", *(f"perceptual {n}" for n in NETWORKS)]
             for part in ("", " ∇")}
 
 
@@ -379,6 +388,12 @@ def compare(comparison, run, program, rng, folder):
         def function(predicted, target, mask, network=network, on_features=name.endswith("features")):
             return perceptual(network, on_features, predicted, target, mask)
         cases[f"perceptual {name}"] = (function, F32, F32)
+
+    def surgery(target, **scene):
+        picture, _, _ = rendered(**scene)
+        return perceptual(vgg, False, encoded(picture), target, torch.ones(target.shape[:2]))
+
+    cases["surgery"] = (surgery, F32, F32)
     left_out = 0
     for file in sorted(folder.glob("*.safetensors")):
         name = file.name.split(".")[0]

@@ -304,11 +304,47 @@ fn scene(values: &mut Values, count: usize) -> Gaussians {
     scene
 }
 
-fn of_scene(case: Case, scene: &Gaussians, gradient: &[GaussianGradient]) -> Case {
+/// A camera that is not rigid: the paper's own out of the normalised space is not either.
+fn view(values: &mut Values, camera: Intrinsics, eps2d: f32) -> RenderView {
+    let entries = values.between(-0.1, 0.1, 12);
+    let mut affine = DAffine3 {
+        matrix3: DMat3::IDENTITY,
+        translation: DVec3::new(entries[9].into(), entries[10].into(), entries[11].into()),
+    };
+    for (i, entry) in entries[..9].iter().enumerate() {
+        affine.matrix3.col_mut(i / 3)[i % 3] += f64::from(*entry);
+    }
+    RenderView {
+        eps2d,
+        ..RenderView::new(affine, camera)
+    }
+}
+
+/// Scene and view, and gradients of all that places a Gaussian.
+fn seen(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> Case {
     let n = scene.len();
     let part = |take: fn(&GaussianGradient) -> &[f32]| gradient.iter().flat_map(take).copied();
     let part = |take| part(take).collect::<Vec<f32>>();
-    case.f32("means", &[n, 3], scene.means.as_flattened())
+    let (affine, camera) = (&view.camera_from_scene, &view.intrinsics);
+    let rows: Vec<f64> = (0..3)
+        .flat_map(|row| {
+            let linear = affine.matrix3.row(row).to_array();
+            [linear[0], linear[1], linear[2], affine.translation[row]]
+        })
+        .collect();
+    let numbers = [
+        camera.fx,
+        camera.fy,
+        camera.cx,
+        camera.cy,
+        f64::from(camera.width),
+        f64::from(camera.height),
+        f64::from(view.eps2d),
+    ];
+    Case::default()
+        .f64("camera_from_scene", &[3, 4], &rows)
+        .f64("view", &[7], &numbers)
+        .f32("means", &[n, 3], scene.means.as_flattened())
         .f32("quaternions", &[n, 4], scene.quaternions.as_flattened())
         .f32("scales", &[n, 3], scene.scales.as_flattened())
         .f32("d means", &[n, 3], &part(|g| &g.mean))
@@ -316,25 +352,25 @@ fn of_scene(case: Case, scene: &Gaussians, gradient: &[GaussianGradient]) -> Cas
         .f32("d scales", &[n, 3], &part(|g| &g.scales))
 }
 
+/// [`seen`], and what a Gaussian is painted with.
+fn painted(scene: &Gaussians, view: &RenderView, gradient: &[GaussianGradient]) -> Case {
+    let n = scene.len();
+    let opacities: Vec<f32> = gradient.iter().map(|g| g.opacity).collect();
+    let colors: Vec<f32> = gradient.iter().flat_map(|g| g.color).collect();
+    seen(scene, view, gradient)
+        .f32("opacities", &[n], &scene.opacities)
+        .f32("d opacities", &[n], &opacities)
+        .f32("colors", &[n, 3], scene.colors.as_flattened())
+        .f32("d colors", &[n, 3], &colors)
+}
+
 fn renderer(values: &mut Values, folder: &Path) -> Done {
     let (width, height) = (34_u32, 27_u32);
-    for number in 0..3 {
+    for (number, eps2d) in [0.0, 0.01, 0.3].into_iter().enumerate() {
         let scene = scene(values, 60);
         let n = scene.len();
-        // Not rigid: the paper's own camera out of the normalised space is not either.
-        let entries = values.between(-0.1, 0.1, 12);
-        let mut affine = DAffine3 {
-            matrix3: DMat3::IDENTITY,
-            translation: DVec3::new(entries[9].into(), entries[10].into(), entries[11].into()),
-        };
-        for (i, entry) in entries[..9].iter().enumerate() {
-            affine.matrix3.col_mut(i / 3)[i % 3] += f64::from(*entry);
-        }
         let camera = Intrinsics::new((31.0, 29.0), (16.3, 13.9), (width, height))?;
-        let view = RenderView {
-            eps2d: [0.0, 0.01, 0.3][number],
-            ..RenderView::new(affine, camera)
-        };
+        let view = view(values, camera, eps2d);
         let pixels = (width * height) as usize;
         let (of_rgb, of_alpha, of_depth) = (
             values.three(-1.0, 1.0, pixels),
@@ -342,27 +378,6 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
             values.between(-1.0, 1.0, pixels),
         );
         let size = [height as usize, width as usize];
-        let with_view = |case: Case| {
-            let rows: Vec<f64> = (0..3)
-                .flat_map(|row| {
-                    let linear = affine.matrix3.row(row).to_array();
-                    [linear[0], linear[1], linear[2], affine.translation[row]]
-                })
-                .collect();
-            case.f64("camera_from_scene", &[3, 4], &rows).f64(
-                "view",
-                &[7],
-                &[
-                    camera.fx,
-                    camera.fy,
-                    camera.cx,
-                    camera.cy,
-                    f64::from(width),
-                    f64::from(height),
-                    f64::from(view.eps2d),
-                ],
-            )
-        };
 
         let mut renderer = CpuRenderer::new();
         let picture = renderer.render(&scene, &view)?;
@@ -382,13 +397,7 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
         let value = weighted(picture.rgb_linear.as_flattened(), of_rgb.as_flattened())
             + weighted(&picture.alpha, &of_alpha)
             + weighted(&picture.depth_acc, &of_depth);
-        let opacities: Vec<f32> = gradient.iter().map(|g| g.opacity).collect();
-        let colors: Vec<f32> = gradient.iter().flat_map(|g| g.color).collect();
-        of_scene(with_view(Case::default()), &scene, &gradient)
-            .f32("opacities", &[n], &scene.opacities)
-            .f32("d opacities", &[n], &opacities)
-            .f32("colors", &[n, 3], scene.colors.as_flattened())
-            .f32("d colors", &[n, 3], &colors)
+        painted(&scene, &view, &gradient)
             .f32("of rgb", &[size[0], size[1], 3], of_rgb.as_flattened())
             .f32("of alpha", &size, &of_alpha)
             .f32("of depth", &size, &of_depth)
@@ -404,10 +413,39 @@ fn renderer(values: &mut Values, folder: &Path) -> Done {
         backward_covariances(&scene, &view, &upstream, &mut gradient)?;
         let products = shapes.as_flattened().iter().zip(upstream.as_flattened());
         let value = products.map(|(a, b)| a * b).sum();
-        of_scene(with_view(Case::default()), &scene, &gradient)
+        seen(&scene, &view, &gradient)
             .f64("upstream", &[n, 3], upstream.as_flattened())
             .f64("value", &[1], &[value])
             .write(folder, &format!("covariances.{number}"))?;
+    }
+    Ok(())
+}
+
+/// The perceptual loss of a rendering, its gradient handed from the picture to the renderer, where torch has one graph.
+fn surgery(values: &mut Values, folder: &Path) -> Done {
+    let [height, width] = [16, 22];
+    let loss = Perceptual::new(PerceptualOptions::default())?;
+    for number in 0..8 {
+        let scene = scene(values, 60);
+        let camera = Intrinsics::new((20.0, 19.0), (10.6, 8.3), (width as u32, height as u32))?;
+        let view = view(values, camera, RenderView::EPS2D_CONFIG);
+        let target = picture(values, [height, width]);
+        let mut renderer = CpuRenderer::new();
+        let linear = renderer.render(&scene, &view)?.rgb_linear;
+        let encoded: Vec<_> = linear.iter().map(|p| p.map(srgb_from_linear)).collect();
+        let found = loss.compare(&encoded, &target, width, None, 0)?;
+        let none = vec![0.0; linear.len()];
+        let upstream = PictureGradient {
+            width,
+            rgb_linear: &linear_from_srgb_gradient(&linear, &found.gradient),
+            alpha: &none,
+            depth_acc: &none,
+        };
+        let gradient = renderer.backward(&scene, &view, &upstream)?;
+        painted(&scene, &view, &gradient)
+            .f32("target", &[height, width, 3], target.as_flattened())
+            .f64("value", &[1], &[found.value])
+            .write(folder, &format!("surgery.{number}"))?;
     }
     Ok(())
 }
@@ -418,5 +456,6 @@ fn main() -> Done {
     losses(&mut values, &request.folder)?;
     perceptual(&mut values, &request.folder, &request.resnet50dilated)?;
     renderer(&mut values, &request.folder)?;
+    surgery(&mut values, &request.folder)?;
     operators::operators(&mut values, &request.folder)
 }
