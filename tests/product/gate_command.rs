@@ -13,7 +13,7 @@ use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
 use crate::support::{Said, read, sharp_bench};
 
 const SCENES: u64 = 8;
-const VIEWS: usize = 10;
+const VIEWS: usize = 6;
 const LIMITS: [&str; 6] = [
     "--fail-if",
     "psnr < -0.05",

@@ -55,17 +55,21 @@ impl Ordered {
         }
     }
 
-    /// For every pixel the members that come near 1/255 there, front to back.
-    fn lists(&self) -> Vec<Vec<u32>> {
+    fn seen(&self) -> Seen {
         let (width, height) = (self.view.intrinsics.width, self.view.intrinsics.height);
-        let at = |i: u32| DVec2::new(f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
         let near = |i: u32| {
-            let members = 0..self.oracles.len() as u32;
+            let members = self.oracles.iter().enumerate();
             members
-                .filter(|m| self.oracles[*m as usize].alpha(at(i)) > 0.9 / 255.0)
+                .map(|(m, s)| (m, s.alpha(center(i as usize, width as usize))))
+                .filter(|(_, alpha)| *alpha > 0.9 / 255.0)
                 .collect()
         };
-        (0..width * height).into_par_iter().map(near).collect()
+        let at: Vec<Vec<(usize, f64)>> = (0..width * height).into_par_iter().map(near).collect();
+        let mut of = vec![Vec::new(); self.oracles.len()];
+        for (i, members) in at.iter().enumerate() {
+            members.iter().for_each(|(m, _)| of[*m].push(i));
+        }
+        Seen { at, of }
     }
 
     /// The production kernel and chain rule in f64, by member.
@@ -105,17 +109,8 @@ impl Ordered {
 
     /// Central difference of the oracle's loss with respect to attribute `c` of member `m`; `None`
     /// where some pixel decides otherwise on either side.
-    fn difference(
-        &self,
-        lists: &[Vec<u32>],
-        gradient: &Gradient,
-        m: usize,
-        c: usize,
-    ) -> Option<f64> {
-        let (width, s) = (gradient.width, &self.oracles[m]);
-        let pixels: Vec<usize> = (0..lists.len())
-            .filter(|i| lists[*i].contains(&(m as u32)))
-            .collect();
+    fn difference(&self, seen: &Seen, gradient: &Gradient, m: usize, c: usize) -> Option<f64> {
+        let s = &self.oracles[m];
         let thickness = s.thickness(self.view.eps2d);
         let a = &self.attributes[m];
         let norm = a[3..7].iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -142,15 +137,15 @@ impl Ordered {
             };
             let (plus, minus) = (moved(h), moved(-h));
             let mut sum = 0.0;
-            for i in &pixels {
-                let at = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            for i in &seen.of[m] {
                 let g = gradient.pixel(*i);
                 let with = |changed: &OracleSplat| {
-                    let members = lists[*i].iter().map(|k| *k as usize);
-                    let list: Vec<OracleSplat> = members
-                        .map(|k| if k == m { *changed } else { self.oracles[k] })
-                        .collect();
-                    pixel(&list.iter().collect::<Vec<_>>(), at, &g)
+                    let alpha = changed.alpha(center(*i, gradient.width));
+                    let members = seen.at[*i].iter().map(|(k, unchanged)| match *k == m {
+                        true => (alpha, changed),
+                        false => (*unchanged, &self.oracles[*k]),
+                    });
+                    pixel(members, &g)
                 };
                 let ((up, how), (down, other)) = (with(&plus), with(&minus));
                 if how != other {
@@ -163,6 +158,18 @@ impl Ordered {
         let (coarse, fine) = (at(1e-3 * unit)?, at(5e-4 * unit)?);
         Some((4.0 * fine - coarse) / 3.0)
     }
+}
+
+/// What comes near 1/255 where.
+struct Seen {
+    /// For every pixel the members and their α before the clamp, front to back.
+    at: Vec<Vec<(usize, f64)>>,
+    /// For every member the pixels.
+    of: Vec<Vec<usize>>,
+}
+
+fn center(pixel: usize, width: usize) -> DVec2 {
+    DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
 }
 
 /// A splat for the kernel, from production's projection.
@@ -206,7 +213,7 @@ fn check_f64(name: &str, eps2d: f32, samples: usize) {
     let ordered = Ordered::new(&scene, &view);
     let gradient = Gradient::random(&view, 5);
     let analytic = ordered.gradients(&gradient);
-    let lists = ordered.lists();
+    let seen = ordered.seen();
     let mut all: Vec<(usize, usize)> = (0..ordered.indices.len())
         .flat_map(|m| (0..ATTRIBUTES).map(move |c| (m, c)))
         .collect();
@@ -216,7 +223,7 @@ fn check_f64(name: &str, eps2d: f32, samples: usize) {
     }
     let scale = [0, 1, 2, 3, 4].map(|kind| largest(&ordered, &analytic, kind));
     let compared = all.par_iter().filter(|&&(m, c)| {
-        let Some(numeric) = ordered.difference(&lists, &gradient, m, c) else {
+        let Some(numeric) = ordered.difference(&seen, &gradient, m, c) else {
             return false;
         };
         let found = analytic[m].0[c];

@@ -27,6 +27,8 @@ pub(super) struct OracleSplat {
     /// Rows of the projected half covariance, whose products are `covariance`.
     half: [DVec3; 2],
     eps: f64,
+    /// Of the covariance and eps, without the cancellation of needles.
+    determinant: f64,
     pub(super) opacity: f64,
     pub(super) color: DVec3,
     pub(super) z: f64,
@@ -55,12 +57,16 @@ pub(super) fn splat(view: &RenderView, a: &Attributes) -> OracleSplat {
         DVec3::new(0.0, k.fy / p.z, -k.fy * ty / p.z),
     ];
     let [u, v] = rows.map(|row| half.transpose() * row);
+    let eps = f64::from(view.eps2d);
     let covariance = DMat2::from_cols_array(&[u.dot(u), u.dot(v), u.dot(v), v.dot(v)]);
     OracleSplat {
         mean: DVec2::new(k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy),
         covariance,
         half: [u, v],
-        eps: f64::from(view.eps2d),
+        eps,
+        determinant: u.cross(v).length_squared()
+            + eps * (u.length_squared() + v.length_squared())
+            + eps * eps,
         opacity: a[10],
         color: DVec3::new(a[11], a[12], a[13]),
         z: p.z,
@@ -71,12 +77,9 @@ impl OracleSplat {
     /// α before the clamp.
     pub(super) fn alpha(&self, at: DVec2) -> f64 {
         let ([u, v], d, eps) = (self.half, self.mean - at, self.eps);
-        // dᵀ Σ⁻¹ d by adjugate and determinant, without the cancellation of needles.
-        let determinant = u.cross(v).length_squared()
-            + eps * (u.length_squared() + v.length_squared())
-            + eps * eps;
+        // dᵀ Σ⁻¹ d by adjugate and determinant.
         let square = (v * d.x - u * d.y).length_squared() + eps * d.length_squared();
-        self.opacity * (-0.5 * square / determinant).exp()
+        self.opacity * (-0.5 * square / self.determinant).exp()
     }
 
     /// The smaller standard deviation on the screen, pixels.
@@ -88,21 +91,25 @@ impl OracleSplat {
     }
 }
 
-/// The loss of a pixel, `g · (colour, alpha, depth)`, and what was decided on the way.
-pub(super) fn pixel(splats: &[&OracleSplat], at: DVec2, g: &[f64; 5]) -> (f64, Vec<u8>) {
+/// The loss of a pixel, `g · (colour, alpha, depth)`, and a hash of what was decided on the way. Splats come with their α
+/// before the clamp, front to back.
+pub(super) fn pixel<'a>(
+    splats: impl Iterator<Item = (f64, &'a OracleSplat)>,
+    g: &[f64; 5],
+) -> (f64, u64) {
     let (alpha_min, alpha_max) = (1.0 / 255.0, f64::from(0.999_f32));
-    let (mut loss, mut left, mut decisions) = (0.0, 1.0, Vec::with_capacity(splats.len()));
-    for s in splats {
-        let alpha = s.alpha(at);
+    let (mut loss, mut left, mut decisions) = (0.0, 1.0, 0);
+    let decide = |so_far: u64, what: u64| (so_far ^ what).wrapping_mul(0x0100_0000_01b3);
+    for (alpha, s) in splats {
         if alpha < alpha_min {
-            decisions.push(0);
+            decisions = decide(decisions, 1);
             continue;
         }
-        decisions.push(if alpha > alpha_max { 2 } else { 1 });
+        decisions = decide(decisions, if alpha > alpha_max { 3 } else { 2 });
         let alpha = alpha.min(alpha_max);
         let behind = left * (1.0 - alpha);
         if behind <= 1e-4 {
-            decisions.push(3);
+            decisions = decide(decisions, 4);
             break;
         }
         let c = s.color;
