@@ -1,14 +1,16 @@
 //! What `sharp-bench demo` leaves, as a visitor reads it.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use crate::support::read;
 
 #[test]
-#[ignore = "reads a finished demo, whose folder SHARP_BENCH_DEMO names"]
+#[ignore = "reads a finished demo: SHARP_BENCH_DEMO names a file with what its --json printed"]
 fn the_demo_shows_the_papers_metrics_and_depth_splat_beats_copy_on_a_real_pair() {
-    let dir = PathBuf::from(std::env::var_os("SHARP_BENCH_DEMO").unwrap());
-    let page = read(dir.join("report/index.html"));
+    let json = read(std::env::var_os("SHARP_BENCH_DEMO").unwrap());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let file = |name: &str| Path::new(json[name].as_str().unwrap());
+    let page = read(file("report"));
     // Self-contained: nothing is fetched when the page is opened.
     for loads in ["src=\"http", "href=\"http", "@import", "url(http"] {
         let inside = page
@@ -22,7 +24,7 @@ fn the_demo_shows_the_papers_metrics_and_depth_splat_beats_copy_on_a_real_pair()
     }
     assert!(page.contains("depth-splat"));
 
-    let mut reader = csv::Reader::from_path(dir.join("run/scores.csv")).unwrap();
+    let mut reader = csv::Reader::from_path(file("scores")).unwrap();
     let header = reader.headers().unwrap().clone();
     let at = |name: &str| header.iter().position(|column| column == name).unwrap();
     let (dataset, method, psnr, ssim) = (
@@ -53,7 +55,7 @@ fn the_demo_shows_the_papers_metrics_and_depth_splat_beats_copy_on_a_real_pair()
         let empty = rows.iter().filter(|row| row[at(metric)].is_empty()).count();
         assert_eq!(empty, 0, "{metric}");
     }
-    let report = read(dir.join("report/report.md"));
+    let report = read(file("report").with_file_name("report.md"));
     // What methods report of themselves, the table after, not all of them do.
     let (scores, _) = report.split_once("Mean alpha").unwrap();
     assert!(!scores.contains("n/a"), "{scores}");

@@ -91,15 +91,15 @@ impl OracleSplat {
     }
 }
 
-/// The loss of a pixel, `g · (colour, alpha, depth)`, and a hash of what was decided on the way. Splats come with their α
-/// before the clamp, front to back.
+/// The loss of a pixel, `g · (colour, alpha, depth)`, and a number for what was decided on the way, another one wherever
+/// a single decision differs. Splats come with their α before the clamp, front to back.
 pub(super) fn pixel<'a>(
     splats: impl Iterator<Item = (f64, &'a OracleSplat)>,
     g: &[f64; 5],
 ) -> (f64, u64) {
     let (alpha_min, alpha_max) = (1.0 / 255.0, f64::from(0.999_f32));
     let (mut loss, mut left, mut decisions) = (0.0, 1.0, 0);
-    let decide = |so_far: u64, what: u64| (so_far ^ what).wrapping_mul(0x0100_0000_01b3);
+    let decide = |so_far: u64, what: u64| so_far.wrapping_mul(5).wrapping_add(what);
     for (alpha, s) in splats {
         if alpha < alpha_min {
             decisions = decide(decisions, 1);
