@@ -3,6 +3,9 @@
 #[cfg(test)]
 mod analyze_command;
 #[cfg(test)]
+#[cfg(unix)]
+mod cases;
+#[cfg(test)]
 mod compare_command;
 #[cfg(test)]
 mod datasets_command;
