@@ -16,14 +16,14 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::Manifest;
-use super::record::{ChosenScale, Crop, Record, Score, Status};
+use super::record::{ChosenScale, Crop, PairFiles, Record, Score, Status};
 use super::results::Results;
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::StableHasher;
 use crate::pairs::PairList;
 
 /// Version of the layout. Older ones stay readable.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Bytes that a member of text may unpack to: a hundred times those of the paper's whole evaluation.
 const MAX_MEMBER: u64 = 1 << 28;
@@ -35,7 +35,7 @@ const ABSENT: u64 = u64::MAX;
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
-    /// Hash of the records.
+    /// Hash of the manifest and the records; of format 1, of the records alone.
     pub(crate) digest: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) occasion: Option<Occasion>,
@@ -81,6 +81,8 @@ struct UnitLine {
     resized_from: Option<(u32, u32)>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     scale: Option<ChosenScale>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    files: Option<PairFiles>,
 }
 
 /// Writes the results of a run folder, or of another bundle, into a file.
@@ -131,7 +133,7 @@ impl Bundle {
     pub(crate) fn head(&self) -> serde_json::Result<Head> {
         Ok(Head {
             format: FORMAT,
-            digest: digest(&self.results.records)?,
+            digest: digest(FORMAT, &self.results.manifest, &self.results.records)?,
             occasion: self.occasion.clone(),
         })
     }
@@ -172,6 +174,7 @@ impl Bundle {
                 valid_share: record.valid_share,
                 resized_from: record.resized_from,
                 scale: record.scale,
+                files: record.files.clone(),
             };
             units += &serde_json::to_string(&line)?;
             units.push('\n');
@@ -224,7 +227,7 @@ impl Bundle {
         hasher
             .add("manifest", &serde_json::to_string(&manifest)?)
             .add("pairs", &self.pairs.sha256)
-            .add("records", &digest(&self.results.records)?)
+            .add("records", &digest(1, &manifest, &self.results.records)?)
             .add("missing", &serde_json::to_string(&self.results.missing)?);
         Ok(hasher.finish())
     }
@@ -240,9 +243,12 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Hash of what a bundle holds of records.
-fn digest(records: &[Record]) -> serde_json::Result<String> {
+/// Hash of what a bundle of a format holds of manifest and records.
+fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::Result<String> {
     let mut hasher = StableHasher::default();
+    if format > 1 {
+        hasher.add("manifest", &serde_json::to_string(manifest)?);
+    }
     for record in records {
         let kept = Record {
             extras: BTreeMap::new(),
@@ -311,6 +317,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let mut members = Members::open(path)?;
     let head = members.head()?;
     let manifest: Manifest = members.json("manifest.json")?;
+    manifest.check_metrics().map_err(&unreadable)?;
     let missing = members.json("missing.json")?;
     let listed = members.bytes("pairs.csv", MAX_MEMBER)?;
     let list = PairList::parse(&path.join("pairs.csv"), &listed)?;
@@ -371,13 +378,15 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             valid_share: line.valid_share,
             resized_from: line.resized_from,
             scale: line.scale,
+            files: line.files,
             extras: BTreeMap::new(),
         });
     }
-    let found = digest(&records).map_err(|error| unreadable(error.to_string()))?;
+    let found = digest(head.format, &manifest, &records);
+    let found = found.map_err(|error| unreadable(error.to_string()))?;
     if found != head.digest {
         return Err(unreadable(
-            "damaged: its records are not those that were packed".to_owned(),
+            "damaged: what it holds is not what was packed".to_owned(),
         ));
     }
     let results = Results {

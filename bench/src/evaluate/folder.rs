@@ -186,7 +186,12 @@ impl RunFolder {
                 expected: FORMAT,
             });
         }
-        Ok(Some(serde_json::from_slice(&bytes).map_err(parse_error)?))
+        let manifest: Manifest = serde_json::from_slice(&bytes).map_err(parse_error)?;
+        manifest.check_metrics().map_err(|reason| EvaluateError::NotKept {
+            folder: self.root.clone(),
+            reason,
+        })?;
+        Ok(Some(manifest))
     }
 
     /// Writes `manifest.json`.

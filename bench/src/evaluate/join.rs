@@ -9,7 +9,7 @@ use super::error::EvaluateError;
 use super::folder::RunFolder;
 use super::manifest::Manifest;
 use super::plan::RunPlan;
-use super::record::Record;
+use super::record::{Record, file_difference};
 use super::results::{Current, Results, write_tables};
 use super::unit::Unit;
 use crate::io::atomic_files::{FileError, write_atomic};
@@ -162,6 +162,9 @@ fn joined_results(a: Results, b: Results) -> Result<Results, String> {
                 records.insert(key, joined)
             }
         };
+    }
+    if let Some(difference) = file_difference(records.values()) {
+        return Err(difference);
     }
     let order: BTreeMap<&str, usize> = manifest
         .methods

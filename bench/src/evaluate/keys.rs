@@ -10,10 +10,13 @@
 
 use std::collections::BTreeMap;
 
-use sharp_datasets::View;
+use sharp_datasets::{Scene, View};
 
+use super::error::EvaluateError;
+use super::folder::RunFolder;
 use super::manifest::{MethodRecord, RendererRecord};
-use super::unit::Slot;
+use super::record::{PairFiles, Status};
+use super::unit::{Slot, Unit};
 use crate::io::fingerprints;
 use crate::io::hash::StableHasher;
 use crate::io::view_hashes::ViewHashes;
@@ -154,6 +157,51 @@ impl Keys {
             predict,
             picture: picture.finish(),
         }
+    }
+
+    /// Which files a pair is; `None` where one cannot be read.
+    pub(super) fn pair_files(&self, planned: &ResolvedPair) -> Option<PairFiles> {
+        Some(PairFiles {
+            source: self.hashes.short(planned.source).ok()?,
+            target: self.hashes.short(planned.target).ok()?,
+        })
+    }
+
+    /// Refuses results of other files than those that are there now: `fix` says what to do. Views that are not open are
+    /// not compared, nor failures.
+    pub(super) fn check_files<'u>(
+        &self,
+        folder: &RunFolder,
+        units: impl IntoIterator<Item = &'u Unit>,
+        scenes: &[Scene],
+        fix: &str,
+    ) -> Result<(), EvaluateError> {
+        let scenes: BTreeMap<(&str, &str), &Scene> =
+            scenes.iter().map(|s| ((s.dataset.as_str(), s.id.as_str()), s)).collect();
+        let mut now: BTreeMap<(&str, &str, &str), Option<String>> = BTreeMap::new();
+        for Unit { record, .. } in units {
+            let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
+                continue;
+            };
+            for (view, before) in [(&record.source, &files.source), (&record.target, &files.target)] {
+                let (dataset, scene) = (record.dataset.as_str(), record.scene.as_str());
+                let hash = now.entry((dataset, scene, view)).or_insert_with(|| {
+                    let view = scenes.get(&(dataset, scene))?.views.iter().find(|v| v.id == *view)?;
+                    self.hashes.short(view).ok()
+                });
+                if hash.as_ref().is_some_and(|hash| hash != before) {
+                    return Err(EvaluateError::NotKept {
+                        folder: folder.root().to_owned(),
+                        reason: format!(
+                            "method '{}' was evaluated on {} with another photograph, mask, depth or camera of view '{view}' \
+                             than is there now; {fix}",
+                            record.method, record.pair_id
+                        ),
+                    });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Why what was read of a pair may not be what its keys say: a file changed after it was hashed. `method` names

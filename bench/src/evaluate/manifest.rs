@@ -1,6 +1,6 @@
 //! `manifest.json`: what was run and under which conventions, said once for all results of a folder.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +14,9 @@ use sharp_metrics::{InstructionSet, MetricInfo};
 
 use super::aggregation::Aggregation;
 use super::error::EvaluateError;
+use super::keys::method_identity;
+use super::unit::Slot;
+use crate::io::text::visible_line;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::dataset::DatasetReading;
 use crate::pairs::{OpenDataset, PairProvenance};
@@ -293,6 +296,46 @@ impl Manifest {
         self.aggregation = aggregation;
         let text = aggregation_convention(aggregation);
         self.scoring.insert(AGGREGATION.to_owned(), text);
+    }
+
+    /// Whether a unit counts: not one of a method or dataset that has since been given another meaning.
+    pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
+        let methods = self.methods.iter();
+        let methods: BTreeMap<&str, String> =
+            methods.map(|method| (method.label.as_str(), method_identity(method))).collect();
+        let datasets: BTreeSet<&str> = self.datasets.iter().map(|d| d.identity.as_str()).collect();
+        move |slot| {
+            methods.get(slot.method.as_str()) == Some(&slot.method_identity)
+                && datasets.contains(slot.dataset_identity.as_str())
+        }
+    }
+
+    /// Refuses a metric whose direction, unit, label or decimals are not those of its key: they decide what counts as
+    /// better, so that a manifest does not choose them.
+    pub(super) fn check_metrics(&self) -> Result<(), String> {
+        for MetricRecord { info, .. } in &self.metrics {
+            let own = MetricInfo::new(info.key, &[]);
+            let facts = |info: &MetricInfo| {
+                [
+                    ("direction", format!("{:?}", info.direction).to_lowercase()),
+                    ("unit", info.unit.clone()),
+                    ("decimals", info.decimals.to_string()),
+                    ("label", info.label.clone()),
+                    ("alias", info.alias.clone()),
+                    ("family", info.family.name().to_owned()),
+                    ("region", format!("{:?}", info.region).to_lowercase()),
+                ]
+            };
+            let mut pairs = facts(info).into_iter().zip(facts(&own));
+            if let Some(((what, said), (_, is))) = pairs.find(|(said, is)| said != is) {
+                return Err(format!(
+                    "manifest.json was changed: it gives {} the {what} '{}', which is '{is}'",
+                    info.key,
+                    visible_line(&said)
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Metric keys with their identities, in the order of the columns.

@@ -440,7 +440,10 @@ impl<'a> PairWork<'_, 'a> {
             checksum: String::new(),
             slot,
             picture_key: keys.picture,
-            record: empty_record(&planned, method.label()),
+            record: Record {
+                files: job.keys.pair_files(&planned),
+                ..empty_record(&planned, method.label())
+            },
             picture: None,
             scores: Default::default(),
             timing: Timing {
@@ -479,8 +482,13 @@ impl<'a> PairWork<'_, 'a> {
             rotation_deg: now.rotation_deg,
             median_depth_m: now.median_depth_m,
             overlap: now.overlap,
+            files: self.job.keys.pair_files(&self.truth.planned),
             ..unit.record.clone()
         };
+        // Scores by metrics that this run does not compute would stay those of the files before.
+        if refreshed.files != unit.record.files {
+            unit.scores.clear();
+        }
         if refreshed == unit.record {
             return Ok(unit);
         }

@@ -91,8 +91,19 @@ pub struct Record {
     /// The scale that was chosen among several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<ChosenScale>,
+    /// Which files the pair is; `None` where they could not be read, or of a version that did not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<PairFiles>,
     /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
+}
+
+/// The files of a pair: 16 hexadecimal digits a view, over its camera, photograph, mask and depth. Results of a pair stand
+/// beside each other only where these are equal.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PairFiles {
+    pub source: String,
+    pub target: String,
 }
 
 /// A part of a target.
@@ -111,6 +122,32 @@ pub struct ChosenScale {
     pub best: f64,
     /// How many there were.
     pub tried: usize,
+}
+
+/// The first view that two results were made from different files of, as a sentence; failures do not count.
+pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
+    let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
+    for record in records {
+        let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
+            continue;
+        };
+        for (view, hash) in [(&record.source, &files.source), (&record.target, &files.target)] {
+            let key = (record.dataset.as_str(), record.scene.as_str(), view.as_str());
+            let (before, other) = *known.entry(key).or_insert((hash, record));
+            if before != hash {
+                return Some(format!(
+                    "the photograph, mask, depth or camera of {}/{}/{view} was another one for '{}' on {} than for '{}' on {}",
+                    record.dataset,
+                    record.scene,
+                    other.method,
+                    other.pair_id,
+                    record.method,
+                    record.pair_id
+                ));
+            }
+        }
+    }
+    None
 }
 
 impl Record {
@@ -237,6 +274,7 @@ pub(super) mod tests {
             valid_share: Some(0.5),
             resized_from: Some((4, 3)),
             scale: None,
+            files: None,
             extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
         }
     }

@@ -45,6 +45,8 @@ pub fn rescore(
     let new = under(&manifest, scoring);
     let datasets = open_datasets(&manifest)?;
     let store = units_folder(&folder, &manifest);
+    let keys = Keys::new(&datasets, &manifest.renderer);
+    keys.check_files(&folder, &current.units, &scenes_of(&datasets), EVALUATE_AGAIN)?;
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
     manifest = extended;
     for what in replaced {
@@ -56,7 +58,7 @@ pub fn rescore(
     folder.write_manifest(&manifest)?;
     let work = Kept {
         folder: &store,
-        manifest: &manifest,
+        keys: &keys,
         datasets: &datasets,
         units: current.units,
         scoring,
@@ -106,10 +108,13 @@ pub fn score_shard(
         .collect();
     units.retain(|unit| own.contains(unit.slot.pair_id.as_str()));
     let (of_shard, there) = (own.len() * manifest.methods.len(), units.len());
+    let datasets = open_datasets(&manifest)?;
+    let keys = Keys::new(&datasets, &manifest.renderer);
+    keys.check_files(&folder, &units, &scenes_of(&datasets), EVALUATE_AGAIN)?;
     let work = Kept {
         folder: &folder,
-        manifest: &manifest,
-        datasets: &open_datasets(&manifest)?,
+        keys: &keys,
+        datasets: &datasets,
         units,
         scoring,
         memory: MemoryShares::of(memory_limit_bytes),
@@ -120,6 +125,9 @@ pub fn score_shard(
     counts.waiting += of_shard - there;
     Ok(counts)
 }
+
+/// What becomes of kept pictures whose files are others now: an old prediction has no score against a new photograph.
+const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
 /// A manifest as it would be if its metrics were these.
 fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
@@ -135,7 +143,7 @@ fn under(manifest: &Manifest, scoring: &Scoring) -> Manifest {
 /// Units with kept pictures, to be scored.
 struct Kept<'a> {
     folder: &'a RunFolder,
-    manifest: &'a Manifest,
+    keys: &'a Keys,
     datasets: &'a [OpenDataset],
     units: Vec<Unit>,
     scoring: &'a Scoring,
@@ -150,6 +158,7 @@ impl Kept<'_> {
     ) -> Result<UnitCounts, EvaluateError> {
         let Self {
             folder,
+            keys,
             datasets,
             scoring,
             memory,
@@ -173,7 +182,6 @@ impl Kept<'_> {
             observer.warn(&reason);
         }
         let list = PairList::new("pairs.csv", list.pairs);
-        let keys = Keys::new(datasets, &self.manifest.renderer);
         let mut units: BTreeMap<&str, Vec<Unit>> = BTreeMap::new();
         for unit in &self.units {
             units
@@ -204,7 +212,7 @@ impl Kept<'_> {
                     counts.failed += 1;
                     continue;
                 };
-                if missing(&unit, scoring, &keys, &planned).is_empty() {
+                if missing(&unit, scoring, keys, &planned).is_empty() {
                     counts.reused += 1;
                     continue;
                 }
@@ -220,7 +228,7 @@ impl Kept<'_> {
                         None => not_kept += 1,
                     }
                 }
-                for unit in score_pair(&truth, unscored, scoring, &keys, memory, folder)? {
+                for unit in score_pair(&truth, unscored, scoring, keys, memory, folder)? {
                     counts.scored += 1;
                     counts.count(&unit.record, observer);
                 }

@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use super::bundle::Bundle;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
-use super::keys::method_identity;
 use super::manifest::{Manifest, PairsRecord};
 use super::plan::RunPlan;
-use super::record::{Record, Score, Status, finite_or_text};
+use super::record::{Record, Score, Status, file_difference, finite_or_text};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
@@ -71,25 +70,13 @@ impl Current {
             let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
             return Err(FileError::new(&path, "read")(missing).into());
         };
-        let methods: BTreeMap<&str, (usize, String)> = manifest
-            .methods
-            .iter()
-            .enumerate()
-            .map(|(at, method)| (method.label.as_str(), (at, method_identity(method))))
-            .collect();
-        let datasets: BTreeSet<&str> = manifest
-            .datasets
-            .iter()
-            .map(|d| d.identity.as_str())
-            .collect();
         let (mut units, damaged) = units_folder(folder, &manifest).units()?;
-        units.retain(|unit| {
-            methods
-                .get(unit.slot.method.as_str())
-                .is_some_and(|(_, identity)| *identity == unit.slot.method_identity)
-                && datasets.contains(unit.slot.dataset_identity.as_str())
-        });
-        let order = |unit: &Unit| methods.get(unit.slot.method.as_str()).map(|(at, _)| *at);
+        let counts = manifest.counted_slots();
+        units.retain(|unit| counts(&unit.slot));
+        drop(counts);
+        let labels = manifest.methods.iter().map(|method| method.label.as_str());
+        let places: BTreeMap<&str, usize> = labels.zip(0..).collect();
+        let order = |unit: &Unit| places.get(unit.slot.method.as_str()).copied();
         units.sort_by(|a, b| {
             let by_pair = a.slot.pair_id.cmp(&b.slot.pair_id);
             by_pair.then_with(|| order(a).cmp(&order(b)))
@@ -227,6 +214,14 @@ impl Results {
     }
 
     fn of(folder: &RunFolder, current: &Current) -> Result<Self, EvaluateError> {
+        if let Some(difference) = file_difference(current.units.iter().map(|unit| &unit.record)) {
+            return Err(EvaluateError::NotKept {
+                folder: folder.root().to_owned(),
+                reason: format!(
+                    "{difference}; run both on the same files, into this folder or another"
+                ),
+            });
+        }
         let list = PairList::read(&folder.pairs_path())?;
         let labels = current.manifest.methods.iter();
         let labels = labels.map(|method| (method.label.clone(), method.label.clone()));

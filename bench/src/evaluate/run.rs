@@ -18,6 +18,7 @@ use super::rescore::score_common_region;
 use super::results::{Results, check_rows, write_tables};
 use super::score::MemoryShares;
 use super::shard::Shard;
+use super::unit::Unit;
 use crate::io::atomic_files::write_atomic;
 use crate::io::observer::Observer;
 use crate::pairs::PairList;
@@ -63,8 +64,8 @@ impl Evaluation {
                  with the same pairs, or into a folder of its own",
             ));
         }
-        self.begin(&folder, &plan, observer)?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+        self.begin(&folder, &plan, &keys, observer)?;
         let job = self.job(pairs, &keys, options, Shard::WHOLE);
         let counts = run_pipeline(&job, &folder, observer)?;
         if counts.left == 0 && self.common_region {
@@ -115,7 +116,8 @@ impl Evaluation {
             estimate: Some(estimate),
             ..plan
         };
-        self.begin(&folder, &plan, observer)?;
+        let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
+        self.begin(&folder, &plan, &keys, observer)?;
         Ok(estimate)
     }
 
@@ -211,6 +213,7 @@ impl Evaluation {
         &self,
         folder: &RunFolder,
         plan: &RunPlan,
+        keys: &Keys,
         observer: &dyn Observer,
     ) -> Result<(), EvaluateError> {
         let mut manifest = self.manifest()?;
@@ -219,6 +222,21 @@ impl Evaluation {
         if let Some(before) = folder.manifest()? {
             let (extended, replaced) = before.extended(manifest, out.to_owned())?;
             manifest = extended;
+            // Units of this run are brought up to date; those of others have to be of the same files.
+            let block = self.block(&self.pairs()?);
+            let own = RunPlan::default().with(block);
+            let own = own.units();
+            let (units, _) = folder.units()?;
+            let counts = manifest.counted_slots();
+            let others = units.iter().filter(|Unit { slot, .. }| {
+                !own.contains(&(slot.pair_id.as_str(), slot.method.as_str())) && counts(slot)
+            });
+            keys.check_files(
+                folder,
+                others,
+                &self.scenes,
+                "evaluate that method and pair in this command too, or choose another folder",
+            )?;
             for what in replaced {
                 observer.warn(&format!(
                     "{what} before; its earlier results stay in {} and tables no longer show them",

@@ -278,6 +278,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
         valid_share: None,
         resized_from: None,
         scale: None,
+        files: None,
         extras: BTreeMap::new(),
     }
 }

@@ -48,6 +48,7 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         valid_share: None,
         resized_from: None,
         scale: None,
+        files: None,
         extras: BTreeMap::new(),
     }
 }

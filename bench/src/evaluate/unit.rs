@@ -196,6 +196,7 @@ mod tests {
             valid_share: None,
             resized_from: None,
             scale: None,
+            files: None,
             extras: BTreeMap::from([("mean_alpha".to_owned(), 0.1 + 0.2)]),
         };
         let score = StoredScore {

@@ -51,6 +51,26 @@ impl ViewHashes {
         self.of_roles(view, |role| role != FileRole::Depth)
     }
 
+    /// 16 hexadecimal digits over the camera of a view and the bytes of its photograph, mask and depth: wherever these
+    /// files lie, however they are called, and whatever else a shared list of cameras holds.
+    pub(crate) fn short(&self, view: &View) -> Result<String, DatasetError> {
+        let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
+        let mut files = view.content.files_by_role();
+        if files.is_empty() {
+            text += &view.content.image_sha256()?;
+        }
+        files.retain(|(role, _)| !matches!(role, FileRole::Camera | FileRole::List));
+        files.sort();
+        files.dedup();
+        for (role, path) in files {
+            let hash = self.file(&path).map_err(|error| DatasetError::io(error.path, error.source))?;
+            text += &format!("{role:?} {hash}\n");
+        }
+        let mut hash = sha256_hex(text.as_bytes());
+        hash.truncate(16);
+        Ok(hash)
+    }
+
     fn of_roles(
         &self,
         view: &View,

@@ -44,6 +44,7 @@ fn record(
         valid_share: None,
         resized_from: None,
         scale: None,
+        files: None,
         extras: BTreeMap::new(),
     }
 }
