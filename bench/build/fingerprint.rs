@@ -67,6 +67,9 @@ const RENDERING: &[&str] = &[
 ];
 /// What all metrics stand on.
 const SCORING: &[&str] = &[
+    "bench/src/evaluate/score.rs",
+    "bench/src/pairs/depth/mod.rs",
+    "bench/src/pairs/valid_depth.rs",
     "bench/src/scoring",
     "metrics/src/scorer.rs",
     "metrics/src/picture.rs",

@@ -18,6 +18,7 @@ use crate::io::pictures::read_rgb8;
 use crate::io::text::visible_line;
 use crate::report::figures::catalogue::FIGURES;
 use crate::report::figures::choice::{PairsChoice, PathChoice};
+use crate::report::figures::fidelity_time::SpeedSeconds;
 use crate::report::figures::from_runs::{self, SheetKind, SheetOptions};
 use crate::report::figures::sheet::Sheet;
 use crate::report::figures::uncertainty::{self, Mirrored};
@@ -66,6 +67,10 @@ enum FigureCommand {
         /// Which metric of the runs
         #[arg(long, default_value_t = MetricKey::DISTS)]
         metric: MetricKey,
+        /// What `speed` measured, its folder or speed.csv: taken for the methods and datasets in it instead of the run's
+        /// own times
+        #[arg(long, value_name = "PATH")]
+        speed: Option<PathBuf>,
     },
     /// Input, predictions and truth side by side, a row a pair
     Qualitative {
@@ -94,7 +99,8 @@ enum FigureCommand {
         pictures: PicturesArgs,
         #[command(flatten)]
         pairs: PairsChoice,
-        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png; without it the dataset's
+        /// z-depth in the target's camera, DIR/PAIR_ID.npy, .npz, .exr, .pfm or .png; without it that of the kept rendering
+        /// (run --keep float), or else the dataset's
         #[arg(long, value_name = "DIR")]
         depth: Option<PathBuf>,
     },
@@ -164,9 +170,14 @@ pub(super) fn execute(args: &FigureArgs) -> anyhow::Result<Outcome> {
         FigureCommand::Baselines(args) => plots(args, "baselines", from_runs::baselines),
         FigureCommand::Motion(args) => motion(args, false),
         FigureCommand::MotionPrivileged(args) => motion(args, true),
-        FigureCommand::FidelityTime { runs, metric } => {
+        FigureCommand::FidelityTime {
+            runs,
+            metric,
+            speed,
+        } => {
+            let speed = speed.as_deref().map(SpeedSeconds::read).transpose()?;
             plots(runs, "fidelity-time", |results, style| {
-                from_runs::fidelity_time(results, *metric, style)
+                from_runs::fidelity_time(results, *metric, &speed.unwrap_or_default(), style)
             })
         }
         FigureCommand::Qualitative { pictures, pairs } => {

@@ -44,7 +44,7 @@ use std::ffi::OsString;
 use clap::{FromArgMatches, Parser, Subcommand};
 
 use crate::io::text::{one_line, shortened, visible, visible_line};
-use outcome::{Outcome, UsageError, is_usage};
+use outcome::{Outcome, UsageError, is_stopped, is_usage};
 
 /// Evaluates single-photograph view synthesis the way the SHARP paper does.
 #[derive(Debug, Parser)]
@@ -135,11 +135,16 @@ const LONGEST_ERROR: usize = 4000;
 
 fn failed(error: &anyhow::Error) -> u8 {
     let text = one_line(error);
+    let (kind, code) = match (is_stopped(error), is_usage(error)) {
+        (true, _) => ("stopped", Outcome::Resumable.exit_code()),
+        (_, true) => ("error", 2),
+        _ => ("error", 1),
+    };
     say(&format!(
-        "error: {}\n",
+        "{kind}: {}\n",
         visible_line(&shortened(&text, LONGEST_ERROR))
     ));
-    if is_usage(error) { 2 } else { 1 }
+    code
 }
 
 fn say(text: &str) {

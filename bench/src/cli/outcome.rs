@@ -86,6 +86,17 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
+/// True where a signal or the time budget ended it: the same command continues, exit code 75.
+pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        matches!(cause.downcast_ref(), Some(PairError::Stopped))
+            || matches!(
+                cause.downcast_ref(),
+                Some(EvaluateError::Pairs(PairError::Stopped))
+            )
+    })
+}
+
 /// The error of a dataset, also where others pass it on as their own.
 fn dataset_error<'a>(cause: &'a (dyn std::error::Error + 'static)) -> Option<&'a DatasetError> {
     let of_pairs = |error: &'a PairError| match error {

@@ -16,6 +16,7 @@
 //! ```
 
 use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -55,7 +56,12 @@ impl RunFolder {
             .filter_map(Result::ok)
             .any(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
         let started = ["manifest.json", "units"].map(|name| root.join(name));
-        if foreign && !started.iter().any(|path| path.exists()) {
+        // A run that was killed before its first unit has the lock alone to show for it.
+        let is_ours = || {
+            let lock = root.join(".lock");
+            lock.is_file() && read(&lock).is_ok_and(|text| text.starts_with(MARK.as_bytes()))
+        };
+        if foreign && !started.iter().any(|path| path.exists()) && !is_ours() {
             return Err(FileError {
                 path: root.to_owned(),
                 action: "use as run folder",
@@ -66,6 +72,11 @@ impl RunFolder {
         if is_locked {
             remove_leftovers(root, &WRITTEN, Duration::ZERO);
         }
+        let mark = || -> std::io::Result<()> {
+            lock.set_len(0)?;
+            (&lock).write_all(MARK.as_bytes())
+        };
+        mark().map_err(FileError::new(&root.join(".lock"), "write"))?;
         Ok(Self {
             root: root.to_owned(),
             _lock: Some(Arc::new(lock)),
@@ -187,10 +198,12 @@ impl RunFolder {
             });
         }
         let manifest: Manifest = serde_json::from_slice(&bytes).map_err(parse_error)?;
-        manifest.check_metrics().map_err(|reason| EvaluateError::NotKept {
-            folder: self.root.clone(),
-            reason,
-        })?;
+        manifest
+            .check_metrics()
+            .map_err(|reason| EvaluateError::NotKept {
+                folder: self.root.clone(),
+                reason,
+            })?;
         Ok(Some(manifest))
     }
 
@@ -355,6 +368,9 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
     paths.sort();
     Ok(paths)
 }
+
+/// What stands in the lock of a run folder.
+const MARK: &str = "sharp-bench run\n";
 
 /// The folders that runs write into.
 const WRITTEN: [&str; 4] = ["units", "predictions", "gaussians", "common-region"];

@@ -16,7 +16,7 @@ pub(super) struct GaussianStore {
     /// Where predictions are kept for later; `None` to forget them.
     kept: Option<PathBuf>,
     limit_bytes: u64,
-    memory: BTreeMap<String, Arc<GaussianPrediction>>,
+    memory: BTreeMap<String, Timed>,
     /// Keys in memory, the latest last.
     order: Vec<String>,
     spill: Option<(TempDir, BTreeSet<String>)>,
@@ -24,6 +24,9 @@ pub(super) struct GaussianStore {
     /// The source that predictions in memory are of: pairs come sorted, so that those of one source are neighbours.
     source: String,
 }
+
+/// A prediction, and the wall seconds that the method took for it.
+pub(super) type Timed = (Arc<GaussianPrediction>, f64);
 
 /// Why there is no prediction.
 #[derive(Debug)]
@@ -49,13 +52,13 @@ impl GaussianStore {
     }
 
     /// The prediction of a key for a source. `predict` is asked if it is neither in memory nor on disk; without it, only
-    /// what was kept counts.
+    /// what was kept counts. The seconds are those of when it was made.
     pub(super) fn get(
         &mut self,
         key: &str,
         source: &str,
-        predict: Option<&dyn Fn() -> Result<GaussianPrediction, MethodError>>,
-    ) -> Result<Option<Arc<GaussianPrediction>>, StoreError> {
+        predict: Option<&dyn Fn() -> Result<(GaussianPrediction, f64), MethodError>>,
+    ) -> Result<Option<Timed>, StoreError> {
         if self.source != source {
             source.clone_into(&mut self.source);
             self.memory.clear();
@@ -63,7 +66,7 @@ impl GaussianStore {
             self.spill = None;
         }
         if let Some(known) = self.memory.get(key) {
-            return Ok(Some(Arc::clone(known)));
+            return Ok(Some(known.clone()));
         }
         let kept = self.kept.as_ref().map(|folder| file(folder, key));
         let spilled = self.spill.as_ref().filter(|(_, keys)| keys.contains(key));
@@ -71,29 +74,29 @@ impl GaussianStore {
         // A damaged file is predicted again and replaced.
         let read = [&kept, &spilled].into_iter().flatten();
         let found = read.filter_map(|path| read_prediction(path).ok()).next();
-        let prediction = match (found, predict) {
+        let (prediction, secs) = match (found, predict) {
             (Some(found), _) => found,
             (None, None) => return Ok(None),
             (None, Some(predict)) => {
-                let prediction = predict().map_err(StoreError::Method)?;
+                let (prediction, secs) = predict().map_err(StoreError::Method)?;
                 if let Some(path) = &kept {
-                    write_prediction(path, &prediction).map_err(StoreError::File)?;
+                    write_prediction(path, &prediction, secs).map_err(StoreError::File)?;
                 }
-                prediction
+                (prediction, secs)
             }
         };
-        let prediction = Arc::new(prediction);
-        self.memory.insert(key.to_owned(), Arc::clone(&prediction));
+        let timed = (Arc::new(prediction), secs);
+        self.memory.insert(key.to_owned(), timed.clone());
         self.order.push(key.to_owned());
         self.shrink().map_err(StoreError::File)?;
-        Ok(Some(prediction))
+        Ok(Some(timed))
     }
 
     /// Moves the oldest predictions to disk until the others are within the limit. The latest stays.
     fn shrink(&mut self) -> Result<(), FileError> {
         while self.order.len() > 1 && self.bytes() > self.limit_bytes {
             let key = self.order.remove(0);
-            let Some(prediction) = self.memory.remove(&key) else {
+            let Some((prediction, secs)) = self.memory.remove(&key) else {
                 continue;
             };
             if self.kept.is_some() {
@@ -103,7 +106,7 @@ impl GaussianStore {
                 self.spill = Some((scratch_folder(&self.spill_in)?, BTreeSet::new()));
             }
             if let Some((folder, keys)) = &mut self.spill {
-                write_prediction(&file(folder.path(), &key), &prediction)?;
+                write_prediction(&file(folder.path(), &key), &prediction, secs)?;
                 keys.insert(key);
             }
         }
@@ -111,7 +114,7 @@ impl GaussianStore {
     }
 
     fn bytes(&self) -> u64 {
-        let sizes = self.memory.values().map(|prediction| {
+        let sizes = self.memory.values().map(|(prediction, _)| {
             let gaussians = prediction.gaussians.len() * 14 * size_of::<f32>();
             let layer = prediction.first_layer.as_ref();
             gaussians + layer.map_or(0, |layer| layer.as_raw().len() * size_of::<f32>())
@@ -165,10 +168,10 @@ mod tests {
             ] {
                 let predict = || {
                     calls.set(calls.get() + 1);
-                    Ok(prediction(z))
+                    Ok((prediction(z), f64::from(z)))
                 };
-                let found = store.get(key, source, Some(&predict)).unwrap().unwrap();
-                assert_eq!(*found, prediction(z));
+                let (found, secs) = store.get(key, source, Some(&predict)).unwrap().unwrap();
+                assert_eq!((&*found, secs), (&prediction(z), f64::from(z)));
             }
             assert_eq!(calls.get(), 2, "limit {limit}");
             assert!(store.get("c", "s", None).unwrap().is_none());
@@ -183,10 +186,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let kept = dir.path().join("gaussians");
         let store = || GaussianStore::new(Some(kept.clone()), dir.path(), 1 << 20);
-        let predict = || Ok(prediction(1.5));
+        let predict = || Ok((prediction(1.5), 0.1));
         store().get("a", "s", Some(&predict)).unwrap();
-        let found = store().get("a", "s", None).unwrap().unwrap();
-        assert_eq!(*found, prediction(1.5));
+        let (found, secs) = store().get("a", "s", None).unwrap().unwrap();
+        assert_eq!((&*found, secs), (&prediction(1.5), 0.1));
         let path = file(&kept, "a");
         let mut bytes = std::fs::read(&path).unwrap();
         let last = bytes.len() - 1;

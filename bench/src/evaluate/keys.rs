@@ -96,6 +96,7 @@ impl Keys {
             identity: method.identity(),
             privilege: method.privilege(),
             sources: sources.finish(),
+            notes: method.notes(),
         }
     }
 
@@ -176,17 +177,26 @@ impl Keys {
         scenes: &[Scene],
         fix: &str,
     ) -> Result<(), EvaluateError> {
-        let scenes: BTreeMap<(&str, &str), &Scene> =
-            scenes.iter().map(|s| ((s.dataset.as_str(), s.id.as_str()), s)).collect();
+        let scenes: BTreeMap<(&str, &str), &Scene> = scenes
+            .iter()
+            .map(|s| ((s.dataset.as_str(), s.id.as_str()), s))
+            .collect();
         let mut now: BTreeMap<(&str, &str, &str), Option<String>> = BTreeMap::new();
         for Unit { record, .. } in units {
             let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
                 continue;
             };
-            for (view, before) in [(&record.source, &files.source), (&record.target, &files.target)] {
+            for (view, before) in [
+                (&record.source, &files.source),
+                (&record.target, &files.target),
+            ] {
                 let (dataset, scene) = (record.dataset.as_str(), record.scene.as_str());
                 let hash = now.entry((dataset, scene, view)).or_insert_with(|| {
-                    let view = scenes.get(&(dataset, scene))?.views.iter().find(|v| v.id == *view)?;
+                    let view = scenes
+                        .get(&(dataset, scene))?
+                        .views
+                        .iter()
+                        .find(|v| v.id == *view)?;
                     self.hashes.short(view).ok()
                 });
                 if hash.as_ref().is_some_and(|hash| hash != before) {

@@ -278,6 +278,9 @@ pub struct MethodRecord {
     pub privilege: Privilege,
     /// Hash of the code that makes its pictures.
     pub sources: String,
+    /// What may be wrong with how it is set up, one sentence each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// One metric column.
@@ -301,8 +304,9 @@ impl Manifest {
     /// Whether a unit counts: not one of a method or dataset that has since been given another meaning.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
-        let methods: BTreeMap<&str, String> =
-            methods.map(|method| (method.label.as_str(), method_identity(method))).collect();
+        let methods: BTreeMap<&str, String> = methods
+            .map(|method| (method.label.as_str(), method_identity(method)))
+            .collect();
         let datasets: BTreeSet<&str> = self.datasets.iter().map(|d| d.identity.as_str()).collect();
         move |slot| {
             methods.get(slot.method.as_str()) == Some(&slot.method_identity)

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
-use std::time::Instant;
+use std::time::Duration;
 
 use image::RgbImage;
 use sharp::render::{RenderError, RenderOutput};
@@ -113,6 +113,8 @@ pub(super) struct Job<'a> {
     pub(super) renderer: &'a SharedRenderer,
     pub(super) keys: &'a Keys,
     pub(super) options: RunOptions,
+    /// Time since a moment of its own.
+    pub(super) clock: fn() -> Duration,
     /// The part of a plan that it is, where that has several: their logs lie apart.
     pub(super) shard: Shard,
 }
@@ -375,6 +377,10 @@ struct Made {
     prediction: PicturePrediction,
     scale: Option<ChosenScale>,
     rendering: Option<RenderOutput>,
+    predict_secs: f64,
+    render_secs: f64,
+    /// See [`Timing::inference`].
+    inference: Option<String>,
 }
 
 /// One pair on the predicting thread.
@@ -428,7 +434,6 @@ impl<'a> PairWork<'_, 'a> {
         if job.options.stages == Stages::Score {
             return Ok(Prepared::Waiting);
         }
-        let started = Instant::now();
         let made = self.make(method, &keys, sources);
         let changed = job.keys.changed(Some(method), &planned);
         let made = match (made, changed) {
@@ -447,10 +452,9 @@ impl<'a> PairWork<'_, 'a> {
             picture: None,
             scores: Default::default(),
             timing: Timing {
-                predict_secs: started.elapsed().as_secs_f64(),
-                score_secs: 0.0,
                 machine: cpu_and_threads(),
                 peak_bytes: peak_bytes(),
+                ..Timing::default()
             },
         };
         match made {
@@ -507,6 +511,9 @@ impl<'a> PairWork<'_, 'a> {
         unit.record.crop = crop(prediction.region, self.target.size());
         unit.record.resized_from = prediction.resized_from;
         unit.record.scale = made.scale;
+        unit.timing.predict_secs = made.predict_secs;
+        unit.timing.render_secs = made.render_secs;
+        unit.timing.inference = made.inference;
         unit.record.extras = prediction.extras;
         let mut scored = ScoredPicture {
             sha256: picture_sha256(&picture),
@@ -542,10 +549,13 @@ impl<'a> PairWork<'_, 'a> {
         let stages = self.job.options.stages;
         let view = self.truth.planned.source;
         let pair_id = &self.truth.planned.pair.pair_id;
-        let plain = |prediction: PicturePrediction| Made {
+        let plain = |prediction: PicturePrediction, predict_secs: f64| Made {
             prediction,
             scale: None,
             rendering: None,
+            predict_secs,
+            render_secs: 0.0,
+            inference: None,
         };
         let target = TargetCamera::new(pair_id, &self.target);
         // Ids encode underscores that would form a second separator.
@@ -555,7 +565,7 @@ impl<'a> PairWork<'_, 'a> {
             _ if stages == Stages::Render => return Err(Failure::Waiting),
             Approach::Target => {
                 let truth = self.truth.get().map_err(Failure::Pair)?;
-                plain(truth.image().clone().into())
+                plain(truth.image().clone().into(), 0.0)
             }
             Approach::Pictures(pictures) => {
                 let depth = match method.privilege() {
@@ -564,14 +574,16 @@ impl<'a> PairWork<'_, 'a> {
                 };
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, depth.as_ref());
-                let prediction = pictures.predict(&source, &target)?;
+                let (prediction, secs) = self.timed(|| pictures.predict(&source, &target));
+                let prediction = prediction?;
                 check(&prediction, target.size())?;
-                plain(prediction)
+                plain(prediction, secs)
             }
             Approach::Scales(sweep) => {
                 let image = sources.photograph(view)?;
                 let source = SourceView::new(name, &self.source, image, None);
-                let mut candidates = sweep.predict(&source, &target)?;
+                let (candidates, secs) = self.timed(|| sweep.predict(&source, &target));
+                let mut candidates = candidates?;
                 let tried = candidates.len();
                 let truth = self.truth.get().map_err(Failure::Pair)?;
                 let pictures: Vec<_> = candidates
@@ -586,7 +598,7 @@ impl<'a> PairWork<'_, 'a> {
                         best: best.scale,
                         tried,
                     }),
-                    ..plain(best.prediction)
+                    ..plain(best.prediction, secs)
                 }
             }
         };
@@ -624,18 +636,20 @@ impl<'a> PairWork<'_, 'a> {
                 let seen = depth
                     .as_ref()
                     .filter(|_| method.privilege() == Privilege::SourceDepth);
-                let made = gaussians.predict(&SourceView::new(name, &self.source, image, seen))?;
+                let source = SourceView::new(name, &self.source, image, seen);
+                let (made, secs) = self.timed(|| gaussians.predict(&source));
+                let made = made?;
                 // Before it is kept for other targets.
                 match self.job.keys.changed(Some(method), &self.truth.planned) {
                     Some(reason) => Err(MethodError::Model(reason)),
-                    None => Ok(made),
+                    None => Ok((made, secs)),
                 }
             };
             sources.gaussians.get(&keys.predict, name, Some(&predict))
         };
         self.made.predicted += predicted.get();
-        let prediction = match prediction {
-            Ok(Some(prediction)) => prediction,
+        let (prediction, predict_secs) = match prediction {
+            Ok(Some(timed)) => timed,
             Ok(None) => return Err(Failure::Waiting),
             Err(StoreError::Method(error)) => return Err(error.into()),
             Err(StoreError::File(error)) => return Err(Failure::Run(error.into())),
@@ -672,13 +686,10 @@ impl<'a> PairWork<'_, 'a> {
             let check = check.map_err(|error| self.render_failure(method, &error))?;
             sources.check = Some((keys.predict.clone(), check));
         }
-        let rendered = render(
-            &prediction,
-            scale,
-            &self.source,
-            &self.target,
-            self.job.renderer,
-        );
+        let (rendered, render_secs) = self.timed(|| {
+            let (source, target) = (&self.source, &self.target);
+            render(&prediction, scale, source, target, self.job.renderer)
+        });
         let (mut picture, output) =
             rendered.map_err(|error| self.render_failure(method, &error))?;
         let check = sources.check.iter().flat_map(|(_, check)| check.clone());
@@ -688,7 +699,20 @@ impl<'a> PairWork<'_, 'a> {
             prediction: picture,
             scale: None,
             rendering: (self.job.options.keep == Keep::Float).then_some(output),
+            predict_secs,
+            render_secs,
+            inference: keys.predict.get(..16).map(str::to_owned),
         }))
+    }
+
+    /// What a step gives, and the wall seconds that it takes.
+    fn timed<T>(&self, step: impl FnOnce() -> T) -> (T, f64) {
+        let started = (self.job.clock)();
+        let value = step();
+        (
+            value,
+            (self.job.clock)().saturating_sub(started).as_secs_f64(),
+        )
     }
 
     /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.

@@ -24,10 +24,11 @@ pub(super) enum PredictionFileError {
 }
 
 /// Writes a prediction with everything that rendering it needs: arrays as `gaussians` takes them, its space, its depth
-/// layer, what the method reported, and a checksum.
+/// layer, what the method reported, the seconds it took, and a checksum.
 pub(super) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
+    secs: f64,
 ) -> Result<(), FileError> {
     let gaussians = &prediction.gaussians;
     let n = gaussians.len();
@@ -50,22 +51,26 @@ pub(super) fn write_prediction(
     let metadata = HashMap::from([
         ("space".to_owned(), space.to_owned()),
         ("extras".to_owned(), extras.clone()),
+        ("inference_secs".to_owned(), secs.to_string()),
         ("checksum".to_owned(), checksum(space, &extras, &arrays)),
     ]);
     write_arrays(path, &arrays, Some(metadata))
 }
 
-/// Reads what [`write_prediction`] wrote.
+/// Reads what [`write_prediction`] wrote: the prediction, and the seconds it took.
 ///
 /// # Errors
 /// When the file cannot be read, or is not whole.
-pub(super) fn read_prediction(path: &Path) -> Result<GaussianPrediction, PredictionFileError> {
+pub(super) fn read_prediction(
+    path: &Path,
+) -> Result<(GaussianPrediction, f64), PredictionFileError> {
     let damaged = || PredictionFileError::Damaged(path.to_owned());
     let bytes = std::fs::read(path).map_err(FileError::new(path, "read"))?;
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|_| damaged())?;
     let metadata = header.metadata().clone().ok_or_else(damaged)?;
     let text = |name: &str| metadata.get(name).cloned().ok_or_else(damaged);
     let (space, extras) = (text("space")?, text("extras")?);
+    let secs = text("inference_secs")?.parse().map_err(|_| damaged())?;
     let tensors = SafeTensors::deserialize(&bytes).map_err(|_| damaged())?;
     let arrays: Vec<Array> = ARRAYS
         .into_iter()
@@ -83,7 +88,7 @@ pub(super) fn read_prediction(path: &Path) -> Result<GaussianPrediction, Predict
         let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
         DepthMap::from_vec(shape[1] as u32, shape[0] as u32, values.collect())
     });
-    Ok(GaussianPrediction {
+    let prediction = GaussianPrediction {
         gaussians: read_arrays(path)?,
         space: match space.as_str() {
             "camera" => GaussianSpace::Camera,
@@ -91,7 +96,8 @@ pub(super) fn read_prediction(path: &Path) -> Result<GaussianPrediction, Predict
         },
         first_layer,
         extras: serde_json::from_str(&extras).map_err(|_| damaged())?,
-    })
+    };
+    Ok((prediction, secs))
 }
 
 /// The arrays of a prediction, in the order that they are hashed in.

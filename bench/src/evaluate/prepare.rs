@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use sharp::render::Backend;
 use sharp_datasets::Scene;
@@ -20,6 +21,7 @@ use super::score::missing;
 use super::shard::Shard;
 use crate::io::counts::counted;
 use crate::io::fingerprints;
+use crate::io::machine::monotonic;
 use crate::io::observer::Observer;
 use crate::methods::spec::check_label;
 use crate::methods::{Method, SpecError};
@@ -116,6 +118,8 @@ pub struct Evaluation {
     aggregation: Aggregation,
     protocol: Option<ProtocolRecord>,
     pub(super) renderer: SharedRenderer,
+    /// See [`Job::clock`].
+    pub(super) clock: fn() -> Duration,
 }
 
 /// What a folder holds of an evaluation.
@@ -184,6 +188,11 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
     };
     let (specs, methods): (Vec<String>, Vec<Box<dyn Method>>) = request.methods.into_iter().unzip();
     check_independence(&choices, &methods)?;
+    for method in &methods {
+        for note in method.notes() {
+            observer.warn(&format!("method '{}': {note}", method.label()));
+        }
+    }
     let evaluation = Evaluation {
         datasets: request.datasets,
         only_scenes: request.only_scenes,
@@ -199,6 +208,7 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         aggregation: request.aggregation,
         protocol: request.protocol,
         renderer: SharedRenderer::open(&request.backend, request.rendering)?,
+        clock: monotonic,
     };
     if evaluation.pairs()?.is_empty() {
         let reason = match evaluation.list.pairs.len() {
@@ -289,6 +299,7 @@ impl Evaluation {
             renderer: &self.renderer,
             keys,
             options,
+            clock: self.clock,
             shard,
         }
     }

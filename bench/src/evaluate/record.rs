@@ -131,8 +131,15 @@ pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>)
         let (Status::Ok, Some(files)) = (&record.status, &record.files) else {
             continue;
         };
-        for (view, hash) in [(&record.source, &files.source), (&record.target, &files.target)] {
-            let key = (record.dataset.as_str(), record.scene.as_str(), view.as_str());
+        for (view, hash) in [
+            (&record.source, &files.source),
+            (&record.target, &files.target),
+        ] {
+            let key = (
+                record.dataset.as_str(),
+                record.scene.as_str(),
+                view.as_str(),
+            );
             let (before, other) = *known.entry(key).or_insert((hash, record));
             if before != hash {
                 return Some(format!(

@@ -46,7 +46,12 @@ pub fn rescore(
     let datasets = open_datasets(&manifest)?;
     let store = units_folder(&folder, &manifest);
     let keys = Keys::new(&datasets, &manifest.renderer);
-    keys.check_files(&folder, &current.units, &scenes_of(&datasets), EVALUATE_AGAIN)?;
+    keys.check_files(
+        &folder,
+        &current.units,
+        &scenes_of(&datasets),
+        EVALUATE_AGAIN,
+    )?;
     let (extended, replaced) = manifest.extended(new, root.to_owned())?;
     manifest = extended;
     for what in replaced {

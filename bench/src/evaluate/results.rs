@@ -13,6 +13,7 @@ use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
 use crate::io::text::csv_cell;
+use crate::methods::MOST_EXTRAS;
 use crate::pairs::{Pair, PairList};
 
 /// What a run folder holds.
@@ -131,10 +132,24 @@ impl Current {
     pub(super) fn records(&self, pairs: &[Pair]) -> Vec<Record> {
         let metrics = self.manifest.metric_identities();
         let pairs: BTreeMap<&str, &Pair> = pairs.iter().map(|p| (p.pair_id.as_str(), p)).collect();
-        let units = self.units.iter().filter(|unit| is_done(unit));
-        units
+        let done = || self.units.iter().filter(|unit| is_done(unit));
+        // Each name is a column, and a program may have sent others with every answer.
+        let mut names: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+        for Unit { slot, record, .. } in done() {
+            let of_method = names.entry(&slot.method).or_default();
+            of_method.extend(record.extras.keys().map(String::as_str));
+        }
+        let shown: BTreeMap<&str, BTreeSet<&str>> = names
+            .into_iter()
+            .map(|(method, names)| (method, names.into_iter().take(MOST_EXTRAS).collect()))
+            .collect();
+        done()
             .map(|unit| {
                 let mut record = unit.record_with(&metrics);
+                let shown = shown.get(record.method.as_str());
+                record
+                    .extras
+                    .retain(|name, _| shown.is_some_and(|names| names.contains(name.as_str())));
                 if let Some(pair) = pairs.get(record.pair_id.as_str()) {
                     record.baseline_m = pair.baseline_m;
                     record.rotation_deg = pair.rotation_deg;
@@ -399,15 +414,22 @@ pub fn scores_csv(records: &[Record], metric_keys: &[String]) -> Result<Vec<u8>,
     out.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// `pair_id,method,predict_secs,score_secs`: wall seconds, for the curious; never compared.
+/// Wall seconds of each unit, see [`Timing`]: for the curious, never compared.
 fn timings_csv<'a>(units: impl Iterator<Item = &'a Unit>) -> Result<Vec<u8>, csv::Error> {
     let mut out = csv::Writer::from_writer(Vec::new());
-    out.write_record(["pair_id", "method", "predict_secs", "score_secs"])?;
+    out.write_record([
+        "pair_id",
+        "method",
+        "predict_secs",
+        "render_secs",
+        "score_secs",
+    ])?;
     for unit in units {
         let row = [
             &*csv_cell(&unit.slot.pair_id),
             &*csv_cell(&unit.slot.method),
             &format!("{:.3}", unit.timing.predict_secs),
+            &format!("{:.3}", unit.timing.render_secs),
             &format!("{:.3}", unit.timing.score_secs),
         ];
         out.write_record(row)?;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use image::RgbImage;
@@ -86,6 +86,8 @@ struct Network {
     privilege: Privilege,
     splat: Box<dyn Method>,
     asked: Arc<AtomicUsize>,
+    /// A clock, milliseconds, that each inference moves on by more than the one before.
+    clock: Option<&'static AtomicU64>,
 }
 
 impl Network {
@@ -96,6 +98,7 @@ impl Network {
             privilege,
             splat,
             asked: Arc::clone(asked),
+            clock: None,
         }
     }
 }
@@ -120,7 +123,10 @@ impl Method for Network {
 
 impl PredictGaussians for Network {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
-        self.asked.fetch_add(1, Ordering::SeqCst);
+        let before = self.asked.fetch_add(1, Ordering::SeqCst) as u64;
+        if let Some(clock) = self.clock {
+            clock.fetch_add(1000 * (before + 1), Ordering::SeqCst);
+        }
         // It never sees the truth, whatever its privilege: it guesses a plane.
         assert!(source.depth().is_none());
         let (width, height) = source.image().dimensions();
@@ -134,6 +140,42 @@ impl PredictGaussians for Network {
             ..splat.predict(&seen)?
         })
     }
+}
+
+#[test]
+fn a_shared_inference_is_charged_whole_to_every_method_in_any_order() {
+    static CLOCK: AtomicU64 = AtomicU64::new(0);
+    let folder = tempfile::tempdir().unwrap();
+    let seconds = |out: &str, order: [(&'static str, Privilege); 2]| {
+        let asked = Arc::new(AtomicUsize::new(0));
+        let methods = order.map(|(label, privilege)| {
+            let network = Network {
+                clock: Some(&CLOCK),
+                ..Network::new(label, privilege, &asked)
+            };
+            (String::new(), Box::new(network) as Box<dyn Method>)
+        });
+        let mut evaluation = prepare(request(methods.into(), "psnr", 6), &Quiet).unwrap();
+        evaluation.clock = || Duration::from_millis(CLOCK.load(Ordering::SeqCst));
+        let out = folder.path().join(out);
+        evaluation.run(&out, RunOptions::default(), &Quiet).unwrap();
+        let sources = asked.load(Ordering::SeqCst);
+        let of = |label| {
+            let times = results::timings(&out, label).unwrap().into_iter();
+            times
+                .map(|(pair, timing)| (pair, (timing.predict_secs, timing.render_secs)))
+                .collect::<std::collections::BTreeMap<_, _>>()
+        };
+        (sources, of("plain"), of("scaled"))
+    };
+    let plain = ("plain", Privilege::None);
+    let scaled = ("scaled", Privilege::DepthScale);
+    let (sources, one, other) = seconds("a", [plain, scaled]);
+    assert_eq!(one, other);
+    // Every inference took another time: each pair has its source's.
+    let different: BTreeSet<u64> = one.values().map(|(secs, _)| *secs as u64).collect();
+    assert_eq!(different, (1..=sources as u64).collect());
+    assert_eq!(seconds("b", [scaled, plain]), (sources, one, other));
 }
 
 #[test]

@@ -88,8 +88,16 @@ pub struct StoredScore {
 /// What a unit took, and where.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
-    /// Wall time of prediction and rendering, while the pair before was being scored.
+    /// Wall time of the inference behind the picture, while an earlier pair was being scored: of the source for methods
+    /// that make Gaussians, whole for every target and every method that uses it, and from when it was made; else of the
+    /// pair. Reading files is not part of it.
     pub predict_secs: f64,
+    /// Wall time of placing and rendering the Gaussians; 0 for methods that make pictures.
+    #[serde(default)]
+    pub render_secs: f64,
+    /// Equal for units that share an inference; `None` where each has its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inference: Option<String>,
     /// Its share of the wall time of the pair's metrics, while the next pair was being predicted.
     pub score_secs: f64,
     /// Processor and threads that predicted it; `None` where the system, or the version that wrote the unit, does not say.
@@ -98,6 +106,13 @@ pub struct Timing {
     /// Largest resident size of the process until the prediction was there, bytes; programs that it started not counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_bytes: Option<u64>,
+}
+
+impl Timing {
+    /// From the source's photograph in memory to the picture, s.
+    pub fn synthesis_secs(&self) -> f64 {
+        self.predict_secs + self.render_secs
+    }
 }
 
 impl Unit {

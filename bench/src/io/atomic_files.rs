@@ -1,8 +1,10 @@
 //! Files that are written whole or not at all.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use tempfile::TempDir;
@@ -122,17 +124,25 @@ pub struct PartialFile {
 }
 
 impl PartialFile {
-    /// Starts a file, creating its folder.
+    /// Starts a file, creating its folder. The first one in a folder removes what killed processes left there.
     pub fn create(path: &Path) -> Result<Self, FileError> {
         let create = || -> io::Result<tempfile::NamedTempFile> {
             let folder = folder_of(path);
             fs::create_dir_all(folder)?;
+            remove_abandoned(folder);
             let mut builder = tempfile::Builder::new();
             builder.prefix(PARTIAL);
             // Temporary files are private by default; results are for everyone whom the umask admits.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            builder.tempfile_in(folder)
+            loop {
+                let file = builder.tempfile_in(folder)?;
+                // The lock says that somebody is at work on it. Another process may have taken it for abandoned before.
+                let locked = file.as_file().lock();
+                if locked.is_err() || file.path().exists() {
+                    return Ok(file);
+                }
+            }
         };
         Ok(Self {
             path: path.to_owned(),
@@ -182,6 +192,31 @@ impl Write for PartialFile {
 
     fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
+    }
+}
+
+/// Removes files in the making whose process is gone: those that are not locked. Once a folder and process; where the
+/// file system has no locks, nothing.
+fn remove_abandoned(folder: &Path) {
+    static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    let is_new = |seen: &mut BTreeSet<PathBuf>| match fs::canonicalize(folder) {
+        Ok(folder) => seen.insert(folder),
+        Err(_) => false,
+    };
+    if !is_new(&mut SEEN.lock().unwrap_or_else(PoisonError::into_inner)) {
+        return;
+    }
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let is_partial = entry.file_name().to_string_lossy().starts_with(PARTIAL);
+        // A link is not followed, and a pipe would wait for a writer.
+        if is_partial && entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            // Its lock is held while it goes. What cannot be removed stays: it harms nobody.
+            if let Ok(file) = File::open(entry.path())
+                && file.try_lock().is_ok()
+            {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
     }
 }
 
@@ -272,6 +307,24 @@ mod tests {
         check_writable(&new).unwrap();
         assert_eq!(fs::read_dir(&new).unwrap().count(), 0);
         assert!(check_writable(&path.join("below a file")).is_err());
+    }
+
+    #[test]
+    fn what_a_killed_process_left_goes_with_the_first_file_and_what_another_writes_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let abandoned = dir.path().join(".partial-abandoned");
+        fs::write(&abandoned, "x").unwrap();
+        let held = dir.path().join(".partial-held");
+        let other = File::create(&held).unwrap();
+        other.lock().unwrap();
+        let file = PartialFile::create(&dir.path().join("file")).unwrap();
+        assert!(!abandoned.exists() && held.exists() && file.temporary_path().exists());
+        assert!(
+            File::open(file.temporary_path())
+                .unwrap()
+                .try_lock()
+                .is_err()
+        );
     }
 
     #[test]

@@ -202,6 +202,103 @@ version = \"0.3.7\"
         assert!(!changed.contains("TRIVIAL"));
     }
 
+    /// Where results are decided.
+    const DECIDING: [&str; 12] = [
+        "bench/src/evaluate",
+        "bench/src/methods",
+        "bench/src/pairs/depth",
+        "bench/src/pairs/overlap",
+        "bench/src/rendering",
+        "bench/src/scoring",
+        "datasets/src",
+        "metrics/src",
+        "shaders",
+        "sharp/checkpoint/src",
+        "sharp/kernels/src",
+        "sharp/src",
+    ];
+
+    /// Files there that decide none: they plan, store, name, describe or measure time.
+    const UNDECIDING: [&str; 41] = [
+        "bench/src/evaluate/aggregation.rs",
+        "bench/src/evaluate/bundle.rs",
+        "bench/src/evaluate/error.rs",
+        "bench/src/evaluate/estimate.rs",
+        "bench/src/evaluate/folder.rs",
+        "bench/src/evaluate/footprint.rs",
+        "bench/src/evaluate/gaussian_store.rs",
+        "bench/src/evaluate/join.rs",
+        "bench/src/evaluate/keys.rs",
+        "bench/src/evaluate/manifest.rs",
+        "bench/src/evaluate/mod.rs",
+        "bench/src/evaluate/pipeline.rs",
+        "bench/src/evaluate/plan.rs",
+        "bench/src/evaluate/prepare.rs",
+        "bench/src/evaluate/readings.rs",
+        "bench/src/evaluate/record.rs",
+        "bench/src/evaluate/rescore.rs",
+        "bench/src/evaluate/results.rs",
+        "bench/src/evaluate/run.rs",
+        "bench/src/evaluate/shard.rs",
+        "bench/src/evaluate/speed.rs",
+        "bench/src/evaluate/status.rs",
+        "bench/src/evaluate/test_records.rs",
+        "bench/src/evaluate/unit.rs",
+        "bench/src/methods/kinds.rs",
+        "bench/src/methods/method.rs",
+        "bench/src/methods/mod.rs",
+        "bench/src/methods/spec.rs",
+        "bench/src/rendering/batch.rs",
+        "bench/src/rendering/mod.rs",
+        "metrics/src/identity.rs",
+        "metrics/src/info.rs",
+        "metrics/src/lib.rs",
+        "metrics/src/options.rs",
+        "metrics/src/selection.rs",
+        "metrics/src/unavailable.rs",
+        "sharp/src/composer/backward.rs",
+        "sharp/src/files.rs",
+        "sharp/src/initializer/backward.rs",
+        "sharp/src/lib.rs",
+        "shaders/src/lib.rs",
+    ];
+
+    #[test]
+    fn every_file_that_decides_results_is_in_a_group() {
+        let workspace = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let held: Vec<&str> = GROUPS.iter().flat_map(|group| group.sources()).collect();
+        for source in &held {
+            assert!(workspace.join(source).exists(), "{source} is gone");
+        }
+        let mut open: Vec<String> = DECIDING.map(str::to_owned).into();
+        let mut loose = BTreeSet::new();
+        while let Some(name) = open.pop() {
+            let below =
+                |source: &&&str| name == **source || name.starts_with(&format!("{source}/"));
+            if held.iter().any(|source| below(&source)) {
+                continue;
+            }
+            if let Ok(entries) = std::fs::read_dir(workspace.join(&name)) {
+                let entries =
+                    entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+                open.extend(
+                    entries
+                        .filter(|entry| entry != "tests")
+                        .map(|entry| format!("{name}/{entry}")),
+                );
+            } else if (name.ends_with(".rs") || name.ends_with(".wgsl"))
+                && !name.ends_with("/tests.rs")
+            {
+                loose.insert(name);
+            }
+        }
+        assert_eq!(loose.iter().map(String::as_str).collect::<Vec<_>>(), {
+            let mut names = UNDECIDING.to_vec();
+            names.sort_unstable();
+            names
+        });
+    }
+
     #[test]
     fn this_build_has_them_all() {
         let all = all();

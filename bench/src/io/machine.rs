@@ -1,6 +1,7 @@
 //! The machine that this process runs on, and how much of its memory the process has used.
 
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use super::counts::counted;
 
@@ -16,6 +17,12 @@ pub fn peak_bytes() -> Option<u64> {
 /// Starts [`peak_bytes`] anew. False where the system does not allow it: then that goes on from what it was.
 pub fn reset_peak() -> bool {
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
+}
+
+/// Time since it was first asked for, by a clock that never goes back.
+pub fn monotonic() -> Duration {
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed()
 }
 
 /// What times can be compared on: the processor and how many threads work on it, `AMD EPYC 7R13, 8 threads`. `None` where

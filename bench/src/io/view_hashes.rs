@@ -63,7 +63,9 @@ impl ViewHashes {
         files.sort();
         files.dedup();
         for (role, path) in files {
-            let hash = self.file(&path).map_err(|error| DatasetError::io(error.path, error.source))?;
+            let hash = self
+                .file(&path)
+                .map_err(|error| DatasetError::io(error.path, error.source))?;
             text += &format!("{role:?} {hash}\n");
         }
         let mut hash = sha256_hex(text.as_bytes());

@@ -277,6 +277,11 @@ pub trait Method: Send + Sync {
         Privilege::None
     }
 
+    /// What may be wrong with how it is set up, one sentence each, without the label.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Files besides the two views that this pair's prediction depends on.
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
         Ok(Vec::new())

@@ -31,3 +31,6 @@ pub use method::{
 };
 pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
+
+/// What a method reports about its predictions, at most: each name is a column of tables.
+pub const MOST_EXTRAS: usize = 32;

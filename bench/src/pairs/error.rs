@@ -45,6 +45,12 @@ pub enum PairError {
     Recipe(String),
     #[error(transparent)]
     Network(#[from] NetworkError),
+    /// By a signal or the time budget.
+    #[error(
+        "the pair list was not finished; overlaps measured so far are kept where there is a cache, and the same \
+         command continues from there"
+    )]
+    Stopped,
     #[error("no pair to evaluate: {0}")]
     NoPair(String),
 }

@@ -145,7 +145,11 @@ impl PairRecipe {
             let depth = recipe.depth()?;
             let advance = |done: usize, _: usize| observer.progress(before + done, &dataset.name);
             let of_dataset = std::slice::from_ref(dataset);
-            let context = context(of_dataset, depth.source.as_ref(), cache, &advance);
+            let stop = || observer.stop();
+            let context = BuildContext {
+                stop: &stop,
+                ..context(of_dataset, depth.source.as_ref(), cache, &advance)
+            };
             let found = build_pairs(&dataset.scenes, &recipe.options, &context)?;
             before += dataset.scenes.len();
             if let Some(counts) = found.summaries.get(&dataset.name) {

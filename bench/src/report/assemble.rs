@@ -6,6 +6,7 @@ use std::sync::Mutex;
 
 use image::{GrayImage, RgbImage};
 use sharp::model::bundled;
+use sharp_datasets::format::read_map;
 use sharp_datasets::{DepthMap, Scene, View};
 
 use super::input::{
@@ -206,7 +207,11 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
             .and_then(|text| text.split(' ').next())
             .map(str::to_owned),
         doubt: of_method.find_map(|r| doubt(r, record.privilege)),
-        note,
+        note: match (note, record.notes.join("; ")) {
+            (None, notes) => (!notes.is_empty()).then_some(notes),
+            (Some(note), notes) if notes.is_empty() => Some(note),
+            (Some(note), notes) => Some(format!("{note}; {notes}")),
+        },
     }
 }
 
@@ -478,6 +483,14 @@ impl<'a> RunPictures<'a> {
         depth.map_err(|error| MissingPicture::Unusable(error.to_string()))
     }
 
+    /// The rendering behind a prediction, where it was kept as floats.
+    fn rendering(&self, record: &Record) -> Result<Option<PathBuf>, MissingPicture> {
+        match self.results.kept_rendering(record) {
+            Some(kept) if !kept.is_scored => Err(MissingPicture::NotScored),
+            kept => Ok(kept.map(|kept| kept.path)),
+        }
+    }
+
     pub(crate) fn view(&self, record: &Record, id: &str) -> Result<&'a View, MissingPicture> {
         let of = (record.dataset.as_str(), record.scene.as_str());
         let scene = self.scenes.get(&of);
@@ -508,14 +521,27 @@ impl ReportPictures for RunPictures<'_> {
         self.depth(record, &record.source)
     }
 
-    fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
-        match self.results.kept_rendering(record) {
-            None => Ok(None),
-            Some(kept) if !kept.is_scored => Err(MissingPicture::NotScored),
-            Some(kept) => read_linear(&kept.path)
-                .map(|linear| Some(linear.alpha))
-                .map_err(|error| MissingPicture::Unusable(error.to_string())),
+    fn rendered_depth(&self, record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        let Some(path) = self.rendering(record)? else {
+            return Ok(None);
+        };
+        let unusable = |error: &dyn std::fmt::Display| MissingPicture::Unusable(error.to_string());
+        let linear = read_linear(&path).map_err(|error| unusable(&error))?;
+        let mut depth = read_map(&path).map_err(|error| unusable(&error))?;
+        // The channel is accumulated: Σ w z.
+        for (z, alpha) in depth.iter_mut().zip(linear.alpha.iter()) {
+            *z = if *alpha > 0.0 { *z / alpha } else { 0.0 };
         }
+        Ok(Some(depth))
+    }
+
+    fn alpha(&self, record: &Record) -> Result<Option<Alpha>, MissingPicture> {
+        let Some(path) = self.rendering(record)? else {
+            return Ok(None);
+        };
+        let linear = read_linear(&path);
+        let linear = linear.map_err(|error| MissingPicture::Unusable(error.to_string()))?;
+        Ok(Some(linear.alpha))
     }
 
     fn kept(&self, record: &Record) -> Option<PathBuf> {

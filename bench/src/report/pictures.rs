@@ -68,6 +68,14 @@ pub trait ReportPictures: Sync {
         Ok(None)
     }
 
+    /// Expected z-depth of a rendering, metres, 0 where nothing was drawn; `None` where it was not kept.
+    ///
+    /// # Errors
+    /// Why it cannot be read.
+    fn rendered_depth(&self, _record: &Record) -> Result<Option<DepthMap>, MissingPicture> {
+        Ok(None)
+    }
+
     /// Coverage of a rendering in 0..1, at its size; `None` where it was not kept.
     ///
     /// # Errors

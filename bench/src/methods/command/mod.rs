@@ -1,13 +1,15 @@
 //! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
 //!
 //! * `protocol`: what is said.
+//! * `words`: the files that its command line names.
 //! * `process`: the process: lines with a deadline, its end; `log`: what it writes to standard error, within bounds.
 
 mod log;
 mod process;
 mod protocol;
+mod words;
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
@@ -17,6 +19,7 @@ use tempfile::TempDir;
 use self::log::ProgramLog;
 use self::process::{Process, Trouble};
 use self::protocol::{Answer, PairRequest, SourceFiles};
+use self::words::{NamedFiles, named_files};
 use super::crop_and_resize::FitRules;
 use super::method::{
     Approach, Method, MethodError, MethodIdentity, PicturePrediction, PredictPicture, Privilege,
@@ -35,13 +38,17 @@ use crate::io::rendering_files::write_png;
 /// of these is a recorded failure of that pair alone; but a program that ends three times before it has
 /// answered anything is not started again.
 ///
-/// The files that the command line names are hashed with each unit; whatever else changes predictions (an environment,
-/// weights) belongs into `version=`.
+/// The files that the command line names, and those of `files=`, are hashed with each unit; whatever else changes
+/// predictions (an environment, a folder) belongs into `version=`.
 #[derive(Debug)]
 pub struct Command {
     label: String,
     run: String,
     version: String,
+    /// A pattern of further files, as given; empty without one.
+    pattern: String,
+    /// Those that the command line and the pattern name.
+    files: NamedFiles,
     timeout: Duration,
     fit: FitRules,
     privilege: Privilege,
@@ -70,7 +77,9 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    pub const OPTIONS: [&'static str; 6] = ["run", "timeout", "version", "resize", "crop", "depth"];
+    pub const OPTIONS: [&'static str; 7] = [
+        "run", "timeout", "version", "files", "resize", "crop", "depth",
+    ];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
     const TIMEOUT_SECS: u64 = 600;
@@ -97,9 +106,19 @@ impl Command {
                 "crop=center and crop=sidecar need files; a program takes crop=x:y:w:h or crop=center:W:H",
             ));
         }
+        let mut files = named_files(&run, &|name| std::env::var(name).ok());
+        let pattern = spec.option("files").unwrap_or_default().to_owned();
+        if !pattern.is_empty() {
+            let more = matching(&pattern).map_err(|reason| spec.error(reason))?;
+            files.found.extend(more);
+            files.found.sort();
+            files.found.dedup();
+        }
         Ok(Self {
             label: spec.label.clone(),
             run,
+            pattern,
+            files,
             version: spec.option("version").unwrap_or_default().to_owned(),
             timeout,
             fit,
@@ -190,6 +209,49 @@ impl Command {
     }
 }
 
+/// The files that a pattern matches, below its first part without a wildcard.
+fn matching(pattern: &str) -> Result<Vec<PathBuf>, String> {
+    let matcher = globset::GlobBuilder::new(pattern)
+        .literal_separator(true)
+        .build();
+    let matcher = matcher
+        .map_err(|error| format!("files={pattern}: {error}"))?
+        .compile_matcher();
+    let is_plain = |part: &&Component<'_>| {
+        !part
+            .as_os_str()
+            .to_string_lossy()
+            .contains(['*', '?', '[', '{'])
+    };
+    let parts: Vec<Component<'_>> = Path::new(pattern).components().collect();
+    let root: PathBuf = parts.iter().take_while(is_plain).collect();
+    let mut found = Vec::new();
+    let mut open = vec![root];
+    while let Some(path) = open.pop() {
+        if path.is_file() {
+            found.extend(matcher.is_match(&path).then_some(path));
+            continue;
+        }
+        let folder = if path.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            &path
+        };
+        let entries = std::fs::read_dir(folder)
+            .map_err(|error| format!("files={pattern}: {}: {error}", folder.display()))?;
+        for entry in entries.flatten() {
+            // A link to a folder may lead back.
+            if entry.file_type().is_ok_and(|kind| !kind.is_symlink()) || entry.path().is_file() {
+                open.push(path.join(entry.file_name()));
+            }
+        }
+    }
+    match found.is_empty() {
+        true => Err(format!("files={pattern}: no file matches")),
+        false => Ok(found),
+    }
+}
+
 impl State {
     /// The source in a scratch folder.
     fn source_files(
@@ -241,6 +303,9 @@ impl Method for Command {
         let mut settings = self.fit.settings();
         settings.insert("run".to_owned(), self.run.clone());
         settings.insert("version".to_owned(), self.version.clone());
+        if !self.pattern.is_empty() {
+            settings.insert("files".to_owned(), self.pattern.clone());
+        }
         MethodIdentity {
             kind: "command".to_owned(),
             settings,
@@ -252,9 +317,19 @@ impl Method for Command {
     }
 
     fn input_files(&self, _pair_id: &str) -> Result<Vec<PathBuf>, MethodError> {
-        let words = self.run.split_whitespace();
-        let files = words.map(|word| PathBuf::from(word.trim_matches(['\'', '"'])));
-        Ok(files.filter(|path| path.is_file()).collect())
+        Ok(self.files.found.clone())
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let absent = self.files.absent.iter();
+        absent
+            .map(|word| {
+                format!(
+                    "its command line names {word}, which looks like a file and is not there: if the program reads such a \
+                     file, name it by files=PATTERN, or its results are not made again when it changes"
+                )
+            })
+            .collect()
     }
 
     fn begin(&self, logs: &Path, scratch_in: &Path) {
@@ -337,6 +412,21 @@ mod tests {
         std::fs::write(&script, "x").unwrap();
         let text = format!("command:run='python3 {} --fast'", script.display());
         let command = Command::from_spec(&text.parse().unwrap()).unwrap();
-        assert_eq!(command.input_files("p").unwrap(), [script]);
+        assert_eq!(command.input_files("p").unwrap(), [script.as_path()]);
+        let more = dir.path().join("weights/a/w.bin");
+        std::fs::create_dir_all(more.parent().unwrap()).unwrap();
+        std::fs::write(&more, "x").unwrap();
+        let with = |pattern: &str| {
+            Command::from_spec(
+                &format!("{text},files='{}/{pattern}'", dir.path().display())
+                    .parse()
+                    .unwrap(),
+            )
+        };
+        let command = with("weights/**/*.bin").unwrap();
+        assert_eq!(command.input_files("p").unwrap(), [script, more]);
+        assert!(command.identity().settings.contains_key("files"));
+        let error = with("*.none").unwrap_err().to_string();
+        assert!(error.contains("no file matches"), "{error}");
     }
 }

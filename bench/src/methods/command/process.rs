@@ -23,7 +23,10 @@ const LINES_AHEAD: usize = 2;
 const GRACE: Duration = Duration::from_secs(5);
 
 /// How long is waited for the rest of what an ended program wrote.
-const LAST_WORDS: Duration = Duration::from_millis(500);
+const LAST_OUTPUT: Duration = Duration::from_millis(500);
+
+/// How often a program that owes an answer is looked at: it may have ended while a child of it holds its output open.
+const LOOK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Trouble {
@@ -127,12 +130,44 @@ impl Process {
         if sent.is_err() {
             return Err(Trouble::Ended);
         }
-        match self.heard.recv_timeout(timeout) {
-            Ok(Heard::Line(text)) => Ok(text),
-            Ok(heard) => Err(unasked(&heard)),
-            Err(RecvTimeoutError::Timeout) => Err(Trouble::Silent),
-            Err(RecvTimeoutError::Disconnected) => Err(Trouble::Ended),
+        let mut deadline = Instant::now() + timeout;
+        let mut has_ended = false;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.heard.recv_timeout(left.min(LOOK)) {
+                Ok(Heard::Line(text)) => return Ok(text),
+                Ok(heard) => return Err(unasked(&heard)),
+                Err(RecvTimeoutError::Disconnected) => return Err(Trouble::Ended),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            if !has_ended && self.has_ended() {
+                has_ended = true;
+                deadline = deadline.min(Instant::now() + LAST_OUTPUT);
+            }
+            if Instant::now() >= deadline {
+                return Err(if has_ended {
+                    Trouble::Ended
+                } else {
+                    Trouble::Silent
+                });
+            }
         }
+    }
+
+    /// True once the program has ended. It stays a zombie, so that its id, which is that of its group, is nobody else's.
+    fn has_ended(&mut self) -> bool {
+        #[cfg(unix)]
+        {
+            // SAFETY: `siginfo_t` is a plain C struct, for which all zeros is a value.
+            let mut info: libc::siginfo_t = unsafe { std::mem::zeroed() };
+            let how = libc::WEXITED | libc::WNOHANG | libc::WNOWAIT;
+            // SAFETY: `info` lives through the call, which writes to nothing else.
+            let result = unsafe { libc::waitid(libc::P_PID, self.child.id(), &raw mut info, how) };
+            // SAFETY: the field that every form of the union has; 0 as long as there is nothing to tell.
+            result != 0 || unsafe { info.si_pid() } != 0
+        }
+        #[cfg(not(unix))]
+        matches!(self.child.try_wait(), Ok(Some(_)))
     }
 
     /// Ends it: its input ends, and after a while so does the patience.
@@ -150,20 +185,20 @@ impl Process {
             self.stdin = None;
         }
         let deadline = Instant::now() + grace;
-        let mut status = self.child.try_wait().ok().flatten();
-        while status.is_none() && Instant::now() < deadline {
+        let mut has_ended = self.has_ended();
+        while !has_ended && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(5));
-            status = self.child.try_wait().ok().flatten();
+            has_ended = self.has_ended();
         }
+        // What it started ends with it, also where it ended by itself.
+        kill_group(&mut self.child);
+        let status = self.child.wait().ok();
         // How it ended is only said where it did so by itself.
-        if status.is_none() {
-            kill_group(&mut self.child);
-            let _ = self.child.wait();
-        }
+        let status = status.filter(|_| has_ended);
         #[cfg(unix)]
         dismiss(&mut self.watchdog);
         if let Some(stderr) = self.stderr.take() {
-            let deadline = Instant::now() + LAST_WORDS;
+            let deadline = Instant::now() + LAST_OUTPUT;
             while !stderr.is_finished() && Instant::now() < deadline {
                 thread::sleep(Duration::from_millis(5));
             }
@@ -354,6 +389,30 @@ mod tests {
         process.kill();
         thread::sleep(Duration::from_millis(1500));
         assert!(!mark.exists());
+    }
+
+    #[test]
+    fn children_of_a_program_that_ended_by_itself_end_too() {
+        let dir = tempfile::tempdir().unwrap();
+        let pid = dir.path().join("pid");
+        // The child holds the output open, and the program ends without an answer.
+        let run = format!("sleep 1000 & echo $! > {}; read x", pid.display());
+        let mut process = Process::start(&run, None).unwrap();
+        assert_eq!(
+            process.ask("x\n", Duration::from_secs(1000)),
+            Err(Trouble::Ended)
+        );
+        assert!(process.stop().succeeded());
+        let child = std::fs::read_to_string(&pid).unwrap();
+        let is_alive = || {
+            let state = std::fs::read_to_string(format!("/proc/{}/stat", child.trim()));
+            state.is_ok_and(|state| !state.contains(") Z "))
+        };
+        let deadline = Instant::now() + SOON;
+        while is_alive() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(5));
+        }
+        assert!(!is_alive());
     }
 
     #[test]

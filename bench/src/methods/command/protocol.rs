@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::methods::{SourceView, TargetCamera};
+use crate::methods::{MOST_EXTRAS, SourceView, TargetCamera};
 use crate::pairs::description::PairDescription;
 
 /// The source as files, by absolute path.
@@ -84,6 +84,12 @@ impl Answer {
                 excerpt(&answer.pair_id)
             ));
         }
+        if answer.extras.len() > MOST_EXTRAS {
+            return Err(format!(
+                "it sent {} extras; a method reports at most {MOST_EXTRAS}",
+                answer.extras.len()
+            ));
+        }
         for name in answer.extras.keys() {
             let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
             let reserved = name.starts_with("crop_")
@@ -131,6 +137,9 @@ mod tests {
         let full = full.unwrap();
         assert_eq!(full.picture, Some("x.exr".into()));
         assert_eq!(full.extras["secs"], 2.0);
+        let many = (0..33).map(|i| format!("\"e{i}\":1"));
+        let many = many.collect::<Vec<_>>().join(",");
+        let many = format!(r#"{{"pair_id":"a/b/c__d","extras":{{{many}}}}}"#);
         for (line, part) in [
             ("hello", "standard error): hello"),
             ("{}", "pair_id"),
@@ -139,6 +148,7 @@ mod tests {
             (r#"{"pair_id":"a/b/c__d","extras":{"crop_x":1}}"#, "crop_x"),
             (r#"{"pair_id":"a/b/c__d","extras":{"a b":1}}"#, "a b"),
             (r#"{"pair_id":"a/b/c__d","extras":{"a":"b"}}"#, "f64"),
+            (&many, "33 extras"),
         ] {
             let error = parse(line).unwrap_err();
             assert!(error.contains(part), "{line}: {error}");

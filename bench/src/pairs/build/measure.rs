@@ -1,5 +1,6 @@
 //! Overlaps within a set of views, holding no more depth maps than memory allows.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
@@ -31,6 +32,7 @@ pub(super) struct Measuring<'a> {
     options: &'a PairOptions,
     context: &'a BuildContext<'a>,
     how: OverlapOptions,
+    learnt: Cell<bool>,
 }
 
 impl<'a> Measuring<'a> {
@@ -44,7 +46,13 @@ impl<'a> Measuring<'a> {
             options,
             context,
             how: options.measuring(),
+            learnt: Cell::new(false),
         }
+    }
+
+    /// Whether something has become known that was not.
+    pub(super) fn has_learnt(&self) -> bool {
+        self.learnt.get()
     }
 
     /// Measures every two views of a set whose baseline qualifies, as far as they are not known.
@@ -146,7 +154,11 @@ impl<'a> Measuring<'a> {
         views.retain(|i| !held.contains_key(i) && !known.has_none(*i));
         // The progress that the context holds does not go to other threads.
         let (scene, source, max_side) = (self.scene, self.context.depth, self.how.max_side);
+        let stop = self.context.stop;
         let load_one = |&i: &usize| -> Result<Option<(DepthFacts, PosedDepth)>, PairError> {
+            if stop() {
+                return Err(PairError::Stopped);
+            }
             let view = &scene.views[i];
             let Some(depth) = source.depth(scene, view)? else {
                 return Ok(None);
@@ -169,6 +181,7 @@ impl<'a> Measuring<'a> {
                 part.iter().map(load_one).collect()
             };
             for (&i, result) in part.iter().zip(loaded) {
+                self.learnt.set(true);
                 match result {
                     Ok(Some((facts, posed))) => {
                         known.depths.insert(i, Some(facts));
@@ -199,9 +212,10 @@ impl<'a> Measuring<'a> {
             .iter()
             .filter_map(|&(a, b)| Some(((a, b), view(a)?, view(b)?)))
             .collect();
-        let how = &self.how;
+        let (how, stop) = (&self.how, self.context.stop);
         let measured: Vec<_> = couples
             .par_iter()
+            .filter(|_| !stop())
             .map(|&(couple, a, b)| {
                 let share = |of, by| overlap(of, by, how).share(how.denominator);
                 let overlaps = share(a, b).zip(share(b, a));
@@ -210,6 +224,7 @@ impl<'a> Measuring<'a> {
             })
             .collect();
         for (couple, overlaps) in measured {
+            self.learnt.set(true);
             known.insert(couple, overlaps);
         }
     }

@@ -65,6 +65,8 @@ pub struct BuildContext<'a> {
     pub hash_photographs: bool,
     /// Told after each scene: scenes done, scenes in all.
     pub progress: &'a dyn Fn(usize, usize),
+    /// Whether to stop; asked from any thread, before each depth map, overlap and photograph.
+    pub stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Default for BuildContext<'_> {
@@ -78,6 +80,7 @@ impl Default for BuildContext<'_> {
             settings: BTreeMap::new(),
             hash_photographs: true,
             progress: &|_, _| {},
+            stop: &|| false,
         }
     }
 }
@@ -155,7 +158,7 @@ pub struct Problem {
 /// A file that cannot be read is a [`Problem`], not an error: the other scenes continue.
 ///
 /// # Errors
-/// [`PairError::Options`]; [`PairError::DuplicatePair`] if two scenes share dataset and id, or
+/// [`PairError::Options`]; [`PairError::Stopped`] when asked to; [`PairError::DuplicatePair`] if two scenes share dataset and id, or
 /// two views of a scene their id.
 pub fn build_pairs(
     scenes: &[Scene],
@@ -173,6 +176,10 @@ pub fn build_pairs(
                 work.one_to_others(source, &others);
             }
             Pairing::MultiView => work.multi_view(),
+        }
+        work.keep();
+        if (context.stop)() {
+            return Err(PairError::Stopped);
         }
         (context.progress)(done + 1, scenes.len());
     }

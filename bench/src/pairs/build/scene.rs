@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 use sharp::camera::baseline_m;
@@ -23,7 +24,15 @@ pub(super) struct SceneWork<'a> {
     build: &'a mut PairBuild,
     known: SceneOverlaps,
     key: Option<String>,
+    /// Whether something is known that the cache lacks, and when it was last brought up to date.
+    unkept: bool,
+    kept: Instant,
+    /// Views with the problems that are noted.
+    noted: BTreeSet<(usize, String)>,
 }
+
+/// How much measuring may be lost to a kill.
+const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 impl<'a> SceneWork<'a> {
     pub(super) fn new(
@@ -48,21 +57,32 @@ impl<'a> SceneWork<'a> {
             build,
             known,
             key,
+            unkept: false,
+            kept: Instant::now(),
+            noted: BTreeSet::new(),
         }
     }
 
-    /// Measures what is not known, keeps it, and notes what could not be read.
+    /// Measures what is not known, and notes what could not be read.
     fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
-        let before = self.known.clone();
         let measuring = Measuring::new(self.scene, self.options, self.context);
         for (view, error) in work(&measuring, &mut self.known) {
             self.problem(view, &error);
         }
-        if let (Some(cache), Some(key)) = (self.context.cache, &self.key)
-            && before != self.known
-        {
+        self.unkept |= measuring.has_learnt();
+        // The table is written as a whole: after every set it would grow with the square of a long scene.
+        if self.kept.elapsed() > KEEP_EVERY {
+            self.keep();
+        }
+    }
+
+    /// Brings the cache up to date.
+    pub(super) fn keep(&mut self) {
+        if let (Some(cache), Some(key), true) = (self.context.cache, &self.key, self.unkept) {
             cache.store(key, &self.known);
         }
+        self.unkept = false;
+        self.kept = Instant::now();
     }
 
     fn counts(&mut self) -> &mut PairCounts {
@@ -81,6 +101,9 @@ impl<'a> SceneWork<'a> {
         counts.sets += 1;
         counts.considered += targets.len();
         for &target in targets {
+            if (self.context.stop)() {
+                return;
+            }
             if self.is_in_range(source, target) {
                 let (a, b) = (source.min(target), source.max(target));
                 self.measuring(|work, known| work.measure(&[a, b], known));
@@ -99,6 +122,9 @@ impl<'a> SceneWork<'a> {
         counts.views += scene.views.len();
         counts.sets += sets.len();
         for (number, set) in sets.iter().enumerate() {
+            if (self.context.stop)() {
+                return;
+            }
             let set: Vec<usize> = set.iter().map(|&i| views[i]).collect();
             self.measuring(|work, known| work.measure(&set, known));
             let mut qualified = Vec::new();
@@ -177,9 +203,11 @@ impl<'a> SceneWork<'a> {
     fn add(&mut self, qualified: &[(usize, usize, Option<u32>)]) {
         let mut used: BTreeSet<usize> = qualified.iter().flat_map(|&(s, t, _)| [s, t]).collect();
         used.retain(|_| self.context.hash_photographs);
+        let (scene, stop) = (self.scene, self.context.stop);
         let hashes: Vec<_> = used
             .par_iter()
-            .map(|&i| (i, self.scene.views[i].content.image_sha256()))
+            .filter(|_| !stop())
+            .map(|&i| (i, scene.views[i].content.image_sha256()))
             .collect();
         let mut sha256 = BTreeMap::new();
         for (i, hash) in hashes {
@@ -219,7 +247,7 @@ impl<'a> SceneWork<'a> {
             view: self.scene.views[view].id.clone(),
             reason: error.to_string(),
         };
-        if !self.build.problems.contains(&problem) {
+        if self.noted.insert((view, problem.reason.clone())) {
             self.build.problems.push(problem);
         }
     }

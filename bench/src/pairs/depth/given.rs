@@ -62,7 +62,7 @@ impl GivenDepth {
     }
 }
 
-/// The depth map of that name and any extension.
+/// The depth map of that name and any extension. A PNG beside a map of floats is a picture of it and does not count.
 ///
 /// # Errors
 /// [`PairError::Depth`] where there are two.
@@ -76,6 +76,7 @@ pub fn find_map(stem: &Path) -> Result<Option<PathBuf>, PairError> {
     match found.as_slice() {
         [] => Ok(None),
         [file] => Ok(Some(file.clone())),
+        [file, png] if png.extension().is_some_and(|e| e == "png") => Ok(Some(file.clone())),
         [first, second, ..] => Err(wrong(
             first,
             &format!("ambiguous, {} exists too", second.display()),

@@ -61,7 +61,7 @@ pub const FIGURES: [FigureEntry; 10] = [
         name: "failure",
         paper: "failure_case",
         shows: "input, predicted view and inverse depth of the worst or of named pairs",
-        needs: "run folders with kept pictures (bundles hold none), their datasets, and depth maps or datasets with depth",
+        needs: "run folders with renderings kept as floats (run --keep float; bundles hold none) and their datasets, or depth maps",
         command: "figure failure RUN… --method METHOD --out DIR",
     },
     FigureEntry {

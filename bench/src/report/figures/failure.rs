@@ -15,8 +15,9 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::error::{MissingPicture, ReportError};
 use crate::report::error_map::colour;
 
-/// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres), or
-/// without a folder from the dataset: of the target, or where that has none of the source.
+/// The triptych of each pair, with depth from `DIR/<pair_id>.npy|npz|exr|pfm|png` (z-depth in the target's camera, metres).
+/// Without a folder it is that of the kept rendering, as in the paper; where none was kept, the dataset's, of the target or
+/// where that has none of the source, and the caption says so.
 ///
 /// # Errors
 /// When there is not exactly one method, or no such folder.
@@ -30,7 +31,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     let rows = comparison.pairs.iter().map(|chosen| {
         let found = match depth {
             Some(folder) => of_pair(folder, chosen).map(|map| (map, "given")),
-            None => of_dataset(comparison, chosen),
+            None => of_run(comparison, chosen, method),
         };
         let (picture, text) = match found {
             Ok((map, _)) if !map.iter().any(|z| is_valid_depth(*z)) => {
@@ -53,6 +54,20 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
+/// Depth of the rendering that was scored, or of the dataset, and whose it is.
+fn of_run(
+    comparison: &SheetContent<'_>,
+    chosen: &ChosenPair<'_>,
+    method: usize,
+) -> Result<(DepthMap, &'static str), MissingPicture> {
+    let record = chosen.pair.by_method.get(method).copied().flatten();
+    let rendered = record.map(|record| comparison.pictures.rendered_depth(record));
+    match rendered.transpose()?.flatten() {
+        Some(depth) => Ok((depth, "of the rendering")),
+        None => of_dataset(comparison, chosen),
+    }
+}
+
 /// Depth of the target, or where it has none of the source, and whose it is.
 fn of_dataset(
     comparison: &SheetContent<'_>,
@@ -60,11 +75,17 @@ fn of_dataset(
 ) -> Result<(DepthMap, &'static str), MissingPicture> {
     let facts = chosen.pair.facts;
     if let Some(depth) = comparison.pictures.target_depth(facts)? {
-        return Ok((depth, "of the target"));
+        return Ok((
+            depth,
+            "of the dataset's target: no rendering was kept (run --keep float)",
+        ));
     }
     let depth = comparison.pictures.source_depth(facts)?;
     let depth = depth.ok_or(MissingPicture::Without("depth"))?;
-    Ok((depth, "of the input"))
+    Ok((
+        depth,
+        "of the dataset's input: no rendering was kept (run --keep float)",
+    ))
 }
 
 fn of_pair(folder: &Path, chosen: &ChosenPair<'_>) -> Result<DepthMap, MissingPicture> {

@@ -1,9 +1,12 @@
 //! Scores against what a pair takes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use crate::evaluate::results::timings;
 use crate::evaluate::{EvaluateError, Results};
+use crate::io::atomic_files::FileError;
+use crate::io::text::csv_text;
 use crate::pairs::valid_depth::median_of;
 use crate::report::board::{Board, DatasetBoard};
 use crate::report::error::ReportError;
@@ -13,6 +16,7 @@ use crate::report::plots::canvas::Surface;
 use crate::report::plots::palette::Style;
 use crate::report::plots::panels::{Panel, PanelFrame, PlotArea, PlotAxis, draw, point};
 use crate::report::plots::style::FigureStyle;
+use crate::report::speed::tables::CSV_HEAD;
 use crate::report::statistics::of_metric;
 
 /// Seconds by label of the method and pair id.
@@ -31,10 +35,53 @@ pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
         for (label, own) in &pictures.labels {
             let taken = timings(pictures.folder.root(), own)?.into_iter();
             let by_pair = all.entry(label.clone()).or_default();
-            by_pair.extend(taken.map(|(pair, timing)| (pair, timing.predict_secs)));
+            by_pair.extend(taken.map(|(pair, timing)| (pair, timing.synthesis_secs())));
         }
     }
     Ok(all)
+}
+
+/// What `speed` measured: seconds of inference, upload and rendering together, by method and dataset.
+#[derive(Debug, Clone, Default)]
+pub struct SpeedSeconds(BTreeMap<(String, String), f64>);
+
+impl SpeedSeconds {
+    /// Reads `speed.csv`, or the folder that holds it.
+    ///
+    /// # Errors
+    /// When it cannot be read or is not what `speed` writes.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let path = match path.is_dir() {
+            true => path.join("speed.csv"),
+            false => path.to_owned(),
+        };
+        let wrong = |reason: String| FileError::new(&path, "read")(std::io::Error::other(reason));
+        let bytes = sharp::files::read(&path).map_err(FileError::new(&path, "read"))?;
+        let mut rows = csv::Reader::from_reader(bytes.as_slice());
+        let heads = rows.headers().map_err(|error| wrong(error.to_string()))?;
+        if heads.iter().collect::<Vec<_>>().join(",") != CSV_HEAD {
+            return Err(wrong(format!("the columns have to be {CSV_HEAD}")));
+        }
+        let mut seconds = BTreeMap::new();
+        for row in rows.into_records() {
+            let row = row.map_err(|error| wrong(error.to_string()))?;
+            if !["inference_secs", "load_secs", "render_secs"].contains(&&row[3]) {
+                continue;
+            }
+            let median: f64 = row[5]
+                .parse()
+                .map_err(|_| wrong(format!("'{}' is no number", &row[5])))?;
+            let cell = |at: usize| csv_text(&row[at]).to_owned();
+            *seconds.entry((cell(0), cell(1))).or_default() += median;
+        }
+        Ok(Self(seconds))
+    }
+
+    fn of(&self, method: &str, dataset: &str) -> Option<f64> {
+        self.0
+            .get(&(method.to_owned(), dataset.to_owned()))
+            .copied()
+    }
 }
 
 /// The mean of a metric against the median seconds a pair, a panel a dataset; `None` without a method that has both.
@@ -45,19 +92,29 @@ pub fn figure(
     board: &Board<'_>,
     metric: &Column,
     seconds: &Seconds,
+    speed: &SpeedSeconds,
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
+    let mut by_speed = BTreeSet::new();
     let panels: Vec<(&DatasetBoard<'_>, Vec<Placed>)> = board
         .datasets
         .iter()
         .map(|dataset| {
             let methods = 0..board.methods.len();
             let points = methods.filter_map(|m| {
-                let taken = seconds.get(&board.methods[m].label)?;
-                let pairs = dataset.pairs.iter();
-                let taken = pairs.filter_map(|p| taken.get(&p.facts.pair_id).copied());
+                let label = board.methods[m].label.as_str();
+                let in_run = || {
+                    let taken = seconds.get(label)?;
+                    let pairs = dataset.pairs.iter();
+                    let taken = pairs.filter_map(|p| taken.get(&p.facts.pair_id).copied());
+                    median_of(taken.collect::<Vec<f64>>())
+                };
+                let measured = speed.of(label, &dataset.dataset.name);
+                if measured.is_some() {
+                    by_speed.insert(label);
+                }
                 // Clocks tick in nanoseconds: no time at all has no place on a logarithmic axis.
-                let median = median_of(taken.collect::<Vec<f64>>())?.max(1e-6);
+                let median = measured.or_else(in_run)?.max(1e-6);
                 Some((m, median, of_metric(dataset, m, &metric.key).mean?))
             });
             (dataset, points.collect())
@@ -106,13 +163,32 @@ pub fn figure(
     let drawn: Vec<Panel<'_>> = drawn.collect();
     let methods = board.methods.iter().enumerate();
     let shown = methods.filter(|(m, _)| all().any(|(method, ..)| method == m));
+    let shown: Vec<_> = shown.collect();
     let legend: Vec<(&str, Style)> = shown
-        .map(|(m, method)| (method.label.as_str(), style.of_method(m)))
+        .iter()
+        .map(|(m, method)| (method.label.as_str(), style.of_method(*m)))
         .collect();
-    let caption = "Time: median wall seconds of predicting and rendering a pair on the run's own machine, while the pair before \
-                   was being scored; a source predicted for an earlier pair is not predicted again.";
+    let measured: Vec<&str> = by_speed.iter().copied().collect();
+    let caption = caption(&measured, shown.len());
     let title = format!("{} against synthesis time", metric.label);
-    draw(&title, caption, &legend, &drawn, Some(style)).map(Some)
+    draw(&title, &caption, &legend, &drawn, Some(style)).map(Some)
+}
+
+/// Where the times of some of the methods shown are from.
+fn caption(by_speed: &[&str], shown: usize) -> String {
+    const IN_RUN: &str = "median wall seconds of inference and rendering of a pair as the run kept them, while the pair \
+                          before was being scored; an inference that several pairs share counts whole for each";
+    match (by_speed, shown > by_speed.len()) {
+        ([], _) => format!("Time: {IN_RUN}."),
+        (_, false) => {
+            "Time: median wall seconds of inference and rendering, measured alone by `speed`."
+                .to_owned()
+        }
+        (some, true) => format!(
+            "Time of {}: measured alone by `speed`; of the others: {IN_RUN}.",
+            some.join(", ")
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -134,14 +210,33 @@ mod tests {
         let board = Board::new(&records, &[], &[]).unwrap();
         let psnr = Column::from(MetricKey::PSNR);
         let style = FigureStyle::default();
-        let none = figure(&board, &psnr, &Seconds::new(), &style).unwrap();
+        let alone = SpeedSeconds::default();
+        let none = figure(&board, &psnr, &Seconds::new(), &alone, &style).unwrap();
         assert_eq!(none, None);
         let taken = [("d/0/s__0".to_owned(), 0.0)].into();
         let seconds = [("<b>&".to_owned(), taken)].into();
-        let svg = figure(&board, &psnr, &seconds, &style)
-            .unwrap()
-            .unwrap()
-            .svg;
-        assert!(svg.contains("&lt;b&gt;&amp;") && !svg.contains("untimed"));
+        let svg = |alone: &SpeedSeconds| {
+            let figure = figure(&board, &psnr, &seconds, alone, &style);
+            figure.unwrap().unwrap().svg
+        };
+        let by_run = svg(&alone);
+        assert!(by_run.contains("&lt;b&gt;&amp;") && !by_run.contains("untimed"));
+        let folder = tempfile::tempdir().unwrap();
+        let row = |what: &str, secs: &str| format!("untimed,d,,{what},1,{secs},1,1,1,1\n");
+        let text = format!(
+            "{CSV_HEAD}\n{}{}{}",
+            row("inference_secs", "2"),
+            row("render_secs", "0.5"),
+            row("tiles", "9")
+        );
+        std::fs::write(folder.path().join("speed.csv"), text).unwrap();
+        let alone = SpeedSeconds::read(folder.path()).unwrap();
+        assert_eq!(alone.of("untimed", "d"), Some(2.5));
+        assert!(svg(&alone).contains("untimed"));
+        assert!(caption(&[], 2).contains("as the run kept them"));
+        assert!(!caption(&["a", "b"], 2).contains("run kept"));
+        assert!(
+            caption(&["a"], 2).starts_with("Time of a: measured alone by `speed`; of the others: ")
+        );
     }
 }

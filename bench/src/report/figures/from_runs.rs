@@ -6,6 +6,7 @@ use sharp_datasets::Scene;
 use sharp_metrics::MetricKey;
 
 use super::choice::{PairsChoice, PathChoice, along_path, chosen};
+use super::fidelity_time::SpeedSeconds;
 use super::qualitative::SheetContent;
 use super::sheet::Sheet;
 use super::{failure, fidelity_time};
@@ -55,7 +56,7 @@ pub enum SheetKind {
     Ablation(PairsChoice),
     /// The same of one source's targets, by growing baseline.
     ExtendedMotion(PathChoice),
-    /// Input, view and inverse depth of one method; depth from a folder, or without one the dataset's.
+    /// Input, view and inverse depth of one method; depth from a folder, or without one the rendering's.
     Failure(PairsChoice, Option<PathBuf>),
 }
 
@@ -121,18 +122,19 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     baselines::histogram(&board, Some(style))
 }
 
-/// A metric against seconds a pair; `None` where no method has both.
+/// A metric against seconds a pair, those of `speed` where it has some; `None` where no method has both.
 ///
 /// # Errors
 /// As [`baselines`](baselines()), and when there is no such metric or a folder cannot be read.
 pub fn fidelity_time(
     results: &Results,
     metric: MetricKey,
+    speed: &SpeedSeconds,
     style: &FigureStyle,
 ) -> Result<Option<Figure>, ReportError> {
     let input = assemble::input(results, &NoPictures, PublishedNumbers::Never);
     let board = Board::new(input.records, &input.datasets, &input.methods)?;
     let metric = Column::chosen(&input.metrics, &[metric])?.remove(0);
     let seconds = fidelity_time::seconds(results)?;
-    fidelity_time::figure(&board, &metric, &seconds, style)
+    fidelity_time::figure(&board, &metric, &seconds, speed, style)
 }

@@ -63,16 +63,22 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
         "Scoring, h",
         "Peak, MiB",
     ];
-    let hours = |timings: &[&Timing], of: fn(&Timing) -> f64| {
-        let secs: f64 = timings.iter().map(|timing| of(timing)).sum();
-        GridCell::number(format!("{:.4}", secs / 3600.0), secs / 3600.0)
-    };
+    let hours = |secs: f64| GridCell::number(format!("{:.4}", secs / 3600.0), secs / 3600.0);
     let sums = |timings: &[&Timing]| {
         let peak = timings.iter().filter_map(|timing| timing.peak_bytes).max();
+        // An inference counts once, however many targets and methods use it.
+        let mut seen = BTreeSet::new();
+        let inferences = timings.iter().filter(|timing| {
+            let shared = timing.inference.as_deref();
+            shared.is_none_or(|inference| seen.insert(inference))
+        });
+        let inferring: f64 = inferences.map(|timing| timing.predict_secs).sum();
+        let rendering: f64 = timings.iter().map(|timing| timing.render_secs).sum();
+        let scoring: f64 = timings.iter().map(|timing| timing.score_secs).sum();
         [
             GridCell::number(timings.len().to_string(), timings.len() as f64),
-            hours(timings, |timing| timing.predict_secs),
-            hours(timings, |timing| timing.score_secs),
+            hours(inferring + rendering),
+            hours(scoring),
             peak.map_or_else(GridCell::default, |bytes| {
                 let mib = bytes as f64 / f64::from(1 << 20);
                 GridCell::number(format!("{mib:.0}"), mib)
@@ -104,8 +110,8 @@ pub(super) fn grid(methods: &[MethodCompute]) -> TextGrid {
         heads: heads.map(str::to_owned).into(),
         rows,
         remarks: vec![
-            "Sums of wall time over the predictions that are in the run, each counted once, failures and what was tried before \
-             not counted. Predicting holds reading, inference and rendering; the next pair is predicted while one is scored, so \
+            "Sums of wall time over the predictions that are in the run, failures and what was tried before not counted. \
+             Predicting is inference, once a source where several pairs or methods share it, and rendering; the next pair is predicted while one is scored, so \
              that a run took less time than both together. Peak: largest resident size of the process until then."
                 .to_owned(),
         ],

@@ -17,6 +17,7 @@ fn measured() -> Measured {
         identity: MethodIdentity::new(kind, [("device", "cpu".to_owned())]),
         privilege: Privilege::None,
         sources: String::new(),
+        notes: Vec::new(),
     };
     let speed = |method: &str, inference: &[f64], render: &[f64]| Speed {
         dataset: "D_1".to_owned(),
@@ -128,6 +129,7 @@ fn hours_are_sums_and_hardware_is_named() {
         score_secs: 900.0,
         machine: Some(machine.to_owned()),
         peak_bytes: Some(mib << 20),
+        ..Timing::default()
     };
     let method = |label: &str, timings: Vec<Timing>| MethodCompute {
         run: "runs/a".to_owned(),

@@ -102,7 +102,7 @@ pub(in crate::report) fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Text that stays text: no markup, no new column, no HTML.
+/// Text that stays text: no markup, no new column, no HTML, and nobody is notified.
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
@@ -112,6 +112,8 @@ pub fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '&' => out.push_str("&amp;"),
             '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '~' => out.extend(['\\', c]),
+            // A zero-width space: hosts look for names in the text after its markup is gone.
+            '@' => out.push_str("@\u{200b}"),
             c => out.push(c),
         }
     }

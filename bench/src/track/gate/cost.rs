@@ -99,7 +99,7 @@ fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 
     let each: [Vec<&Timing>; 2] = [0, 1].map(|side| both().map(|timing| timing[side]).collect());
     let [a, b] = each.map(|timings| match cost {
         Resource::SecondsPerPair => {
-            let total: f64 = timings.iter().map(|timing| timing.predict_secs).sum();
+            let total: f64 = timings.iter().map(|timing| timing.synthesis_secs()).sum();
             Some(total / timings.len() as f64)
         }
         Resource::PeakMemory => {

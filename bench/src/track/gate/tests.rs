@@ -419,6 +419,7 @@ fn costs_count_on_one_device_only() {
         score_secs: 9.0,
         machine: machine.map(str::to_owned),
         peak_bytes: Some(1 << 20),
+        ..Timing::default()
     };
     let records = || scored("D", 2, nothing);
     let side = |each: &[Timing]| -> BTreeMap<String, Timing> {

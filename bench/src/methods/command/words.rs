@@ -1,0 +1,222 @@
+//! The files that a command line of the shell names.
+
+use std::path::{Path, PathBuf};
+
+/// What a command line names: files that are there, and words that look like files and are not.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct NamedFiles {
+    pub(super) found: Vec<PathBuf>,
+    pub(super) absent: Vec<String>,
+}
+
+/// Endings by which a word that is no file is taken for the name of one.
+const ENDINGS: [&str; 19] = [
+    "bin",
+    "cfg",
+    "ckpt",
+    "h5",
+    "ini",
+    "json",
+    "npy",
+    "npz",
+    "onnx",
+    "pickle",
+    "pkl",
+    "pt",
+    "pth",
+    "py",
+    "safetensors",
+    "sh",
+    "toml",
+    "yaml",
+    "yml",
+];
+
+/// Looks up every word, also behind `--option=` and `NAME=`, with quotes and variables resolved and relative to the folders
+/// that `cd` goes to. What only the shell can resolve (`$(…)`, patterns) is left alone.
+pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> NamedFiles {
+    let mut named = NamedFiles::default();
+    let mut folder = PathBuf::new();
+    let mut words = words(line, variable).into_iter().peekable();
+    let mut is_first = true;
+    while let Some(word) = words.next() {
+        let Word::Text { text, is_whole } = word else {
+            is_first = true;
+            continue;
+        };
+        if is_first && text == "cd" {
+            if let Some(Word::Text { text, .. }) = words.next_if(|word| *word != Word::Operator) {
+                folder.push(text);
+            }
+            continue;
+        }
+        // An assignment comes before the command.
+        is_first &= text.contains('=') && !text.starts_with('-');
+        let value = text.split_once('=').map(|(_, value)| value.to_owned());
+        let candidates: Vec<String> = std::iter::once(text).chain(value).collect();
+        let paths = candidates.iter().map(|candidate| folder.join(candidate));
+        let is_there = |path: &PathBuf| path.exists();
+        match paths.clone().find(is_there) {
+            Some(path) if path.is_file() => named.found.push(path),
+            Some(_) => {}
+            None => {
+                let likely = candidates
+                    .iter()
+                    .rev()
+                    .find(|text| !is_whole || looks_like_a_file(text));
+                named.absent.extend(likely.cloned());
+            }
+        }
+    }
+    named.found.sort();
+    named.found.dedup();
+    named
+}
+
+fn looks_like_a_file(text: &str) -> bool {
+    let ending = Path::new(text)
+        .extension()
+        .and_then(|ending| ending.to_str());
+    let is_path = ["/", "./", "../", "~/"]
+        .iter()
+        .any(|start| text.starts_with(start));
+    let is_pattern = text.contains(['*', '?', '$', '`', '(', '{']) || text.contains("://");
+    !is_pattern && (is_path || ending.is_some_and(|ending| ENDINGS.contains(&ending)))
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Word {
+    Text {
+        text: String,
+        /// False where a variable in it has no value.
+        is_whole: bool,
+    },
+    /// The end of a command: `&&`, `|`, `;`, a line end.
+    Operator,
+}
+
+/// A command line taken apart as a POSIX shell does, without substitution of commands and patterns.
+fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
+    let mut found = Vec::new();
+    let (mut text, mut is_open, mut is_whole) = (String::new(), false, true);
+    let mut quote = None;
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        match (quote, letter) {
+            (Some(open), letter) if letter == open => quote = None,
+            (Some('\''), letter) => text.push(letter),
+            (None, '\'' | '"') => (quote, is_open) = (Some(letter), true),
+            (_, '\\') => {
+                text.extend(letters.next());
+                is_open = true;
+            }
+            (_, '$')
+                if letters
+                    .peek()
+                    .is_some_and(|next| is_name(*next) || *next == '{') =>
+            {
+                let braced = letters.next_if_eq(&'{').is_some();
+                let name: String =
+                    std::iter::from_fn(|| letters.next_if(|next| is_name(*next))).collect();
+                if braced {
+                    letters.next_if_eq(&'}');
+                }
+                match variable(&name) {
+                    Some(value) => text.push_str(&value),
+                    None => {
+                        text.push('$');
+                        text.push_str(&name);
+                        is_whole = false;
+                    }
+                }
+                is_open = true;
+            }
+            (None, '~') if !is_open && letters.peek().is_none_or(|next| *next == '/') => {
+                match variable("HOME") {
+                    Some(home) => text.push_str(&home),
+                    None => is_whole = false,
+                }
+                is_open = true;
+            }
+            (None, letter)
+                if letter.is_whitespace()
+                    || ['&', '|', ';', '(', ')', '<', '>'].contains(&letter) =>
+            {
+                if std::mem::take(&mut is_open) {
+                    let text = std::mem::take(&mut text);
+                    found.push(Word::Text { text, is_whole });
+                    is_whole = true;
+                }
+                if ['&', '|', ';', '(', '\n'].contains(&letter) {
+                    found.push(Word::Operator);
+                }
+            }
+            (_, letter) => {
+                text.push(letter);
+                is_open = true;
+            }
+        }
+    }
+    if is_open {
+        found.push(Word::Text { text, is_whole });
+    }
+    found
+}
+
+fn is_name(letter: char) -> bool {
+    letter == '_' || letter.is_ascii_alphanumeric()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_found_however_they_are_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let root = dir.path().canonicalize().unwrap();
+        std::fs::create_dir_all(root.join("a b")).unwrap();
+        for name in ["my.py", "w.txt", "a b/w.txt"] {
+            std::fs::write(root.join(name), "x").unwrap();
+        }
+        let at = root.display();
+        let variable = |name: &str| match name {
+            "V" | "HOME" => Some(at.to_string()),
+            _ => None,
+        };
+        let found = |line: &str| {
+            let named = named_files(line, &variable);
+            assert_eq!(named.absent, Vec::<String>::new(), "{line}");
+            let names = named.found.iter().map(|path| path.canonicalize().unwrap());
+            let names = names.map(|path| path.strip_prefix(&root).unwrap().display().to_string());
+            names.collect::<Vec<_>>()
+        };
+        for line in [
+            format!("python3 {at}/my.py {at}/w.txt"),
+            format!("python3 {at}/my.py --weights={at}/w.txt --fast"),
+            format!("cd {at}&&python3 my.py w.txt; cd 'a b'"),
+            format!("cd \"{at}/a b\" && W=../w.txt python3 ../my.py | cat"),
+            "python3 $V/my.py ${V}/w.txt -m some.module 0.5 org/model".to_owned(),
+            "python3 ~/my.py ~/w.txt 2>&1 https://x.org/w.pt *.json".to_owned(),
+        ] {
+            assert_eq!(found(&line), ["my.py", "w.txt"], "{line}");
+        }
+        assert_eq!(
+            found(&format!("cat '{at}/a b/w.txt' {at}/a\\ b")),
+            ["a b/w.txt"]
+        );
+    }
+
+    #[test]
+    fn what_looks_like_a_file_and_is_not_there_is_named() {
+        let absent = |line: &str| named_files(line, &|_| None).absent;
+        assert_eq!(
+            absent("run --weights=gone.pt ./model $UNSET/w --n=3 -x"),
+            ["gone.pt", "./model", "$UNSET/w"]
+        );
+        assert_eq!(
+            absent("python3 -m pkg.mod --lr 0.1 'two words' a=b $(cat x.json)"),
+            ["x.json"]
+        );
+    }
+}
