@@ -234,7 +234,11 @@ mod tests {
         let map = FloatMap::from_pixel(100, 10, Luma([1.0]));
         write(dir.path(), "v0.npy", &map);
         write(dir.path(), "v0.png", &map);
+        assert!(given.depth(&scene, &scene.views[0]).unwrap().is_some());
+        let other = dir.path().join("d/s/v0.npz");
+        std::fs::write(&other, "x").unwrap();
         assert!(depth(0).contains("ambiguous"));
+        std::fs::remove_file(other).unwrap();
         write(
             dir.path(),
             "v1.npy",

@@ -113,7 +113,7 @@ pub fn escape(text: &str) -> String {
             '&' => out.push_str("&amp;"),
             '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '~' => out.extend(['\\', c]),
             // A zero-width space: hosts look for names in the text after its markup is gone.
-            '@' => out.push_str("@\u{200b}"),
+            '@' => out.push_str("@&#8203;"),
             c => out.push(c),
         }
     }

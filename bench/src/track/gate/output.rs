@@ -192,8 +192,6 @@ pub fn markdown(report: &GateReport) -> String {
     for note in &report.notes {
         let _ = writeln!(page, "\nNote: {}.", escape(&visible_line(note)));
     }
-    // A name from outside must not call anyone.
-    let page = page.replace('@', "@&#8203;");
     let command = report.compare_command();
     format!("{page}\nTo see more:\n\n    {}\n", visible_line(&command))
 }
