@@ -17,7 +17,9 @@ use crate::options::ScorerOptions;
 use crate::picture::{Mask, Picture};
 use crate::resize::to_shorter_side_256;
 use crate::unavailable::Unavailable;
-use crate::weights::{Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights};
+use crate::weights::{
+    Backbone, Weights, WeightsError, WeightsUsed, dists_weights, linear_weights, linear_weights_v0,
+};
 
 /// Networks with their weights, as far as a selection needs them and there are weights.
 #[derive(Debug)]
@@ -101,6 +103,26 @@ impl Engines {
         let learned = learned.first().ok_or(Unavailable::EmptyMask)?;
         let distance = learned.lpips(net, LpipsVariant::Official)?;
         Ok(distance.layers.iter().sum())
+    }
+
+    /// LPIPS of version 0.0, with the network of version 0.1's; `None` where that is not loaded.
+    pub(crate) fn lpips_v0(
+        &self,
+        net: LpipsNet,
+        prediction: &Picture,
+        target: &Picture,
+    ) -> Option<Result<f64, Unavailable>> {
+        let network = Arc::clone(self.lpips.get(&net)?.network());
+        let engine = Lpips::new(network, &linear_weights_v0(net).ok()?);
+        let pictures = [target, prediction];
+        let found = engine.distances(
+            &pictures,
+            InputRange::Raw,
+            &[Epsilon::Outside],
+            false,
+            self.strip,
+        );
+        Some(found.map(|found| found[0][0].layers.iter().sum()))
     }
 
     /// Bytes that [`run`](Self::run) takes besides pictures and networks, about.

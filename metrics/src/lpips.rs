@@ -42,6 +42,8 @@ pub(crate) enum InputRange {
     Signed,
     /// 0..1.
     Unit,
+    /// −1..1, handed to the network without its normalisation: LPIPS v0.0.
+    Raw,
 }
 
 impl InputRange {
@@ -49,6 +51,7 @@ impl InputRange {
         let (stretch, start) = match self {
             Self::Signed => (2.0, -1.0),
             Self::Unit => (1.0, 0.0),
+            Self::Raw => return Normalization::new(2.0, -1.0, [0.0; 3], [1.0; 3]),
         };
         Normalization::new(
             stretch,
@@ -111,7 +114,7 @@ impl Lpips {
         }
     }
 
-    pub(crate) fn network(&self) -> &Extractor {
+    pub(crate) fn network(&self) -> &Arc<Extractor> {
         &self.network
     }
 

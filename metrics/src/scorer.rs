@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::engines::{Engines, Learned, Resolution};
-use crate::identity::{LpipsVariant, Metric, MetricKey, MetricRegion};
+use crate::identity::{LpipsNet, LpipsVariant, Metric, MetricKey, MetricRegion};
 use crate::info::MetricInfo;
 use crate::maps::ScoreMap;
 use crate::options::ScorerOptions;
@@ -93,6 +93,20 @@ impl Scorer {
             engines: Arc::clone(&self.engines),
             options: self.options,
         }
+    }
+
+    /// LPIPS of version 0.0, which is no column: for telling where a number is from. `None` unless a metric of that network
+    /// is selected and has weights.
+    ///
+    /// # Errors
+    /// Why it has no value for these pictures, which are of one size.
+    pub fn lpips_v0(
+        &self,
+        net: LpipsNet,
+        prediction: &Picture,
+        target: &Picture,
+    ) -> Option<Result<f64, Unavailable>> {
+        self.engines.lpips_v0(net, prediction, target)
     }
 
     /// The metrics in the order of the selection.

@@ -22,6 +22,9 @@ WEIGHTS = [
     (LPIPS, "lpips/weights/v0.1/alex.pth", "df73285e", "lpips_v0.1_alex.safetensors"),
     (LPIPS, "lpips/weights/v0.1/vgg.pth", "a78928a0", "lpips_v0.1_vgg.safetensors"),
     (LPIPS, "lpips/weights/v0.1/squeeze.pth", "4a5350f2", "lpips_v0.1_squeeze.safetensors"),
+    (LPIPS, "lpips/weights/v0.0/alex.pth", "18720f55", "lpips_v0.0_alex.safetensors"),
+    (LPIPS, "lpips/weights/v0.0/vgg.pth", "b9e42362", "lpips_v0.0_vgg.safetensors"),
+    (LPIPS, "lpips/weights/v0.0/squeeze.pth", "c27abd3a", "lpips_v0.0_squeeze.safetensors"),
     (DISTS, "DISTS_pytorch/weights.pt", "f5e65c96", "dists.safetensors"),
 ]
 LICENCES = [

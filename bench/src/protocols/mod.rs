@@ -353,12 +353,16 @@ mod tests {
         let followed = unisharp.follow(asked(&datasets)).unwrap();
         assert_eq!(followed.rules.mask, PairMask::SourceBounds);
         assert_eq!(followed.datasets, datasets);
-        // Geometry only.
         let seva = Protocol::named("seva")
             .unwrap()
             .follow(asked(&datasets))
             .unwrap();
-        assert_eq!((seva.metrics, seva.quantization), (None, None));
+        assert_eq!(seva.quantization, None);
+        let keys = seva.metrics.unwrap();
+        assert!(
+            keys.keys()
+                .any(|k| k.to_string() == "lpips[alex,v0.1,eps=tm]")
+        );
         assert!(seva.datasets[0].contains("576"));
     }
 

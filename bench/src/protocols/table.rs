@@ -136,12 +136,20 @@ pub const PROTOCOLS: [Protocol; 15] = [
         pairs: PairRule::List("a split (JSON with train_ids and test_ids) beside transforms.json"),
         frame: Some("cover:576x576:area"),
         quantised: Quantised::Unpublished,
+        metrics: &[
+            "psnr",
+            "ssim[gauss11,valid]",
+            "ssim[gauss11,reflect]",
+            "lpips[alex,v0.1,eps=tm]",
+        ],
         failures: "not published",
         traps: &[
             "inputs of one view are rendered at 20 scales of the scene; which of them is scored is not published",
+            "the metrics are those that its authors name in issue 53 of their repository, torchmetrics' with data_range=1 and \
+             LPIPS on -1..1; the version is not named: SSIM is one of the two columns, valid before 1.4.2, reflect since",
         ],
         departures: &[
-            "metrics and aggregation: none are published; those of the command line are this harness's",
+            "aggregation: none is published; it is this harness's",
             "resize: OpenCV's INTER_AREA; theirs is torch's `area`, means over whole pixels",
             "size: 576x576; their RealEstate10K outputs are reduced to 256 afterwards, ViewCrafter's splits crop otherwise",
         ],

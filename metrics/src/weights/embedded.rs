@@ -26,6 +26,9 @@ pub(crate) const ALEXNET: Embedded = embedded!("alexnet.safetensors");
 const LPIPS_ALEX: Embedded = embedded!("lpips_v0.1_alex.safetensors");
 const LPIPS_VGG: Embedded = embedded!("lpips_v0.1_vgg.safetensors");
 const LPIPS_SQUEEZE: Embedded = embedded!("lpips_v0.1_squeeze.safetensors");
+const LPIPS_ALEX_V0: Embedded = embedded!("lpips_v0.0_alex.safetensors");
+const LPIPS_VGG_V0: Embedded = embedded!("lpips_v0.0_vgg.safetensors");
+const LPIPS_SQUEEZE_V0: Embedded = embedded!("lpips_v0.0_squeeze.safetensors");
 const DISTS: Embedded = embedded!("dists.safetensors");
 
 /// LPIPS v0.1: for each tap the non-negative weight of each channel.
@@ -35,6 +38,20 @@ pub(crate) fn linear_weights(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsErro
         LpipsNet::Vgg => LPIPS_VGG,
         LpipsNet::Squeeze => LPIPS_SQUEEZE,
     };
+    linear(net, &file)
+}
+
+/// The same of LPIPS v0.0.
+pub(crate) fn linear_weights_v0(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsError> {
+    let file = match net {
+        LpipsNet::Alex => LPIPS_ALEX_V0,
+        LpipsNet::Vgg => LPIPS_VGG_V0,
+        LpipsNet::Squeeze => LPIPS_SQUEEZE_V0,
+    };
+    linear(net, &file)
+}
+
+fn linear(net: LpipsNet, file: &Embedded) -> Result<Vec<Vec<f32>>, WeightsError> {
     let channels = tap_channels(Backbone::of_lpips(net)).into_iter();
     channels
         .enumerate()

@@ -19,7 +19,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use sharp_checkpoint::CheckpointError;
 
-pub(crate) use embedded::{dists_weights, linear_weights};
+pub(crate) use embedded::{dists_weights, linear_weights, linear_weights_v0};
 #[cfg(any(feature = "download", test))]
 pub use fetch::{FetchError, fetch};
 pub use load::NamedTensors;

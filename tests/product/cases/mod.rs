@@ -3,6 +3,7 @@
 mod datasets;
 mod gaussians;
 mod pictures;
+mod results;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -65,11 +66,16 @@ pub(crate) fn case(name: &str) -> Case {
 
 /// Copies a case and runs nothing.
 pub(crate) fn untried(name: &str) -> Case {
-    let folder = tempfile::tempdir().unwrap();
+    let case = empty();
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases");
-    copy(&source.join(name), folder.path());
+    copy(&source.join(name), case.folder.path());
+    case
+}
+
+/// A folder of its own with nothing in it.
+pub(crate) fn empty() -> Case {
     Case {
-        folder,
+        folder: tempfile::tempdir().unwrap(),
         said: Vec::new(),
     }
 }

@@ -1,4 +1,4 @@
-//! Which convention gives a stranger's number.
+//! Which convention gives a published number.
 
 use std::str::FromStr;
 

@@ -3,7 +3,7 @@
 //! * `inputs`: which pictures and masks belong together.
 //! * `scored`: a pair's results, maps included.
 //! * `show`: results as text, JSON and CSV.
-//! * `find`: which convention gives a stranger's number.
+//! * `find`: which convention gives a published number.
 //! * `describe`: what the keys mean, without pictures.
 
 pub(super) mod describe;
@@ -71,7 +71,7 @@ pub(super) struct MetricsArgs {
     /// Show what LPIPS and DISTS are made of, layer by layer
     #[arg(long)]
     terms: bool,
-    /// Say which of the selected metrics give this number, to the digits written
+    /// Say which of the selected metrics, or which forms of other people's code, give this number, to the digits written
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     find: Option<find::Sought>,
     /// Resize each prediction to its target's size first, as a library does it; recorded with the results

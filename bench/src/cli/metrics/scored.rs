@@ -10,6 +10,7 @@ use super::{MetricsArgs, demand_explicit, output};
 use crate::io::{masks, pictures};
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::maps::{ColourScale, LocalMap, MapFiles, write_map};
+use crate::pictures::other_forms::{OtherForm, other_forms};
 
 /// Everything about one pair.
 pub(super) struct Scored {
@@ -21,6 +22,8 @@ pub(super) struct Scored {
     /// Of prediction and target as scored: `8 bit` or `f32`.
     pub(super) depths: [&'static str; 2],
     pub(super) scores: KeyedScores,
+    /// What other code computes under these names, where a number is sought.
+    pub(super) others: Vec<OtherForm>,
     pub(super) terms: Vec<(MetricKey, Terms)>,
     /// Key, files and scale of each map.
     pub(super) maps: Vec<(String, MapFiles, ColourScale)>,
@@ -73,11 +76,16 @@ pub(super) fn score(
         Some(folder) => maps(&examined, [&prediction, &target], folder, &input.name)?,
         None => Vec::new(),
     };
+    let others = match &args.find {
+        Some(_) => other_forms(scorer, &prediction, &target, mask.as_ref()),
+        None => Vec::new(),
+    };
     let terms = examined.terms.into_iter();
     Ok(Scored {
         resized_from,
         depths: [&prediction, &target].map(depth),
         scores,
+        others,
         terms: terms
             .filter_map(|(key, terms)| Some((key, terms.ok()?)))
             .collect(),

@@ -1,7 +1,9 @@
 //! Results as text, JSON and CSV.
 
 use serde_json::{Map, Value, json};
-use sharp_metrics::{MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names};
+use sharp_metrics::{
+    Family, MetricInfo, MetricKey, ResizeKernel, Scorer, Terms, WeightsUsed, term_names,
+};
 
 use super::find::Sought;
 use super::output;
@@ -12,6 +14,7 @@ use crate::io::fingerprints;
 use crate::io::fingerprints::DECODERS;
 use crate::io::text::csv_cell;
 use crate::pictures::keyed_scores::{csv_cells, json_number, json_scores};
+use crate::pictures::other_forms::OtherForm;
 
 /// All pairs and what they were scored with.
 pub(super) struct ScoredPairs<'a> {
@@ -68,8 +71,15 @@ impl ScoredPairs<'_> {
             results["conditions"]["resize_prediction_as"] = json!(kernel.describe());
         }
         if let Some(sought) = self.sought {
-            let found = self.found(sought);
-            results["found"] = found.iter().map(|(key, _)| key.to_string()).collect();
+            let found = self
+                .found(sought)
+                .into_iter()
+                .map(|(key, _)| key.to_string());
+            let others = self.other_means().into_iter();
+            let others = others.filter(|form| sought.is(form.value));
+            results["found"] = found
+                .chain(others.map(|form| form.name.to_owned()))
+                .collect();
         }
         results
     }
@@ -190,26 +200,68 @@ impl ScoredPairs<'_> {
             .collect()
     }
 
+    /// Means over the pairs of what other code computes, where every pair has it.
+    fn other_means(&self) -> Vec<OtherForm> {
+        let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
+        let mean = |form: &OtherForm| {
+            let of_pair = |pair: &Scored| {
+                let same = pair.others.iter().find(|other| other.name == form.name);
+                same.map(|other| other.value)
+            };
+            let sum: Option<f64> = self.scored.iter().map(of_pair).sum();
+            Some(OtherForm {
+                value: sum? / self.scored.len() as f64,
+                ..form.clone()
+            })
+        };
+        first.iter().filter_map(mean).collect()
+    }
+
     fn print_found(&self, sought: &Sought) -> anyhow::Result<()> {
         let found = self.found(sought);
+        let others = self.other_means();
+        let mut is_found = !found.is_empty();
         for (key, value) in &found {
             output::line(format!("{} is {key} ({})", sought.text, number(*value)))?;
             output::line(format!("    {}", MetricInfo::new(*key, &[]).convention))?;
         }
-        if !found.is_empty() {
+        for form in others.iter().filter(|form| sought.is(form.value)) {
+            is_found = true;
+            let value = number(form.value);
+            output::line(format!(
+                "{} is {} ({value}), which is no column here",
+                sought.text, form.name
+            ))?;
+            output::line(format!("    {}", form.convention))?;
+        }
+        if is_found {
             return Ok(());
         }
-        let distance = |value| sought.distance(value);
-        let nearest = self.means();
-        let nearest = nearest.min_by(|(_, a), (_, b)| distance(*a).total_cmp(&distance(*b)));
-        output::line(match nearest {
-            Some((key, value)) => format!(
-                "{} is none of the selected metrics; the nearest is {key} ({})",
-                sought.text,
-                number(value)
-            ),
-            None => format!("{} is none of the selected metrics", sought.text),
-        })
+        output::line(format!(
+            "{} is none of the selected metrics, nor another form of them",
+            sought.text
+        ))?;
+        // A number of one kind says nothing about another kind.
+        let own = self
+            .means()
+            .map(|(key, value)| (key.family(), key.to_string(), value));
+        let others = others
+            .into_iter()
+            .map(|form| (form.family, form.name.to_owned(), form.value));
+        let all: Vec<(Family, String, f64)> = own.chain(others).collect();
+        let distance = |value: f64| sought.distance(value);
+        for family in Family::ALL {
+            let of_family = all.iter().filter(|(other, ..)| *other == family);
+            let nearest = of_family.min_by(|a, b| distance(a.2).total_cmp(&distance(b.2)));
+            if let Some((_, name, value)) = nearest {
+                output::line(format!(
+                    "  nearest {:<6} {name} ({})",
+                    family.name(),
+                    number(*value)
+                ))?;
+            }
+        }
+        Ok(())
     }
 
     /// `prediction,target`, `mask` if there are masks, a column a key, and why scores are missing.

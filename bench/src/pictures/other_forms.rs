@@ -1,0 +1,370 @@
+//! What other people's code computes under the names of our metrics: for telling where a number is from, never a column.
+//!
+//! Each form is that of a public package at its defaults. They are computed plainly: only `metrics --find` asks for them.
+
+use image::{Rgb, Rgb32FImage};
+use sharp_metrics::{Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, resize};
+
+/// A form with its value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OtherForm {
+    /// As in `piq.DISTS`.
+    pub name: &'static str,
+    pub family: Family,
+    /// How it differs, and whose it is.
+    pub convention: &'static str,
+    pub value: f64,
+}
+
+/// Every form that has a value for two pictures of one size; `mask` is where pixels count. Networks are those of `scorer`'s
+/// metrics: a form of one that it does not have is left out.
+pub fn other_forms(
+    scorer: &Scorer,
+    prediction: &Picture,
+    target: &Picture,
+    mask: Option<&Mask>,
+) -> Vec<OtherForm> {
+    let mut found = Vec::new();
+    let mut add = |name, family, value: Option<f64>, convention| {
+        let form = value.map(|value| OtherForm {
+            name,
+            family,
+            convention,
+            value,
+        });
+        found.extend(form);
+    };
+    let planes = [prediction, target].map(Planes::of);
+    let both = |change: &dyn Fn(&Planes) -> Planes| [change(&planes[0]), change(&planes[1])];
+    let [psnr, ssim, lpips, dists] = Family::ALL;
+
+    let luma = both(&|picture| picture.weighted([0.299, 0.587, 0.114], 0.0));
+    add(
+        "PSNR of luma",
+        psnr,
+        luma_psnr(&luma),
+        "On 0.299 R + 0.587 G + 0.114 B.",
+    );
+    // MATLAB's rgb2ycbcr: 16..235 of 255.
+    let matlab = both(&|picture| {
+        picture.weighted(
+            [65.481 / 255.0, 128.553 / 255.0, 24.966 / 255.0],
+            16.0 / 255.0,
+        )
+    });
+    add(
+        "PSNR of luma in 16..235",
+        psnr,
+        luma_psnr(&matlab),
+        "On the Y of MATLAB's rgb2ycbcr (BT.601, 16..235) against a peak of 255, as in super-resolution.",
+    );
+
+    // SSIM of pictures of which the constants are too large by 4 is that of half the values.
+    let halved = both(&|picture| picture.scaled(0.5)).map(|picture| picture.picture());
+    for (key, name) in [
+        ("ssim[uniform7,sample]", "SSIM with data_range=2, 7x7 box"),
+        ("ssim[gauss11,valid]", "SSIM with data_range=2, Gaussian"),
+    ] {
+        add(
+            name,
+            ssim,
+            score(scorer, key, &halved[0], &halved[1], None),
+            "Constants for values in -1..1 on pictures in 0..1: what scikit-image took for floats before 0.21 unless told \
+             otherwise.",
+        );
+    }
+    let (width, height) = target.dimensions();
+    let factor = ((f64::from(width.min(height)) / 256.0).round_ties_even() as usize).max(1);
+    if factor > 1 {
+        let small = both(&|picture| picture.pooled(factor));
+        add(
+            "piq.ssim",
+            ssim,
+            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            "Both pictures first reduced to means of f x f pixels, f = shorter side / 256 rounded; piq's default.",
+        );
+        let small = luma.clone().map(|picture| picture.pooled(factor));
+        add(
+            "ssim.m",
+            ssim,
+            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            "The same on luma: the authors' MATLAB code.",
+        );
+    }
+    let scales = multi_scale(planes.clone());
+    add(
+        "MS-SSIM",
+        ssim,
+        scales.map(|[valid, _]| valid),
+        "Five scales, windows inside the picture: the paper's, and torchmetrics before 1.4.2.",
+    );
+    add(
+        "MS-SSIM of torchmetrics",
+        ssim,
+        scales.map(|[_, reflected]| reflected),
+        "Five scales, the coarsest with reflected borders: torchmetrics since 1.4.2.",
+    );
+
+    for (net, name) in [
+        (LpipsNet::Alex, "LPIPS v0.0 alex"),
+        (LpipsNet::Vgg, "LPIPS v0.0 vgg"),
+        (LpipsNet::Squeeze, "LPIPS v0.0 squeeze"),
+    ] {
+        let value = scorer.lpips_v0(net, prediction, target);
+        add(
+            name,
+            lpips,
+            value.and_then(Result::ok),
+            "lpips.LPIPS(version='0.0'): other weights, and the network sees -1..1 without its normalisation.",
+        );
+    }
+    let shorter = f64::from(width.min(height));
+    if shorter > 256.0 {
+        let side = |n: u32| (f64::from(n) * (256.0 / shorter)).floor() as u32;
+        let small = [prediction, target]
+            .map(|picture| resize(picture, side(width), side(height), ResizeKernel::Bilinear));
+        let value = match &small {
+            [Ok(prediction), Ok(target)] => score(scorer, "dists", prediction, target, None),
+            _ => None,
+        };
+        add(
+            "piq.DISTS",
+            dists,
+            value,
+            "Both pictures first reduced to a shorter side of 256 by bilinear interpolation without antialiasing.",
+        );
+    }
+    if let Some(mask) = mask {
+        let black = both(&|picture| picture.blackened(mask)).map(|picture| picture.picture());
+        for (key, name) in [
+            ("psnr", "PSNR of masked pictures"),
+            ("ssim[gauss11,valid]", "SSIM of masked pictures"),
+            ("lpips[alex,v0.1]", "LPIPS alex of masked pictures"),
+            ("lpips[vgg,v0.1]", "LPIPS vgg of masked pictures"),
+            ("dists", "DISTS of masked pictures"),
+        ] {
+            let family = key.parse::<MetricKey>().map_or(psnr, MetricKey::family);
+            add(
+                name,
+                family,
+                score(scorer, key, &black[0], &black[1], None),
+                "Pixels outside the mask set to black in both pictures, then over the whole of them.",
+            );
+        }
+    }
+    found
+}
+
+/// By one of the scorer's own metrics; `None` where it does not have it.
+fn score(
+    scorer: &Scorer,
+    key: &str,
+    prediction: &Picture,
+    target: &Picture,
+    mask: Option<&Mask>,
+) -> Option<f64> {
+    let key: MetricKey = key.parse().ok()?;
+    let scorer = scorer.restricted(&[key]);
+    let scores = scorer.score(prediction, target, mask).ok()?;
+    scores.into_iter().next()?.1.ok()
+}
+
+/// 10 log₁₀ (1 / mse).
+fn luma_psnr([a, b]: &[Planes; 2]) -> Option<f64> {
+    let squares = a.values.iter().flatten().zip(b.values.iter().flatten());
+    let squares = squares.map(|(a, b)| (a - b) * (a - b));
+    let mse = squares.sum::<f64>() / (a.width * a.height) as f64;
+    (mse > 0.0).then(|| -10.0 * mse.log10())
+}
+
+/// Channels one after the other, f64.
+#[derive(Debug, Clone)]
+struct Planes {
+    width: usize,
+    height: usize,
+    values: Vec<Vec<f64>>,
+}
+
+impl Planes {
+    fn of(picture: &Picture) -> Self {
+        let (width, height) = picture.dimensions();
+        let plane = |channel| {
+            let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            rows.map(|(x, y)| picture.value(x, y, channel)).collect()
+        };
+        Self {
+            width: width as usize,
+            height: height as usize,
+            values: [0, 1, 2].map(plane).into(),
+        }
+    }
+
+    fn picture(&self) -> Picture {
+        let plane = |channel: usize, at: usize| self.values[channel.min(self.values.len() - 1)][at];
+        Rgb32FImage::from_fn(self.width as u32, self.height as u32, |x, y| {
+            let at = y as usize * self.width + x as usize;
+            Rgb([0, 1, 2].map(|channel| plane(channel, at) as f32))
+        })
+        .into()
+    }
+
+    fn with(&self, values: Vec<Vec<f64>>) -> Self {
+        Self { values, ..*self }
+    }
+
+    fn scaled(&self, by: f64) -> Self {
+        let planes = self.values.iter();
+        self.with(
+            planes
+                .map(|plane| plane.iter().map(|v| v * by).collect())
+                .collect(),
+        )
+    }
+
+    /// One plane: the channels weighted, plus an offset.
+    fn weighted(&self, weights: [f64; 3], offset: f64) -> Self {
+        let value = |at: usize| {
+            let channels = self.values.iter().zip(weights);
+            channels
+                .map(|(plane, weight)| weight * plane[at])
+                .sum::<f64>()
+                + offset
+        };
+        self.with(vec![(0..self.width * self.height).map(value).collect()])
+    }
+
+    fn blackened(&self, mask: &Mask) -> Self {
+        let black = |plane: &Vec<f64>| {
+            let values = plane.iter().zip(mask.values());
+            values
+                .map(|(v, inside)| if *inside { *v } else { 0.0 })
+                .collect()
+        };
+        self.with(self.values.iter().map(black).collect())
+    }
+
+    /// Means of `by` × `by` pixels; what is left at the right and at the bottom does not count.
+    fn pooled(&self, by: usize) -> Self {
+        let (width, height) = (self.width / by, self.height / by);
+        let pool = |plane: &Vec<f64>| {
+            let mut out = vec![0.0; width * height];
+            for y in 0..height * by {
+                for x in 0..width * by {
+                    out[y / by * width + x / by] += plane[y * self.width + x];
+                }
+            }
+            out.iter().map(|sum| sum / (by * by) as f64).collect()
+        };
+        Self {
+            width,
+            height,
+            values: self.values.iter().map(pool).collect(),
+        }
+    }
+
+    /// The picture mirrored by `radius` pixels on each side, the edge pixel not repeated.
+    fn reflected(&self, radius: usize) -> Self {
+        let (width, height) = (self.width + 2 * radius, self.height + 2 * radius);
+        let from = |at: usize, n: usize| {
+            let inside = at.abs_diff(radius);
+            inside.min(2 * (n - 1) - inside.min(2 * (n - 1)))
+        };
+        let plane = |plane: &Vec<f64>| {
+            let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            rows.map(|(x, y)| plane[from(y, self.height) * self.width + from(x, self.width)])
+                .collect()
+        };
+        Self {
+            width,
+            height,
+            values: self.values.iter().map(plane).collect(),
+        }
+    }
+}
+
+/// Windows of SSIM: 11 taps, σ 1.5.
+const RADIUS: usize = 5;
+
+/// Local similarities of all channels, and their part without luminance.
+struct Similarity {
+    ssim: Vec<f64>,
+    contrast: Vec<f64>,
+}
+
+/// SSIM over the windows inside the pictures; `None` where there is none.
+fn similarity(a: &Planes, b: &Planes) -> Option<Similarity> {
+    const C1: f64 = 0.01 * 0.01;
+    const C2: f64 = 0.03 * 0.03;
+    let size = (a.width, a.height);
+    if a.width.min(a.height) <= 2 * RADIUS {
+        return None;
+    }
+    let mut found = Similarity {
+        ssim: Vec::new(),
+        contrast: Vec::new(),
+    };
+    for (a, b) in a.values.iter().zip(&b.values) {
+        let product =
+            |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
+        let moments = [
+            a.clone(),
+            b.clone(),
+            product(a, a),
+            product(b, b),
+            product(a, b),
+        ];
+        let [ma, mb, aa, bb, ab] = moments.map(|plane| filtered(&plane, size));
+        for i in 0..ma.len() {
+            let (va, vb) = (aa[i] - ma[i] * ma[i], bb[i] - mb[i] * mb[i]);
+            let contrast = (2.0 * (ab[i] - ma[i] * mb[i]) + C2) / (va.max(0.0) + vb.max(0.0) + C2);
+            let luminance = (2.0 * ma[i] * mb[i] + C1) / (ma[i] * ma[i] + mb[i] * mb[i] + C1);
+            found.contrast.push(contrast);
+            found.ssim.push(luminance * contrast);
+        }
+    }
+    Some(found)
+}
+
+/// A plane under the Gaussian, where that lies inside.
+fn filtered(plane: &[f64], (width, height): (usize, usize)) -> Vec<f64> {
+    let weights: Vec<f64> = (0..=2 * RADIUS)
+        .map(|i| (-((i as f64 - RADIUS as f64) / 1.5).powi(2) / 2.0).exp())
+        .collect();
+    let sum: f64 = weights.iter().sum();
+    let (columns, rows) = (width - 2 * RADIUS, height - 2 * RADIUS);
+    let under = |plane: &[f64], at: usize, stride: usize| {
+        let taps = weights.iter().enumerate();
+        taps.map(|(i, weight)| weight * plane[at + i * stride])
+            .sum::<f64>()
+            / sum
+    };
+    let across: Vec<f64> = (0..height)
+        .flat_map(|y| (0..columns).map(move |x| y * width + x))
+        .map(|at| under(plane, at, 1))
+        .collect();
+    (0..rows * columns)
+        .map(|at| under(&across, at, columns))
+        .collect()
+}
+
+/// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with that reflected.
+fn multi_scale([mut a, mut b]: [Planes; 2]) -> Option<[f64; 2]> {
+    const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
+    let mut product = 1.0;
+    for (scale, weight) in WEIGHTS.into_iter().enumerate() {
+        let here = similarity(&a, &b)?;
+        // What is below zero has no power.
+        let power = |values: &[f64]| mean(values).max(0.0).powf(weight);
+        if scale + 1 == WEIGHTS.len() {
+            let reflected = similarity(&a.reflected(RADIUS), &b.reflected(RADIUS))?;
+            return Some([power(&here.ssim), power(&reflected.ssim)].map(|last| product * last));
+        }
+        product *= power(&here.contrast);
+        (a, b) = (a.pooled(2), b.pooled(2));
+    }
+    None
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}

@@ -1,0 +1,248 @@
+//! Results that belong to other files, interrupted folders, other people's numbers.
+
+use std::fs;
+use std::path::Path;
+
+use super::{Case, empty, untried};
+
+/// Three stereo scenes whose photographs hold one colour each.
+fn stereo(root: &Path, level: u8) {
+    for scene in ["s0", "s1", "s2"] {
+        let folder = root.join(scene);
+        fs::create_dir_all(&folder).unwrap();
+        for (name, step) in [("left", 0), ("right", 40)] {
+            let picture = image::RgbImage::from_fn(64, 48, |x, y| {
+                image::Rgb([
+                    level.wrapping_add(step),
+                    (x * 3) as u8,
+                    (y * 5) as u8 ^ level,
+                ])
+            });
+            picture.save(folder.join(format!("{name}.png"))).unwrap();
+        }
+        let rig = "fx=60\ncx_left=32\ncx_right=32\ncy=24\nbaseline_m=0.1\n";
+        fs::write(folder.join("rig.txt"), rig).unwrap();
+    }
+}
+
+/// A run of `copy`, whose dataset is then another one under the same names.
+fn replaced() -> Case {
+    let case = empty();
+    stereo(&case.path("D"), 10);
+    stereo(&case.path("N"), 90);
+    case.run("sharp-bench run -q --dataset stereo=D --method copy --metrics psnr --out r")
+        .ends_with(0);
+    case.run("cp -r N/. D/").ends_with(0);
+    case
+}
+
+#[test]
+fn another_method_on_replaced_photographs_is_refused_beside_the_old_one() {
+    let case = replaced();
+    let mean = "sharp-bench run -q --dataset stereo=D --method mean --metrics psnr --out r";
+    let before = fs::read(case.path("r/scores.csv")).unwrap();
+    for part in ["", " --limit 1", " --scenes s1"] {
+        let said = case.run(&format!("{mean}{part}"));
+        said.is_error_with(&["'copy'", "photograph", "'left'", "in this command too"]);
+    }
+    assert_eq!(fs::read(case.path("r/scores.csv")).unwrap(), before);
+    case.run(&format!("{mean} --method copy")).ends_with(0);
+    case.run("sharp-bench run -q --dataset stereo=N --method copy --metrics psnr --out new")
+        .ends_with(0);
+    let fresh = case.scores("new", "psnr");
+    let of_copy: Vec<String> = case.scores("r", "psnr").into_iter().step_by(2).collect();
+    assert_eq!(of_copy, fresh);
+    // Part of a run again: the scenes left out are of the old files.
+    case.run("cp -r N/. D/; cp D/s0/left.png D/s1/left.png")
+        .ends_with(0);
+    let said = case.run("sharp-bench run -q --dataset stereo=D --method copy --method mean --metrics psnr --out r --scenes s1");
+    said.ends_with(0);
+}
+
+#[test]
+fn old_predictions_are_not_scored_against_new_photographs() {
+    let case = replaced();
+    case.run("cp -r r r2").ends_with(0);
+    for (run, metrics) in [("r", "psnr,ssim"), ("r2", "ssim")] {
+        let said = case.run(&format!("sharp-bench score {run} --metrics {metrics}"));
+        said.is_error_with(&["'copy'", "photograph", "`run` with the same options"]);
+    }
+    let line = "sharp-bench run -q --dataset stereo=D --method mean --metrics psnr --common-region --out r";
+    case.run(line).is_error_with(&["'copy'", "photograph"]);
+}
+
+#[test]
+fn cameras_and_photographs_of_two_folders_have_to_be_the_same() {
+    let case = replaced();
+    case.run(
+        "sharp-bench run -q --dataset stereo=N --method copy --method mean --metrics psnr --out b",
+    )
+    .ends_with(0);
+    for line in [
+        "sharp-bench merge r b --out m",
+        "sharp-bench report r b --out rep",
+        "sharp-bench compare r b",
+        "sharp-bench gate --baseline r --candidate b --fail-if 'psnr < -0.1'",
+    ] {
+        let said = case.run(line);
+        assert_eq!(said.code, 1, "{line}: {}{}", said.out, said.err);
+        assert!(said.err.contains("stereo/s0/left"), "{line}: {}", said.err);
+    }
+    // Bundles know it, too.
+    case.run("sharp-bench bundle r --out r.zip && sharp-bench bundle b --out b.zip")
+        .ends_with(0);
+    let said = case.run("sharp-bench compare r.zip b.zip");
+    assert!(
+        said.code == 1 && said.err.contains("stereo/s0/left"),
+        "{}",
+        said.err
+    );
+    case.run("sed -i s/fx=60/fx=61/ N/s2/rig.txt").ends_with(0);
+    case.run("sharp-bench run -q --dataset stereo=N --method copy --metrics psnr --out c")
+        .ends_with(0);
+    case.run("sharp-bench compare b c --method copy=copy")
+        .is_error_with(&["stereo/s2/left"]);
+}
+
+#[test]
+fn what_a_manifest_says_of_a_metric_has_to_be_so() {
+    let case = replaced();
+    case.run("sharp-bench bundle r --out r.zip").ends_with(0);
+    for (from, to) in [
+        ("\"direction\": \"higher\"", "\"direction\": \"lower\""),
+        ("\"unit\": \"dB\"", "\"unit\": \"<img src=x>\""),
+        ("\"decimals\": 2", "\"decimals\": 9999999999"),
+        ("\"label\": \"PSNR\"", "\"label\": \"DISTS\""),
+    ] {
+        let manifest = fs::read_to_string(case.path("r/manifest.json")).unwrap();
+        assert!(manifest.contains(from), "{from}");
+        case.run("rm -rf f; cp -r r f").ends_with(0);
+        fs::write(case.path("f/manifest.json"), manifest.replace(from, to)).unwrap();
+        for line in [
+            "sharp-bench report f",
+            "sharp-bench bundle f --out f.zip",
+            "sharp-bench gate --baseline f --candidate r.zip --fail-if 'psnr < -0.1'",
+        ] {
+            case.run(line)
+                .is_error_with(&["manifest.json was changed", "psnr"]);
+        }
+    }
+    // The digest of a bundle covers its manifest.
+    let bytes = fs::read(case.path("r.zip")).unwrap();
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap();
+    let mut changed = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for at in 0..archive.len() {
+        let mut member = archive.by_index(at).unwrap();
+        let name = member.name().unwrap().into_owned();
+        let mut text = Vec::new();
+        std::io::Read::read_to_end(&mut member, &mut text).unwrap();
+        if name == "manifest.json" {
+            let manifest = String::from_utf8(text).unwrap();
+            let other = manifest.replace("\"copy\"", "\"mine\"");
+            assert_ne!(manifest, other);
+            text = other.into_bytes();
+        }
+        changed
+            .start_file(name, zip::write::SimpleFileOptions::default())
+            .unwrap();
+        std::io::Write::write_all(&mut changed, &text).unwrap();
+    }
+    fs::write(
+        case.path("changed.zip"),
+        changed.finish().unwrap().into_inner(),
+    )
+    .unwrap();
+    case.run("sharp-bench report changed.zip --out rep")
+        .is_error_with(&["changed.zip", "not what was packed"]);
+}
+
+#[test]
+fn a_folder_that_was_begun_is_ours_and_one_of_others_is_not() {
+    let case = empty();
+    let run = "sharp-bench run -q --no-cache --dataset synthetic=views=2,size=64x48 --method copy --metrics psnr --out r";
+    case.run(run).ends_with(0);
+    let scores = fs::read(case.path("r/scores.csv")).unwrap();
+    // As a kill leaves it between its first files.
+    for left in ["pairs.csv", "pairs.csv plan.json"] {
+        case.run(&format!(
+            "mkdir k; cd r; cp .lock {left} ../k; cd ..; touch k/.partial-abc; rm -rf r; mv k r"
+        ))
+        .ends_with(0);
+        case.run(run).ends_with(0);
+        assert_eq!(fs::read(case.path("r/scores.csv")).unwrap(), scores);
+        assert!(!case.path("r/.partial-abc").exists());
+    }
+    case.run("mkdir mine; touch mine/pairs.csv").ends_with(0);
+    case.run(&run.replace("--out r", "--out mine"))
+        .is_error_with(&["mine", "it holds other files"]);
+    // Also where pictures are copied before the first unit.
+    case.run("mkdir m; cp r/.lock m; cp -r r/predictions m")
+        .ends_with(0);
+    case.run("sharp-bench merge r --out m").ends_with(0);
+}
+
+#[test]
+fn what_a_kill_left_beside_a_report_a_bundle_and_an_export_goes() {
+    let case = empty();
+    let data = "synthetic=views=2,size=64x48";
+    case.run(&format!(
+        "sharp-bench run -q --dataset {data} --method copy --metrics psnr --out a"
+    ))
+    .ends_with(0);
+    for (folder, line) in [
+        ("a/report", "sharp-bench report -q a".to_owned()),
+        (".", "sharp-bench bundle a --out b.zip".to_owned()),
+        (
+            "e/synthetic/seed0",
+            format!("sharp-bench cameras export --dataset {data} --out e"),
+        ),
+        (
+            "h",
+            "sharp-bench history add h a --label x --date 2026-01-01".to_owned(),
+        ),
+    ] {
+        fs::create_dir_all(case.path(folder)).unwrap();
+        case.run(&line).ends_with(0);
+        let left = case.path(folder).join(".partial-left");
+        fs::write(&left, "x").unwrap();
+        let again = line.replace("add h a --label x", "add h a --label y");
+        let said = case.run(&again);
+        assert_eq!(said.code, 0, "{line}: {}", said.err);
+        assert!(!left.exists(), "{line}");
+    }
+}
+
+#[test]
+fn numbers_of_other_code_are_named() {
+    let case = untried("A18-20-metrics-find");
+    for (number, name, metrics) in [
+        ("0.1438", "piq.DISTS", "dists"),
+        ("0.8965", "piq.ssim", "ssim"),
+        ("0.1329", "LPIPS v0.0 alex", "lpips-alex"),
+        ("0.0750", "LPIPS v0.0 vgg", "lpips-vgg"),
+        ("0.9482", "MS-SSIM of torchmetrics", "ssim"),
+        ("26.3893", "PSNR of luma in 16..235", "psnr"),
+        ("0.8503", "SSIM with data_range=2, 7x7 box", "ssim-all"),
+    ] {
+        let line = format!(
+            "sharp-bench metrics pred.png target.png --metrics {metrics} --find {number} --json"
+        );
+        let found = case.run(&line).ends_with(0).json()["found"].clone();
+        let found = found.as_array().unwrap();
+        assert!(
+            found.iter().any(|other| other == name),
+            "{number}: {found:?}"
+        );
+        assert!(found.len() < 3, "{number}: {found:?}");
+    }
+    let said = case.run(
+        "sharp-bench metrics pred.png target.png --metrics psnr,ssim,lpips-alex --find 0.3333",
+    );
+    let nearest = said.out.lines().filter(|line| line.contains("nearest"));
+    assert_eq!(nearest.count(), 3, "{}", said.out);
+    case.run("cp target.png mask.png").ends_with(0);
+    let said = case.run(
+        "sharp-bench metrics pred.png target.png --mask mask.png --metrics psnr --find 99 --json",
+    );
+    assert_eq!(said.ends_with(0).json()["found"], serde_json::json!([]));
+}
