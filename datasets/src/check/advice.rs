@@ -73,7 +73,7 @@ pub(super) fn sentence(better: &Better, units: Units, median_m: f64, views: &[Vi
             )
         }
         Change::Convention(name) => {
-            format!("the pose convention looks wrong: with {name}, {evidence}")
+            format!("the pose convention looks wrong: with {name}: {evidence}")
         }
         Change::Order(how) => {
             format!(

@@ -51,8 +51,10 @@ pub(super) const TILES: usize = 4;
 /// Differences of depth, relative, and of colour, levels, from which on they count in full.
 const DEPTH_SCALE: f64 = 0.1;
 pub(super) const COLOUR_SCALE: f64 = 32.0;
+/// Fewer samples, of all, say nothing about a pair.
+pub(super) const ENOUGH: f64 = 0.05;
 /// Relative difference up to which depths agree.
-pub(super) const TOLERANCE: f64 = 0.05;
+const TOLERANCE: f64 = 0.05;
 
 /// What became of one view's samples in another view.
 #[derive(Debug, Clone, Copy, Default)]
@@ -157,5 +159,11 @@ impl Explained {
 
     pub(super) fn meets_depth(&self) -> bool {
         self.met > 0
+    }
+
+    /// The share of those that meet a depth that agrees with it; `None` where too few do.
+    pub(super) fn agreeing_where_met(&self) -> Option<f64> {
+        let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
+        enough.then(|| self.agreeing as f64 / self.met as f64)
     }
 }

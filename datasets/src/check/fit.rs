@@ -6,10 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use sharp::camera::RigidTransform;
 
+use super::advice::{self, Units};
+use super::consistency::{Consistency, Fit};
 use super::convention::CONVENTIONS;
-use super::explained::{DepthIs, Explained, Reading};
+use super::explained::{DepthIs, ENOUGH, Explained, Reading};
 use super::small_view::{Sample, SmallView};
-use super::{Effort, evenly_spaced};
+use super::{Effort, evenly_spaced, plausible};
 use crate::View;
 
 /// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
@@ -22,8 +24,6 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// A factor nearer to 1 is not worth a word.
 const LEAST_FACTOR: f64 = 1.03;
-/// Fewer samples that land in the other view say nothing about it.
-const ENOUGH: f64 = 0.05;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
 
@@ -119,7 +119,7 @@ impl<'a> Neighbours<'a> {
     }
 
     /// Median of the depths as read, metres.
-    pub(super) fn median_depth(&self) -> f64 {
+    fn median_depth(&self) -> f64 {
         let all = self.small.values().flat_map(|(_, samples)| samples);
         let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
         all.sort_by(f64::total_cmp);
@@ -127,7 +127,7 @@ impl<'a> Neighbours<'a> {
     }
 
     /// The reading that explains the views best, where it does so significantly better than the reader's.
-    pub(super) fn better(&self) -> Option<Better> {
+    fn better(&self) -> Option<Better> {
         let as_read = self.explained(&Reading::AS_READ, self.stride);
         let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
         let mut fitted = |reading: &Reading, change: Change| {
@@ -167,12 +167,6 @@ impl<'a> Neighbours<'a> {
         };
         fitted(&ray, Change::RayLength);
         all.extend(self.orders(&as_read));
-        // As the poses' own measure does: from each view to the next.
-        let forward = |all: &[Explained]| {
-            let mut sum = Explained::default();
-            all.iter().step_by(2).for_each(|one| sum.add(one));
-            sum
-        };
         let better = all
             .into_iter()
             .filter(|(change, other)| is_better(&as_read, other, change.least_gain()));
@@ -181,6 +175,50 @@ impl<'a> Neighbours<'a> {
             change,
             as_read: forward(&as_read),
             explained: forward(&explained),
+        })
+    }
+
+    /// What contradicts itself, in words.
+    pub(super) fn contradictions(&self, units: Units) -> Option<String> {
+        let median_m = self.median_depth();
+        match self.better() {
+            Some(better) => Some(advice::sentence(&better, units, median_m, self.views)),
+            None => {
+                plausible::depth(median_m, units).or_else(|| self.consistency()?.disagreement())
+            }
+        }
+    }
+
+    /// How well the views agree, as read and under other conventions for poses.
+    pub(super) fn consistency(&self) -> Option<Consistency> {
+        let mut meeting: Option<f64> = None;
+        let mut fits = CONVENTIONS.iter().map(|convention| {
+            let take = convention.take;
+            let all = self.explained(
+                &Reading {
+                    take,
+                    ..Reading::AS_READ
+                },
+                1,
+            );
+            if meeting.is_none() {
+                let met = all.iter().filter_map(Explained::agreeing_where_met);
+                meeting = met.max_by(f64::total_cmp);
+            }
+            let sum = forward(&all);
+            Fit {
+                convention: convention.name,
+                depth: sum.agreement(),
+                colour_levels: sum.colour_levels(),
+                colours: sum.compared,
+            }
+        });
+        let (as_read, otherwise) = (fits.next()?, fits.collect());
+        Some(Consistency {
+            as_read,
+            otherwise,
+            meeting,
+            pairs: self.carries.len() / 2,
         })
     }
 
@@ -321,6 +359,13 @@ pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
 /// The first views of the pairs of neighbours that are looked at.
 pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
+}
+
+/// All that was carried from views to the next ones.
+fn forward(all: &[Explained]) -> Explained {
+    let mut sum = Explained::default();
+    all.iter().step_by(2).for_each(|one| sum.add(one));
+    sum
 }
 
 fn landed(all: &[Explained]) -> usize {

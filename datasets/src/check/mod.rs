@@ -2,15 +2,13 @@
 //! poses agree with the depth.
 //!
 //! * `convention`: how poses are commonly mistaken.
-//! * `carried`: depth and colours carried from view to view by a pose.
-//! * [`consistency`][]: whether they agree there.
+//! * [`consistency`][]: whether depth and colours agree when poses carry them from view to view.
 //! * `small_view`, `explained`, `fit`: which other reading of poses, cameras and depth explains reduced views better;
 //!   `stereo`: the same of a rectified pair.
 //! * `plausible`: what no scene has, whatever its data.
 //! * [`advice`][]: what fits better in words, with the setting that mends it.
 
 pub mod advice;
-mod carried;
 pub mod consistency;
 mod convention;
 mod explained;
@@ -167,20 +165,17 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
 /// What of a scene contradicts itself or is implausible, from a few of its views: sentences that name the cause and what
 /// mends it. Empty for a proper scene.
 pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
-    contradicting(scene, units, QUICK)
+    contradicting(scene, units, Neighbours::new(&scene.views, QUICK))
 }
 
-fn contradicting(scene: &Scene, units: Units, effort: Effort) -> Vec<String> {
+fn contradicting(scene: &Scene, units: Units, neighbours: Option<Neighbours<'_>>) -> Vec<String> {
     let mut found = plausible::cameras(&scene.views);
-    if let Pairing::Stereo { source, target } = scene.pairing {
-        let pair = (&scene.views[source], &scene.views[target]);
-        found.extend(stereo::contradictions(pair));
-    } else if let Some(neighbours) = Neighbours::new(&scene.views, effort) {
-        let median_m = neighbours.median_depth();
-        let better = neighbours.better();
-        let better = better.map(|better| advice::sentence(&better, units, median_m, &scene.views));
-        found.extend(better.or_else(|| plausible::depth(median_m, units)));
-    }
+    found.extend(match scene.pairing {
+        Pairing::Stereo { source, target } => {
+            stereo::contradictions((&scene.views[source], &scene.views[target]))
+        }
+        _ => neighbours.and_then(|neighbours| neighbours.contradictions(units)),
+    });
     found
 }
 
@@ -223,11 +218,9 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
-    let consistency = consistency::of(&scene.views);
-    let mut contradictions = contradicting(scene, Units::of(spec), THOROUGH);
-    if contradictions.is_empty() {
-        contradictions.extend(consistency.as_ref().and_then(|c| c.complaint()));
-    }
+    let neighbours = Neighbours::new(&scene.views, THOROUGH);
+    let consistency = neighbours.as_ref().and_then(Neighbours::consistency);
+    let mut contradictions = contradicting(scene, Units::of(spec), neighbours);
     contradictions.extend(plausible::pictures(
         &decoded.iter().map(|d| d.levels).collect::<Vec<_>>(),
     ));

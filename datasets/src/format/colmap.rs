@@ -41,8 +41,9 @@ impl Model {
             let reason = format!("'{}' has camera {id}, which does not exist", image.name);
             DatasetError::malformed(self.images_file(), reason)
         })?;
+        let file = self.files[0].file_name().unwrap_or_default().display();
         let lens = camera.lens();
-        Ok(lens.map_err(|error| format!("camera {id}: {error}")))
+        Ok(lens.map_err(|error| format!("camera {id} of {file}: {error}")))
     }
 
     /// As [`Self::lens`], where every picture has to have one.
