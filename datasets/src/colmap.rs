@@ -4,15 +4,15 @@
 //! model's units, times `scale`, are metres. Pictures with lens distortion are resampled to a
 //! pinhole camera; an EXIF orientation is not applied, as COLMAP does not.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{DepthEncoding, ViewDepth};
+use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
-use crate::files::Root;
+use crate::files::{self, Root};
 use crate::format::colmap;
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
@@ -32,6 +32,11 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "images",
             "folder of the pictures, beside the model's",
             "images",
+        ),
+        Setting::free(
+            "model",
+            "folder of the model, seen from the scene's folder, as sparse/1",
+            "first",
         ),
         Setting::choice(
             "depth",
@@ -53,6 +58,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "metres of one unit of the maps in depth/",
             "0.001",
         ),
+        DepthKind::SETTING,
         CAMERA_SIZE,
         OUTSIDE,
     ],
@@ -82,12 +88,15 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let root = Root::open(&spec.path)?.allowing_outside(spec.setting("outside") == "allow");
     // Asked once, before any scene: a wrong value is no scene's fault.
     let units = (spec.positive("scale")?, spec.positive("depth-unit")?);
-    let model_of = |folder: &Path| {
-        let mut places = MODELS.iter().map(|place| folder.join(place));
-        places.find(|place| colmap::is_model(place))
+    let chosen = Some(spec.setting("model")).filter(|model| *model != "first");
+    let places = chosen.map_or(MODELS.to_vec(), |model| vec![model]);
+    let model_of = |folder: &Path| -> Result<Option<PathBuf>, DatasetError> {
+        let places = places.iter().map(|place| root.resolve(folder, place));
+        let places = places.collect::<Result<Vec<_>, _>>()?.into_iter();
+        Ok(places.into_iter().find(|place| colmap::is_model(place)))
     };
     let search = root.find_folders(3, &|folder| {
-        let mut places = MODELS.iter().map(|place| folder.join(place));
+        let mut places = places.iter().map(|place| folder.join(place));
         let begun = |place: &Path| ["cameras.bin", "cameras.txt"].map(|n| place.join(n).is_file());
         folder.join("sparse").is_dir() || places.any(|place| begun(&place).contains(&true))
     })?;
@@ -95,11 +104,15 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let mut found = FoundScenes::default();
     for folder in &search.folders {
         let scene = match model_of(folder) {
-            Some(model) => read_scene(spec, &root, folder, &model, units),
-            None => {
-                let reason = format!("no whole model; expected {expected}");
+            Ok(Some(model)) => read_scene(spec, &root, folder, &model, units),
+            Ok(None) => {
+                let reason = match chosen {
+                    Some(model) => format!("no whole model in {model}"),
+                    None => format!("no whole model; expected {expected}"),
+                };
                 Err(DatasetError::malformed(folder, reason))
             }
+            Err(error) => Err(error),
         };
         found.add(root.id_of(folder), scene);
     }
@@ -130,6 +143,13 @@ fn read_scene(
             continue;
         };
         pose.translation *= scale;
+        let lens = match model.lens(image)? {
+            Ok(lens) => lens,
+            Err(reason) => {
+                scene.leave_out(reason, &image.name);
+                continue;
+            }
+        };
         let id = frame_id(&image.name);
         let map = if from_folder {
             scene.finder.map(&maps, &id)?
@@ -138,12 +158,14 @@ fn read_scene(
         };
         let depth = match (&tracks, map) {
             (Some(tracks), _) => Some(tracks.depth_of(image.id)),
-            (None, map) => map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(unit))),
+            (None, map) => {
+                map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(unit, DepthKind::of(spec))))
+            }
         };
         scene.add(PosedFrame {
             id,
             image: path,
-            lens: model.lens(image)?,
+            lens,
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: pose,
             mask: None,
@@ -151,20 +173,49 @@ fn read_scene(
             cameras: model.files.clone(),
         })?;
     }
-    if model.text_ignored {
-        scene.notes.push(format!(
-            "{}: the binary model was read, the text model beside it was not",
-            model_folder.display()
-        ));
+    scene.notes.extend(model.notes);
+    if spec.setting("model") == "first" {
+        let all = model.images.len();
+        let others = other_models(folder, model_folder);
+        scene.notes.extend((!others.is_empty()).then(|| {
+            format!(
+                "{}: the first of several models was read, with {}; not {}",
+                model_folder.display(),
+                pictures_of(Ok(all)),
+                others.join(", ")
+            )
+        }));
     }
-    if model_folder.ends_with("sparse/0") && colmap::is_model(&model_folder.with_file_name("1")) {
-        scene.notes.push(format!(
-            "{}: the first of several models was read, the pictures of the others were not",
-            model_folder.display()
-        ));
-    }
+    let mut folders = vec![(pictures.clone(), "have no pose in the model")];
+    folders.extend(from_folder.then_some((maps, "belong to no picture")));
+    scene.note_unused(&folders);
     let hint = format!("; pictures are looked for in {}", pictures.display());
     scene.finish_with_views(root.id_of(folder), &hint)
+}
+
+/// Models of a scene's folder beside the one that was read, with their sizes and the setting that reads each.
+fn other_models(folder: &Path, read: &Path) -> Vec<String> {
+    let mut models: Vec<PathBuf> = MODELS.iter().map(|place| folder.join(place)).collect();
+    for place in ["sparse", "colmap/sparse"] {
+        let numbered = files::list(&folder.join(place)).unwrap_or_default();
+        models.extend(numbered.into_iter().map(|(_, path)| path));
+    }
+    let mut seen = BTreeSet::from([read.to_owned()]);
+    models.retain(|model| seen.insert(model.clone()) && colmap::is_model(model));
+    let models = models.iter().map(|model| {
+        let place = model.strip_prefix(folder).unwrap_or(model).display();
+        let size = pictures_of(colmap::picture_count(model));
+        format!("{place} with {size} (model={place})")
+    });
+    models.collect()
+}
+
+fn pictures_of(count: Result<usize, DatasetError>) -> String {
+    match count {
+        Ok(1) => "1 picture".to_owned(),
+        Ok(count) => format!("{count} pictures"),
+        Err(_) => "pictures that cannot be read".to_owned(),
+    }
 }
 
 /// The triangulated points that each image sees.

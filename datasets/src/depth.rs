@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use image::Luma;
 use sharp::resize::nearest;
 
+use crate::entry::{Setting, choice};
 use crate::file_content::FileContent;
 use crate::format::{self, FloatMap, raw_floats};
 use crate::lens::Lens;
 use crate::mask::check_size;
 use crate::scan_depth::{ScanFile, points_seen_by};
 use crate::undistort::Undistortion;
-use crate::{DatasetError, DepthMap, files};
+use crate::{DatasetError, DatasetSpec, DepthMap, files};
 
 /// Where a view's depth comes from.
 #[derive(Debug)]
@@ -55,7 +56,19 @@ impl ViewDepth {
                 geometry.depth_map(file, &disparity)
             }
             Self::Map(file, encoding) => {
-                let depth = encoding.read(file, view.size)?;
+                let mut depth = encoding.read(file, view.size)?;
+                if let DepthEncoding::Units(_, DepthKind::Ray) = encoding {
+                    let lens = match &view.undistortion {
+                        Some(undistortion) => Some(*undistortion.lens()),
+                        None => Lens::of_pinhole(view.pinhole),
+                    };
+                    for (x, y, z) in depth.enumerate_pixels_mut() {
+                        let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                        let ray = lens.and_then(|lens| lens.unproject(middle));
+                        let length = ray.map_or(f64::INFINITY, DVec3::length);
+                        z.0[0] = valid_depth(f64::from(z.0[0]) / length);
+                    }
+                }
                 Ok(match &view.undistortion {
                     Some(undistortion) => encoding.resampled(&depth, undistortion),
                     None => depth,
@@ -137,12 +150,40 @@ impl StereoGeometry {
     }
 }
 
+/// What the values of a stored depth map are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DepthKind {
+    Z,
+    Ray,
+    Inverse,
+}
+
+impl DepthKind {
+    pub(crate) const SETTING: Setting = Setting::choice(
+        "depth-kind",
+        "what the depth maps hold",
+        &[
+            choice("z", "depth along the camera's axis"),
+            choice("ray", "the length of the ray to the point"),
+            choice("inverse", "the reciprocal of depth along the axis"),
+        ],
+    );
+
+    pub(crate) fn of(spec: &DatasetSpec) -> Self {
+        match spec.setting(Self::SETTING.key) {
+            "ray" => Self::Ray,
+            "inverse" => Self::Inverse,
+            _ => Self::Z,
+        }
+    }
+}
+
 /// How a stored depth map is encoded, and with it how it follows its picture to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
-    /// A self-describing file; one unit is this many metres. 65535 in a whole-numbered map means
-    /// no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
-    Units(f64),
+    /// A self-describing file; one unit is this many metres, or one over this many for reciprocals. 65535 in a
+    /// whole-numbered map means no depth, as 0 does. Dense: each pixel looks up the nearest stored one.
+    Units(f64, DepthKind),
     /// Bare f32 metres. Sparse: each stored sample is carried to where it lands.
     RawFloats,
 }
@@ -152,7 +193,7 @@ impl DepthEncoding {
     /// shape is resized to the nearest value (phones store depth at a fraction of the picture's size).
     fn read(self, file: &Path, size: (u32, u32)) -> Result<DepthMap, DatasetError> {
         let (stored, unit_m) = match self {
-            Self::Units(unit_m) => {
+            Self::Units(unit_m, _) => {
                 let fits = |found| check_shape(file, found, size);
                 (format::read_map_if(file, &fits)?, unit_m)
             }
@@ -165,10 +206,11 @@ impl DepthEncoding {
         let mut depth = fit(file, stored, size)?;
         for z in depth.iter_mut() {
             let saturated = whole_numbered && *z == 65535.0;
-            *z = if saturated {
-                0.0
-            } else {
-                valid_depth(f64::from(*z) * unit_m)
+            let metres = f64::from(*z) * unit_m;
+            *z = match self {
+                _ if saturated => 0.0,
+                Self::Units(_, DepthKind::Inverse) => valid_depth(1.0 / metres),
+                _ => valid_depth(metres),
             };
         }
         Ok(depth)
@@ -176,7 +218,7 @@ impl DepthEncoding {
 
     fn resampled(self, depth: &DepthMap, undistortion: &Undistortion) -> DepthMap {
         match self {
-            Self::Units(_) => undistortion.depth_nearest(depth),
+            Self::Units(..) => undistortion.depth_nearest(depth),
             Self::RawFloats => undistortion.depth_splat(depth),
         }
     }
@@ -291,7 +333,7 @@ mod tests {
         );
     }
 
-    const MILLIMETRES: DepthEncoding = DepthEncoding::Units(0.001);
+    const MILLIMETRES: DepthEncoding = DepthEncoding::Units(0.001, DepthKind::Z);
 
     #[test]
     fn units_invalid_marks_and_small_maps() {

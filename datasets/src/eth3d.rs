@@ -160,7 +160,7 @@ fn read_scene(
                 // The entry of the same photograph: by file name, else as if by camera id.
                 let mut entries = stored.images.iter();
                 let entry = entries.find(|other| other.name.rsplit('/').next() == Some(name));
-                let lens = stored.lens(entry.unwrap_or(image))?;
+                let lens = stored.needed_lens(entry.unwrap_or(image))?;
                 Some(ViewDepth::MapOf(map, DepthEncoding::RawFloats, lens))
             }
             _ => None,
@@ -168,7 +168,7 @@ fn read_scene(
         scene.add(PosedFrame {
             id: frame_id(&image.name),
             image: path,
-            lens: model.lens(image)?,
+            lens: model.needed_lens(image)?,
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world,
             mask: None,

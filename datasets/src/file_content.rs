@@ -97,6 +97,7 @@ impl ViewContent for FileContent {
             }),
             masked: self.mask.is_some(),
             lacks_depth: self.depth.is_none(),
+            depth_by_pose: matches!(self.depth, Some(ViewDepth::Scan(_) | ViewDepth::Points(..))),
         }
     }
 

@@ -17,6 +17,8 @@ pub struct Root {
     pub(crate) canonical: PathBuf,
     given: PathBuf,
     pub(crate) outside_allowed: bool,
+    /// What lets names and links lead out, where a setting of the dataset does.
+    pub(crate) remedy: &'static str,
 }
 
 impl Root {
@@ -33,13 +35,15 @@ impl Root {
             canonical,
             given: path.to_owned(),
             outside_allowed: false,
+            remedy: "",
         })
     }
 
-    /// Lets names and links lead out of the folder, for files their user trusts.
+    /// Lets names and links lead out of the folder, for files their user trusts. Refusals name the setting that asks.
     pub(crate) fn allowing_outside(self, outside_allowed: bool) -> Self {
         Self {
             outside_allowed,
+            remedy: " (outside=allow reads such files; only for files you trust)",
             ..self
         }
     }
@@ -80,7 +84,10 @@ impl Root {
         let leaves = |name: &str| {
             DatasetError::malformed(
                 list,
-                format!("the name '{name}' leads out of the dataset's folder"),
+                format!(
+                    "the name '{name}' leads out of the dataset's folder{}",
+                    self.remedy
+                ),
             )
         };
         let name = name.replace('\\', "/");
@@ -119,9 +126,10 @@ impl Root {
                 Err(DatasetError::malformed(
                     path,
                     format!(
-                        "leads out of the dataset's folder {}, to {}",
+                        "leads out of the dataset's folder {}, to {}{}",
                         self.given.display(),
-                        target.display()
+                        target.display(),
+                        self.remedy
                     ),
                 ))
             }

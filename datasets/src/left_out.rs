@@ -136,7 +136,7 @@ pub fn by_reason(left_out: &[LeftOutScene]) -> Vec<LeftOutScenes> {
 #[derive(Debug)]
 pub(crate) struct LeftOut {
     what: &'static str,
-    by_reason: BTreeMap<&'static str, Vec<String>>,
+    by_reason: BTreeMap<String, Vec<String>>,
 }
 
 impl LeftOut {
@@ -148,8 +148,9 @@ impl LeftOut {
         }
     }
 
-    pub(crate) fn add(&mut self, reason: &'static str, name: impl Into<String>) {
-        self.by_reason.entry(reason).or_default().push(name.into());
+    pub(crate) fn add(&mut self, reason: impl Into<String>, name: impl Into<String>) {
+        let names = self.by_reason.entry(reason.into()).or_default();
+        names.push(name.into());
     }
 
     /// One note a reason; `file` says where the names are from.

@@ -4,13 +4,12 @@
 //! integers, paths relative to the JSON. Its centring and rescaling of poses is not applied: the
 //! file's units, times `scale`, are metres.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use sharp::camera::RigidTransform;
 
 use crate::camera_size::CAMERA_SIZE;
-use crate::depth::{DepthEncoding, ViewDepth};
+use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::entry::{DatasetEntry, OUTSIDE, Setting, choice};
 use crate::files::{self, Root};
 use crate::format::picture;
@@ -35,6 +34,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             "metres of one unit of the depth maps, whatever their format (nerfstudio's rule)",
             "0.001",
         ),
+        DepthKind::SETTING,
         Setting::choice(
             "intrinsics",
             "whose count where a frame and the file state different ones",
@@ -147,10 +147,10 @@ fn read_scene(
         folder,
         metres: scale / file.applied_scale,
         depth_unit,
+        depth_kind: DepthKind::of(spec),
         masks: spec.setting("masks") == "apply",
     };
     let mut scene = SceneBuilder::new(spec, root, json);
-    let mut seen = BTreeSet::new();
     for frame in &file.frames {
         let name = &frame.file_path;
         // Names that leave the folder are refused before anything else is made of them.
@@ -159,10 +159,6 @@ fn read_scene(
         let Some((image, world_from_camera)) = scene.usable(name, image, pose) else {
             continue;
         };
-        if !seen.insert(image.clone()) {
-            scene.leave_out("the picture was listed before", name);
-            continue;
-        }
         let posed = reader.posed(frame, image, world_from_camera, &mut scene)?;
         scene.add(posed)?;
     }
@@ -186,6 +182,7 @@ struct FrameReader<'a> {
     folder: &'a Path,
     metres: f64,
     depth_unit: f64,
+    depth_kind: DepthKind,
     masks: bool,
 }
 
@@ -211,7 +208,7 @@ impl FrameReader<'_> {
         };
         let depth = match &frame.depth_file_path {
             Some(name) => {
-                let unit = DepthEncoding::Units(self.depth_unit);
+                let unit = DepthEncoding::Units(self.depth_unit, self.depth_kind);
                 Some(ViewDepth::Map(named(name, "depth map")?, unit))
             }
             None => None,

@@ -16,6 +16,8 @@ pub struct Processing {
     pub masked: bool,
     /// True where it is known that no file holds the view's depth.
     pub lacks_depth: bool,
+    /// True where depth is what the pose sees of a scan, and not a map that goes with the picture.
+    pub depth_by_pose: bool,
 }
 
 /// How a photograph became that of a pinhole camera.

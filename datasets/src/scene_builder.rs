@@ -1,5 +1,6 @@
 //! Multi-view scenes, collected photograph by photograph with what had to be left out.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,8 +10,8 @@ use crate::camera_size::CameraSizes;
 use crate::depth::ViewDepth;
 use crate::file_content::FileContent;
 use crate::file_finder::FileFinder;
-use crate::files::Root;
-use crate::left_out::LeftOut;
+use crate::files::{self, Root};
+use crate::left_out::{LeftOut, first_few};
 use crate::lens::Lens;
 use crate::mask::MaskFile;
 use crate::undistort::Undistortion;
@@ -25,6 +26,8 @@ pub(crate) struct SceneBuilder<'a> {
     pub(crate) sizes: CameraSizes,
     left_out: LeftOut,
     views: Vec<View>,
+    /// Pictures that were handed out.
+    seen: BTreeSet<PathBuf>,
     pub(crate) notes: Vec<String>,
 }
 
@@ -37,23 +40,28 @@ impl<'a> SceneBuilder<'a> {
             sizes: CameraSizes::new(spec, list),
             left_out: LeftOut::of("frame"),
             views: Vec::new(),
+            seen: BTreeSet::new(),
             notes: Vec::new(),
         }
     }
 
-    pub(crate) fn leave_out(&mut self, reason: &'static str, name: &str) {
+    pub(crate) fn leave_out(&mut self, reason: impl Into<String>, name: &str) {
         self.left_out.add(reason, name);
     }
 
-    /// Picture and pose of a frame, if it has both; else the frame is left out.
+    /// Picture and pose of a frame, if it has both and no frame before had the picture; else the frame is left out.
     pub(crate) fn usable<P>(
         &mut self,
         name: &str,
         picture: Option<PathBuf>,
         pose: Option<P>,
     ) -> Option<(PathBuf, P)> {
+        let is_new = picture
+            .as_ref()
+            .is_none_or(|picture| self.seen.insert(picture.clone()));
         match (picture, pose) {
-            (Some(picture), Some(pose)) => return Some((picture, pose)),
+            (Some(picture), Some(pose)) if is_new => return Some((picture, pose)),
+            (Some(_), Some(_)) => self.leave_out("the picture was listed before", name),
             (_, None) => self.leave_out("the pose is not finite or not rigid", name),
             (None, _) => self.leave_out("the picture does not exist", name),
         }
@@ -80,10 +88,31 @@ impl<'a> SceneBuilder<'a> {
         views.any(|view| view.content.processing().masked)
     }
 
+    /// Notes files of some folders that no view uses, with the reason for each folder. Pictures that were left out have
+    /// their own note.
+    pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
+        let used = self.views.iter().flat_map(|view| view.content.files());
+        let used: BTreeSet<PathBuf> = used.chain(self.seen.iter().cloned()).collect();
+        for (folder, why) in folders {
+            let mut names = Vec::new();
+            unused(folder, &used, 2, &mut names);
+            let name = |path: &PathBuf| {
+                let below = path.strip_prefix(folder).unwrap_or(path);
+                below.to_string_lossy().into_owned()
+            };
+            let names: Vec<String> = names.iter().map(name).collect();
+            self.notes.extend((!names.is_empty()).then(|| {
+                let (count, first) = (names.len(), first_few(&names));
+                format!("{}: {count} file(s) {why}: {first}", folder.display())
+            }));
+        }
+    }
+
     /// The scene, with its views in natural order and their ids shortened by the folders that all
-    /// share. The id is also its cluster.
+    /// share, and with extensions where only these tell pictures apart. The id is also its cluster.
     pub(crate) fn finish(mut self, id: String) -> Scene {
         shorten_ids(&mut self.views);
+        tell_apart(&mut self.views);
         self.views
             .sort_by(|a, b| natural_order::compare(&a.id, &b.id));
         self.notes.extend(self.left_out.notes(&self.list));
@@ -182,6 +211,38 @@ fn shorten_ids(views: &mut [View]) {
         view.id = view.id[shared..].trim_start_matches('/').to_owned();
     }
 }
+
+/// Adds the extensions of pictures that share an id.
+fn tell_apart(views: &mut [View]) {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for view in views.iter() {
+        *counts.entry(view.id.clone()).or_default() += 1;
+    }
+    for view in views.iter_mut().filter(|view| counts[&view.id] > 1) {
+        let file = view.content.image_file();
+        if let Some(extension) = file.and_then(Path::extension) {
+            view.id = format!("{}.{}", view.id, extension.to_string_lossy());
+        }
+    }
+}
+
+/// Pictures and maps at most `depth` levels below a folder that are not among those used, in natural order.
+fn unused(folder: &Path, used: &BTreeSet<PathBuf>, depth: usize, into: &mut Vec<PathBuf>) {
+    for (name, path) in files::list(folder).unwrap_or_default() {
+        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
+        if is_picture_extension(extension)
+            || MAPS.contains(&extension.to_ascii_lowercase().as_str())
+        {
+            if !used.contains(&path) {
+                into.push(path);
+            }
+        } else if depth > 0 && path.is_dir() {
+            unused(&path, used, depth - 1, into);
+        }
+    }
+}
+
+const MAPS: [&str; 4] = ["npy", "npz", "exr", "pfm"];
 
 /// The leading path components that two folders share.
 fn common_folders<'a>(a: &'a str, b: &str) -> &'a str {

@@ -74,7 +74,7 @@ impl Root {
             }
             let is_link = entry.file_type().is_ok_and(|kind| kind.is_symlink());
             if is_link && self.check(&path).is_err() {
-                left_out.add(LINK_OUT, self.id_of(&path));
+                left_out.add(format!("{LINK_OUT}{}", self.remedy), self.id_of(&path));
             } else {
                 files.insert(name, path);
             }
@@ -105,7 +105,7 @@ impl Search<'_> {
             .map_err(|e| DatasetError::io(folder, e))?;
         if !self.root.outside_allowed && !canonical.starts_with(&self.root.canonical) {
             let name = self.root.id_of(folder);
-            self.pass_over(name, LINK_OUT);
+            self.pass_over(name, &format!("{LINK_OUT}{}", self.root.remedy));
             return Ok(());
         }
         if !self.seen.insert(canonical) {

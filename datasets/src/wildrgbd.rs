@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::depth::{DepthEncoding, ViewDepth};
+use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::entry::{DatasetEntry, PaperOverlap, Setting, choice, proxy};
 use crate::files::{self, Root};
 use crate::format::{lenient_json, trajectory};
@@ -207,7 +207,7 @@ fn read_scene(
             pinhole: Pinhole::WithoutBlankPixels,
             camera_from_world: world_from_camera.inverse(),
             mask: None,
-            depth: map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(0.001))),
+            depth: map.map(|map| ViewDepth::Map(map, DepthEncoding::Units(0.001, DepthKind::Z))),
             cameras: vec![metadata.clone(), poses_file.clone()],
         })?;
     }

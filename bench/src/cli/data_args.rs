@@ -11,8 +11,9 @@ use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weigh
 use super::outcome::UsageError;
 use super::output;
 use crate::evaluate::PairOrigin;
+use crate::io::counts::counted;
 use crate::pairs::frame::Frame;
-use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe};
+use crate::pairs::{OpenDataset, OverlapCache, PairError, PairOptions, PairRecipe, SceneChecks};
 use crate::scoring::{ScaleChooser, Scoring};
 
 /// Which metrics, with which weights.
@@ -138,8 +139,39 @@ impl DatasetArgs {
                 let kind = if group.by_choice { "note" } else { "warning" };
                 output::remark(format!("{kind}: {}: {group}", dataset.name));
             }
+            say_notes(dataset);
         }
         Ok(datasets)
+    }
+}
+
+/// Most notes of a dataset that are printed.
+const NOTES: usize = 6;
+
+/// What readers assumed or left out: each note with the first of the scenes that have it.
+fn say_notes(dataset: &OpenDataset) {
+    let mut notes: Vec<(&str, &str, usize)> = Vec::new();
+    for scene in &dataset.scenes {
+        for note in &scene.notes {
+            match notes.iter_mut().find(|(known, ..)| known == note) {
+                Some((_, _, count)) => *count += 1,
+                None => notes.push((note, &scene.id, 1)),
+            }
+        }
+    }
+    for (note, scene, count) in notes.iter().take(NOTES) {
+        let others = match count {
+            1 => String::new(),
+            _ => format!(" and {} more", count - 1),
+        };
+        output::remark(format!("note: {}/{scene}{others}: {note}", dataset.name));
+    }
+    if notes.len() > NOTES {
+        let more = counted(notes.len() - NOTES, "note");
+        let name = &dataset.name;
+        output::remark(format!(
+            "note: {name}: {more} more (`datasets check` prints them)"
+        ));
     }
 }
 
@@ -162,6 +194,10 @@ pub(super) struct OverlapArgs {
     /// Measure every overlap anew and keep none
     #[arg(long)]
     no_cache: bool,
+    /// Do not look at a few views of each scene first for what contradicts itself: units, focal lengths, poses of other
+    /// pictures, exchanged stereo pairs (`datasets check` looks at more)
+    #[arg(long)]
+    no_check: bool,
 }
 
 impl OverlapArgs {
@@ -174,6 +210,14 @@ impl OverlapArgs {
             overlap_config: self.overlap_config.clone(),
         };
         Ok(recipe.checked()?)
+    }
+
+    /// What looks for contradictions in datasets, remembered beside measured overlaps; `None` where it is not to.
+    pub(super) fn checks(&self) -> Option<SceneChecks> {
+        let folder = self.cache.clone().or_else(OverlapCache::users_folder);
+        let folder = folder.filter(|_| !self.no_cache);
+        let folder = folder.map(|folder| folder.join("checks"));
+        (!self.no_check).then(|| SceneChecks::new(folder))
     }
 
     pub(super) fn cache(&self) -> Option<OverlapCache> {
@@ -201,7 +245,7 @@ pub(super) struct PairArgs {
     #[arg(long, value_name = "LIST")]
     pub(super) pair_options: Option<PairOptions>,
     #[command(flatten)]
-    overlap: OverlapArgs,
+    pub(super) overlap: OverlapArgs,
 }
 
 impl PairArgs {

@@ -204,6 +204,7 @@ pub(super) fn execute(args: &RunArgs) -> anyhow::Result<Outcome> {
     }
     let request = Request {
         datasets: args.datasets.open_specs(&datasets)?,
+        checks: args.pairs.overlap.checks().filter(|_| plan.is_none()),
         only_scenes: args.datasets.scenes.clone(),
         pairs: match &plan {
             Some(root) => PairOrigin::Planned(root.clone()),

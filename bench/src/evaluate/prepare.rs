@@ -29,7 +29,9 @@ use crate::pairs::dataset::scenes_of;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::provenance::ListCompanion;
 use crate::pairs::sampling::spread;
-use crate::pairs::{OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe};
+use crate::pairs::{
+    OpenDataset, OverlapCache, PairError, PairList, PairProvenance, PairRecipe, SceneChecks,
+};
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
@@ -53,6 +55,8 @@ pub enum PairOrigin {
 pub struct Request {
     /// Opened datasets.
     pub datasets: Vec<OpenDataset>,
+    /// Looks for what their scenes contradict before anything else is done; `None` does not look.
+    pub checks: Option<SceneChecks>,
     /// The pattern that chose among their scenes, for the record.
     pub only_scenes: Option<String>,
     /// Which pairs.
@@ -85,6 +89,7 @@ impl Request {
         let methods = methods.into_iter();
         Self {
             datasets,
+            checks: None,
             only_scenes: None,
             pairs: PairOrigin::Built {
                 recipe: Box::default(),
@@ -141,7 +146,7 @@ pub struct RunStatus {
 ///
 /// # Errors
 /// When a part of the request cannot be used, or no pair is left.
-pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, EvaluateError> {
+pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluation, EvaluateError> {
     let mut labels = BTreeSet::new();
     for (_, method) in &request.methods {
         let label = method.label();
@@ -152,6 +157,10 @@ pub fn prepare(request: Request, observer: &dyn Observer) -> Result<Evaluation, 
         if !labels.insert(label) {
             return Err(EvaluateError::RepeatedLabel(label.to_owned()));
         }
+    }
+    if let Some(checks) = &request.checks {
+        let datasets = request.datasets.iter_mut();
+        datasets.for_each(|dataset| checks.look_at(dataset, observer));
     }
     let scenes = scenes_of(&request.datasets);
     let (list, origin, choices) = match request.pairs {

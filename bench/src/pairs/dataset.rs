@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use globset::{GlobBuilder, GlobMatcher};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sharp_datasets::check::advice::Units;
 use sharp_datasets::left_out::{LeftOutScenes, by_reason};
 use sharp_datasets::{DatasetSpec, Scene};
 
@@ -34,6 +35,8 @@ pub struct OpenDataset {
     pub readings: Vec<DatasetReading>,
     /// Pair options of this dataset alone, `key=value` by commas; empty where the common ones hold.
     pub pair_options: String,
+    /// In which units its files are read.
+    pub units: Units,
     pub scenes: Vec<Scene>,
     /// Scenes that are there and are not among those.
     pub left_out: Vec<LeftOutScenes>,
@@ -149,6 +152,7 @@ impl OpenDataset {
         Ok(Self {
             format: spec.entry.format,
             settings,
+            units: Units::of(&spec),
             readings,
             root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
             name: spec.name,

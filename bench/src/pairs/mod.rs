@@ -14,6 +14,7 @@
 //! * [`provenance`]: how a list came about, for manifests.
 //! * [`ambiguity`]: how far the open choices move the pairs.
 //! * [`sampling`]: which qualified pairs are evaluated.
+//! * [`scene_checks`]: what scenes contradict, before a run begins.
 //! * [`pair_list`]: pairs as a file that can be published, verified and compared.
 //! * [`foreign`]: other people's lists.
 //! * [`alignment`]: the global scale between predicted and ground-truth depth.
@@ -37,6 +38,7 @@ pub mod pair_list;
 pub mod provenance;
 pub mod recipe;
 pub mod sampling;
+pub mod scene_checks;
 pub mod sets;
 #[cfg(test)]
 mod test_scene;
@@ -51,3 +53,4 @@ pub use overlap_cache::OverlapCache;
 pub use pair_list::PairList;
 pub use provenance::PairProvenance;
 pub use recipe::PairRecipe;
+pub use scene_checks::SceneChecks;

@@ -12,7 +12,7 @@ pub(super) struct Convention {
 }
 
 /// What poses are compared under; the first is what the reader says.
-pub(super) const CONVENTIONS: [Convention; 6] = [
+pub(super) const CONVENTIONS: [Convention; 4] = [
     Convention {
         name: "as read",
         take: |pose| *pose,
@@ -30,14 +30,6 @@ pub(super) const CONVENTIONS: [Convention; 6] = [
         name: "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
         take: |pose| flip(&pose.inverse()),
     },
-    Convention {
-        name: "translations in millimetres taken for metres",
-        take: |pose| scaled(pose, 1e-3),
-    },
-    Convention {
-        name: "depth in millimetres taken for metres",
-        take: |pose| scaled(pose, 1e3),
-    },
 ];
 
 /// The camera's y and z axes reversed.
@@ -46,12 +38,5 @@ pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {
     RigidTransform {
         rotation: axes * camera_from_world.rotation,
         translation: axes * camera_from_world.translation,
-    }
-}
-
-fn scaled(camera_from_world: &RigidTransform, factor: f64) -> RigidTransform {
-    RigidTransform {
-        translation: factor * camera_from_world.translation,
-        ..*camera_from_world
     }
 }

@@ -2,12 +2,20 @@
 //! poses agree with the depth.
 //!
 //! * `convention`: how poses are commonly mistaken.
-//! * `carried`: depth and colours carried from view to view by a pose.
-//! * [`consistency`][]: whether they agree there.
+//! * [`consistency`][]: whether depth and colours agree when poses carry them from view to view.
+//! * `small_view`, `explained`, `fit`: which other reading of poses, cameras and depth explains reduced views better;
+//!   `stereo`: the same of a rectified pair.
+//! * `plausible`: what no scene has, whatever its data.
+//! * [`advice`][]: what fits better in words, with the setting that mends it.
 
-mod carried;
+pub mod advice;
 pub mod consistency;
 mod convention;
+mod explained;
+mod fit;
+mod plausible;
+mod small_view;
+mod stereo;
 
 use std::collections::BTreeSet;
 
@@ -17,7 +25,9 @@ use serde::Serialize;
 use crate::left_out::by_reason;
 use crate::spec::{SettingInForce, open_each};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, processing};
+use advice::Units;
 use consistency::Consistency;
+use fit::Neighbours;
 
 /// What was found in a dataset.
 #[derive(Debug, Clone, Serialize)]
@@ -68,7 +78,7 @@ pub fn check(
     let found = open_each(spec)?;
     let mut reports = Vec::new();
     for (i, scene) in found.scenes.iter().enumerate() {
-        let mut report = check_scene(scene, views_per_scene, demanded_depth(spec));
+        let mut report = check_scene(scene, views_per_scene, spec);
         report.notes.extend(without_pairs(spec, scene));
         reports.push(report);
         done(i + 1, found.scenes.len());
@@ -93,6 +103,8 @@ pub fn check(
 struct Decoded {
     problems: Vec<String>,
     coverage: Option<f64>,
+    /// The darkest and the brightest level; `None` where the picture cannot be decoded.
+    levels: Option<(u8, u8)>,
 }
 
 /// The source of depth that was asked for by name.
@@ -118,7 +130,57 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     })
 }
 
-fn check_scene(scene: &Scene, views_per_scene: usize, depth: Option<&str>) -> SceneReport {
+/// How much of a scene is looked at for what contradicts itself.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Effort {
+    /// Pairs of neighbouring views.
+    pairs: usize,
+    /// Depth values of a view that are carried over.
+    samples: usize,
+    /// Whether views around those are looked at, too.
+    thorough: bool,
+}
+
+const THOROUGH: Effort = Effort {
+    pairs: 4,
+    samples: 8000,
+    thorough: true,
+};
+const QUICK: Effort = Effort {
+    pairs: 2,
+    samples: 1500,
+    thorough: false,
+};
+
+/// The views whose pixels [`contradictions`] looks at.
+pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
+    match scene.pairing {
+        Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
+        _ => fit::neighbours(scene.views.len(), QUICK)
+            .flat_map(|i| [i, i + 1])
+            .collect(),
+    }
+}
+
+/// What of a scene contradicts itself or is implausible, from a few of its views: sentences that name the cause and what
+/// mends it. Empty for a proper scene.
+pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
+    contradicting(scene, units, Neighbours::new(&scene.views, QUICK))
+}
+
+fn contradicting(scene: &Scene, units: Units, neighbours: Option<Neighbours<'_>>) -> Vec<String> {
+    let mut found = plausible::cameras(&scene.views);
+    found.extend(match scene.pairing {
+        Pairing::Stereo { source, target } => {
+            stereo::contradictions((&scene.views[source], &scene.views[target]))
+        }
+        _ => neighbours.and_then(|neighbours| neighbours.contradictions(units)),
+    });
+    found
+}
+
+fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> SceneReport {
+    let depth = demanded_depth(spec);
     let chosen = evenly_spaced(scene.views.len(), views_per_scene);
     let decoded: Vec<Decoded> = chosen
         .par_iter()
@@ -156,13 +218,14 @@ fn check_scene(scene: &Scene, views_per_scene: usize, depth: Option<&str>) -> Sc
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
-    let consistency = consistency::of(&scene.views);
-    problems.extend(
-        consistency
-            .as_ref()
-            .and_then(|c| c.complaint())
-            .map(|complaint| format!("{}: {complaint}", scene.id)),
-    );
+    let neighbours = Neighbours::new(&scene.views, THOROUGH);
+    let consistency = neighbours.as_ref().and_then(Neighbours::consistency);
+    let mut contradictions = contradicting(scene, Units::of(spec), neighbours);
+    contradictions.extend(plausible::pictures(
+        &decoded.iter().map(|d| d.levels).collect::<Vec<_>>(),
+    ));
+    let of_scene = |complaint| format!("{}: {complaint}", scene.id);
+    problems.extend(contradictions.into_iter().map(of_scene));
     let sizes: BTreeSet<(u32, u32)> = scene
         .views
         .iter()
@@ -184,8 +247,10 @@ fn check_scene(scene: &Scene, views_per_scene: usize, depth: Option<&str>) -> Sc
 
 fn decode(view: &View) -> Decoded {
     let mut problems = Vec::new();
-    if let Err(error) = view.content.image() {
-        problems.push(error.to_string());
+    let mut levels = None;
+    match view.content.image() {
+        Ok(image) => levels = image.iter().min().copied().zip(image.iter().max().copied()),
+        Err(error) => problems.push(error.to_string()),
     }
     let coverage = match view.content.depth() {
         Ok(Some(depth)) => {
@@ -201,7 +266,11 @@ fn decode(view: &View) -> Decoded {
             None
         }
     };
-    Decoded { problems, coverage }
+    Decoded {
+        problems,
+        coverage,
+        levels,
+    }
 }
 
 /// At most `most` of `count` indices, evenly spaced, the first among them.

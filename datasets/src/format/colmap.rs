@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint};
-use super::{FormatError, colmap_binary, colmap_text};
+use super::{colmap_binary, colmap_text};
 use crate::DatasetError;
 use crate::files::{self, Root};
 use crate::lens::Lens;
@@ -21,8 +21,8 @@ pub struct Model {
     pub images: Vec<ColmapImage>,
     /// The files that were read: of the cameras, then of the images.
     pub files: Vec<PathBuf>,
-    /// True when a text model lay beside the binary one that was read.
-    pub text_ignored: bool,
+    /// What lies beside these files and was not read, a line each.
+    pub notes: Vec<String>,
 }
 
 impl Model {
@@ -31,16 +31,28 @@ impl Model {
         &self.files[1]
     }
 
-    /// The camera of an image with its lens.
-    pub(crate) fn lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
+    /// The camera of an image with its lens; the inner error is a reason that concerns its pictures alone.
+    ///
+    /// # Errors
+    /// Names the file, when the image's camera does not exist.
+    pub(crate) fn lens(&self, image: &ColmapImage) -> Result<Result<Lens, String>, DatasetError> {
         let id = image.camera_id;
         let camera = self.cameras.get(&id).ok_or_else(|| {
             let reason = format!("'{}' has camera {id}, which does not exist", image.name);
             DatasetError::malformed(self.images_file(), reason)
         })?;
-        camera.lens().map_err(|error| {
-            DatasetError::malformed(&self.files[0], format!("camera {id}: {error}"))
-        })
+        let file = self.files[0].file_name().unwrap_or_default().display();
+        let lens = camera.lens();
+        Ok(lens.map_err(|error| format!("camera {id} of {file}: {error}")))
+    }
+
+    /// As [`Self::lens`], where every picture has to have one.
+    ///
+    /// # Errors
+    /// Names the file and the camera.
+    pub(crate) fn needed_lens(&self, image: &ColmapImage) -> Result<Lens, DatasetError> {
+        let lens = self.lens(image)?;
+        lens.map_err(|reason| DatasetError::malformed(&self.files[0], reason))
     }
 }
 
@@ -52,6 +64,20 @@ pub fn is_model(folder: &Path) -> bool {
 fn has_model(folder: &Path, extension: &str) -> bool {
     let mut names = ["cameras", "images"].iter();
     names.all(|name| folder.join(format!("{name}.{extension}")).is_file())
+}
+
+/// Binary if both kinds are whole, as COLMAP does, and where neither is.
+fn kind(folder: &Path) -> &'static str {
+    let only_text = has_model(folder, "txt") && !has_model(folder, "bin");
+    if only_text { "txt" } else { "bin" }
+}
+
+/// How many pictures a model has.
+///
+/// # Errors
+/// Names the file and what is wrong with it.
+pub(crate) fn picture_count(folder: &Path) -> Result<usize, DatasetError> {
+    Ok(read_images(folder, kind(folder))?.1.len())
 }
 
 /// As [`read_model`], refusing files that lead out of the dataset's folder.
@@ -79,43 +105,136 @@ fn check_inside(root: &Root, folder: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Reads a model; binary if both are there, as COLMAP does.
+/// Reads a model; binary if both are there, as COLMAP does. All files are of one kind.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read_model(folder: &Path) -> Result<Model, DatasetError> {
-    let extension = if has_model(folder, "bin") {
-        "bin"
-    } else {
-        "txt"
-    };
-    let images_file = folder.join(format!("images.{extension}"));
-    let images = if extension == "bin" {
-        files::parse(&images_file, colmap_binary::images)?
-    } else {
-        files::parse_text(&images_file, colmap_text::images)?
-    };
+    let kind = kind(folder);
+    let (images_file, images) = read_images(folder, kind)?;
     let (cameras_file, cameras) = read_cameras(folder)?
         .ok_or_else(|| DatasetError::malformed(folder, "no cameras.bin or cameras.txt"))?;
-    Ok(Model {
+    let model = Model {
         cameras,
         images,
         files: vec![cameras_file, images_file],
-        text_ignored: extension == "bin" && has_model(folder, "txt"),
-    })
+        notes: Vec::new(),
+    };
+    let notes = unread_notes(folder, &model, kind);
+    Ok(Model { notes, ..model })
 }
 
-/// Reads only the cameras of a model; `None` when a folder has none.
+fn read_images(folder: &Path, kind: &str) -> Result<(PathBuf, Vec<ColmapImage>), DatasetError> {
+    let file = folder.join(format!("images.{kind}"));
+    let images = match kind {
+        "bin" => files::parse(&file, colmap_binary::images)?,
+        _ => files::parse_text(&file, colmap_text::images)?,
+    };
+    Ok((file, images))
+}
+
+/// What lies beside a model as files of the other kind, and whether it contradicts it.
+fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
+    let (read, unread, other) = match kind {
+        "bin" => ("binary", "text", "txt"),
+        _ => ("text", "binary", "bin"),
+    };
+    let cameras_file = folder.join(format!("cameras.{other}"));
+    if !cameras_file.is_file() {
+        return Vec::new();
+    }
+    let cameras = read_cameras_of(&cameras_file);
+    let whole = has_model(folder, other);
+    let mut contradictions = Vec::new();
+    if !cameras.is_ok_and(|cameras| are_same_cameras(&cameras, &model.cameras)) {
+        contradictions.push("other cameras");
+    }
+    let images = whole.then(|| read_images(folder, other));
+    if images.is_some_and(|found| !found.is_ok_and(|(_, i)| are_same_images(&i, &model.images))) {
+        contradictions.push("other pictures or poses");
+    }
+    let what = match whole {
+        true => format!("the {unread} model beside it"),
+        false => format!("cameras.{other} beside it"),
+    };
+    let contradiction = match contradictions.is_empty() {
+        true if !whole => return Vec::new(),
+        true => String::new(),
+        false => format!(", which states {}", contradictions.join(" and ")),
+    };
+    vec![format!(
+        "{}: the {read} model was read, and not {what}{contradiction}",
+        folder.display()
+    )]
+}
+
+/// Text is rounded.
+fn are_close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-6 + 1e-4 * a.abs().max(b.abs())
+}
+
+fn are_same_cameras(a: &Cameras, b: &Cameras) -> bool {
+    let same = |a: &ColmapCamera, b: &ColmapCamera| {
+        let (of_a, of_b) = (a.params.iter(), b.params.iter());
+        (&a.model, a.size, of_a.len()) == (&b.model, b.size, of_b.len())
+            && of_a.zip(of_b).all(|(a, b)| are_close(*a, *b))
+    };
+    a.len() == b.len()
+        && a.iter()
+            .all(|(id, a)| b.get(id).is_some_and(|b| same(a, b)))
+}
+
+fn are_same_images(a: &[ColmapImage], b: &[ColmapImage]) -> bool {
+    let by_name = |images: &'_ [ColmapImage]| -> BTreeMap<String, ColmapImage> {
+        let named = images
+            .iter()
+            .map(|image| (image.name.clone(), image.clone()));
+        named.collect()
+    };
+    let (a, b) = (by_name(a), by_name(b));
+    let same = |a: &ColmapImage, b: &ColmapImage| match (a.camera_from_world, b.camera_from_world) {
+        (Some(one), Some(other)) => {
+            let turned = (one.rotation - other.rotation).to_cols_array();
+            let moved = one.translation - other.translation;
+            turned.iter().all(|d| d.abs() < 1e-4)
+                && moved.length() < 1e-6 + 1e-4 * one.translation.length()
+        }
+        (one, other) => one.is_none() == other.is_none(),
+    };
+    a.len() == b.len()
+        && a.iter()
+            .all(|(name, a)| b.get(name).is_some_and(|b| same(a, b)))
+}
+
+/// Reads only the cameras of a model, of the kind of its images; `None` when a folder has none.
 ///
 /// # Errors
-/// Names the file and what is wrong with it.
+/// Names the file and what is wrong with it. Without images, two files of cameras that contradict each other are refused.
 pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, DatasetError> {
-    read_either(
-        folder,
-        "cameras",
-        colmap_binary::cameras,
-        colmap_text::cameras,
-    )
+    let [binary, text] = ["bin", "txt"].map(|kind| folder.join(format!("cameras.{kind}")));
+    let file = match (binary.is_file(), text.is_file()) {
+        (false, false) => return Ok(None),
+        (true, true) if kind(folder) == "txt" => text,
+        (true, true) if !is_model(folder) => {
+            let cameras = read_cameras_of(&binary)?;
+            if !are_same_cameras(&cameras, &read_cameras_of(&text)?) {
+                let reason = "contradicts cameras.txt beside it; remove the one that is not meant";
+                return Err(DatasetError::malformed(binary, reason));
+            }
+            return Ok(Some((binary, cameras)));
+        }
+        (true, _) => binary,
+        (false, true) => text,
+    };
+    let cameras = read_cameras_of(&file)?;
+    Ok(Some((file, cameras)))
+}
+
+fn read_cameras_of(file: &Path) -> Result<Cameras, DatasetError> {
+    match file.extension().is_some_and(|extension| extension == "bin") {
+        true => files::parse(file, colmap_binary::cameras),
+        false => files::parse_text(file, colmap_text::cameras),
+    }
 }
 
 /// Reads the points of a model, of the same kind as its other files; `None` when there are none.
@@ -123,29 +242,17 @@ pub fn read_cameras(folder: &Path) -> Result<Option<(PathBuf, Cameras)>, Dataset
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read_points(folder: &Path) -> Result<Option<(PathBuf, Vec<ColmapPoint>)>, DatasetError> {
-    read_either(
-        folder,
-        "points3D",
-        colmap_binary::points,
-        colmap_text::points,
-    )
-}
-
-fn read_either<T>(
-    folder: &Path,
-    name: &str,
-    binary: fn(&[u8]) -> Result<T, FormatError>,
-    text: fn(&str) -> Result<T, FormatError>,
-) -> Result<Option<(PathBuf, T)>, DatasetError> {
-    let file = |extension: &str| folder.join(format!("{name}.{extension}"));
-    let (in_binary, in_text) = (file("bin"), file("txt"));
-    Ok(if in_binary.is_file() {
-        let content = files::parse(&in_binary, binary)?;
-        Some((in_binary, content))
-    } else if in_text.is_file() {
-        let content = files::parse_text(&in_text, text)?;
-        Some((in_text, content))
-    } else {
-        None
-    })
+    let of_kind = |kind: &str| Some(folder.join(format!("points3D.{kind}")));
+    let first = of_kind(kind(folder)).filter(|file| file.is_file());
+    let others = ["bin", "txt"].iter().filter_map(|kind| of_kind(kind));
+    // A folder without a whole model may still have points of either kind.
+    let others = others.filter(|file| !is_model(folder) && file.is_file());
+    let Some(file) = first.into_iter().chain(others).next() else {
+        return Ok(None);
+    };
+    let points = match file.extension().is_some_and(|extension| extension == "bin") {
+        true => files::parse(&file, colmap_binary::points)?,
+        false => files::parse_text(&file, colmap_text::points)?,
+    };
+    Ok(Some((file, points)))
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::FormatError;
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
-use crate::lens::{COLMAP_MODELS, LensError};
+use crate::lens::COLMAP_MODELS;
 
 /// `cameras.bin`.
 ///
@@ -20,15 +20,16 @@ pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError>
         let id = reader.u32()?;
         let model_id = reader.u32()? as i32;
         let (width, height) = (reader.u64()?, reader.u64()?);
+        // The file does not say how many parameters follow: an unknown model ends the reading.
         let (model, params) = usize::try_from(model_id)
             .ok()
             .and_then(|i| COLMAP_MODELS.get(i))
-            .ok_or_else(|| invalid!("camera {id} is of unknown model {model_id}"))?;
+            .ok_or_else(|| {
+                invalid!(
+                    "camera {id} is of unknown model {model_id} (`colmap image_undistorter` makes pinhole pictures)"
+                )
+            })?;
         let model = (*model).to_owned();
-        // The file does not say how many follow, so a model we do not know ends the reading.
-        if *params == 0 {
-            return Err(LensError::UnsupportedModel { model }.into());
-        }
         let camera = ColmapCamera {
             model,
             size: size(width, height)?,
@@ -217,11 +218,12 @@ mod tests {
             b
         };
         assert!(
-            cameras(&camera(7))
+            cameras(&camera(18))
                 .unwrap_err()
                 .to_string()
-                .contains("'FOV'")
+                .contains("model 18")
         );
+        assert_eq!(cameras(&camera(7)).unwrap()[&1].model, "FOV");
         assert!(
             cameras(&camera(-1))
                 .unwrap_err()

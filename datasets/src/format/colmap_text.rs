@@ -27,39 +27,60 @@ pub fn cameras(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     Ok(cameras)
 }
 
-/// `images.txt`: two lines an image, of which the second may be empty, or missing at the end.
+/// `images.txt`: two lines an image, of which the second may be empty, or missing, as in files whose observations were
+/// stripped.
 ///
 /// # Errors
 /// The line and what is wrong with it.
 pub fn images(text: &str) -> Result<Vec<ColmapImage>, FormatError> {
     let mut images = Vec::new();
-    let mut lines = text.lines().enumerate();
+    let mut lines = text.lines().enumerate().peekable();
     while let Some((number, line)) = lines.next() {
         if is_void(line) {
             continue;
         }
-        let mut line = RecordLine::new(number, line);
-        let id = line.next("image id")?;
-        let mut values = [0.0; 7];
-        for value in &mut values {
-            *value = line.next("pose")?;
-        }
-        let [w, x, y, z, tx, ty, tz] = values;
-        let camera_id = line.next("camera id")?;
-        let name = line.remainder();
-        if name.is_empty() {
-            return Err(invalid!("line {}: the image has no name", number + 1));
-        }
-        images.push(ColmapImage {
-            id,
-            camera_id,
-            name: name.to_owned(),
-            camera_from_world: pose([w, x, y, z], [tx, ty, tz]),
-        });
+        images.push(image(number, line)?);
         // The observations belong to this image even when the line is blank.
-        lines.next();
+        let Some((number, line)) =
+            lines.next_if(|(number, line)| image(*number, line).is_err() || is_track(line))
+        else {
+            continue;
+        };
+        if !is_void(line) && RecordLine::new(number, line).next::<f64>("x").is_err() {
+            return Err(invalid!(
+                "line {}: neither an image nor the observations of the one before",
+                number + 1
+            ));
+        }
     }
     Ok(images)
+}
+
+fn image(number: usize, line: &str) -> Result<ColmapImage, FormatError> {
+    let mut line = RecordLine::new(number, line);
+    let id = line.next("image id")?;
+    let mut values = [0.0; 7];
+    for value in &mut values {
+        *value = line.next("pose")?;
+    }
+    let [w, x, y, z, tx, ty, tz] = values;
+    let camera_id = line.next("camera id")?;
+    let name = line.remainder();
+    if name.is_empty() {
+        return Err(invalid!("line {}: the image has no name", number + 1));
+    }
+    Ok(ColmapImage {
+        id,
+        camera_id,
+        name: name.to_owned(),
+        camera_from_world: pose([w, x, y, z], [tx, ty, tz]),
+    })
+}
+
+/// True for observations, which are numbers in threes.
+fn is_track(line: &str) -> bool {
+    let mut words = line.split_whitespace();
+    words.clone().count().is_multiple_of(3) && words.all(|word| word.parse::<f64>().is_ok())
 }
 
 /// `points3D.txt`: `ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)…`.
@@ -148,6 +169,30 @@ mod tests {
         let points = points(text).unwrap();
         assert_eq!(points[0].position, DVec3::new(-28.4, 10.1, 153.5));
         assert_eq!(points[0].seen_by, [100, 200, 300]);
+    }
+
+    #[test]
+    fn images_are_counted_with_and_without_their_observations() {
+        let one = "1 1 0 0 0 0 0 0 1 a b.png";
+        let numbers = "2 1 0 0 0 0 0 0 1 000002";
+        for (text, count) in [
+            (format!("{one}\n\n{numbers}\n\n"), 2),
+            (format!("# c\n{one}\n{numbers}\n{one}\n"), 3),
+            (
+                format!("{one}\n1 2 3 4 5 6\n{numbers}\n12 3 -1 4 5 6 7 8 9 10 11 -1\n"),
+                2,
+            ),
+            (format!("{one}\n{one}\n1.5 2 3\n{one}"), 3),
+        ] {
+            assert_eq!(images(&text).unwrap().len(), count, "{text}");
+        }
+        let broken = format!("{one}\nb 1 0 0 0 0 0 0 1 b.png\n");
+        assert!(
+            images(&broken)
+                .unwrap_err()
+                .to_string()
+                .contains("line 2: neither")
+        );
     }
 
     #[test]

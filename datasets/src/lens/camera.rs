@@ -18,12 +18,15 @@ impl Lens {
     /// A camera by COLMAP's model name and parameters in COLMAP's order.
     ///
     /// # Errors
-    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`],
+    /// [`LensError::UnsupportedModel`], [`LensError::ParameterCount`], [`LensError::NotFinite`], [`LensError::OutOfRange`],
     /// [`LensError::Camera`] for degenerate intrinsics.
     pub fn from_colmap(model: &str, size: (u32, u32), params: &[f64]) -> Result<Self, LensError> {
         let name = || model.to_owned();
-        let known = COLMAP_MODELS.iter().find(|(known, _)| *known == model);
-        let count = known.map(|(_, count)| *count).filter(|count| *count > 0);
+        let mut known = COLMAP_MODELS
+            .iter()
+            .filter(|(known, _)| *known != EQUIRECTANGULAR);
+        let known = known.find(|(known, _)| *known == model);
+        let count = known.map(|(_, count)| *count);
         let count = count.ok_or_else(|| LensError::UnsupportedModel { model: name() })?;
         if params.len() != count {
             return Err(LensError::ParameterCount {
@@ -35,8 +38,8 @@ impl Lens {
         if !params.iter().all(|p| p.is_finite()) {
             return Err(LensError::NotFinite { model: name() });
         }
-        // Models with a single focal length are named after their simplicity.
-        let single = count <= 5 && model != "PINHOLE";
+        // Models with a single focal length are named after their simplicity, but for these two.
+        let single = model.starts_with("SIMPLE_") || matches!(model, "RADIAL" | "RADIAL_FISHEYE");
         let (focal, center, rest) = if single {
             ((params[0], params[0]), (params[1], params[2]), &params[3..])
         } else {
@@ -50,11 +53,25 @@ impl Lens {
                 let radial = [k(0), k(1), k(4), k(5), k(6), k(7)];
                 Distortion::perspective("FULL_OPENCV", &radial, [k(2), k(3)])
             }
-            "OPENCV_FISHEYE" | "RADIAL_FISHEYE" | "SIMPLE_RADIAL_FISHEYE" => {
-                Distortion::OpenCvFisheye {
-                    k: [k(0), k(1), k(2), k(3)],
-                }
-            }
+            "OPENCV_FISHEYE"
+            | "RADIAL_FISHEYE"
+            | "SIMPLE_RADIAL_FISHEYE"
+            | "FISHEYE"
+            | "SIMPLE_FISHEYE" => Distortion::OpenCvFisheye {
+                k: [k(0), k(1), k(2), k(3)],
+            },
+            "RAD_TAN_THIN_PRISM_FISHEYE" => Distortion::RadTanThinPrismFisheye {
+                k: std::array::from_fn(k),
+                p: [k(6), k(7)],
+                s: [k(8), k(9), k(10), k(11)],
+            },
+            "FOV" => Distortion::Fov { omega: k(0) },
+            "SIMPLE_DIVISION" | "DIVISION" => Distortion::Division { k: k(0) },
+            "EUCM" if (0.0..=1.0).contains(&k(0)) && k(1) > 0.0 => Distortion::Eucm {
+                alpha: k(0),
+                beta: k(1),
+            },
+            "EUCM" => return Err(LensError::OutOfRange { model: name() }),
             "THIN_PRISM_FISHEYE" => Distortion::ThinPrismFisheye {
                 k: [k(0), k(1), k(4), k(5)],
                 p: [k(2), k(3)],
@@ -80,6 +97,9 @@ impl Lens {
             Distortion::Perspective { k, p, .. } if k == [0.0; 6] && p == [0.0; 2] => {
                 Distortion::None
             }
+            Distortion::Fov { omega: 0.0 }
+            | Distortion::Division { k: 0.0 }
+            | Distortion::Eucm { alpha: 0.0, .. } => Distortion::None,
             other => other,
         };
         Ok(Self {
@@ -87,6 +107,17 @@ impl Lens {
             distortion,
             fold_radius: distortion.fold_radius(),
         })
+    }
+
+    /// A pinhole camera; `None` for intrinsics that are not a camera's.
+    pub fn of_pinhole(k: Intrinsics) -> Option<Self> {
+        Self::new(
+            (k.fx, k.fy),
+            (k.cx, k.cy),
+            (k.width, k.height),
+            Distortion::None,
+        )
+        .ok()
     }
 
     /// Focal lengths, principal point and size of the picture as stored.
@@ -137,8 +168,8 @@ impl Lens {
     }
 }
 
-/// COLMAP's models by its id, and how many parameters it stores; 0 for those that are not supported.
-pub const COLMAP_MODELS: [(&str, usize); 12] = [
+/// COLMAP's models by its id, and how many parameters it stores.
+pub const COLMAP_MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -146,12 +177,21 @@ pub const COLMAP_MODELS: [(&str, usize); 12] = [
     ("OPENCV", 8),
     ("OPENCV_FISHEYE", 8),
     ("FULL_OPENCV", 12),
-    ("FOV", 0),
+    ("FOV", 5),
     ("SIMPLE_RADIAL_FISHEYE", 4),
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", 0),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
+    (EQUIRECTANGULAR, 2),
 ];
+
+/// The one without a pinhole view of the whole picture.
+const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 
 #[cfg(test)]
 mod tests {
@@ -200,7 +240,89 @@ mod tests {
         ]
         .into_iter()
         .map(|(model, params)| Lens::from_colmap(model, SIZE, &params).unwrap())
+        .chain(
+            OF_COLMAP_4
+                .iter()
+                .map(|(model, params, _)| Lens::from_colmap(model, SIZE, params).unwrap()),
+        )
         .collect()
+    }
+
+    type Projected = (&'static str, &'static [f64], [[f64; 2]; 2]);
+
+    /// Models with where pycolmap 4.2.1 projects (0.3, -0.2, 1) and (-0.7, 0.5, 1).
+    const OF_COLMAP_4: [Projected; 7] = [
+        (
+            "FOV",
+            &[400.0, 410.0, 330.0, 250.0, 0.9],
+            [
+                [453.95390172323, 165.298167155793],
+                [79.223045040167, 433.604556309878],
+            ],
+        ),
+        (
+            "SIMPLE_DIVISION",
+            &[500.0, 330.0, 250.0, -0.2],
+            [
+                [476.290508437776, 152.472994374816],
+                [20.504431498479, 471.068263215372],
+            ],
+        ),
+        (
+            "DIVISION",
+            &[500.0, 510.0, 330.0, 250.0, -0.15],
+            [
+                [477.183800743819, 149.915015494203],
+                [12.058879268493, 481.642816532955],
+            ],
+        ),
+        (
+            "SIMPLE_FISHEYE",
+            &[400.0, 330.0, 250.0],
+            [
+                [445.171380280437, 173.219079813042],
+                [98.767980384936, 415.165728296474],
+            ],
+        ),
+        (
+            "FISHEYE",
+            &[400.0, 410.0, 330.0, 250.0],
+            [
+                [445.171380280437, 171.299556808368],
+                [98.767980384936, 419.294871503886],
+            ],
+        ),
+        (
+            "EUCM",
+            &[400.0, 410.0, 330.0, 250.0, 0.6, 1.1],
+            [
+                [445.222078188355, 171.264913237957],
+                [98.232814792801, 419.686689169556],
+            ],
+        ),
+        (
+            "RAD_TAN_THIN_PRISM_FISHEYE",
+            &[
+                400.0, 410.0, 330.0, 250.0, 0.1, -0.02, 0.01, -0.003, 0.001, -2e-4, 5e-3, -3e-3,
+                -8e-3, 2e-3, 6e-3, -1e-3,
+            ],
+            [
+                [446.859542721181, 170.1982851992],
+                [89.689553788378, 426.189484806533],
+            ],
+        ),
+    ];
+
+    #[test]
+    fn models_of_colmap_4_project_as_colmap_does() {
+        for (model, params, expected) in OF_COLMAP_4 {
+            let lens = Lens::from_colmap(model, SIZE, params).unwrap();
+            for ((x, y), expected) in [(0.3, -0.2), (-0.7, 0.5)].into_iter().zip(expected) {
+                let pixel = lens.project(DVec3::new(x, y, 1.0)).unwrap();
+                let error = (pixel - DVec2::from(expected)).length();
+                assert!(error < 1e-9, "{model} {pixel}");
+            }
+        }
     }
 
     #[test]
@@ -232,7 +354,10 @@ mod tests {
 
     #[test]
     fn fisheyes_approach_the_pinhole_on_the_axis() {
-        for lens in all() {
+        for lens in all()
+            .into_iter()
+            .filter(|lens| lens.distortion.name() != "FOV")
+        {
             let k = lens.intrinsics;
             for r in [0.0, 1e-12, 1e-9, 2e-9, 1e-7] {
                 let pixel = lens.project(DVec3::new(r, -r, 1.0)).unwrap();
@@ -247,9 +372,9 @@ mod tests {
         let refused = |model: &str, params: &[f64]| Lens::from_colmap(model, SIZE, params);
         let model = |name: &str| name.to_owned();
         assert_eq!(
-            refused("FOV", &[1.0; 5]),
+            refused("EQUIRECTANGULAR", &[640.0, 480.0]),
             Err(LensError::UnsupportedModel {
-                model: model("FOV")
+                model: model("EQUIRECTANGULAR")
             })
         );
         assert_eq!(

@@ -28,6 +28,21 @@ pub enum Distortion {
         p: [f64; 2],
         s: [f64; 2],
     },
+    /// RAD_TAN_THIN_PRISM_FISHEYE: `(a, b) = (u, v) θ/r (1 + k0 θ² + … + k5 θ¹²)`, then tangential and thin-prism terms
+    /// in r² = a² + b².
+    RadTanThinPrismFisheye {
+        k: [f64; 6],
+        p: [f64; 2],
+        /// Of r² and r⁴ in the first coordinate, then in the second.
+        s: [f64; 4],
+    },
+    /// FOV: the radius becomes `atan(2 r tan(ω/2)) / ω`. (COLMAP's series for ω below 0.01 has its signs exchanged; this
+    /// is the formula at every ω.)
+    Fov { omega: f64 },
+    /// DIVISION: `(u, v) · 2 / (1 + √(1 − 4 k r²))`, the inverse of a division by `1 + k r²`.
+    Division { k: f64 },
+    /// EUCM: `(u, v) / (α √(β r² + 1) + 1 − α)`.
+    Eucm { alpha: f64, beta: f64 },
 }
 
 impl Distortion {
@@ -45,6 +60,10 @@ impl Distortion {
             Self::Perspective { model, .. } => model,
             Self::OpenCvFisheye { .. } => "OPENCV_FISHEYE",
             Self::ThinPrismFisheye { .. } => "THIN_PRISM_FISHEYE",
+            Self::RadTanThinPrismFisheye { .. } => "RAD_TAN_THIN_PRISM_FISHEYE",
+            Self::Fov { .. } => "FOV",
+            Self::Division { .. } => "DIVISION",
+            Self::Eucm { .. } => "EUCM",
         }
     }
 
@@ -58,7 +77,40 @@ impl Distortion {
                 let below = 1.0 + r2 * (k[3] + r2 * (k[4] + r2 * k[5]));
                 uv * (above / below) + tangential(uv, p)
             }
-            _ => self.bend(equidistant(uv)),
+            _ => match self.scale_at(uv.length_squared()) {
+                Some((scale, _)) => uv * scale,
+                None => self.bend(equidistant(uv)),
+            },
+        }
+    }
+
+    /// What the radial models without a polynomial multiply coordinates by at r², and its derivative by r².
+    fn scale_at(&self, r2: f64) -> Option<(f64, f64)> {
+        match *self {
+            Self::Fov { omega } => {
+                let t = 2.0 * (omega / 2.0).tan();
+                let x2 = r2 * t * t;
+                // atan(x)/x and its derivative by x²: below this the series is exact to rounding.
+                let (ratio, slope) = if x2 < 1e-8 {
+                    (1.0 - x2 / 3.0, -1.0 / 3.0 + 0.4 * x2)
+                } else {
+                    let ratio = x2.sqrt().atan() / x2.sqrt();
+                    (ratio, (1.0 / (1.0 + x2) - ratio) / (2.0 * x2))
+                };
+                let factor = if omega == 0.0 { 1.0 } else { t / omega };
+                Some((factor * ratio, factor * slope * t * t))
+            }
+            Self::Division { k } => {
+                let root = (1.0 - 4.0 * k * r2).sqrt();
+                let scale = 2.0 / (1.0 + root);
+                Some((scale, k * scale * scale / root))
+            }
+            Self::Eucm { alpha, beta } => {
+                let root = (beta * r2 + 1.0).sqrt();
+                let scale = 1.0 / (alpha * root + 1.0 - alpha);
+                Some((scale, -scale * scale * alpha * beta / (2.0 * root)))
+            }
+            _ => None,
         }
     }
 
@@ -70,6 +122,12 @@ impl Distortion {
                 ab * (1.0 + radial4(r2, k)) + tangential(ab, p) + DVec2::from(s) * r2
             }
             Self::OpenCvFisheye { k } => ab * (1.0 + radial4(ab.length_squared(), k)),
+            Self::RadTanThinPrismFisheye { k, p, s } => {
+                let ab = ab * (1.0 + radial(ab.length_squared(), &k));
+                let r2 = ab.length_squared();
+                let prism = DVec2::new(s[0] + s[1] * r2, s[2] + s[3] * r2) * r2;
+                ab + tangential(ab, [p[1], p[0]]) + prism
+            }
             _ => self.distort(ab),
         }
     }
@@ -95,13 +153,30 @@ impl Distortion {
                     + tangential_slope(x, p)
                     + prism
             }
+            Self::RadTanThinPrismFisheye { k, p, s } => {
+                let factor = 1.0 + radial(r2, &k);
+                let by_r2 = (0..6)
+                    .rev()
+                    .fold(0.0, |sum, i| sum * r2 + (i + 1) as f64 * k[i]);
+                let ab = x * factor;
+                let r2 = ab.length_squared();
+                let prism = DVec2::new(s[0] + 2.0 * s[1] * r2, s[2] + 2.0 * s[3] * r2);
+                let outer_slope =
+                    DMat2::IDENTITY + tangential_slope(ab, [p[1], p[0]]) + outer(prism, 2.0 * ab);
+                outer_slope * radial_slope(x, (factor, by_r2))
+            }
+            Self::Fov { .. } | Self::Division { .. } | Self::Eucm { .. } => {
+                radial_slope(x, self.scale_at(r2).unwrap_or((1.0, 0.0)))
+            }
         }
     }
 
     pub(super) fn is_fisheye(&self) -> bool {
         matches!(
             self,
-            Self::OpenCvFisheye { .. } | Self::ThinPrismFisheye { .. }
+            Self::OpenCvFisheye { .. }
+                | Self::ThinPrismFisheye { .. }
+                | Self::RadTanThinPrismFisheye { .. }
         )
     }
 }
@@ -138,6 +213,11 @@ fn radial4(r2: f64, k: [f64; 4]) -> f64 {
     r2 * (k[0] + r2 * (k[1] + r2 * (k[2] + r2 * k[3])))
 }
 
+/// k0 r² + k1 r⁴ + …
+fn radial(r2: f64, k: &[f64]) -> f64 {
+    k.iter().rev().fold(0.0, |sum, k| (sum + k) * r2)
+}
+
 /// The derivative of [`radial4`] by r².
 fn by_r2(r2: f64, k: [f64; 4]) -> f64 {
     k[0] + r2 * (2.0 * k[1] + r2 * (3.0 * k[2] + r2 * 4.0 * k[3]))
@@ -170,6 +250,19 @@ mod tests {
                 k,
                 p,
                 s: [-8e-3, 6e-3],
+            },
+            Distortion::RadTanThinPrismFisheye {
+                k: [0.1, -0.02, 0.01, -0.003, 0.001, -2e-4],
+                p,
+                s: [-8e-3, 2e-3, 6e-3, -1e-3],
+            },
+            Distortion::Fov { omega: 0.9 },
+            Distortion::Fov { omega: 0.0 },
+            Distortion::Division { k: -0.2 },
+            Distortion::Division { k: 0.1 },
+            Distortion::Eucm {
+                alpha: 0.6,
+                beta: 1.1,
             },
         ] {
             for i in 0..100 {

@@ -15,7 +15,9 @@ pub use distortion::Distortion;
 /// Why there is no lens, or no pinhole camera for one.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LensError {
-    #[error("camera model '{model}' is not supported")]
+    #[error(
+        "camera model '{model}' is not read (`colmap image_undistorter` makes pinhole pictures)"
+    )]
     UnsupportedModel { model: String },
     #[error("camera model {model} takes {expected} parameters, not {found}")]
     ParameterCount {
@@ -25,6 +27,8 @@ pub enum LensError {
     },
     #[error("camera model {model} has a parameter that is not finite")]
     NotFinite { model: String },
+    #[error("camera model {model} has a parameter out of its range")]
+    OutOfRange { model: String },
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// No field of view is narrow enough for a pinhole view without blank pixels.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
-use crate::depth::{DepthEncoding, ViewDepth};
+use crate::depth::{DepthEncoding, DepthKind, ViewDepth};
 use crate::files::{self, Root};
 use crate::format::transforms::{self, Transforms};
 use crate::lens::Lens;
@@ -109,7 +109,7 @@ impl DslrPhotographs {
         id: &str,
         lens: Lens,
     ) -> Result<ViewDepth, DatasetError> {
-        let millimetres = DepthEncoding::Units(0.001);
+        let millimetres = DepthEncoding::Units(0.001, DepthKind::Z);
         if !lens.is_pinhole() {
             return Ok(ViewDepth::Map(map, millimetres));
         }

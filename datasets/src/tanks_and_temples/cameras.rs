@@ -68,7 +68,7 @@ impl SceneCameras {
                 let reason = format!("gives pictures named {name} different cameras");
                 return Err(DatasetError::malformed(model.images_file(), reason));
             }
-            lenses.insert(name, model.lens(image)?);
+            lenses.insert(name, model.needed_lens(image)?);
         }
         Ok(Self {
             kind: Kind::Each(lenses),

@@ -1,1 +1,244 @@
 //! Cases of datasets.
+
+use super::{Case, case, untried};
+
+use crate::support::Said;
+
+/// Fails unless a command said the text.
+fn says(said: &Said, text: &str) {
+    let all = said.out.clone() + &said.err;
+    assert!(all.contains(text), "{text}: {all}");
+}
+
+/// Fails unless it ended with this code and said the text.
+fn ends(said: &Said, code: i32, text: &str) {
+    assert_eq!(said.code, code, "{}{}", said.out, said.err);
+    says(said, text);
+}
+
+fn psnr_of(case: &Case, run: &str) -> Vec<f64> {
+    let column = case.scores(run, "psnr");
+    column.iter().map(|value| value.parse().unwrap()).collect()
+}
+
+fn is_near(value: f64, expected: f64) -> bool {
+    (value - expected).abs() < 5e-4
+}
+
+#[test]
+fn images_with_one_line_each_are_all_read() {
+    let case = case("A01-images-one-line");
+    ends(&case.said[0], 0, "1 scene, 8 views");
+    ends(&case.said[1], 0, "");
+    assert_eq!(psnr_of(&case, "r").len(), 56);
+}
+
+#[test]
+fn a_camera_file_of_another_kind_is_named_and_not_read() {
+    let case = case("A02-stale-cameras-bin");
+    let note = "the text model was read, and not cameras.bin beside it, which states other cameras";
+    ends(&case.said[0], 0, note);
+    ends(&case.said[1], 0, "");
+    case.is_said_everywhere("r", note);
+    let psnr = psnr_of(&case, "r");
+    assert!(is_near(psnr[1], 16.295), "{psnr:?}");
+    std::fs::remove_file(case.path("c/sparse/0/cameras.bin")).unwrap();
+    let check = case.run("sharp-bench datasets check colmap=c");
+    ends(&check, 0, "");
+    assert!(!check.out.contains("note"), "{}", check.out);
+}
+
+#[test]
+fn pictures_that_we_undistort_are_said_to_be() {
+    let case = case("A08-radial-undistorted");
+    ends(&case.said[1], 0, "");
+    case.is_said_everywhere("r", "pictures: 8 of 8 undistorted by us");
+    says(&case.said[1], "undistorted by us");
+}
+
+#[test]
+fn camera_models_of_colmap_4_are_read() {
+    for name in ["A16-FOV", "A16-SIMPLE_DIVISION"] {
+        let case = case(name);
+        says(&case.said[0], "1 scene, 8 views");
+        says(
+            &case.said[0],
+            &format!(
+                "undistorted by us, bilinearly, from {}",
+                name.trim_start_matches("A16-")
+                    .trim_start_matches("SIMPLE_")
+            ),
+        );
+    }
+    let case = case("A16-mixed-one-FOV");
+    says(&case.said[0], "1 scene, 8 views");
+    says(&case.said[0], "1 of 8 undistorted by us");
+}
+
+/// A spherical camera has no pinhole view of its whole picture: its pictures are left out, not the scene.
+#[test]
+fn a_camera_that_is_not_read_costs_its_pictures() {
+    let case = untried("A01-images-one-line");
+    let path = case.path("c/sparse/0/cameras.txt");
+    let cameras = std::fs::read_to_string(&path).unwrap() + "\n77 EQUIRECTANGULAR 64 48 64 48\n";
+    std::fs::write(path, cameras).unwrap();
+    let path = case.path("c/sparse/0/images.txt");
+    let images = std::fs::read_to_string(&path).unwrap();
+    let images = images
+        .lines()
+        .map(|line| match line.strip_suffix("1 view_03.png") {
+            Some(pose) => format!("{pose}77 view_03.png\n"),
+            None => format!("{line}\n"),
+        });
+    std::fs::write(&path, images.collect::<String>()).unwrap();
+    let check = case.run("sharp-bench datasets check colmap=c");
+    ends(&check, 0, "1 scene, 7 views");
+    says(
+        &check,
+        "1 frame(s) left out, camera 77 of cameras.txt: camera model 'EQUIRECTANGULAR' is not read (`colmap image_undistorter` makes \
+         pinhole pictures): view_03.png",
+    );
+}
+
+#[test]
+fn other_models_are_named_with_their_sizes_and_can_be_read() {
+    let case = case("A33-sparse-0-and-1");
+    let note = "the first of several models was read, with 2 pictures; not sparse/1 with 8 pictures (model=sparse/1)";
+    ends(&case.said[0], 0, note);
+    let chosen = case.run("sharp-bench datasets check colmap=c,model=sparse/1");
+    ends(&chosen, 0, "1 scene, 8 views");
+    assert!(!chosen.out.contains("note"), "{}", chosen.out);
+    let run =
+        case.run("sharp-bench run -q --dataset colmap=c --method copy --metrics psnr --out r");
+    ends(&run, 0, note);
+    case.is_said_everywhere("r", note);
+    let missing = case.run("sharp-bench datasets check colmap=c,model=sparse/7");
+    ends(&missing, 4, "no whole model in sparse/7");
+}
+
+#[test]
+fn pictures_of_one_stem_are_told_apart_by_extension() {
+    let case = case("X49-duplicate-stems");
+    ends(&case.said[0], 0, "");
+    ends(&case.said[1], 0, "");
+    let pairs = case.scores("r", "pair_id");
+    assert_eq!(pairs.len(), 56);
+    assert_eq!(pairs[0], "colmap/c/view_00.jpg__view_00.png");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_refused_link_names_the_setting_that_allows_it() {
+    let case = untried("X53-symlink-images");
+    let link = case.path("ns/images");
+    if !link.is_symlink() {
+        if link.is_dir() {
+            std::fs::remove_dir_all(&link).unwrap();
+        } else if link.exists() {
+            std::fs::remove_file(&link).unwrap();
+        }
+        std::os::unix::fs::symlink("../elsewhere", &link).unwrap();
+    }
+    for line in std::fs::read_to_string(case.path("cmd")).unwrap().lines() {
+        let said = case.run(line);
+        assert_ne!(said.code, 0);
+        says(&said, "outside=allow");
+    }
+    let allowed = case.run("sharp-bench datasets check nerfstudio=ns,outside=allow");
+    ends(&allowed, 0, "1 scene, 8 views");
+}
+
+#[test]
+fn a_unit_that_fits_is_named_with_its_setting() {
+    for (name, fits) in [
+        (
+            "X43-colmap-unit-0.2",
+            "scale=5 fits: 79.2 % of depths agree between neighbouring views instead of 54.0 %",
+        ),
+        ("X25-depth-metres-npy", "depth-unit=1 fits: 79.2 %"),
+        (
+            "X45-inverse-depth",
+            "depth-kind=inverse,depth-unit=0.001 fits: 79.1 %",
+        ),
+    ] {
+        let case = case(name);
+        ends(&case.said[0], 4, fits);
+        let setting = fits.split(' ').next().unwrap();
+        let spec = std::fs::read_to_string(case.path("cmd")).unwrap();
+        let spec = spec
+            .lines()
+            .next()
+            .unwrap()
+            .rsplit(' ')
+            .next()
+            .unwrap()
+            .to_owned();
+        let mended = case.run(&format!("sharp-bench datasets check {spec},{setting}"));
+        ends(&mended, 0, "problems: 0");
+    }
+}
+
+/// The quick look before pairs are chosen: its warning explains why there is none.
+#[test]
+fn runs_and_pair_lists_warn_of_units_first() {
+    let case = case("X25-depth-metres-npy");
+    ends(
+        &case.said[1],
+        1,
+        "warning: nerfstudio/ns: depth-unit=1 fits",
+    );
+    let other = super::case("X43-colmap-unit-0.2");
+    ends(&other.said[1], 0, "warning: colmap/c: scale=5 fits");
+    let run = "sharp-bench run -q --dataset colmap=c --method copy --metrics psnr --out";
+    let first = other.run(&format!("{run} r"));
+    ends(&first, 0, "warning: colmap/c: scale=5 fits");
+    other.is_said_everywhere("r", "scale=5 fits");
+    // Remembered, and said again.
+    let again = other.run(&format!("{run} r"));
+    says(&again, "warning: colmap/c: scale=5 fits");
+    let unchecked = other.run(&format!("{run} r2 --no-check"));
+    assert!(!unchecked.err.contains("warning"), "{}", unchecked.err);
+    assert_eq!(other.scores("r", "psnr"), other.scores("r2", "psnr"));
+}
+
+#[test]
+fn a_focal_length_that_fits_better_is_named() {
+    let case = case("A31-focal-1.1");
+    ends(&case.said[0], 4, "a focal length 0.9");
+    says(&case.said[0], "instead of 63.36 pixels");
+    ends(
+        &case.said[1],
+        0,
+        "warning: nerfstudio/ns: a focal length 0.9",
+    );
+    case.is_said_everywhere("r", "a focal length 0.9");
+}
+
+#[test]
+fn pictures_that_were_renumbered_are_noticed() {
+    let case = case("A29-one-dropped-renumbered");
+    ends(
+        &case.said[0],
+        4,
+        "from about 000004 on every picture fits the pose after its own",
+    );
+}
+
+#[test]
+fn stereo_pairs_that_contradict_themselves_are_named() {
+    for (name, cause) in [
+        ("X62-mb-disp-not-scaled", "disparities times 0.25 fit"),
+        (
+            "X62-mb-fullsize-calib-no-wh",
+            "the principal point (311.7, 255.4) lies outside of the picture of 185x125",
+        ),
+        (
+            "X63-stereo-baseline-mm",
+            "the baseline is 193 m, and the median depth 2759 m: is it in millimetres?",
+        ),
+        ("X63-stereo-swapped", "left and right are exchanged"),
+    ] {
+        let case = case(name);
+        ends(&case.said[0], 4, cause);
+    }
+}

@@ -42,8 +42,12 @@ pub(super) struct BuildArgs {
 
 pub(super) fn execute(args: &BuildArgs) -> anyhow::Result<Outcome> {
     let recipe = args.overlap.recipe(&args.pair_options)?;
-    let datasets = args.datasets.open()?;
+    let mut datasets = args.datasets.open()?;
     let (cache, terminal) = (args.overlap.cache(), Terminal::default());
+    if let Some(checks) = args.overlap.checks() {
+        let datasets = datasets.iter_mut();
+        datasets.for_each(|dataset| checks.look_at(dataset, &terminal));
+    }
     if args.ambiguity {
         let readings = other_readings(&datasets, args.datasets.scenes.as_deref())?;
         let rows = recipe.ambiguity(&datasets, &readings, cache.as_ref(), &terminal)?;

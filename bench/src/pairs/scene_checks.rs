@@ -1,0 +1,134 @@
+//! What scenes contradict, remembered by the content of the views that were looked at.
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use sharp_datasets::Scene;
+use sharp_datasets::check::{self, advice::Units};
+
+use super::dataset::OpenDataset;
+use crate::io::atomic_files::write_atomic;
+use crate::io::counts::counted;
+use crate::io::fingerprints;
+use crate::io::hash::sha256_hex;
+use crate::io::observer::Observer;
+use crate::io::view_hashes::ViewHashes;
+
+/// Most scenes of a dataset that are looked at, evenly spaced.
+const SCENES: usize = 64;
+/// Most scenes of a dataset that a warning names.
+const NAMED: usize = 3;
+
+/// Looks for what scenes contradict. A file that cannot be used is as good as none, and so is one that cannot be written.
+#[derive(Debug, Default)]
+pub struct SceneChecks {
+    folder: Option<PathBuf>,
+    hashes: ViewHashes,
+}
+
+/// What was found in a scene, as a file.
+#[derive(Serialize, Deserialize)]
+struct Found {
+    key: String,
+    contradictions: Vec<String>,
+}
+
+impl SceneChecks {
+    /// Remembers in a folder, which need not exist, or not at all.
+    pub fn new(folder: Option<PathBuf>) -> Self {
+        Self {
+            folder,
+            ..Self::default()
+        }
+    }
+
+    /// Warns of what scenes of a dataset contradict, and adds it to their notes.
+    pub fn look_at(&self, dataset: &mut OpenDataset, observer: &dyn Observer) {
+        let OpenDataset {
+            scenes, settings, ..
+        } = &*dataset;
+        let stride = scenes.len().div_ceil(SCENES).max(1);
+        let chosen: Vec<usize> = (0..scenes.len()).step_by(stride).collect();
+        let found: Vec<(usize, Vec<String>)> = chosen
+            .par_iter()
+            .map(|&i| (i, self.contradictions(&scenes[i], settings, dataset.units)))
+            .filter(|(_, found)| !found.is_empty())
+            .collect();
+        for (i, contradictions) in found.iter().take(NAMED) {
+            for text in contradictions {
+                observer.warn(&format!("{}/{}: {text}", dataset.name, scenes[*i].id));
+            }
+        }
+        if found.len() > NAMED {
+            observer.warn(&format!(
+                "{}: {} more contradict themselves (`datasets check` names them)",
+                dataset.name,
+                counted(found.len() - NAMED, "scene")
+            ));
+        }
+        for (i, contradictions) in found {
+            let texts = contradictions.into_iter();
+            let texts = texts.map(|text| format!("warning: {text}"));
+            dataset.scenes[i].notes.extend(texts);
+        }
+    }
+
+    fn contradictions(&self, scene: &Scene, settings: &str, units: Units) -> Vec<String> {
+        let views: Vec<_> = check::looked_at(scene)
+            .into_iter()
+            .map(|i| &scene.views[i])
+            .collect();
+        // Procedural scenes are what they say.
+        if views.iter().all(|view| view.content.files().is_empty()) {
+            return Vec::new();
+        }
+        let path = self.key(scene, settings, &views).and_then(|key| {
+            let folder = self.folder.as_ref()?.join(&key[..2]);
+            Some((folder.join(format!("{key}.json")), key))
+        });
+        if let Some((path, key)) = &path {
+            let bytes = sharp::files::read(path).ok();
+            let found = bytes.and_then(|bytes| serde_json::from_slice::<Found>(&bytes).ok());
+            if let Some(found) = found.filter(|found| found.key == *key) {
+                return found.contradictions;
+            }
+        }
+        let contradictions = check::contradictions(scene, units);
+        if let Some((path, key)) = path {
+            let found = Found {
+                key,
+                contradictions,
+            };
+            let bytes = serde_json::to_vec(&found).unwrap_or_default();
+            // Without the file it is only looked at again.
+            let _ = write_atomic(&path, &bytes);
+            return found.contradictions;
+        }
+        contradictions
+    }
+
+    /// `None` if a file cannot be hashed.
+    fn key(
+        &self,
+        scene: &Scene,
+        settings: &str,
+        views: &[&sharp_datasets::View],
+    ) -> Option<String> {
+        let mut text = format!(
+            "{}\n{settings}\n{:?}\n",
+            fingerprints::OVERLAP,
+            scene.pairing
+        );
+        for view in &scene.views {
+            text += &format!(
+                "{} {:?} {:?}\n",
+                view.id, view.intrinsics, view.camera_from_world
+            );
+        }
+        for view in views {
+            text += &format!("{}\n", self.hashes.view(view).ok()?);
+        }
+        Some(sha256_hex(text.as_bytes()))
+    }
+}

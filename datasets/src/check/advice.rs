@@ -1,0 +1,141 @@
+//! What was found to fit better, in words, with the setting that mends it.
+
+use super::explained::Explained;
+use super::fit::{Better, Change};
+use crate::{DatasetSpec, View};
+
+/// Depths between which scenes lie, metres.
+pub(super) const DEPTHS_M: (f64, f64) = (0.05, 2000.0);
+
+/// The settings of a dataset that say in which units it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Units {
+    /// Metres of one unit of the poses; `None` where nothing sets it.
+    scale: Option<f64>,
+    /// Metres of one unit of depth maps; `None` where nothing sets it.
+    depth_unit: Option<f64>,
+}
+
+impl Units {
+    pub fn of(spec: &DatasetSpec) -> Self {
+        let value = |key: &str| spec.setting(key).parse().ok();
+        Self {
+            scale: value("scale"),
+            depth_unit: value("depth-unit"),
+        }
+    }
+}
+
+impl Units {
+    /// The settings that change the unit of depth or poses.
+    pub(super) fn where_to_set(self) -> &'static str {
+        match (self.scale, self.depth_unit) {
+            (Some(_), Some(_)) => "say depth-unit=, and scale= for the poses",
+            (Some(_), None) => "say scale=",
+            (None, Some(_)) => "say depth-unit=",
+            (None, None) => "is it in another unit?",
+        }
+    }
+}
+
+/// The sentence on a reading that fits better than the reader's.
+pub(super) fn sentence(better: &Better, units: Units, median_m: f64, views: &[View]) -> String {
+    let evidence = evidence(&better.as_read, &better.explained);
+    match &better.change {
+        Change::Scale(scale) => {
+            let (fits, or) = scaled(*scale, units, median_m);
+            format!("{fits} fits: {evidence}{or}")
+        }
+        Change::Inverse(scale) => {
+            let fits = match units.depth_unit {
+                Some(unit) => {
+                    let unit = number(unit * scale);
+                    format!("depth-kind=inverse,depth-unit={unit} fits")
+                }
+                None => "the stored depth is the reciprocal of depth".to_owned(),
+            };
+            format!("{fits}: {evidence}")
+        }
+        Change::RayLength => {
+            let fits = match units.depth_unit {
+                Some(_) => "depth-kind=ray fits",
+                None => "the stored depth is the length of rays, not z",
+            };
+            format!("{fits}: {evidence}")
+        }
+        Change::Focal(factor) => {
+            let fx = views.first().map_or(0.0, |view| view.intrinsics.fx);
+            let (one, other) = (number(fx * factor), number(fx));
+            format!(
+                "a focal length {} times as long fits ({one} instead of {other} pixels): {evidence}; correct the \
+                 cameras' file",
+                number(*factor)
+            )
+        }
+        Change::Convention(name) => {
+            format!("the pose convention looks wrong: with {name}: {evidence}")
+        }
+        Change::Order(how) => {
+            format!(
+                "pictures and poses are not assigned rightly: {how}: {evidence}; correct the list of poses"
+            )
+        }
+    }
+}
+
+/// Which setting brings poses and depth into one unit: that whose quantity is implausible, or the poses' and, after a
+/// semicolon, the other.
+fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
+    let poses = units
+        .scale
+        .map(|unit| format!("scale={}", number(unit * scale)));
+    let depth = units
+        .depth_unit
+        .map(|unit| format!("depth-unit={}", number(unit / scale)));
+    let is_plausible = |depth: f64| (DEPTHS_M.0..=DEPTHS_M.1).contains(&depth);
+    let depth = depth.filter(|_| is_plausible(median_m / scale));
+    let alone = |fits: String| (fits, String::new());
+    match (poses, depth) {
+        (_, Some(depth)) if !is_plausible(median_m) => alone(depth),
+        (Some(poses), Some(depth)) => (
+            poses,
+            format!("; or {depth}, if the poses are in metres and the depth is not"),
+        ),
+        (Some(poses), None) => alone(poses),
+        (None, Some(depth)) => alone(depth),
+        (None, None) => alone(format!(
+            "a unit of the poses that is {} times as long",
+            number(scale)
+        )),
+    }
+}
+
+fn evidence(as_read: &Explained, other: &Explained) -> String {
+    let mut parts = Vec::new();
+    if other.meets_depth() {
+        parts.push(format!(
+            "{:.1} % of depths agree between neighbouring views instead of {:.1} %",
+            100.0 * other.agreement(),
+            100.0 * as_read.agreement()
+        ));
+    }
+    if let Some(levels) = other.colour_levels() {
+        let before = as_read.colour_levels();
+        let before = before.map_or(String::new(), |before| format!(" instead of {before:.1}"));
+        parts.push(format!("colours differ by {levels:.1} levels{before}"));
+    }
+    parts.join(", ")
+}
+
+/// Four digits at most, without trailing zeros.
+pub(super) fn number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let places = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{value:.places$}");
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
+}

@@ -1,0 +1,169 @@
+//! How well a reading of two views explains what they show.
+
+use glam::DVec3;
+use sharp::camera::{Intrinsics, RigidTransform};
+
+use super::small_view::{Sample, SmallView, ray};
+
+/// What the stored depth values are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum DepthIs {
+    Z,
+    /// The length of the ray to the point.
+    RayLength,
+    /// Its reciprocal, in a unit of its own.
+    Inverse,
+}
+
+impl DepthIs {
+    fn z(self, read: f64, ray: DVec3) -> f64 {
+        match self {
+            Self::Z => read,
+            Self::RayLength => read / ray.length(),
+            Self::Inverse => 1.0 / read,
+        }
+    }
+}
+
+/// Another way to read views: changes to what the reader made of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reading {
+    /// Of the poses' translations.
+    pub(super) scale: f64,
+    /// Of both focal lengths.
+    pub(super) focal: f64,
+    pub(super) depth: DepthIs,
+    /// Of a world-to-camera pose.
+    pub(super) take: fn(&RigidTransform) -> RigidTransform,
+}
+
+impl Reading {
+    pub(super) const AS_READ: Self = Self {
+        scale: 1.0,
+        focal: 1.0,
+        depth: DepthIs::Z,
+        take: |pose| *pose,
+    };
+}
+
+/// Parts of a picture that are evidence of their own.
+pub(super) const TILES: usize = 4;
+/// Differences of depth, relative, and of colour, levels, from which on they count in full.
+const DEPTH_SCALE: f64 = 0.1;
+pub(super) const COLOUR_SCALE: f64 = 32.0;
+/// Fewer samples, of all, say nothing about a pair.
+pub(super) const ENOUGH: f64 = 0.05;
+/// Relative difference up to which depths agree.
+const TOLERANCE: f64 = 0.05;
+
+/// What became of one view's samples in another view.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Explained {
+    pub(super) samples: usize,
+    /// By quarters of the picture: samples that land inside the other view, and the sum of their losses, 0 to 1 each.
+    pub(super) tiles: [(usize, f64); TILES],
+    /// Samples that meet a depth, and whose depth agrees with it.
+    met: usize,
+    agreeing: usize,
+    /// Samples whose colours were compared, and the sum of squared differences over the channels.
+    pub(super) compared: usize,
+    pub(super) squares: f64,
+}
+
+impl Explained {
+    /// Carries samples of `a`, every `stride`-th of them, into `b`.
+    pub(super) fn new(
+        (a, samples): (&SmallView, &[Sample]),
+        b: &SmallView,
+        (pose_a, pose_b): (&RigidTransform, &RigidTransform),
+        reading: &Reading,
+        stride: usize,
+    ) -> Self {
+        let focal = |k: &Intrinsics| Intrinsics {
+            fx: k.fx * reading.focal,
+            fy: k.fy * reading.focal,
+            ..*k
+        };
+        let (camera_a, camera_b) = (focal(&a.camera), focal(&b.camera));
+        let mut b_from_a = (reading.take)(pose_b).after(&(reading.take)(pose_a).inverse());
+        b_from_a.translation *= reading.scale;
+        let mut explained = Self::default();
+        for sample in samples.iter().step_by(stride) {
+            explained.samples += 1;
+            let from = ray(&camera_a, sample.middle());
+            let point = b_from_a.apply(from * reading.depth.z(sample.depth, from));
+            let Some(place) = camera_b
+                .project(point)
+                .filter(|place| camera_b.contains(*place))
+            else {
+                continue;
+            };
+            let right = usize::from(2 * sample.x >= camera_a.width);
+            let below = usize::from(2 * sample.y >= camera_a.height);
+            let tile = &mut explained.tiles[right + 2 * below];
+            tile.0 += 1;
+            let mut by_depth = None;
+            if let Some((read, middle)) = b.depth_at(place) {
+                let there = reading.depth.z(read, ray(&camera_b, middle));
+                explained.met += 1;
+                explained.agreeing += usize::from((there / point.z - 1.0).abs() <= TOLERANCE);
+                let loss = (there / point.z).ln().abs() / DEPTH_SCALE;
+                by_depth = Some(loss);
+                if loss >= 1.0 {
+                    tile.1 += 1.0;
+                    continue;
+                }
+            }
+            let Some(colour) = b.colour_at(place) else {
+                tile.1 += by_depth.unwrap_or(0.5);
+                continue;
+            };
+            let squares = sample.colour.iter().zip(colour);
+            let squares: f64 = squares.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            explained.compared += 1;
+            explained.squares += squares;
+            let by_colour = ((squares / 3.0).sqrt() / COLOUR_SCALE).min(1.0);
+            tile.1 += by_depth.map_or(by_colour, |by_depth| (by_depth + by_colour) / 2.0);
+        }
+        explained
+    }
+
+    pub(super) fn landed(&self) -> usize {
+        self.tiles.iter().map(|tile| tile.0).sum()
+    }
+
+    pub(super) fn loss(&self) -> f64 {
+        self.tiles.iter().map(|tile| tile.1).sum()
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.samples += other.samples;
+        for (tile, other) in self.tiles.iter_mut().zip(&other.tiles) {
+            *tile = (tile.0 + other.0, tile.1 + other.1);
+        }
+        self.met += other.met;
+        self.agreeing += other.agreeing;
+        self.compared += other.compared;
+        self.squares += other.squares;
+    }
+
+    /// The share of all samples whose depth agrees with that of the other view.
+    pub(super) fn agreement(&self) -> f64 {
+        self.agreeing as f64 / self.samples.max(1) as f64
+    }
+
+    /// Root mean square difference of colours, levels; `None` where none was compared.
+    pub(super) fn colour_levels(&self) -> Option<f64> {
+        (self.compared > 0).then(|| (self.squares / (3 * self.compared) as f64).sqrt())
+    }
+
+    pub(super) fn meets_depth(&self) -> bool {
+        self.met > 0
+    }
+
+    /// The share of those that meet a depth that agrees with it; `None` where too few do.
+    pub(super) fn agreeing_where_met(&self) -> Option<f64> {
+        let enough = self.met > 0 && self.met as f64 >= ENOUGH * self.samples as f64;
+        enough.then(|| self.agreeing as f64 / self.met as f64)
+    }
+}

@@ -1,0 +1,554 @@
+//! Other readings of a scene's poses, cameras and depth, and whether one of them explains pictures and depth significantly
+//! better than what the reader made of them.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
+
+use sharp::camera::RigidTransform;
+
+use super::advice::{self, Units};
+use super::consistency::{Consistency, Fit};
+use super::convention::CONVENTIONS;
+use super::explained::{DepthIs, ENOUGH, Explained, Reading};
+use super::small_view::{Sample, SmallView};
+use super::{Effort, evenly_spaced, plausible};
+use crate::View;
+
+/// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
+pub(super) const LEAST_GAIN: f64 = 0.1;
+const LEAST_GAIN_OF_FACTORS: f64 = 0.05;
+/// Views that must land in each other with this many samples, or too little is seen to judge.
+const LEAST_LANDED: usize = 500;
+/// And to be better in this share of the parts of the pictures, by this many standard errors of their mean.
+const LEAST_SHARE: f64 = 0.75;
+const LEAST_ERRORS: f64 = 3.0;
+/// A factor nearer to 1 is not worth a word.
+const LEAST_FACTOR: f64 = 1.03;
+/// Fewer samples of a part of a picture say nothing about that part.
+const ENOUGH_IN_TILE: usize = 8;
+
+/// Of fewer views any assignment to poses may fit.
+const LEAST_VIEWS: usize = 5;
+
+/// What another reading changes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Change {
+    /// The poses' translations, times this, fit the depth.
+    Scale(f64),
+    /// The focal lengths, times this, fit.
+    Focal(f64),
+    RayLength,
+    /// Depth is the reciprocal of what is stored; the poses' translations, times this, fit the reciprocals.
+    Inverse(f64),
+    /// The poses are of another convention, named as in [`CONVENTIONS`].
+    Convention(&'static str),
+    /// Pictures belong to other poses, in words.
+    Order(String),
+}
+
+impl Change {
+    fn least_gain(&self) -> f64 {
+        match self {
+            Self::Scale(_) | Self::Focal(_) => LEAST_GAIN_OF_FACTORS,
+            _ => LEAST_GAIN,
+        }
+    }
+}
+
+/// Which view's pose a picture has, if any.
+type PoseOf = Box<dyn Fn(usize) -> Option<usize>>;
+
+/// A reading that fits better.
+#[derive(Debug, Clone)]
+pub(super) struct Better {
+    pub(super) change: Change,
+    pub(super) as_read: Explained,
+    pub(super) explained: Explained,
+}
+
+/// Neighbouring views of a scene, at a small size.
+pub(super) struct Neighbours<'a> {
+    views: &'a [View],
+    small: BTreeMap<usize, (SmallView, Vec<Sample>)>,
+    /// Whether depth goes with the pose, not with the picture.
+    depth_by_pose: bool,
+    /// Views around those, where their depth is asked for with other pictures.
+    around: BTreeMap<usize, SmallView>,
+    /// From a view to its neighbour, and back.
+    carries: Vec<(usize, usize)>,
+    stride: usize,
+}
+
+impl<'a> Neighbours<'a> {
+    /// `None` where no two neighbours can be read with depth.
+    pub(super) fn new(views: &'a [View], effort: Effort) -> Option<Self> {
+        let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
+        let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
+        let small = wanted.iter().filter_map(|i| {
+            let view = SmallView::new(&views[*i], true)?;
+            let samples: Vec<Sample> = view.samples().collect();
+            (!samples.is_empty()).then_some((*i, (view, samples)))
+        });
+        let small: BTreeMap<usize, (SmallView, Vec<Sample>)> = small.collect();
+        let both = firsts
+            .iter()
+            .filter(|i| small.contains_key(i) && small.contains_key(&(*i + 1)));
+        let carries: Vec<(usize, usize)> = both.flat_map(|i| [(*i, i + 1), (i + 1, *i)]).collect();
+        let depth_by_pose = |i: &usize| views[*i].content.processing().depth_by_pose;
+        let depth_by_pose = small.keys().any(depth_by_pose);
+        let mut around = BTreeSet::new();
+        if depth_by_pose && effort.thorough {
+            around = wanted
+                .iter()
+                .flat_map(|i| [i.wrapping_sub(1), i + 1])
+                .collect();
+        }
+        let around = around
+            .into_iter()
+            .filter_map(|i| Some((i, SmallView::new(views.get(i)?, true)?)));
+        let around = around.collect();
+        let most = small.values().map(|(_, samples)| samples.len()).max()?;
+        (!carries.is_empty()).then_some(Self {
+            views,
+            small,
+            depth_by_pose,
+            around,
+            carries,
+            stride: most.div_ceil(effort.samples).max(1),
+        })
+    }
+
+    /// Median of the depths as read, metres.
+    fn median_depth(&self) -> f64 {
+        let all = self.small.values().flat_map(|(_, samples)| samples);
+        let mut all: Vec<f64> = all.map(|sample| sample.depth).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// The reading that explains the views best, where it does so significantly better than the reader's.
+    fn better(&self) -> Option<Better> {
+        let as_read = self.explained(&Reading::AS_READ, self.stride);
+        let mut all: Vec<(Change, Vec<Explained>)> = Vec::new();
+        let mut fitted = |reading: &Reading, change: Change| {
+            all.push((change, self.explained(reading, self.stride)));
+        };
+        for convention in &CONVENTIONS[1..] {
+            let reading = Reading {
+                take: convention.take,
+                ..Reading::AS_READ
+            };
+            fitted(&reading, Change::Convention(convention.name));
+        }
+        for depth in [DepthIs::Z, DepthIs::Inverse] {
+            let with = |scale: f64| Reading {
+                scale,
+                depth,
+                ..Reading::AS_READ
+            };
+            let scale = self.fit(50, 10_f64.powf(0.1), &with);
+            if depth == DepthIs::Inverse {
+                fitted(&with(scale), Change::Inverse(scale));
+            } else if is_worth_a_word(scale) {
+                fitted(&with(scale), Change::Scale(scale));
+            }
+        }
+        let with = |focal: f64| Reading {
+            focal,
+            ..Reading::AS_READ
+        };
+        let focal = self.fit(20, 1.035, &with);
+        if is_worth_a_word(focal) {
+            fitted(&with(focal), Change::Focal(focal));
+        }
+        let ray = Reading {
+            depth: DepthIs::RayLength,
+            ..Reading::AS_READ
+        };
+        fitted(&ray, Change::RayLength);
+        all.extend(self.orders(&as_read));
+        let better = all
+            .into_iter()
+            .filter(|(change, other)| is_better(&as_read, other, change.least_gain()));
+        let best = better.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));
+        best.map(|(change, explained)| Better {
+            change,
+            as_read: forward(&as_read),
+            explained: forward(&explained),
+        })
+    }
+
+    /// What contradicts itself, in words.
+    pub(super) fn contradictions(&self, units: Units) -> Option<String> {
+        let median_m = self.median_depth();
+        match self.better() {
+            Some(better) => Some(advice::sentence(&better, units, median_m, self.views)),
+            None => {
+                plausible::depth(median_m, units).or_else(|| self.consistency()?.disagreement())
+            }
+        }
+    }
+
+    /// How well the views agree, as read and under other conventions for poses.
+    pub(super) fn consistency(&self) -> Option<Consistency> {
+        let mut meeting: Option<f64> = None;
+        let mut fits = CONVENTIONS.iter().map(|convention| {
+            let take = convention.take;
+            let all = self.explained(
+                &Reading {
+                    take,
+                    ..Reading::AS_READ
+                },
+                1,
+            );
+            if meeting.is_none() {
+                let met = all.iter().filter_map(Explained::agreeing_where_met);
+                meeting = met.max_by(f64::total_cmp);
+            }
+            let sum = forward(&all);
+            Fit {
+                convention: convention.name,
+                depth: sum.agreement(),
+                colour_levels: sum.colour_levels(),
+                colours: sum.compared,
+            }
+        });
+        let (as_read, otherwise) = (fits.next()?, fits.collect());
+        Some(Consistency {
+            as_read,
+            otherwise,
+            meeting,
+            pairs: self.carries.len() / 2,
+        })
+    }
+
+    fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
+        self.in_order(reading, stride, &Some)
+            .into_iter()
+            .flatten()
+            .collect()
+    }
+
+    /// As if picture i had the pose of view `pose_of(i)`; `None` where it would have none.
+    fn in_order(
+        &self,
+        reading: &Reading,
+        stride: usize,
+        pose_of: &dyn Fn(usize) -> Option<usize>,
+    ) -> Vec<Option<Explained>> {
+        let pose = |i: usize| -> Option<&RigidTransform> {
+            Some(&self.views.get(pose_of(i)?)?.camera_from_world)
+        };
+        let shown = |i: usize| -> Option<Cow<'_, (SmallView, Vec<Sample>)>> {
+            let of = &self.small[&i];
+            if !self.depth_by_pose || pose_of(i)? == i {
+                return Some(Cow::Borrowed(of));
+            }
+            let view = of.0.with_depth_of(self.around.get(&pose_of(i)?)?)?;
+            let samples = view.samples().collect();
+            Some(Cow::Owned((view, samples)))
+        };
+        let carries = self.carries.iter().map(|(a, b)| {
+            let poses = (pose(*a)?, pose(*b)?);
+            let (a, b) = (shown(*a)?, shown(*b)?);
+            Some(Explained::new((&a.0, &a.1), &b.0, poses, reading, stride))
+        });
+        carries.collect()
+    }
+
+    /// The factor with the least loss.
+    fn fit(&self, n: i32, step: f64, with: &dyn Fn(f64) -> Reading) -> f64 {
+        let coarse = 4 * self.stride;
+        let as_read = landed(&self.explained(&Reading::AS_READ, coarse));
+        least(n, step, &|factor, is_coarse| {
+            let stride = if is_coarse { coarse } else { self.stride };
+            let explained = self.explained(&with(factor), stride);
+            let few = is_coarse && 10 * landed(&explained) < 3 * as_read;
+            if few { 1.0 } else { mean_loss(&explained) }
+        })
+    }
+
+    /// Other assignments of pictures to poses.
+    fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
+        let views = self.views;
+        let n = views.len();
+        if n < LEAST_VIEWS {
+            return Vec::new();
+        }
+        let shifted = |by: i64, from: usize| {
+            move |i: usize| match i < from {
+                true => Some(i),
+                false => usize::try_from(i as i64 + by).ok(),
+            }
+        };
+        let id = |i: usize| &views[i].id;
+        let mut orders: Vec<(String, PoseOf)> = Vec::new();
+        let starts = self.carries.iter().map(|(a, _)| *a);
+        let starts: BTreeSet<usize> = starts.chain([0]).collect();
+        for by in [-2_i64, -1, 1, 2] {
+            let places = if by.abs() == 1 { "" } else { "two places " };
+            let side = if by < 0 { "before" } else { "after" };
+            for &from in &starts {
+                let which = match from {
+                    0 => "every picture fits".to_owned(),
+                    from => format!("from about {} on every picture fits", id(from)),
+                };
+                let text = format!("{which} the pose {places}{side} its own");
+                orders.push((text, Box::new(shifted(by, from))));
+            }
+        }
+        let backwards = "the pictures fit the poses in reverse order".to_owned();
+        orders.push((backwards, Box::new(move |i| Some(n - 1 - i))));
+        let mut spelt: Vec<usize> = (0..n).collect();
+        spelt.sort_by(|a, b| id(*a).cmp(id(*b)));
+        if spelt.iter().enumerate().any(|(i, j)| i != *j) {
+            let mut rank = vec![0; n];
+            spelt.iter().enumerate().for_each(|(i, j)| rank[*j] = i);
+            let text = "the pictures in the order of their numbers fit the poses in the order of their spelling";
+            orders.push((text.to_owned(), Box::new(move |i| spelt.get(i).copied())));
+            let text = "the pictures in the order of their spelling fit the poses in the order of their numbers";
+            orders.push((text.to_owned(), Box::new(move |i| rank.get(i).copied())));
+        }
+        let measured = orders.into_iter().filter_map(|(text, pose_of)| {
+            let explained = self.in_order(&Reading::AS_READ, self.stride, &*pose_of);
+            // Pictures that would be without a pose are as they are.
+            let given = explained.iter().filter(|one| one.is_some()).count();
+            let all = explained.into_iter().zip(as_read);
+            let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
+            (2 * given >= all.len()).then_some((Change::Order(text), all))
+        });
+        measured.collect()
+    }
+}
+
+/// The factor with the least loss, among `step`^-n … `step`^n and then between; round where that is as good. The loss is told
+/// whether the search is still a coarse one.
+pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
+    let coarse = (-n..=n).map(|i| step.powi(i));
+    let coarse = coarse.map(|factor| (loss(factor, true), factor));
+    let middle = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
+    let middle = middle.map_or(1.0, |best| best.1);
+    let (mut low, mut high) = ((middle / step).ln(), (middle * step).ln());
+    let golden = (5_f64.sqrt() - 1.0) / 2.0;
+    let at = |x: f64| loss(x.exp(), false);
+    let (mut a, mut b) = (high - golden * (high - low), low + golden * (high - low));
+    let (mut at_a, mut at_b) = (at(a), at(b));
+    for _ in 0..12 {
+        if at_a < at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - golden * (high - low);
+            at_a = at(a);
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + golden * (high - low);
+            at_b = at(b);
+        }
+    }
+    let (found, best) = match at_a < at_b {
+        true => (a.exp(), at_a),
+        false => (b.exp(), at_b),
+    };
+    let round = rounded(found);
+    if loss(round, false) <= 1.01 * best {
+        round
+    } else {
+        found
+    }
+}
+
+/// The first views of the pairs of neighbours that are looked at.
+pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
+    evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
+}
+
+/// All that was carried from views to the next ones.
+fn forward(all: &[Explained]) -> Explained {
+    let mut sum = Explained::default();
+    all.iter().step_by(2).for_each(|one| sum.add(one));
+    sum
+}
+
+fn landed(all: &[Explained]) -> usize {
+    all.iter().map(Explained::landed).sum()
+}
+
+/// The mean loss of samples that land; 1, the largest, where too few do.
+pub(super) fn mean_loss(all: &[Explained]) -> f64 {
+    let samples: usize = all.iter().map(|one| one.samples).sum();
+    let landed = landed(all);
+    if (landed as f64) < ENOUGH * samples as f64 || landed == 0 {
+        return 1.0;
+    }
+    all.iter().map(Explained::loss).sum::<f64>() / landed as f64
+}
+
+/// Whether another reading explains the same pairs significantly better.
+pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: f64) -> bool {
+    let (before, after) = (mean_loss(as_read), mean_loss(other));
+    let few = landed(other) < LEAST_LANDED || 10 * landed(other) < 3 * landed(as_read);
+    if few || after > (1.0 - least_gain) * before {
+        return false;
+    }
+    let mut differences = Vec::new();
+    for (read, other) in as_read.iter().zip(other) {
+        for (one, another) in read.tiles.iter().zip(&other.tiles) {
+            let mean = |tile: &(usize, f64)| tile.1 / tile.0 as f64;
+            let enough = |tile: &(usize, f64)| tile.0 >= ENOUGH_IN_TILE;
+            match (enough(one), enough(another)) {
+                (true, true) => differences.push(mean(one) - mean(another)),
+                (false, true) => differences.push(1.0 - mean(another)),
+                _ => {}
+            }
+        }
+    }
+    // What another reading leaves alone is no evidence either way.
+    differences.retain(|difference| *difference != 0.0);
+    let n = differences.len() as f64;
+    let mean = differences.iter().sum::<f64>() / n;
+    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
+    n >= 4.0 && better >= LEAST_SHARE * n && mean > LEAST_ERRORS * (variance / n).sqrt()
+}
+
+pub(super) fn is_worth_a_word(factor: f64) -> bool {
+    factor.ln().abs() > LEAST_FACTOR.ln()
+}
+
+/// The factor of one digit, 2.5 or 1.25 times a power of ten, or one over such a factor, that is within 1 %; else three
+/// digits.
+fn rounded(factor: f64) -> f64 {
+    let power = 10_f64.powf(factor.log10().floor());
+    let round = [
+        1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0,
+    ];
+    let round = round.map(|digit| digit * power).into_iter();
+    let near = round.min_by(|a, b| (a / factor).ln().abs().total_cmp(&(b / factor).ln().abs()));
+    match near.filter(|near| (near / factor).ln().abs() < 0.01) {
+        Some(near) => near,
+        None => (factor / power * 100.0).round() / 100.0 * power,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::check::{QUICK, THOROUGH};
+    use crate::synthetic::{SyntheticOptions, SyntheticScene};
+
+    fn views(options: SyntheticOptions) -> Vec<View> {
+        SyntheticScene::new(options).unwrap().views().to_vec()
+    }
+
+    fn options(seed: u64) -> SyntheticOptions {
+        SyntheticOptions {
+            seed,
+            width: 96,
+            height: 72,
+            views: 9,
+            ..SyntheticOptions::default()
+        }
+    }
+
+    fn better(views: &[View], effort: Effort) -> Option<Change> {
+        let neighbours = Neighbours::new(views, effort).unwrap();
+        neighbours.better().map(|better| better.change)
+    }
+
+    #[test]
+    fn proper_scenes_have_no_better_reading() {
+        for seed in 0..6 {
+            let views = views(options(seed));
+            for effort in [QUICK, THOROUGH] {
+                assert_eq!(better(&views, effort), None, "{seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_changed_is_found() {
+        type Spoil = fn(&mut [View]);
+        fn scaled(views: &mut [View], factor: f64) {
+            for view in views {
+                view.camera_from_world.translation *= factor;
+            }
+        }
+        fn focal(views: &mut [View], factor: f64) {
+            for view in views {
+                view.intrinsics.fx *= factor;
+                view.intrinsics.fy *= factor;
+            }
+        }
+        fn poses(views: &mut [View], of: impl Fn(usize) -> usize) {
+            let before: Vec<RigidTransform> = views.iter().map(|v| v.camera_from_world).collect();
+            for (i, view) in views.iter_mut().enumerate() {
+                view.camera_from_world = before[of(i)];
+            }
+        }
+        let near = |found: f64, right: f64| (found / right).ln().abs() < 0.02;
+        let cases: [(Spoil, &dyn Fn(&Change) -> bool); 9] = [
+            (
+                |v| scaled(v, 0.3),
+                &|c| matches!(c, Change::Scale(s) if near(*s, 1.0 / 0.3)),
+            ),
+            (
+                |v| scaled(v, 1.3),
+                &|c| matches!(c, Change::Scale(s) if near(*s, 1.0 / 1.3)),
+            ),
+            (
+                |v| scaled(v, 1000.0),
+                &|c| matches!(c, Change::Scale(s) if near(*s, 0.001)),
+            ),
+            (
+                |v| scaled(v, 0.001),
+                &|c| matches!(c, Change::Scale(s) if near(*s, 1000.0)),
+            ),
+            (
+                |v| focal(v, 1.1),
+                &|c| matches!(c, Change::Focal(f) if near(*f, 1.0 / 1.1)),
+            ),
+            (
+                |v| focal(v, 0.8),
+                &|c| matches!(c, Change::Focal(f) if near(*f, 1.25)),
+            ),
+            (
+                |v| poses(v, |i| 8 - i),
+                &|c| matches!(c, Change::Order(how) if how.contains("reverse")),
+            ),
+            (
+                |v| poses(v, |i| (i + 1).min(8)),
+                &|c| matches!(c, Change::Order(how) if how == "every picture fits the pose before its own"),
+            ),
+            (
+                |v| {
+                    v.iter_mut()
+                        .for_each(|v| v.camera_from_world = v.camera_from_world.inverse())
+                },
+                &|c| matches!(c, Change::Convention(name) if name.ends_with("exchanged")),
+            ),
+        ];
+        for (i, (spoil, is_right)) in cases.into_iter().enumerate() {
+            for seed in 0..2 {
+                let mut views = views(options(seed));
+                spoil(&mut views);
+                let found = better(&views, THOROUGH);
+                assert!(
+                    found.as_ref().is_some_and(is_right),
+                    "{i} {seed}: {found:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn factors_are_rounded_where_they_are_near() {
+        for (factor, round) in [
+            (4.97, 5.0),
+            (0.00101, 0.001),
+            (0.3048, 0.305),
+            (1.26, 1.25),
+            (99.2, 100.0),
+        ] {
+            assert!((rounded(factor) / round - 1.0).abs() < 1e-9, "{factor}");
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! What no scene has, whatever its data.
+
+use super::advice::{DEPTHS_M, Units, number};
+use crate::View;
+
+/// Focal lengths of cameras, in widths of the picture.
+const FOCAL: (f64, f64) = (0.2, 20.0);
+/// How far a principal point may lie from the middle, in widths of the picture.
+const OFF_CENTRE: f64 = 0.25;
+
+/// Cameras that no photograph has; a sentence with the first for each way in which they are wrong.
+pub(super) fn cameras(views: &[View]) -> Vec<String> {
+    let off_centre = |view: &View| {
+        let k = &view.intrinsics;
+        let (w, h) = (f64::from(k.width), f64::from(k.height));
+        let far = (k.cx - w / 2.0).abs().max((k.cy - h / 2.0).abs()) > OFF_CENTRE * w.max(h);
+        let outside = k.cx < 0.0 || k.cy < 0.0 || k.cx > w || k.cy > h;
+        let where_ = match (outside, far) {
+            (true, _) => "lies outside of the picture",
+            (_, true) => "lies more than a quarter of the picture from its middle",
+            _ => return None,
+        };
+        Some(format!(
+            "the principal point ({:.1}, {:.1}) {where_} of {}x{}",
+            k.cx, k.cy, k.width, k.height
+        ))
+    };
+    let focal = |view: &View| {
+        let k = &view.intrinsics;
+        let widths = k.fx / f64::from(k.width);
+        (!(FOCAL.0..=FOCAL.1).contains(&widths)).then(|| {
+            format!(
+                "a focal length of {} pixels is {} widths of the picture",
+                number(k.fx),
+                number(widths)
+            )
+        })
+    };
+    let sentence = |wrong: &dyn Fn(&View) -> Option<String>| {
+        let mut all = views.iter().filter_map(|view| Some((view, wrong(view)?)));
+        let (view, what) = all.next()?;
+        let others = all.count();
+        let others = if others > 0 {
+            format!(" and {others} more")
+        } else {
+            String::new()
+        };
+        Some(format!(
+            "{}{others}: {what}; is the calibration of another size or unit?",
+            view.id
+        ))
+    };
+    [sentence(&off_centre), sentence(&focal)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// A median depth at which no scene lies.
+pub(super) fn depth(median_m: f64, units: Units) -> Option<String> {
+    let plausible = DEPTHS_M.0..=DEPTHS_M.1;
+    (median_m > 0.0 && !plausible.contains(&median_m)).then(|| {
+        format!(
+            "the median depth is {} m; {}",
+            number(median_m),
+            units.where_to_set()
+        )
+    })
+}
+
+/// Pictures without anything on them: all of them, by their darkest and brightest levels.
+pub(super) fn pictures(levels: &[Option<(u8, u8)>]) -> Option<String> {
+    let mut read = levels.iter().flatten().peekable();
+    read.peek()?;
+    let all = read.all(|(darkest, brightest)| darkest == brightest);
+    all.then(|| "every picture that was decoded is of one colour".to_owned())
+}

@@ -1,0 +1,194 @@
+//! Views reduced to a size at which readings of them can be compared cheaply, and by which a reading that is off by many
+//! pixels of the photograph is off by few.
+
+use glam::{DVec2, DVec3};
+use sharp::camera::Intrinsics;
+
+use crate::View;
+
+/// Views are reduced by the whole number that brings their width to at most this.
+const WIDEST: u32 = 256;
+
+/// A view with its pixels, reduced.
+#[derive(Debug, Clone)]
+pub(super) struct SmallView {
+    pub(super) camera: Intrinsics,
+    /// Means of blocks, 8-bit levels; `None` where a mask excludes a pixel of the block.
+    colours: Vec<Option<[f32; 3]>>,
+    /// As read; 0 for none. Empty where the view has no depth.
+    depth: Vec<f32>,
+}
+
+impl SmallView {
+    /// `None` for a view whose picture cannot be read. Depth that cannot be read counts as none.
+    pub(super) fn new(view: &View, with_depth: bool) -> Option<Self> {
+        let picture = view.content.image().ok()?;
+        let valid = view.content.valid_pixels().ok()?;
+        let depth = match with_depth {
+            true => view.content.depth().ok().flatten(),
+            false => None,
+        };
+        let k = view.intrinsics;
+        let factor = k.width.div_ceil(WIDEST).max(1).min(k.height);
+        let (width, height) = (k.width / factor, k.height / factor);
+        let by = f64::from(factor);
+        let camera = Intrinsics {
+            fx: k.fx / by,
+            fy: k.fy / by,
+            cx: k.cx / by,
+            cy: k.cy / by,
+            width,
+            height,
+        };
+        let block = |x: u32, y: u32| {
+            let rows = y * factor..(y + 1) * factor;
+            rows.flat_map(move |v| (x * factor..(x + 1) * factor).map(move |u| (u, v)))
+        };
+        let blocks = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let colours = blocks.clone().map(|(x, y)| {
+            let excluded = valid
+                .as_ref()
+                .is_some_and(|valid| block(x, y).any(|(u, v)| valid.get_pixel(u, v).0[0] < 255));
+            let mut sum = [0_u32; 3];
+            for (u, v) in block(x, y) {
+                let pixel = picture.get_pixel(u, v).0;
+                sum.iter_mut()
+                    .zip(pixel)
+                    .for_each(|(sum, level)| *sum += u32::from(level));
+            }
+            (!excluded).then(|| sum.map(|sum| sum as f32 / (factor * factor) as f32))
+        });
+        let depth = depth.iter().flat_map(|depth| {
+            blocks.clone().map(|(x, y)| {
+                let middle = depth
+                    .get_pixel(x * factor + factor / 2, y * factor + factor / 2)
+                    .0[0];
+                let all = || block(x, y).map(|(u, v)| depth.get_pixel(u, v).0[0]);
+                let nearest = || all().filter(|z| *z > 0.0).fold(f32::INFINITY, f32::min);
+                match middle > 0.0 {
+                    true => middle,
+                    false => Some(nearest()).filter(|z| z.is_finite()).unwrap_or(0.0),
+                }
+            })
+        });
+        Some(Self {
+            camera,
+            colours: colours.collect(),
+            depth: depth.collect(),
+        })
+    }
+
+    /// This picture with the depth of another view of the same size.
+    pub(super) fn with_depth_of(&self, other: &Self) -> Option<Self> {
+        let size = |view: &Self| (view.camera.width, view.camera.height);
+        (size(self) == size(other) && other.has_depth()).then(|| Self {
+            depth: other.depth.clone(),
+            ..self.clone()
+        })
+    }
+
+    /// Brings the mean and the spread of each channel to another picture's.
+    pub(super) fn match_levels(&mut self, other: &Self) {
+        let (own, wanted) = (self.levels(), other.levels());
+        for colour in self.colours.iter_mut().flatten() {
+            for (i, level) in colour.iter_mut().enumerate() {
+                let ((mean, spread), (to_mean, to_spread)) = (own[i], wanted[i]);
+                *level = to_mean + (*level - mean) * to_spread / spread.max(1.0);
+            }
+        }
+    }
+
+    /// Mean and standard deviation of each channel.
+    fn levels(&self) -> [(f32, f32); 3] {
+        std::array::from_fn(|i| {
+            let all = self
+                .colours
+                .iter()
+                .flatten()
+                .map(|colour| f64::from(colour[i]));
+            let (n, sum, squares) = all.fold((0.0, 0.0, 0.0), |(n, sum, squares), level| {
+                (n + 1.0, sum + level, squares + level * level)
+            });
+            let mean = sum / f64::max(n, 1.0);
+            let variance = squares / f64::max(n, 1.0) - mean * mean;
+            (mean as f32, variance.max(0.0).sqrt() as f32)
+        })
+    }
+
+    fn index(&self, x: u32, y: u32) -> usize {
+        (y * self.camera.width + x) as usize
+    }
+
+    pub(super) fn has_depth(&self) -> bool {
+        self.depth.iter().any(|z| *z > 0.0)
+    }
+
+    /// Pixels with depth: place, depth as read, and colour.
+    pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
+        let pixels =
+            (0..self.camera.height).flat_map(|y| (0..self.camera.width).map(move |x| (x, y)));
+        let with_depth = pixels.zip(&self.depth).filter(|(_, z)| **z > 0.0);
+        with_depth.filter_map(|((x, y), z)| {
+            Some(Sample {
+                x,
+                y,
+                depth: f64::from(*z),
+                colour: self.colours[self.index(x, y)]?,
+            })
+        })
+    }
+
+    /// The depth as read in the pixel of a place, with the middle of that pixel; `None` where there is none.
+    pub(super) fn depth_at(&self, place: DVec2) -> Option<(f64, DVec2)> {
+        let (x, y) = (place.x as u32, place.y as u32);
+        let z = *self.depth.get(self.index(x, y))?;
+        let middle = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        (z > 0.0).then_some((f64::from(z), middle))
+    }
+
+    /// The colour at a place in the picture, between pixel centres; the border is repeated.
+    pub(super) fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
+        let taps = |at: f64, n: u32| {
+            let at = (at - 0.5).clamp(0.0, f64::from(n - 1));
+            let first = at as u32;
+            (
+                first,
+                (first + 1).min(n - 1),
+                (at - f64::from(first)) as f32,
+            )
+        };
+        let (x0, x1, fx) = taps(place.x, self.camera.width);
+        let (y0, y1, fy) = taps(place.y, self.camera.height);
+        let at = |x, y| self.colours[self.index(x, y)];
+        let corners = [at(x0, y0)?, at(x1, y0)?, at(x0, y1)?, at(x1, y1)?];
+        Some(std::array::from_fn(|i| {
+            let [a, b, c, d] = corners.map(|corner| corner[i]);
+            let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
+            top + (bottom - top) * fy
+        }))
+    }
+}
+
+/// A pixel with depth.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub(super) x: u32,
+    pub(super) y: u32,
+    pub(super) depth: f64,
+    pub(super) colour: [f32; 3],
+}
+
+impl Sample {
+    pub(super) fn middle(&self) -> DVec2 {
+        DVec2::new(f64::from(self.x) + 0.5, f64::from(self.y) + 0.5)
+    }
+}
+
+/// The ray through a place, at z = 1.
+pub(super) fn ray(camera: &Intrinsics, place: DVec2) -> DVec3 {
+    DVec3::new(
+        (place.x - camera.cx) / camera.fx,
+        (place.y - camera.cy) / camera.fy,
+        1.0,
+    )
+}

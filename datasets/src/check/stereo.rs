@@ -1,0 +1,168 @@
+//! Whether the depth of a rectified pair's left view leads to the right view's colours, or whether other disparities do.
+
+use glam::DVec2;
+
+use super::advice::{DEPTHS_M, number};
+use super::explained::{COLOUR_SCALE, Explained, TILES};
+use super::fit::{LEAST_GAIN, is_better, is_worth_a_word, least, mean_loss};
+use super::small_view::{Sample, SmallView};
+use crate::View;
+
+/// Distances of the two cameras of a pair, metres.
+const BASELINES_M: (f64, f64) = (1e-3, 10.0);
+/// Bands of a picture that are evidence of their own, each in [`TILES`].
+const BANDS: u32 = 4;
+
+/// What contradicts itself in a pair of which at least the first view has depth.
+pub(super) fn contradictions((left, right): (&View, &View)) -> Option<String> {
+    let baseline_m = right
+        .camera_from_world
+        .inverse()
+        .translation
+        .distance(left.camera_from_world.inverse().translation);
+    let (a, b) = (SmallView::new(left, true)?, SmallView::new(right, false)?);
+    let median_m = median_depth(&a);
+    if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
+        let at = median_m.map_or(String::new(), |median| {
+            format!(", and the median depth {} m", number(median))
+        });
+        let unit = if baseline_m > BASELINES_M.1 {
+            "is it in millimetres?"
+        } else {
+            "is it in metres already?"
+        };
+        return Some(format!(
+            "the baseline is {} m{at}: {unit}",
+            number(baseline_m)
+        ));
+    }
+    let median_m = median_m?;
+    let pair = Pair::new((a, left), (b, right))?;
+    pair.better().or_else(|| {
+        let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
+        (!plausible).then(|| {
+            format!(
+                "the median depth is {} m; correct the baseline's unit or the calibration's size",
+                number(median_m)
+            )
+        })
+    })
+}
+
+fn median_depth(view: &SmallView) -> Option<f64> {
+    let mut depths: Vec<f64> = view.samples().map(|sample| sample.depth).collect();
+    depths.sort_by(f64::total_cmp);
+    depths.get(depths.len() / 2).copied()
+}
+
+/// The two pictures with the disparity of the left one.
+struct Pair {
+    left: SmallView,
+    right: SmallView,
+    /// With their disparities in place of depths.
+    samples: Vec<Sample>,
+}
+
+impl Pair {
+    fn new((a, left): (SmallView, &View), (mut b, right): (SmallView, &View)) -> Option<Self> {
+        let right_from_left = right
+            .camera_from_world
+            .after(&left.camera_from_world.inverse());
+        let samples = a.samples().filter_map(|sample| {
+            let point = a.camera.unproject(sample.middle(), sample.depth);
+            let place = b.camera.project(right_from_left.apply(point))?;
+            let depth = sample.middle().x - place.x;
+            Some(Sample { depth, ..sample })
+        });
+        let samples: Vec<Sample> = samples.collect();
+        b.match_levels(&a);
+        let same_size = (a.camera.width, a.camera.height) == (b.camera.width, b.camera.height);
+        (same_size && !samples.is_empty()).then_some(Self {
+            left: a,
+            right: b,
+            samples,
+        })
+    }
+
+    /// How disparities, times a factor, lead from one picture to the other.
+    fn explained(
+        &self,
+        (from, to): (&SmallView, &SmallView),
+        factor: f64,
+        stride: usize,
+    ) -> Vec<Explained> {
+        let mut bands = vec![Explained::default(); BANDS as usize];
+        let size = &self.left.camera;
+        for sample in self.samples.iter().step_by(stride) {
+            let band = &mut bands[(sample.y * BANDS / size.height) as usize];
+            band.samples += 1;
+            let place = DVec2::new(sample.middle().x - factor * sample.depth, sample.middle().y);
+            let colours = from.colour_at(sample.middle()).zip(to.colour_at(place));
+            let Some((here, there)) = colours.filter(|_| size.contains(place)) else {
+                continue;
+            };
+            let squares: f64 = here
+                .iter()
+                .zip(there)
+                .map(|(a, b)| f64::from(a - b).powi(2))
+                .sum();
+            let tile = &mut band.tiles[(sample.x as usize * TILES) / size.width as usize];
+            *tile = (
+                tile.0 + 1,
+                tile.1 + ((squares / 3.0).sqrt() / COLOUR_SCALE).min(1.0),
+            );
+            band.compared += 1;
+            band.squares += squares;
+        }
+        bands
+    }
+
+    /// What explains the pictures significantly better than the pair as it was read.
+    fn better(&self) -> Option<String> {
+        let stride = self.samples.len().div_ceil(8000);
+        let (left, right) = ((&self.left, &self.right), (&self.right, &self.left));
+        let as_read = self.explained(left, 1.0, stride);
+        let factor = least(40, 2_f64.powf(0.25), &|factor, is_coarse| {
+            let stride = if is_coarse { 4 * stride } else { stride };
+            mean_loss(&self.explained(left, factor, stride))
+        });
+        let times = number(factor);
+        let mut readings = vec![
+            (
+                "left and right are exchanged; exchange the pictures".to_owned(),
+                self.explained(right, 1.0, stride),
+            ),
+            (
+                "left and right are exchanged, and the disparity with them; exchange both"
+                    .to_owned(),
+                self.explained(left, -1.0, stride),
+            ),
+            (
+                "the left picture's disparity is the right one's; exchange the disparities"
+                    .to_owned(),
+                self.explained(right, -1.0, stride),
+            ),
+        ];
+        if is_worth_a_word(factor) {
+            let how = format!(
+                "disparities times {times} fit: they are of another size than the pictures, or in another unit; \
+                 scale them (in rig.txt: disparity_unit)"
+            );
+            readings.push((how, self.explained(left, factor, stride)));
+        }
+        readings.retain(|(_, explained)| is_better(&as_read, explained, LEAST_GAIN));
+        let best = readings
+            .into_iter()
+            .min_by(|a, b| mean_loss(&a.1).total_cmp(&mean_loss(&b.1)));
+        best.map(|(how, explained)| {
+            let levels = |bands: &[Explained]| {
+                let mut sum = Explained::default();
+                bands.iter().for_each(|band| sum.add(band));
+                sum.colour_levels()
+                    .map_or("nothing".to_owned(), |levels| format!("{levels:.1}"))
+            };
+            let (before, after) = (levels(&as_read), levels(&explained));
+            format!("{how}: colours differ by {after} levels instead of {before}")
+        })
+    }
+}
