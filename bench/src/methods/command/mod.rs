@@ -70,7 +70,18 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    pub const OPTIONS: [&'static str; 6] = ["run", "timeout", "version", "resize", "crop", "depth"];
+    pub const OPTIONS: [&'static str; 10] = [
+        "run",
+        "timeout",
+        "version",
+        "depth",
+        "resize",
+        "crop",
+        "alpha",
+        "color",
+        "orientation",
+        "exr",
+    ];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
     const TIMEOUT_SECS: u64 = 600;
@@ -90,7 +101,7 @@ impl Command {
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
                 .ok_or_else(|| spec.error(format!("timeout={text}: seconds are needed")))?,
         };
-        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
+        let fit = FitRules::parse(|key| spec.option(key));
         let fit = fit.map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(
