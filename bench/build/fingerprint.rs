@@ -48,6 +48,8 @@ const COMPOSING: &[&str] = &[
 const PICTURES: &[&str] = &[
     "bench/src/methods/crop_and_resize.rs",
     "bench/src/io/pictures.rs",
+    "datasets/src/format/picture.rs",
+    "sharp/src/image_file",
     "metrics/src/resize",
 ];
 /// From Gaussians to scored pictures, and what is recorded of their source.
@@ -91,7 +93,7 @@ const FEATURES: &[&str] = &[
     "sharp/checkpoint/src",
 ];
 
-const READERS: &[&str] = &["image", "exr", "half", "flate2"];
+const READERS: &[&str] = &["image", "exr", "half", "flate2", "kamadak-exif", "moxcms"];
 
 /// All groups there are.
 pub(crate) const GROUPS: [SourceGroup; 13] = [

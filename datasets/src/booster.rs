@@ -169,7 +169,7 @@ fn read_scenes(
         let pictures = [&cameras[0], &cameras[1]].map(|camera| folder.join(camera).join(&name));
         let scene = match pictures.iter().find(|picture| !picture.is_file()) {
             Some(missing) => Err(DatasetError::malformed(missing, "there is no such picture")),
-            None => read_scene(&spec.name, root, folder, number, id.clone(), pictures),
+            None => read_scene(spec, root, folder, number, id.clone(), pictures),
         };
         found.add(id, scene);
     }
@@ -177,7 +177,7 @@ fn read_scenes(
 }
 
 fn read_scene(
-    dataset: &str,
+    spec: &DatasetSpec,
     root: &Root,
     folder: &Path,
     number: &str,
@@ -203,7 +203,7 @@ fn read_scene(
         .next()
         .unwrap_or(&folder_id)
         .to_owned();
-    stereo_pair::scene(dataset, id, cluster, sides, &calibration, notes)
+    stereo_pair::scene(spec, id, cluster, sides, &calibration, notes)
 }
 
 /// The two cameras of a scene.

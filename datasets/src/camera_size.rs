@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use sharp::image_file::{OrientationRule, PictureRules};
+
 use crate::entry::{Setting, choice};
 use crate::format::picture;
 use crate::lens::Lens;
@@ -29,6 +31,7 @@ pub(crate) struct CameraSizes {
     /// Where the cameras are from, for notes.
     file: PathBuf,
     scale: bool,
+    rules: PictureRules,
     /// From the camera's size to the picture's, and how often.
     scaled: BTreeMap<(PixelSize, PixelSize), usize>,
 }
@@ -38,6 +41,7 @@ impl CameraSizes {
         Self {
             file: file.to_owned(),
             scale: spec.setting(CAMERA_SIZE.key) == "scaled",
+            rules: spec.picture_rules(),
             scaled: BTreeMap::new(),
         }
     }
@@ -59,14 +63,20 @@ impl CameraSizes {
         let k = lens.intrinsics();
         let from = (k.width, k.height);
         // A picture that cannot be read is reported by whoever decodes it.
-        let Some(to) = self
-            .scale
-            .then(|| picture::dimensions(image).ok())
-            .flatten()
-            .filter(|to| *to != from && is_same_ratio(from, *to))
-        else {
+        let Some(header) = self.scale.then(|| picture::header(image).ok()).flatten() else {
             return Ok(lens);
         };
+        let sizes = match self.rules.orientation {
+            OrientationRule::Auto => vec![header.size, header.upright_size()],
+            OrientationRule::Stored => vec![header.size],
+            OrientationRule::Upright => vec![header.upright_size()],
+        };
+        let Some(to) = sizes.into_iter().find(|to| is_same_ratio(from, *to)) else {
+            return Ok(lens);
+        };
+        if to == from {
+            return Ok(lens);
+        }
         *self.scaled.entry((from, to)).or_default() += 1;
         let x = f64::from(to.0) / f64::from(from.0);
         let y = f64::from(to.1) / f64::from(from.1);

@@ -223,6 +223,43 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
     }
 }
 
+/// How pictures are read, in every format that has files. Only what is given is a reading of a dataset.
+pub static PICTURES: [Setting; 3] = [
+    Setting::choice(
+        "alpha",
+        "pictures that are not opaque",
+        &[
+            choice("refuse", "are an error"),
+            choice("black", "are composited over black, in encoded values"),
+            choice("white", "are composited over white, in encoded values"),
+            choice("drop", "keep their colours as they are stored"),
+        ],
+    ),
+    Setting::choice(
+        "color",
+        "pictures whose colour profile (ICC, cICP) is not sRGB",
+        &[
+            choice(
+                "convert",
+                "are converted to sRGB, clipped; tables of colours and inks are an error",
+            ),
+            choice("as-stored", "are taken for sRGB"),
+        ],
+    ),
+    Setting::choice(
+        "orientation",
+        "pictures with an EXIF orientation",
+        &[
+            choice(
+                "auto",
+                "are read as stored where that fits the camera, upright where only that does",
+            ),
+            choice("stored", "are read as stored"),
+            choice("upright", "are turned upright"),
+        ],
+    ),
+];
+
 /// Whether files outside the dataset's folder may be named.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",

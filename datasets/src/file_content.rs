@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use image::{GrayImage, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::image_file::{OrientationRule, PictureRules};
 
 use crate::camera_size::check_size;
 use crate::depth::ViewDepth;
@@ -12,13 +13,15 @@ use crate::mask::MaskFile;
 use crate::processing::{Processing, Undistorted};
 use crate::required_files::FileRole;
 use crate::undistort::Undistortion;
+use crate::view::FoundPicture;
 use crate::{DatasetError, DepthMap, ViewContent, files};
 
 /// A photograph in a file, resampled to a pinhole camera where its lens asks for it.
 #[derive(Debug)]
 pub(crate) struct FileContent {
     pub(crate) image: PathBuf,
-    /// Its size as stored, according to the camera.
+    pub(crate) rules: PictureRules,
+    /// Its size before it is resampled, according to the camera.
     pub(crate) size: (u32, u32),
     pub(crate) mask: Option<MaskFile>,
     /// From the lens to the pinhole camera of the view.
@@ -30,11 +33,35 @@ pub(crate) struct FileContent {
     pub(crate) cameras: Vec<PathBuf>,
 }
 
-impl ViewContent for FileContent {
-    fn image(&self) -> Result<RgbImage, DatasetError> {
-        // By its header first: what is decoded is no larger than its camera.
-        check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
-        let mut image = picture::read(&self.image)?;
+impl FileContent {
+    /// What the photograph's header says, refused where the picture does not fit the camera.
+    fn fitting(&self) -> Result<FoundPicture, DatasetError> {
+        let header = picture::header(&self.image)?;
+        let turned = self.rules.turns(&header, Some(self.size));
+        let (size, other) = match turned {
+            true => (header.upright_size(), header.size),
+            false => (header.size, header.upright_size()),
+        };
+        check_size(&self.image, size, self.size).map_err(|error| match error {
+            DatasetError::Malformed { path, reason } if other == self.size => {
+                let hint = format!(
+                    "by its EXIF orientation {} it is {}x{} (orientation=auto)",
+                    header.orientation, other.0, other.1
+                );
+                DatasetError::malformed(path, format!("{reason}; {hint}"))
+            }
+            error => error,
+        })?;
+        Ok(FoundPicture {
+            turned,
+            fits_both: header.orientation != 1 && other == self.size,
+            header,
+        })
+    }
+
+    /// The photograph under rules, resampled and masked.
+    fn image_under(&self, rules: &PictureRules) -> Result<RgbImage, DatasetError> {
+        let mut image = picture::read(&self.image, rules, Some(self.size))?;
         if let Some(undistortion) = &self.undistortion {
             image = undistortion.image(&image);
         }
@@ -45,6 +72,34 @@ impl ViewContent for FileContent {
             excluded.for_each(|(pixel, _)| pixel.fill(0));
         }
         Ok(image)
+    }
+}
+
+impl ViewContent for FileContent {
+    fn image(&self) -> Result<RgbImage, DatasetError> {
+        // By its header first: what is decoded is no larger than its camera.
+        self.fitting()?;
+        self.image_under(&self.rules)
+    }
+
+    fn found(&self) -> Result<Option<FoundPicture>, DatasetError> {
+        self.fitting().map(Some)
+    }
+
+    fn image_otherwise_turned(&self) -> Result<Option<(RgbImage, &'static str)>, DatasetError> {
+        let found = self.fitting()?;
+        if !found.fits_both {
+            return Ok(None);
+        }
+        let (orientation, setting) = match found.turned {
+            true => (OrientationRule::Stored, "orientation=stored"),
+            false => (OrientationRule::Upright, "orientation=upright"),
+        };
+        let rules = PictureRules {
+            orientation,
+            ..self.rules
+        };
+        Ok(Some((self.image_under(&rules)?, setting)))
     }
 
     fn valid_pixels(&self) -> Result<Option<GrayImage>, DatasetError> {
@@ -59,7 +114,7 @@ impl ViewContent for FileContent {
         };
         // Depth takes the camera's size: that of the photograph, or a few bytes of text could ask
         // for any amount of memory.
-        check_size(&self.image, picture::dimensions(&self.image)?, self.size)?;
+        self.fitting()?;
         let mut depth = depth.load(self)?;
         if let Some(mask) = self.valid_pixels()? {
             let excluded = depth.iter_mut().zip(mask.iter());

@@ -4,11 +4,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::DatasetError;
-use crate::files::{self, Root};
+use crate::files::{self, Root, folded};
 use crate::left_out::first_few;
 use crate::scene_builder::is_picture_extension;
 
-/// Lower-case stems of a folder's files, and the files that have them, in natural order.
+/// What pictures' names end in, lower case, lossless formats first.
+const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
+
+/// [`folded`] stems of a folder's files, and the files that have them, in natural order.
 type Stems = BTreeMap<String, Vec<String>>;
 
 /// Finds the files that one list names. Each folder is listed once.
@@ -49,6 +52,10 @@ impl<'a> FileFinder<'a> {
         if path.is_file() {
             return Ok(Some(path));
         }
+        let path = match path.parent() {
+            Some(folder) if !folder.is_dir() => files::spelled(base, &path),
+            _ => path,
+        };
         let (Some(folder), Some(wanted)) = (path.parent(), path.file_name()) else {
             return Ok(None);
         };
@@ -61,10 +68,10 @@ impl<'a> FileFinder<'a> {
             .listed
             .entry(folder.to_owned())
             .or_insert_with(|| stems_in(folder));
-        let of_stem = |stem: &str| stems.get(&stem.to_ascii_lowercase()).into_iter().flatten();
+        let of_stem = |stem: &str| stems.get(&folded(stem)).into_iter().flatten();
         let is_file = |name: &&String| folder.join(name).is_file();
         let mut fitting: Vec<&String> = of_stem(split(&wanted).0)
-            .filter(|name| name.eq_ignore_ascii_case(&wanted))
+            .filter(|name| folded(name) == folded(&wanted))
             .filter(is_file)
             .collect();
         if fitting.is_empty() {
@@ -102,7 +109,7 @@ impl<'a> FileFinder<'a> {
         base: &Path,
         name: &str,
     ) -> Result<Option<PathBuf>, DatasetError> {
-        self.find(base, name, &["png", "jpg", "jpeg"])
+        self.find(base, name, &PICTURES)
     }
 
     /// A depth map of any kind.
@@ -138,7 +145,7 @@ impl<'a> FileFinder<'a> {
 fn stems_in(folder: &Path) -> Stems {
     let mut stems = Stems::new();
     for (name, _) in files::list(folder).unwrap_or_default() {
-        let stem = split(&name).0.to_ascii_lowercase();
+        let stem = folded(split(&name).0);
         stems.entry(stem).or_default().push(name);
     }
     stems

@@ -6,8 +6,10 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 use sha2::{Digest, Sha256};
+use unicode_normalization_alignments::UnicodeNormalization;
 
 use crate::format::FormatError;
+use crate::left_out::first_few;
 use crate::{DatasetError, natural_order};
 
 /// The folder a user named. Every file that a reader opens is resolved through it: neither `..`
@@ -174,6 +176,72 @@ pub fn list(folder: &Path) -> Result<Vec<(String, PathBuf)>, DatasetError> {
     }
     entries.sort_by(|a, b| natural_order::compare(&a.0, &b.0).then_with(|| a.1.cmp(&b.1)));
     Ok(entries)
+}
+
+/// A name in Unicode's NFC: equal for names that differ in how accents are composed.
+pub fn composed(name: &str) -> String {
+    name.nfc().map(|(c, _)| c).collect()
+}
+
+/// A [`composed`] name in lower case.
+pub fn folded(name: &str) -> String {
+    composed(name).to_lowercase()
+}
+
+/// The files in a folder of a stem and any of some lower-case extensions, in the folder's order; exact names if there
+/// are any, else names that are equal once [`folded`]. Empty where there is no such folder.
+pub fn of_stem(folder: &Path, stem: &str, extensions: &[&str]) -> Vec<PathBuf> {
+    let exact = extensions
+        .iter()
+        .map(|extension| folder.join(format!("{stem}.{extension}")));
+    let exact: Vec<PathBuf> = exact.filter(|path| path.is_file()).collect();
+    if !exact.is_empty() {
+        return exact;
+    }
+    let stem = folded(stem);
+    let fits = |name: &str| {
+        let parts = name.rsplit_once('.');
+        parts.is_some_and(|(found, extension)| {
+            extensions.contains(&extension.to_ascii_lowercase().as_str()) && folded(found) == stem
+        })
+    };
+    let there = list(folder).unwrap_or_default().into_iter();
+    let fitting = there.filter(|(name, path)| fits(name) && path.is_file());
+    fitting.map(|(_, path)| path).collect()
+}
+
+/// A path's own spelling on disk, where each of its folders below `base` may differ once [`folded`].
+pub(crate) fn spelled(base: &Path, path: &Path) -> PathBuf {
+    let Ok(relative) = path.strip_prefix(base) else {
+        return path.to_owned();
+    };
+    relative.iter().fold(base.to_owned(), |folder, part| {
+        let exact = folder.join(part);
+        if exact.exists() {
+            return exact;
+        }
+        let wanted = folded(&part.to_string_lossy());
+        let mut there = list(&folder).unwrap_or_default().into_iter();
+        let found = there.find(|(name, path)| path.is_dir() && folded(name) == wanted);
+        found.map_or(exact, |(_, path)| path)
+    })
+}
+
+/// The first entries of a folder in words, or of the nearest one above it that exists.
+pub fn what_lies_in(folder: &Path) -> String {
+    let there = folder.ancestors().find(|folder| folder.is_dir());
+    let Some(folder) = there else {
+        return format!("{} does not exist", folder.display());
+    };
+    let names: Vec<String> = list(folder)
+        .unwrap_or_default()
+        .into_iter()
+        .map(|(name, path)| if path.is_dir() { name + "/" } else { name })
+        .collect();
+    match names.is_empty() {
+        true => format!("{} is empty", folder.display()),
+        false => format!("{} holds {}", folder.display(), first_few(&names)),
+    }
 }
 
 /// Reads a regular file whole. Pipes and devices, which never end, are refused.

@@ -40,6 +40,7 @@ mod mask;
 mod middlebury;
 pub mod natural_order;
 mod nerfstudio;
+mod picture_notes;
 pub mod processing;
 pub mod required_files;
 mod scan_depth;

@@ -8,10 +8,20 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// A gray picture in which pixels at full brightness are valid.
+/// Which level of a mask marks the pixels that are kept; every other level excludes them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Keep {
+    /// 255.
+    White,
+    /// 0.
+    Black,
+}
+
+/// A gray picture whose pixels of one level are valid.
 #[derive(Debug, Clone)]
 pub(crate) struct MaskFile {
     pub(crate) file: PathBuf,
+    pub(crate) keep: Keep,
 }
 
 impl MaskFile {
@@ -24,6 +34,9 @@ impl MaskFile {
     ) -> Result<GrayImage, DatasetError> {
         check_size(&self.file, picture::dimensions(&self.file)?, size)?;
         let mut mask = picture::read_mask(&self.file)?;
+        if self.keep == Keep::Black {
+            mask.iter_mut().for_each(|value| *value = 255 - *value);
+        }
         if let Some(undistortion) = undistortion {
             return Ok(undistortion.mask(&mask));
         }

@@ -131,7 +131,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
             let reason = format!("there is no {right_name}, which right={right} asks for");
             found.rule_out(id, reason);
         } else {
-            found.add(id, read_scene(&spec.name, &root, folder, id.clone(), right));
+            found.add(id, read_scene(spec, &root, folder, id.clone(), right));
         }
     }
     let expected = if found.left_out.is_empty() {
@@ -157,7 +157,7 @@ fn has_part(folder: &Path) -> bool {
 }
 
 fn read_scene(
-    dataset: &str,
+    spec: &DatasetSpec,
     root: &Root,
     folder: &Path,
     id: String,
@@ -201,7 +201,7 @@ fn read_scene(
         ));
     }
     let cluster = physical_scene(&id);
-    stereo_pair::scene(dataset, id, cluster, sides, &calibration, notes)
+    stereo_pair::scene(spec, id, cluster, sides, &calibration, notes)
 }
 
 /// The disparity of the left (0) or right (1) view, in either layout's name.

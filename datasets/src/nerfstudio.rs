@@ -15,7 +15,7 @@ use crate::files::{self, Root};
 use crate::format::picture;
 use crate::format::transforms::{self, JsonFrame};
 use crate::left_out::FoundScenes;
-use crate::mask::MaskFile;
+use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::{DatasetError, DatasetSpec, Scene};
@@ -49,9 +49,14 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
             &[
                 choice("ignore", "masks are not read"),
                 choice(
-                    "apply",
-                    "the picture is black and the depth invalid there, and scores leave them out",
+                    "keep-white",
+                    "where a mask is below 255, the picture is black and the depth invalid, and scores leave it out",
                 ),
+                choice(
+                    "keep-black",
+                    "the same where a mask is above 0: for masks that mark what is to be left out",
+                ),
+                choice("apply", "as keep-white"),
             ],
         ),
         CAMERA_SIZE,
@@ -148,7 +153,11 @@ fn read_scene(
         metres: scale / file.applied_scale,
         depth_unit,
         depth_kind: DepthKind::of(spec),
-        masks: spec.setting("masks") == "apply",
+        masks: match spec.setting("masks") {
+            "ignore" => None,
+            "keep-black" => Some(Keep::Black),
+            _ => Some(Keep::White),
+        },
     };
     let mut scene = SceneBuilder::new(spec, root, json);
     for frame in &file.frames {
@@ -161,6 +170,14 @@ fn read_scene(
         };
         let posed = reader.posed(frame, image, world_from_camera, &mut scene)?;
         scene.add(posed)?;
+    }
+    let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
+    if reader.masks.is_none() && masks > 0 {
+        scene.notes.push(format!(
+            "{}: {masks} frame(s) name a mask, which is not read; masks=keep-white leaves out of scores what is black in them, \
+             masks=keep-black what is white",
+            json.display()
+        ));
     }
     let contradicting = file.frames.iter().filter(|f| f.contradicts_file).count();
     if contradicting > 0 {
@@ -183,7 +200,8 @@ struct FrameReader<'a> {
     metres: f64,
     depth_unit: f64,
     depth_kind: DepthKind,
-    masks: bool,
+    /// Whether masks are read, and which of their levels is kept.
+    masks: Option<Keep>,
 }
 
 impl FrameReader<'_> {
@@ -200,7 +218,7 @@ impl FrameReader<'_> {
         };
         let size = match frame.size().map_err(|e| in_frame(e.to_string()))? {
             Some(size) => size,
-            None => picture::dimensions(&image)?,
+            None => picture::size_as_read(&image, &scene.rules)?,
         };
         let mut named = |name: &str, what: &str| match scene.finder.map(self.folder, name)? {
             Some(path) => Ok(path),
@@ -213,10 +231,11 @@ impl FrameReader<'_> {
             }
             None => None,
         };
-        let mask = match &frame.mask_path {
-            Some(name) if self.masks => Some(MaskFile {
-                file: named(name, "mask")?,
-            }),
+        let mask = match (&frame.mask_path, self.masks) {
+            (Some(name), Some(keep)) => {
+                let file = named(name, "mask")?;
+                Some(MaskFile { file, keep })
+            }
             _ => None,
         };
         let mut pose = *world_from_camera;

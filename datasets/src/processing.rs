@@ -66,7 +66,7 @@ pub(crate) fn notes(scene: &Scene) -> Vec<String> {
     let masked = masked.count();
     if masked > 0 {
         notes.push(format!(
-            "masks: {masked} of {all} pictures have one; where it is below 255 they are black and without depth"
+            "masks: {masked} of {all} pictures have one; what it excludes is black and without depth"
         ));
     }
     let lacking = without_depth(&scene.views);

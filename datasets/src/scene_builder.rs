@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sharp::camera::RigidTransform;
+use sharp::image_file::PictureRules;
 
 use crate::camera_size::CameraSizes;
 use crate::depth::ViewDepth;
@@ -24,6 +25,7 @@ pub(crate) struct SceneBuilder<'a> {
     list: PathBuf,
     pub(crate) finder: FileFinder<'a>,
     pub(crate) sizes: CameraSizes,
+    pub(crate) rules: PictureRules,
     left_out: LeftOut,
     views: Vec<View>,
     /// Pictures that were handed out.
@@ -38,6 +40,7 @@ impl<'a> SceneBuilder<'a> {
             list: list.to_owned(),
             finder: FileFinder::new(root, list),
             sizes: CameraSizes::new(spec, list),
+            rules: spec.picture_rules(),
             left_out: LeftOut::of("frame"),
             views: Vec::new(),
             seen: BTreeSet::new(),
@@ -75,7 +78,7 @@ impl<'a> SceneBuilder<'a> {
     /// Names the picture, when its lens cannot be resampled to a pinhole.
     pub(crate) fn add(&mut self, mut frame: PosedFrame) -> Result<(), DatasetError> {
         frame.lens = self.sizes.fit(frame.lens, &frame.image)?;
-        self.views.push(frame.into_view()?);
+        self.views.push(frame.into_view(self.rules)?);
         Ok(())
     }
 
@@ -125,6 +128,7 @@ impl<'a> SceneBuilder<'a> {
             views: self.views,
             pairing: Pairing::MultiView,
             notes: self.notes,
+            warnings: Vec::new(),
         }
     }
 
@@ -168,7 +172,7 @@ pub(crate) struct PosedFrame {
 }
 
 impl PosedFrame {
-    fn into_view(self) -> Result<View, DatasetError> {
+    fn into_view(self, rules: PictureRules) -> Result<View, DatasetError> {
         let undistortion = if self.lens.is_pinhole() {
             None
         } else {
@@ -187,6 +191,7 @@ impl PosedFrame {
             camera_from_world,
             content: Arc::new(FileContent {
                 image: self.image,
+                rules,
                 size: (stored.width, stored.height),
                 mask: self.mask,
                 undistortion,
@@ -269,7 +274,7 @@ pub(crate) fn frame_id(name: &str) -> String {
 pub(crate) fn is_picture_extension(extension: &str) -> bool {
     matches!(
         extension.to_ascii_lowercase().as_str(),
-        "png" | "jpg" | "jpeg"
+        "png" | "jpg" | "jpeg" | "webp" | "tif" | "tiff" | "bmp" | "jfif"
     )
 }
 

@@ -6,10 +6,12 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::entry::{DatasetEntry, entry};
+use sharp::image_file::PictureRules;
+
+use crate::entry::{DatasetEntry, PICTURES, Setting, entry};
 use crate::error::nearest_of;
 use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
-use crate::{DatasetError, Scene, processing, synthetic};
+use crate::{DatasetError, Scene, picture_notes, processing, synthetic};
 
 /// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
 /// `synthetic` or `synthetic=seed=7,size=320x240`.
@@ -88,8 +90,10 @@ impl DatasetSpec {
                 }
                 break;
             };
-            let Some(setting) = entry.settings.iter().find(|s| s.key == key) else {
-                let known: Vec<_> = entry.settings.iter().map(|s| s.key).collect();
+            let mut known = entry.settings.iter().chain(&PICTURES);
+            let Some(setting) = known.find(|s| s.key == key) else {
+                let known = entry.settings.iter().chain(&PICTURES);
+                let known: Vec<_> = known.map(|s| s.key).collect();
                 return Err(error(format!(
                     "{format} has no setting '{key}'; {}",
                     nearest_of(key, &known)
@@ -120,17 +124,29 @@ impl DatasetSpec {
 
     /// The value of a setting: as asked for, or the default. Empty for a key the format lacks.
     pub fn setting(&self, key: &str) -> &str {
-        let default = || self.entry.settings.iter().find(|s| s.key == key);
+        let mut known = self.entry.settings.iter().chain(&PICTURES);
+        let mut default = || known.find(|s| s.key == key);
         match self.settings.get(key) {
             Some(value) => value,
             None => default().map_or("", |setting| setting.default),
         }
     }
 
-    /// Every setting with its effective value.
+    /// How its pictures are read.
+    pub fn picture_rules(&self) -> PictureRules {
+        PictureRules {
+            alpha: self.setting("alpha").parse().unwrap_or_default(),
+            color: self.setting("color").parse().unwrap_or_default(),
+            orientation: self.setting("orientation").parse().unwrap_or_default(),
+        }
+    }
+
+    /// Every setting of the format with its effective value, and those of [`PICTURES`] that are given.
     pub fn readings(&self) -> Vec<SettingInForce> {
+        let given = |setting: &&Setting| self.settings.contains_key(setting.key);
         let settings = self.entry.settings.iter();
         settings
+            .chain(PICTURES.iter().filter(given))
             .map(|setting| {
                 let value = self.setting(setting.key).to_owned();
                 SettingInForce {
@@ -223,6 +239,7 @@ pub fn open_each(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     let mut found = (spec.entry.open)(spec)?;
     for scene in &mut found.scenes {
         scene.notes.extend(processing::notes(scene));
+        picture_notes::add(scene, spec);
     }
     Ok(found)
 }

@@ -48,13 +48,13 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     })?;
     let mut found = FoundScenes::default();
     for folder in &search.folders {
-        found.add(root.id_of(folder), read_scene(&spec.name, &root, folder));
+        found.add(root.id_of(folder), read_scene(spec, &root, folder));
     }
     let expected = "folders with left.png, right.png and rig.txt, up to four levels down";
     spec.conclude(found, expected, search.unsearched)
 }
 
-fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {
+fn read_scene(spec: &DatasetSpec, root: &Root, folder: &Path) -> Result<Scene, DatasetError> {
     let file = root.resolve(folder, "rig.txt")?;
     let rig = StereoRig::parse(&files::read_text(&file)?)
         .map_err(|error| DatasetError::format(&file, error))?;
@@ -79,7 +79,7 @@ fn read_scene(dataset: &str, root: &Root, folder: &Path) -> Result<Scene, Datase
     };
     let sides = [side("left", rig.cx_left)?, side("right", rig.cx_right)?];
     let id = root.id_of(folder);
-    stereo_pair::scene(dataset, id.clone(), id, sides, &file, Vec::new())
+    stereo_pair::scene(spec, id.clone(), id, sides, &file, Vec::new())
 }
 
 /// The file of that stem, whatever the case of its extension.

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use sharp::camera::{CameraError, Intrinsics, RigidTransform};
+use sharp::image_file::PictureRules;
 
 use crate::depth::{StereoGeometry, ViewDepth};
 use crate::file_content::FileContent;
-use crate::{DatasetError, Pairing, Scene, View};
+use crate::{DatasetError, DatasetSpec, Pairing, Scene, View};
 
 /// One side of a rectified pair.
 #[derive(Debug)]
@@ -27,7 +28,12 @@ pub(crate) struct Side {
 }
 
 impl Side {
-    fn into_view(self, x_m: f64, calibration: &Path) -> Result<View, CameraError> {
+    fn into_view(
+        self,
+        x_m: f64,
+        calibration: &Path,
+        rules: PictureRules,
+    ) -> Result<View, CameraError> {
         let (size, geometry) = (self.size, self.geometry);
         let disparity = |(file, unit)| ViewDepth::Disparity(file, geometry, unit);
         let pinhole = Intrinsics::new(self.focal, self.center, size)?;
@@ -38,6 +44,7 @@ impl Side {
             camera_from_world,
             content: Arc::new(FileContent {
                 image: self.image,
+                rules,
                 size,
                 mask: None,
                 undistortion: None,
@@ -56,7 +63,7 @@ impl Side {
 /// # Errors
 /// Names that file when a side's camera is invalid.
 pub(crate) fn scene(
-    dataset: &str,
+    spec: &DatasetSpec,
     id: String,
     cluster: String,
     [left, right]: [Side; 2],
@@ -65,11 +72,11 @@ pub(crate) fn scene(
 ) -> Result<Scene, DatasetError> {
     let baseline_m = right.geometry.baseline_m;
     let views = [(left, 0.0), (right, baseline_m)].map(|(side, x_m)| {
-        let view = side.into_view(x_m, calibration);
+        let view = side.into_view(x_m, calibration, spec.picture_rules());
         view.map_err(|source| DatasetError::camera(calibration, source))
     });
     Ok(Scene {
-        dataset: dataset.to_owned(),
+        dataset: spec.name.clone(),
         id,
         cluster,
         views: views.into_iter().collect::<Result<_, _>>()?,
@@ -78,5 +85,6 @@ pub(crate) fn scene(
             target: 1,
         },
         notes,
+        warnings: Vec::new(),
     })
 }

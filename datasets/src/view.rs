@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 use sharp::camera::{Intrinsics, RigidTransform};
+use sharp::image_file::Header;
 
 use crate::DatasetError;
 use crate::processing::Processing;
@@ -13,6 +14,16 @@ use crate::required_files::FileRole;
 /// z-depth in metres, row-major, top row first; 0 marks an invalid pixel, every other value is
 /// finite and positive.
 pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
+
+/// What the file of a photograph says of itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundPicture {
+    pub header: Header,
+    /// Whether it is turned by its EXIF orientation.
+    pub turned: bool,
+    /// Whether its camera also fits the reading that is not taken; false without an orientation.
+    pub fits_both: bool,
+}
 
 /// The pixels behind a [`View`], read when asked for and not kept.
 pub trait ViewContent: Send + Sync + std::fmt::Debug {
@@ -52,6 +63,23 @@ pub trait ViewContent: Send + Sync + std::fmt::Debug {
     /// What a reader does on the way from the files to the pixels.
     fn processing(&self) -> Processing {
         Processing::default()
+    }
+
+    /// What the photograph's file says of itself; `None` for a procedural one.
+    ///
+    /// # Errors
+    /// Names the file and why it cannot be read.
+    fn found(&self) -> Result<Option<FoundPicture>, DatasetError> {
+        Ok(None)
+    }
+
+    /// The photograph under the other reading of its EXIF orientation, of the size of [`ViewContent::image`], and the
+    /// setting that reads it so; `None` where it has no orientation, or only one reading fits the camera.
+    ///
+    /// # Errors
+    /// As [`ViewContent::image`].
+    fn image_otherwise_turned(&self) -> Result<Option<(RgbImage, &'static str)>, DatasetError> {
+        Ok(None)
     }
 
     /// Hash of the photograph: sha256 of the file's bytes, or of the RGB bytes of a procedural
@@ -98,4 +126,6 @@ pub struct Scene {
     pub pairing: Pairing,
     /// What the reader assumed or left out: lines shown before a run and kept in its manifest.
     pub notes: Vec<String>,
+    /// Doubts about the files, each with the setting that mends it; shown as the notes are, and as warnings before a run.
+    pub warnings: Vec<String>,
 }

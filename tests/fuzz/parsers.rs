@@ -5,6 +5,7 @@ mod catalogue;
 
 use std::path::Path;
 
+use sharp::image_file::{AlphaRule, PictureRules};
 use sharp::model::preprocess::{PhotoOptions, load_photo};
 use sharp_bench::export::camera_file::CameraFile;
 use sharp_bench::pairs::PairList;
@@ -139,7 +140,11 @@ fn npy(bytes: &[u8]) {
 }
 
 fn picture(bytes: &[u8]) {
-    let _ = sharp::image_file::decode_rgb8(bytes);
+    let rules = PictureRules {
+        alpha: AlphaRule::White,
+        ..PictureRules::default()
+    };
+    let _ = sharp::image_file::read_rgb8(bytes, &rules, None);
 }
 
 fn depth_png(bytes: &[u8]) {

@@ -198,7 +198,7 @@ fn float_pictures_are_read_and_checked() {
 }
 
 #[test]
-fn alpha_is_dropped_with_a_warning() {
+fn alpha_is_refused_and_dropped_on_request() {
     let dir = folder();
     let opaque = picture(0, 40, 30);
     let glass = image::RgbaImage::from_fn(40, 30, |x, y| {
@@ -214,8 +214,13 @@ fn alpha_is_dropped_with_a_warning() {
         "--metrics",
         "psnr",
         "--json",
+        "--alpha",
+        "drop",
     ];
+    sharp_bench(dir.path(), &args[..6]).is_error_with(&["glass.png", "--alpha white"]);
     let said = sharp_bench(dir.path(), &args).ends_with(0);
+    let note = &said.json()["pairs"][0]["notes"][0];
+    assert!(note.as_str().unwrap().starts_with("glass.png: its alpha"));
     assert_eq!(said.json()["pairs"][0]["scores"]["psnr"], "inf");
     assert!(
         said.err.contains("glass.png: its alpha is dropped"),

@@ -80,7 +80,7 @@ fn what_is_no_photograph_is_one_line() {
         ("nine.png", "focal length", &["--focal-px", "NaN"]),
         ("nan.exr", "OpenEXR", &[]),
         ("nan.npy", "NumPy", &[]),
-        (".", "directory", &[]),
+        (".", "a folder", &[]),
     ] {
         let args = [&[name, "--out", "p.ply"][..], more].concat();
         predict(dir.path(), &args).is_error_with(&[name, reason]);

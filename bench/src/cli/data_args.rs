@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use sharp::render::Backend;
+use sharp_datasets::entry::{ENTRIES, PICTURES};
 use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weights};
 
 use super::outcome::UsageError;
@@ -140,6 +141,9 @@ impl DatasetArgs {
                 output::remark(format!("{kind}: {}: {group}", dataset.name));
             }
             say_notes(dataset);
+            for warning in dataset.warnings() {
+                output::remark(format!("warning: {warning}"));
+            }
         }
         Ok(datasets)
     }
@@ -280,7 +284,7 @@ pub(super) fn backend(backend: &Backend, adapter: Option<&str>) -> anyhow::Resul
 /// The formats of `--dataset` with their settings, for `--help`.
 pub(super) fn formats_help() -> String {
     let mut text = "Datasets, [NAME:]FORMAT=PATH[,key=value…]:\n".to_owned();
-    for entry in sharp_datasets::entry::ENTRIES {
+    for entry in ENTRIES {
         text += &format!("  {:<18} {}: {}\n", entry.format, entry.title, entry.layout);
         for setting in entry.settings {
             text += &format!(
@@ -289,8 +293,12 @@ pub(super) fn formats_help() -> String {
             );
         }
     }
+    let pictures = PICTURES
+        .iter()
+        .map(|s| format!("    {}={}  {}\n", s.key, s.default, s.meaning));
+    let pictures: String = pictures.collect();
     text += &format!(
-        "  each of these, too\n    frame=RULE  its views at another size, cameras with them: {}\n    \
+        "  each of these, too\n    frame=RULE  its views at another size, cameras with them: {}\n{pictures}    \
          pairs.KEY=VALUE  a pair option for it alone (keys: `pairs --help-all`)\n  \
          `datasets list` has the values of each setting\n",
         Frame::forms()

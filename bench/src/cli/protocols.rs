@@ -55,6 +55,13 @@ pub(super) fn execute(args: &ProtocolsArgs) -> anyhow::Result<Outcome> {
             "size",
             protocol.frame.unwrap_or("as the dataset has it").to_owned(),
         ),
+        (
+            "alpha",
+            protocol.alpha.map_or_else(
+                || "refused".to_owned(),
+                |rule| format!("composited over {rule}"),
+            ),
+        ),
         ("border", protocol.border.to_string()),
         ("metrics", metrics(protocol)),
         ("means", protocol.aggregation.to_string()),

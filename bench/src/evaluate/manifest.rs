@@ -500,7 +500,7 @@ pub(super) fn scoring_conventions(
         ),
         (
             "target",
-            "sRGB, 8 bit, as decoded; colour profiles ignored; undistorted or masked where the dataset's notes say so",
+            "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so",
         ),
         ("decoder", crate::io::fingerprints::DECODERS),
         (

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use sharp_metrics::{Mask, Picture};
 
-use crate::io::pictures::{self, ReadError};
+use sharp::image_file::PictureRules;
+
+use crate::io::pictures::{self, ExrTransfer, ReadError, ReadPicture, Reading};
 
 /// Why a file cannot be used as a mask; names the file.
 #[derive(Debug, thiserror::Error)]
@@ -29,11 +31,19 @@ pub struct ReadMask {
 /// # Errors
 /// When the file cannot be read, has colours, or holds 0 and 1 where 0 and 255 were meant.
 pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
-    let picture = pictures::read(path)?;
+    let as_stored = Reading {
+        rules: PictureRules::AS_STORED,
+        exr: Some(ExrTransfer::Srgb),
+    };
+    let ReadPicture { picture, notes } = pictures::read_as(path, &as_stored)?;
     let refused = |reason: String| MaskError::NoMask {
         path: path.to_owned(),
         reason,
     };
+    if notes.iter().any(|note| note.contains("alpha")) {
+        let reason = "it has an alpha channel: a mask is read from gray levels; save the alpha as a gray picture";
+        return Err(refused(reason.to_owned()));
+    }
     let (width, height) = picture.dimensions();
     let (mut inside, mut between, mut highest) = (Vec::new(), 0, 0.0_f64);
     for y in 0..height {
@@ -50,10 +60,15 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
             highest = highest.max(r);
         }
     }
-    if matches!(picture, Picture::Rgb8(_)) && highest == 1.0 / 255.0 {
-        return Err(refused(
-            "its levels are 0 and 1; a mask is 255 where pixels count".to_owned(),
-        ));
+    if highest > 0.0 && highest < 0.5 {
+        return Err(refused(match (&picture, highest * 255.0) {
+            (Picture::Rgb8(_), level) if level == 1.0 => {
+                "its levels are 0 and 1; a mask is 255 where pixels count".to_owned()
+            }
+            (_, level) => {
+                format!("its highest level is {level:.0}; a mask is 255 where pixels count")
+            }
+        }));
     }
     let count = inside.len();
     let mask = Mask::new(width, height, inside)

@@ -1,11 +1,14 @@
-//! Pictures that people hand in: PNG and JPEG, EXR, and float arrays in `.npy` or `.safetensors`.
+//! Pictures that people hand in: those of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
-use image::{ImageBuffer, ImageDecoder, ImageReader, Luma, Rgb, Rgb32FImage, RgbImage};
+use image::{ImageBuffer, Luma, Rgb, Rgb32FImage, RgbImage};
 use sharp::camera::Intrinsics;
 use sharp::color::{Quantization, quantize, srgb_from_linear};
+use sharp::image_file::{self, AlphaRule, ImageFileError, OrientationRule, PictureRules};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
 use sharp_datasets::files;
@@ -28,7 +31,64 @@ pub enum ReadError {
 }
 
 /// What a picture's name may end in, lower case.
-pub const EXTENSIONS: [&str; 6] = ["png", "jpg", "jpeg", "exr", "npy", "safetensors"];
+pub const EXTENSIONS: [&str; 11] = [
+    "png",
+    "jpg",
+    "jpeg",
+    "exr",
+    "npy",
+    "safetensors",
+    "webp",
+    "tif",
+    "tiff",
+    "bmp",
+    "jfif",
+];
+
+/// The transfer of an EXR that does not say it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExrTransfer {
+    /// Linear light: clamped to 0..1 and encoded. What most programs write.
+    Linear,
+    /// sRGB-encoded values.
+    Srgb,
+}
+
+impl FromStr for ExrTransfer {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "linear" => Ok(Self::Linear),
+            "srgb" => Ok(Self::Srgb),
+            _ => Err(format!("'{text}' is none of linear, srgb")),
+        }
+    }
+}
+
+impl fmt::Display for ExrTransfer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Linear => "linear",
+            Self::Srgb => "srgb",
+        })
+    }
+}
+
+/// How a picture that someone hands in is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reading {
+    pub rules: PictureRules,
+    /// `None`: an EXR that does not say its transfer is an error.
+    pub exr: Option<ExrTransfer>,
+}
+
+/// A picture as read, and what a reader of its scores has to know: a sentence each that names the setting.
+#[derive(Debug)]
+pub struct ReadPicture {
+    pub picture: Picture,
+    pub notes: Vec<String>,
+}
 
 /// No lossless compression of pictures shrinks them by more than this.
 const MAX_COMPRESSION: u64 = 1 << 11;
@@ -38,48 +98,75 @@ pub fn is_picture(path: &Path) -> bool {
     extension(path).is_some_and(|found| EXTENSIONS.contains(&found.as_str()))
 }
 
-/// Reads a picture: 8-bit files as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of sRGB-encoded
-/// values in 0..1. An EXR that our renderer wrote says that it is linear and is clamped and encoded.
+/// As [`read_as`] under the default rules.
 ///
 /// # Errors
-/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1.
+/// As [`read_as`].
 pub fn read(path: &Path) -> Result<Picture, ReadError> {
+    Ok(read_as(path, &Reading::default())?.picture)
+}
+
+/// Reads a picture: pictures of [`image_file`] as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of
+/// sRGB-encoded values in 0..1. An EXR that our renderer wrote says that it is linear, and counts as composited over its
+/// background.
+///
+/// # Errors
+/// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1, or something
+/// that `reading` has to decide.
+pub fn read_as(path: &Path, reading: &Reading) -> Result<ReadPicture, ReadError> {
+    if path.is_dir() {
+        let inside = files::what_lies_in(path);
+        return Err(malformed(
+            path,
+            format!("a folder, not a picture; {inside}"),
+        ));
+    }
+    let mut notes = Vec::new();
     let picture = match extension(path).as_deref() {
-        Some("exr") => Picture::RgbF32(read_exr(path)?),
+        Some("exr") => Picture::RgbF32(read_exr(path, reading)?),
         Some("npy") => {
             let array = npy::parse(&files::read(path)?)
                 .map_err(|error| malformed(path, error.to_string()))?;
             from_floats(path, &array.shape, array.values)?
         }
         Some("safetensors") => read_safetensors(path)?,
-        _ => Picture::Rgb8(picture::read(path)?),
+        _ => {
+            let decode = |bytes: &[u8]| Ok(image_file::read(bytes, &reading.rules, None)?);
+            let found = files::parse(path, decode)?;
+            notes = found.notes(&reading.rules);
+            Picture::Rgb8(found.image.into_rgb8())
+        }
     };
     picture.check().map_err(|source| ReadError::Values {
         path: path.to_owned(),
         source,
     })?;
-    Ok(picture)
+    Ok(ReadPicture { picture, notes })
 }
 
 /// Width and height from the header of a picture that is compressed; `None` for arrays, which are as large as their file.
+/// A picture with an EXIF orientation has to be read by a stated rule.
 ///
 /// # Errors
-/// As [`read`], as far as the header shows.
-pub fn dimensions(path: &Path) -> Result<Option<(u32, u32)>, ReadError> {
+/// As [`read_as`], as far as the header shows.
+pub fn dimensions(path: &Path, rules: &PictureRules) -> Result<Option<(u32, u32)>, ReadError> {
     match extension(path).as_deref() {
-        Some("exr") => exr_dimensions(path).map(Some),
-        Some("npy" | "safetensors") => Ok(None),
-        _ => Ok(Some(picture::dimensions(path)?)),
+        Some("exr") => return exr_dimensions(path).map(Some),
+        Some("npy" | "safetensors") => return Ok(None),
+        _ => {}
     }
-}
-
-/// True for a PNG with an alpha channel or transparent palette entries, which [`read`] drops.
-pub fn has_alpha(path: &Path) -> bool {
-    let decoder = || {
-        let reader = ImageReader::open(path).ok()?.with_guessed_format().ok()?;
-        reader.into_decoder().ok()
-    };
-    decoder().is_some_and(|decoder| decoder.color_type().has_alpha())
+    let header = picture::header(path)?;
+    match (header.orientation, rules.orientation) {
+        (1, _) | (_, OrientationRule::Stored) => Ok(Some(header.size)),
+        (_, OrientationRule::Upright) => Ok(Some(header.upright_size())),
+        (orientation, OrientationRule::Auto) => Err(malformed(
+            path,
+            format!(
+                "its EXIF orientation is {orientation}: say whether it is read as stored (orientation=stored) or turned \
+                 (orientation=upright)"
+            ),
+        )),
+    }
 }
 
 /// Reads a picture and rounds floats to the nearest of 256 levels.
@@ -148,11 +235,38 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-fn read_exr(path: &Path) -> Result<Rgb32FImage, ReadError> {
-    let (LinearPicture { mut rgb, .. }, is_linear) = read_rgba(path)?;
-    if is_linear {
-        for value in rgb.iter_mut() {
-            *value = srgb_from_linear(value.clamp(0.0, 1.0));
+fn read_exr(path: &Path, reading: &Reading) -> Result<Rgb32FImage, ReadError> {
+    let (LinearPicture { mut rgb, alpha }, is_ours) = read_rgba(path)?;
+    let transfer = match (is_ours, reading.exr) {
+        (true, _) => ExrTransfer::Linear,
+        (false, Some(transfer)) => transfer,
+        (false, None) => {
+            return Err(malformed(
+                path,
+                "an EXR does not say whether its values are linear light or sRGB-encoded: exr=linear (what most programs \
+                 write) or exr=srgb",
+            ));
+        }
+    };
+    // OpenEXR's colours are premultiplied: as they are, they lie over black.
+    let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
+    let white = match reading.rules.alpha {
+        AlphaRule::Refuse if varying > 0 && !is_ours => {
+            let percent = 100.0 * varying as f64 / alpha.len() as f64;
+            return Err(malformed(
+                path,
+                ImageFileError::Alpha { percent }.to_string(),
+            ));
+        }
+        AlphaRule::White => 1.0,
+        _ => 0.0,
+    };
+    for (pixel, alpha) in rgb.pixels_mut().zip(alpha.iter()) {
+        for value in &mut pixel.0 {
+            *value += white * (1.0 - alpha.clamp(0.0, 1.0));
+            if transfer == ExrTransfer::Linear {
+                *value = srgb_from_linear(value.clamp(0.0, 1.0));
+            }
         }
     }
     Ok(rgb)

@@ -5,13 +5,16 @@
 //! and nothing is reduced.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::Path;
+use std::str::FromStr;
 
+use sharp::image_file::PictureRules;
 use sharp_metrics::Picture;
 use sharp_metrics::resize::{ResizeKernel, resize};
 
 use super::method::{MethodError, PicturePrediction};
-use crate::io::pictures::{self, ReadError, to_rgb8};
+use crate::io::pictures::{self, ReadError, Reading, to_rgb8};
 use crate::scoring::Region;
 
 /// Which part of the target a method's pictures show.
@@ -34,17 +37,39 @@ pub(super) enum CropRule {
 pub(super) struct FitRules {
     kernel: Option<ResizeKernel>,
     crop: CropRule,
+    reading: Reading,
 }
 
 impl FitRules {
-    /// Reads the values of `resize=` and `crop=`; errors are the bare reason.
-    pub(super) fn parse(kernel: Option<&str>, crop: Option<&str>) -> Result<Self, String> {
-        let kernel = kernel
-            .map(|name| name.parse::<ResizeKernel>())
-            .transpose()
-            .map_err(|error| format!("resize: {error}"))?;
-        let crop = crop.map(parse_crop).transpose()?.unwrap_or_default();
-        Ok(Self { kernel, crop })
+    /// Reads `resize`, `crop`, `alpha`, `color`, `orientation` and `exr`; errors are the bare reason.
+    pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
+        fn parsed<T: FromStr>(key: &str, text: Option<&str>) -> Result<Option<T>, String>
+        where
+            T::Err: Display,
+        {
+            let value = text.map(str::parse).transpose();
+            value.map_err(|error| format!("{key}: {error}"))
+        }
+        let rules = PictureRules {
+            alpha: parsed("alpha", option("alpha"))?.unwrap_or_default(),
+            color: parsed("color", option("color"))?.unwrap_or_default(),
+            orientation: parsed("orientation", option("orientation"))?.unwrap_or_default(),
+        };
+        Ok(Self {
+            kernel: parsed("resize", option("resize"))?,
+            crop: option("crop")
+                .map(parse_crop)
+                .transpose()?
+                .unwrap_or_default(),
+            reading: Reading {
+                rules,
+                exr: parsed("exr", option("exr"))?,
+            },
+        })
+    }
+
+    pub(super) fn reading(&self) -> &Reading {
+        &self.reading
     }
 
     pub(super) fn crop(&self) -> CropRule {
@@ -56,12 +81,32 @@ impl FitRules {
         matches!(self.crop, CropRule::CenterOfOwnAspect | CropRule::Sidecar)
     }
 
-    /// What identities say: `resize` and `crop` where they are given.
+    /// What identities say: the options that are given.
     pub(super) fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
         if let Some(kernel) = self.kernel {
             let value = format!("{} [{}]", kernel.name(), kernel.describe());
             settings.insert("resize".to_owned(), value);
+        }
+        let Reading { rules, exr } = self.reading;
+        let asked = PictureRules::default();
+        let given = [
+            (
+                "alpha",
+                (rules.alpha != asked.alpha).then(|| rules.alpha.to_string()),
+            ),
+            (
+                "color",
+                (rules.color != asked.color).then(|| rules.color.to_string()),
+            ),
+            (
+                "orientation",
+                (rules.orientation != asked.orientation).then(|| rules.orientation.to_string()),
+            ),
+            ("exr", exr.map(|exr| exr.to_string())),
+        ];
+        for (key, value) in given {
+            settings.extend(value.map(|value| (key.to_owned(), value)));
         }
         let crop = match self.crop {
             CropRule::Whole => return settings,
@@ -114,11 +159,11 @@ impl FitRules {
     ) -> Result<PicturePrediction, MethodError> {
         let named = |reason: String| MethodError::file(path, reason);
         let unreadable = |error: ReadError| MethodError::Model(error.to_string());
-        if let Some(own) = pictures::dimensions(path).map_err(unreadable)? {
+        if let Some(own) = pictures::dimensions(path, &self.reading.rules).map_err(unreadable)? {
             self.kernel_for(own, region, target).map_err(named)?;
         }
-        let picture = pictures::read(path).map_err(unreadable)?;
-        self.fit(picture, region, target).map_err(named)
+        let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
+        self.fit(read.picture, region, target).map_err(named)
     }
 
     /// Brings a picture to the size of what it shows, 8 bit. Errors are the bare reason.
@@ -211,7 +256,12 @@ mod tests {
     use image::RgbImage;
 
     fn rules(kernel: Option<&str>, crop: Option<&str>) -> FitRules {
-        FitRules::parse(kernel, crop).unwrap()
+        FitRules::parse(|key| match key {
+            "resize" => kernel,
+            "crop" => crop,
+            _ => None,
+        })
+        .unwrap()
     }
 
     fn picture(w: u32, h: u32) -> Picture {
@@ -241,10 +291,10 @@ mod tests {
         assert!(region("center", None).is_err());
         assert!(region("sidecar", None).is_err());
         for text in ["middle", "1:2:3", "center:0:1", "center:1", "-1:0:2:2", ""] {
-            let error = FitRules::parse(None, Some(text)).unwrap_err();
+            let error = FitRules::parse(|key| (key == "crop").then_some(text)).unwrap_err();
             assert!(error.contains("x:y:w:h"), "{error}");
         }
-        assert!(FitRules::parse(Some("cubic"), None).is_err());
+        assert!(FitRules::parse(|key| (key == "resize").then_some("cubic")).is_err());
         let both = rules(Some("bicubic"), Some("center:16:9"));
         assert!(both.settings()["resize"].starts_with("bicubic"));
         assert_eq!(both.settings()["crop"], "center:16:9");

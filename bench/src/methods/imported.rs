@@ -1,8 +1,9 @@
-//! Pictures that someone else's method made: `DIR/<pair_id>.png|jpg|jpeg|exr`.
+//! Pictures that someone else's method made: `DIR/<pair_id>.png|jpg|exr|webp|tif|bmp`.
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use sharp_datasets::files;
 
 use super::crop_and_resize::{CropRule, FitRules};
 use super::method::{
@@ -16,8 +17,8 @@ use crate::scoring::Region;
 
 /// Reads a folder of predicted pictures.
 ///
-/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. EXR pictures hold sRGB-encoded values
-/// in 0..1; every picture is quantised to 8 bit by rounding like every other prediction.
+/// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. `alpha=`, `color=`, `orientation=` and
+/// `exr=` say how a picture is read that is not opaque, upright sRGB ([`Reading`](crate::io::pictures::Reading)); every picture is quantised to 8 bit by rounding like every other prediction.
 ///
 /// A picture whose size is not the target's is an error unless `resize=KERNEL` names how a smaller one of the same
 /// aspect is resized up, or `crop=` says which part of the target it shows: `x:y:w:h` in pixels of the target,
@@ -37,13 +38,24 @@ struct Sidecar {
 }
 
 impl Imported {
-    pub const OPTIONS: [&'static str; 4] = ["dir", "resize", "crop", "scales"];
+    pub const OPTIONS: [&'static str; 8] = [
+        "dir",
+        "scales",
+        "resize",
+        "crop",
+        "alpha",
+        "color",
+        "orientation",
+        "exr",
+    ];
 
-    const EXTENSIONS: [&'static str; 4] = ["png", "jpg", "jpeg", "exr"];
+    const EXTENSIONS: [&'static str; 9] = [
+        "png", "jpg", "jpeg", "exr", "webp", "tif", "tiff", "bmp", "jfif",
+    ];
 
     /// Reads the options.
     pub fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
-        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
+        let fit = FitRules::parse(|key| spec.option(key));
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,
@@ -64,16 +76,19 @@ impl Imported {
     }
 
     fn find(&self, pair_id: &str) -> Result<PathBuf, MethodError> {
-        let candidates: Vec<PathBuf> = Self::EXTENSIONS
-            .iter()
-            .map(|extension| self.dir.join(format!("{}.{extension}", path_of(pair_id))))
-            .filter(|path| path.is_file())
-            .collect();
+        let named = self.dir.join(path_of(pair_id));
+        let folder = named.parent().unwrap_or(&self.dir);
+        let stem = named.file_name().unwrap_or_default().to_string_lossy();
+        let candidates = files::of_stem(folder, &stem, &Self::EXTENSIONS);
         match candidates.as_slice() {
             [path] => Ok(path.clone()),
             [] => {
-                let reason = format!("no picture (looked for {})", Self::EXTENSIONS.join(", "));
-                Err(MethodError::file(&self.dir.join(path_of(pair_id)), reason))
+                let reason = format!(
+                    "no picture (looked for {}); {}",
+                    Self::EXTENSIONS.join(", "),
+                    files::what_lies_in(folder)
+                );
+                Err(MethodError::file(&named, reason))
             }
             [first, second, ..] => {
                 let other = second.file_name().unwrap_or_default().to_string_lossy();
@@ -113,7 +128,7 @@ impl Imported {
     ) -> Result<Option<Region>, MethodError> {
         let (own, sidecar) = match self.fit.crop() {
             CropRule::CenterOfOwnAspect => {
-                let size = pictures::dimensions(path);
+                let size = pictures::dimensions(path, &self.fit.reading().rules);
                 (size.map_err(|e| MethodError::Model(e.to_string()))?, None)
             }
             CropRule::Sidecar => (None, Some(self.sidecar(pair_id)?)),

@@ -1,5 +1,6 @@
 //! Datasets as they were opened, with the pair options given for each.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use globset::{GlobBuilder, GlobMatcher};
@@ -179,10 +180,32 @@ impl OpenDataset {
         groups.find(|group| group.scenes.iter().any(holds))
     }
 
-    /// What the reader said about its scenes, for the manifest.
+    /// What its files leave in doubt, one line for all scenes of which it is true.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut scenes: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for scene in &self.scenes {
+            for warning in &scene.warnings {
+                scenes.entry(warning).or_default().push(scene.id.clone());
+            }
+        }
+        let lines = scenes.into_iter();
+        lines
+            .map(|(warning, scenes)| match scenes.as_slice() {
+                [scene] => format!("{}/{scene}: {warning}", self.name),
+                [first, ..] => format!(
+                    "{}/{first} and {} more: {warning}",
+                    self.name,
+                    scenes.len() - 1
+                ),
+                [] => warning.to_owned(),
+            })
+            .collect()
+    }
+
+    /// What the reader said about its scenes, warnings included, for the manifest.
     pub fn notes(&self) -> Vec<String> {
         let of_scene = |scene: &Scene| {
-            let notes = scene.notes.iter();
+            let notes = scene.notes.iter().chain(&scene.warnings);
             notes
                 .map(|note| format!("{}: {note}", scene.id))
                 .collect::<Vec<_>>()

@@ -91,6 +91,7 @@ pub(super) fn row(dataset: &str, id: &str, step_m: f64, depths: &[Depth]) -> Cam
         views: depths.iter().enumerate().map(view).collect(),
         pairing: Pairing::MultiView,
         notes: Vec::new(),
+        warnings: Vec::new(),
     };
     CameraRow { scene, reads }
 }

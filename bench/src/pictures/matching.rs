@@ -3,18 +3,18 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use sharp_datasets::DatasetError;
+use sharp_datasets::files::{self, composed, what_lies_in};
+
 use crate::io::pictures;
 
 /// Two folders that do not match up.
 #[derive(Debug, thiserror::Error)]
 pub enum MatchError {
-    #[error("{}: {source}", path.display())]
-    Io {
-        path: PathBuf,
-        source: std::io::Error,
-    },
-    #[error("{}: no picture in it (looked for {})", path.display(), pictures::EXTENSIONS.join(", "))]
-    Empty { path: PathBuf },
+    #[error(transparent)]
+    List(#[from] DatasetError),
+    #[error("{}: no picture in it (looked for {}); {inside}", path.display(), pictures::EXTENSIONS.join(", "))]
+    Empty { path: PathBuf, inside: String },
     /// A picture without a partner.
     #[error("{}: no picture of the same {by} in {}", path.display(), other.display())]
     Unmatched {
@@ -51,8 +51,17 @@ impl std::fmt::Display for MatchBy {
     }
 }
 
-/// Pairs the pictures of two folders, sorted by name. Hidden files (and the `._` files that some archives carry) are
-/// skipped.
+/// A prediction and its target.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Match {
+    /// What they share, with the folders between them and the folder that was searched; unique among the matches.
+    pub key: String,
+    pub prediction: PathBuf,
+    pub target: PathBuf,
+}
+
+/// Pairs the pictures of two folders, sorted by name; where a folder has no picture of its own, those in its subfolders.
+/// Hidden files (and the `._` files that some archives carry) are skipped.
 ///
 /// # Errors
 /// [`MatchError`]: every picture of either folder needs exactly one partner.
@@ -60,14 +69,18 @@ pub fn match_folders(
     predictions: &Path,
     targets: &Path,
     by: MatchBy,
-) -> Result<Vec<(PathBuf, PathBuf)>, MatchError> {
+) -> Result<Vec<Match>, MatchError> {
     let left = index(predictions, by)?;
     let mut right = index(targets, by)?;
     let mut pairs = Vec::with_capacity(left.len());
-    for (name, path) in left {
-        match right.remove(&name) {
-            Some(partner) => pairs.push((path, partner)),
-            None => return Err(unmatched(path, targets, by)),
+    for (key, prediction) in left {
+        match right.remove(&key) {
+            Some(target) => pairs.push(Match {
+                key,
+                prediction,
+                target,
+            }),
+            None => return Err(unmatched(prediction, targets, by)),
         }
     }
     match right.into_values().next() {
@@ -76,23 +89,27 @@ pub fn match_folders(
     }
 }
 
-/// The picture in a folder that matches a picture elsewhere.
+/// The picture in a folder that matches a picture elsewhere, whose [`Match::key`] it shares.
 ///
 /// # Errors
 /// When there is none, or more than one.
-pub fn partner(picture: &Path, folder: &Path, by: MatchBy) -> Result<PathBuf, MatchError> {
-    let found = index(folder, by)?.remove(&shared_part(picture, by));
+pub fn partner(
+    key: &str,
+    picture: &Path,
+    folder: &Path,
+    by: MatchBy,
+) -> Result<PathBuf, MatchError> {
+    let found = index(folder, by)?.remove(key);
     found.ok_or_else(|| unmatched(picture.to_owned(), folder, by))
 }
 
-/// What a picture shares with its partner.
-fn shared_part(path: &Path, by: MatchBy) -> String {
+/// What a picture shares with its partner, accents composed.
+pub fn shared_part(path: &Path, by: MatchBy) -> String {
     let part = match by {
         MatchBy::Stem => path.file_stem(),
         MatchBy::Name => path.file_name(),
     };
-    part.map(|part| part.to_string_lossy().into_owned())
-        .unwrap_or_default()
+    composed(&part.unwrap_or_default().to_string_lossy())
 }
 
 fn unmatched(path: PathBuf, other: &Path, by: MatchBy) -> MatchError {
@@ -104,15 +121,39 @@ fn unmatched(path: PathBuf, other: &Path, by: MatchBy) -> MatchError {
 }
 
 fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchError> {
-    let io = |source| MatchError::Io {
-        path: folder.to_owned(),
-        source,
-    };
     let mut found = BTreeMap::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let name = shared_part(&path, by);
-        if name.starts_with('.') || !path.is_file() || !pictures::is_picture(&path) {
+    add_to_index(folder, "", by, &mut found)?;
+    if found.is_empty() {
+        return Err(MatchError::Empty {
+            path: folder.to_owned(),
+            inside: what_lies_in(folder),
+        });
+    }
+    Ok(found)
+}
+
+/// The pictures of a folder, or where it has none those of its subfolders.
+fn add_to_index(
+    folder: &Path,
+    prefix: &str,
+    by: MatchBy,
+    found: &mut BTreeMap<String, PathBuf>,
+) -> Result<(), MatchError> {
+    let entries = files::list(folder)?;
+    let is_picture = |path: &Path| path.is_file() && pictures::is_picture(path);
+    if !entries.iter().any(|(_, path)| is_picture(path)) {
+        for (name, path) in entries.iter().filter(|(_, path)| path.is_dir()) {
+            // A link could lead round in a circle.
+            if !path.is_symlink() {
+                let prefix = format!("{prefix}{}/", composed(name));
+                add_to_index(path, &prefix, by, found)?;
+            }
+        }
+        return Ok(());
+    }
+    for (_, path) in entries {
+        let name = prefix.to_owned() + &shared_part(&path, by);
+        if !is_picture(&path) {
             continue;
         }
         if let Some(first) = found.insert(name, path.clone()) {
@@ -124,12 +165,7 @@ fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchE
             return Err(MatchError::Ambiguous { first, second, by });
         }
     }
-    if found.is_empty() {
-        return Err(MatchError::Empty {
-            path: folder.to_owned(),
-        });
-    }
-    Ok(found)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -150,7 +186,7 @@ mod tests {
         let b = folder(&["y.png", "x.exr"]);
         let pairs = match_folders(a.path(), b.path(), MatchBy::Stem).unwrap();
         assert_eq!(pairs.len(), 2);
-        assert!(pairs[0].0.ends_with("x.png") && pairs[0].1.ends_with("x.exr"));
+        assert!(pairs[0].prediction.ends_with("x.png") && pairs[0].target.ends_with("x.exr"));
         assert!(match_folders(a.path(), b.path(), MatchBy::Name).is_err());
     }
 
@@ -161,9 +197,9 @@ mod tests {
             let error = match_folders(a.path(), b.path(), MatchBy::Stem).unwrap_err();
             assert!(error.to_string().contains("y.png: no picture"), "{error}");
         }
-        let two_found = partner(&one.path().join("y.jpg"), two.path(), MatchBy::Stem).unwrap();
+        let two_found = partner("y", &one.path().join("y.jpg"), two.path(), MatchBy::Stem).unwrap();
         assert!(two_found.ends_with("y.png"));
-        assert!(partner(&two_found, one.path(), MatchBy::Stem).is_err());
+        assert!(partner("y", &two_found, one.path(), MatchBy::Stem).is_err());
         let twice = folder(&["x.png", "x.jpg"]);
         let error = match_folders(twice.path(), one.path(), MatchBy::Stem).unwrap_err();
         assert!(matches!(error, MatchError::Ambiguous { .. }));

@@ -29,6 +29,8 @@ pub struct Protocol {
     pub pairs: PairRule,
     /// The size at which pictures are seen and compared, as a dataset's `frame=`; `None`: as the dataset has them.
     pub frame: Option<&'static str>,
+    /// Over what pictures that are not opaque are composited, as a dataset's `alpha=`; `None` where its data has none.
+    pub alpha: Option<&'static str>,
     pub border: Border,
     pub quantised: Quantised,
     /// Keys; none where the code publishes no metrics.
@@ -140,7 +142,7 @@ impl Protocol {
     pub fn follow(&self, asked: Asked<'_>) -> Result<Followed, ProtocolError> {
         self.check_pairs(asked)?;
         Ok(Followed {
-            datasets: self.framed(asked.datasets)?,
+            datasets: self.composited(self.framed(asked.datasets)?),
             metrics: self.selection(asked.metrics)?,
             quantization: self.quantization(asked.quantization)?,
             rules: ScoringRules {
@@ -233,6 +235,21 @@ impl Protocol {
             Err(self.contradicted(seen, format!("--dataset …,frame={own}")))
         });
         framed.collect()
+    }
+
+    /// The specs, each with the protocol's background where it says none itself.
+    fn composited(&self, specs: Vec<String>) -> Vec<String> {
+        let own = |spec: &str| {
+            spec.split(',')
+                .any(|part| part.trim().starts_with("alpha="))
+        };
+        let specs = specs.into_iter();
+        specs
+            .map(|spec| match self.alpha {
+                Some(alpha) if !own(&spec) => format!("{spec},alpha={alpha}"),
+                _ => spec,
+            })
+            .collect()
     }
 
     /// The protocol's metrics, then further ones that were asked for.

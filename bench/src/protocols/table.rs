@@ -17,6 +17,7 @@ const PLAIN: Protocol = Protocol {
     source: "",
     pairs: PairRule::Paper,
     frame: None,
+    alpha: None,
     border: Border::Kept,
     quantised: Quantised::Round,
     metrics: &[],
@@ -200,6 +201,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         source: "graphdeco-inria/gaussian-splatting 15d64e67814605c4d5b24a326aad29da74898acc",
         pairs: PairRule::NoSource(EVERY_8TH),
         frame: Some("width:1600:bicubic"),
+        alpha: Some("white"),
         metrics: &["psnr", "ssim[gauss11,zero]", "lpips[vgg,v0.1,unscaled]"],
         failures: "raises; reduced-3dgs goes on with the next scene",
         traps: &[
@@ -252,6 +254,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         name: "nerfbaselines",
         source: "nerfbaselines/nerfbaselines cde53bda36e65985ca15c79957725a9054fb55b4",
         pairs: PairRule::NoSource(EVERY_8TH),
+        alpha: Some("white"),
         quantised: Quantised::Truncate,
         metrics: &[
             "psnr",
@@ -274,6 +277,7 @@ pub const PROTOCOLS: [Protocol; 15] = [
         name: "multinerf",
         source: "google-research/multinerf 5b4d4f64608ec8077222c52fdf814d40acc10bc1",
         pairs: PairRule::NoSource(EVERY_8TH),
+        alpha: Some("white"),
         metrics: &["psnr", "ssim[gauss11,valid,cov=bounded]"],
         failures: "not handled",
         departures: &[

@@ -240,7 +240,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         depth_coverage: (!coverages.is_empty())
             .then(|| coverages.iter().sum::<f64>() / coverages.len() as f64),
         consistency,
-        notes: scene.notes.clone(),
+        notes: scene.notes.iter().chain(&scene.warnings).cloned().collect(),
         problems,
     }
 }
@@ -274,7 +274,7 @@ fn decode(view: &View) -> Decoded {
 }
 
 /// At most `most` of `count` indices, evenly spaced, the first among them.
-fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
+pub(crate) fn evenly_spaced(count: usize, most: usize) -> Vec<usize> {
     let n = count.min(most.max(1));
     (0..n).map(|i| i * count / n).collect()
 }

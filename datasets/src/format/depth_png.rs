@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use image::DynamicImage;
-
-use sharp::image_file;
+use image::{ColorType, DynamicImage};
+use sharp::image_file::{self, PictureRules};
 
 use super::{FloatMap, FormatError};
 use crate::DatasetError;
@@ -14,15 +13,16 @@ use crate::DatasetError;
 /// # Errors
 /// As for a picture, or not 16-bit gray.
 pub fn parse(bytes: &[u8]) -> Result<FloatMap, FormatError> {
-    match image_file::decode(bytes)? {
-        DynamicImage::ImageLuma16(map) => {
+    let picture = image_file::read(bytes, &PictureRules::AS_STORED, None)?;
+    match picture.image {
+        DynamicImage::ImageLuma16(map) if picture.header.color == ColorType::L16 => {
             let (width, height) = map.dimensions();
             let values = map.iter().map(|v| f32::from(*v)).collect();
             FloatMap::from_vec(width, height, values).ok_or_else(|| "too large".into())
         }
-        other => Err(invalid!(
+        _ => Err(invalid!(
             "a depth map must be 16-bit gray; this picture's pixels are {:?}",
-            other.color()
+            picture.header.color
         )),
     }
 }

@@ -16,7 +16,7 @@ use crate::files::{self, Root};
 use crate::format::transforms::{JsonFrame, undo_colmap_axes};
 use crate::format::{colmap, picture};
 use crate::left_out::FoundScenes;
-use crate::mask::MaskFile;
+use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
@@ -245,7 +245,10 @@ impl ScanNetPpReader<'_> {
             let png = format!("{id}.png");
             let mask = if self.spec.setting("masks") == "apply" {
                 let file = scene.finder.find(&photos.masks, &png, &["png"])?;
-                file.map(|file| MaskFile { file })
+                file.map(|file| MaskFile {
+                    file,
+                    keep: Keep::White,
+                })
             } else {
                 None
             };

@@ -253,6 +253,7 @@ impl SyntheticScene {
             views: self.views.clone(),
             pairing: Pairing::MultiView,
             notes: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 

@@ -114,6 +114,7 @@ impl SweepKind {
             views,
             pairing: Pairing::Star { source: 0 },
             notes: Vec::new(),
+            warnings: Vec::new(),
         };
         let steps = 1..options.views;
         Ok(match self {

@@ -1,5 +1,7 @@
 //! The marker segments of a JPEG stream, walked to see that it ends where it should.
 
+use std::io::{BufRead, Read};
+
 /// Checks that a JPEG stream runs from its start marker to its end marker.
 ///
 /// Only the structure is looked at: segments are skipped by their length (so the end marker of an
@@ -36,6 +38,30 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
             at = end_of_scan(bytes, at).ok_or(TRUNCATED)?;
         }
     }
+}
+
+/// The segments before the pixels, all that a header takes; up to where the file ends or makes no sense.
+///
+/// # Errors
+/// The reader's.
+pub(super) fn head(file: &mut impl BufRead) -> std::io::Result<Vec<u8>> {
+    let mut head = Vec::new();
+    let take = |file: &mut dyn BufRead, bytes: u64, head: &mut Vec<u8>| {
+        Ok::<_, std::io::Error>(file.take(bytes).read_to_end(head)? as u64 == bytes)
+    };
+    take(file, 2, &mut head)?;
+    while take(file, 4, &mut head)? {
+        let [.., 0xFF, code @ 0xC0..=0xFE, l0, l1] = head[..] else {
+            // Filled up with FF, or damaged: the decoder sees to it.
+            file.read_to_end(&mut head)?;
+            break;
+        };
+        let length = u64::from(u16::from_be_bytes([l0, l1]));
+        if !take(file, length.saturating_sub(2), &mut head)? || code == 0xDA {
+            break;
+        }
+    }
+    Ok(head)
 }
 
 /// The position of the first marker after entropy-coded data: an FF that is not followed by 00 (a

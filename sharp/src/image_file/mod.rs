@@ -1,22 +1,37 @@
-//! Photographs in files: PNG or JPEG, told apart by their first bytes, decoded only when complete.
+//! Pictures in files, the one door for all that are scored, predicted from or used as a mask: PNG, JPEG, WebP, TIFF and
+//! BMP, told apart by their first bytes, decoded only when complete.
 //!
 //! Decoders of JPEG fill what is missing with grey, and a half grey picture must neither be scored
-//! nor predicted from; so a file's structure is checked before its pixels are decoded. Colour
-//! profiles and orientation are left to the caller.
+//! nor predicted from; so a file's structure is checked before its pixels are decoded. What a file holds besides opaque,
+//! upright sRGB pixels is found ([`Header`], [`Picture`]) and handled by [`PictureRules`]; nothing of it is dropped unasked.
+//!
+//! * `format`: which one it is, whether it is complete, what it can hold.
+//! * `profile`: colour profiles, converted to sRGB.
+//! * `rules`: what becomes of alpha, colours and orientation.
 
+mod format;
 mod jpeg_markers;
 mod png_chunks;
+mod profile;
+mod rules;
 
 use std::io::{BufRead, Cursor, Read, Seek};
 
-use image::{DynamicImage, ImageFormat, ImageReader, RgbImage};
+use exif::{In, Tag, Value};
+use image::metadata::Orientation;
+use image::{
+    ColorType, DynamicImage, ImageBuffer, ImageDecoder, ImageFormat, ImageReader, Pixel, RgbImage,
+};
 
 use crate::camera::Intrinsics;
+
+pub use profile::{MatrixProfile, Profile};
+pub use rules::{AlphaRule, ColorRule, OrientationRule, PictureRules};
 
 /// Why a file was not decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageFileError {
-    /// Neither PNG nor JPEG; says what it is instead, where that shows.
+    /// Of no format that is read; says what it is instead, where that shows.
     #[error("{0}")]
     Format(&'static str),
     /// Ends before it should, damaged, or against its format's rules.
@@ -36,6 +51,20 @@ pub enum ImageFileError {
         Intrinsics::MAX_PIXELS
     )]
     TooLarge { width: u32, height: u32 },
+    #[error(
+        "{percent:.1} % of its pixels are not opaque: alpha=black or alpha=white composites it over that, alpha=drop takes \
+         its colours as they are stored"
+    )]
+    Alpha { percent: f64 },
+    #[error(
+        "its colour profile '{name}' cannot be converted to sRGB ({reason}): convert the file, or take its values as they \
+         are with color=as-stored"
+    )]
+    Profile { name: String, reason: &'static str },
+    #[error(
+        "its pixels are floating-point numbers, of which nothing says whether they are linear: save it as 8 or 16 bit"
+    )]
+    FloatingPoint,
     #[error(transparent)]
     Decoder(#[from] image::ImageError),
 }
@@ -46,127 +75,287 @@ impl From<std::io::Error> for ImageFileError {
     }
 }
 
-/// Decodes a PNG or JPEG; pixels keep their depth and channels, palettes are expanded, CMYK becomes
-/// RGB.
-///
-/// # Errors
-/// [`ImageFileError`].
-pub fn decode(bytes: &[u8]) -> Result<DynamicImage, ImageFileError> {
-    let format = format_of(bytes)?;
-    match format {
-        ImageFormat::Jpeg => jpeg_markers::check_complete(bytes),
-        _ => png_chunks::check_complete(bytes),
+/// What a file's header says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Header {
+    /// What the file is, whatever its name says: `PNG`, `JPEG`, `WebP`, `TIFF`, `BMP`.
+    pub format: &'static str,
+    /// Width and height as stored, pixels.
+    pub size: (u32, u32),
+    pub color: ColorType,
+    /// EXIF orientation, 1 to 8; 1 is upright, also where there is none.
+    pub orientation: u8,
+    pub profile: Profile,
+}
+
+impl Header {
+    /// The size once the picture is turned as its EXIF orientation says.
+    pub fn upright_size(&self) -> (u32, u32) {
+        match self.orientation {
+            5..=8 => (self.size.1, self.size.0),
+            _ => self.size,
+        }
     }
-    .map_err(ImageFileError::Damaged)?;
-    dimensions(Cursor::new(bytes))?;
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-    // The size was checked against the file's, which is tighter than any fixed limit.
-    reader.no_limits();
-    Ok(reader.decode()?)
 }
 
-/// As [`decode`], to 8-bit RGB: grey is replicated, alpha dropped (not composited), 16 bits become
-/// 8 by v / 257, rounded.
+/// What was found of a picture's alpha.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Alpha {
+    None,
+    Opaque,
+    /// The share of pixels that are not opaque, percent.
+    Varying(f64),
+}
+
+/// A decoded picture, and what was done to it.
+#[derive(Debug)]
+pub struct Picture {
+    /// sRGB without alpha, at the stored bit depth.
+    pub image: DynamicImage,
+    pub header: Header,
+    pub alpha: Alpha,
+    /// Whether it was turned by its EXIF orientation.
+    pub turned: bool,
+}
+
+impl Picture {
+    /// What a reader of scores has to know, a sentence each that names the setting; empty for opaque, upright sRGB.
+    pub fn notes(&self, rules: &PictureRules) -> Vec<String> {
+        let mut notes = Vec::new();
+        let orientation = self.header.orientation;
+        if orientation != 1 {
+            notes.push(match self.turned {
+                true => format!(
+                    "turned upright by its EXIF orientation {orientation} (orientation=stored leaves it)"
+                ),
+                false => format!(
+                    "its EXIF orientation {orientation} is not applied (orientation=upright turns it)"
+                ),
+            });
+        }
+        if let Some(name) = self.header.profile.name() {
+            notes.push(match rules.color {
+                ColorRule::Convert => format!(
+                    "converted from its colour profile '{name}' to sRGB (color=as-stored leaves it)"
+                ),
+                ColorRule::AsStored => format!(
+                    "its colour profile '{name}' is ignored (color=convert converts it to sRGB)"
+                ),
+            });
+        }
+        if let (Alpha::Varying(percent), AlphaRule::Drop) = (self.alpha, rules.alpha) {
+            notes.push(format!(
+                "its alpha is dropped, not composited, in the {percent:.1} % of its pixels that are not opaque (alpha=black, \
+                 alpha=white)"
+            ));
+        }
+        notes
+    }
+}
+
+/// Decodes a picture under rules; palettes are expanded, CMYK becomes RGB. `fit` is the size that it should have.
 ///
 /// # Errors
 /// [`ImageFileError`].
-pub fn decode_rgb8(bytes: &[u8]) -> Result<RgbImage, ImageFileError> {
-    Ok(decode(bytes)?.into_rgb8())
+pub fn read(
+    bytes: &[u8],
+    rules: &PictureRules,
+    fit: Option<(u32, u32)>,
+) -> Result<Picture, ImageFileError> {
+    let format = format::of(bytes)?;
+    format::check_complete(bytes, format)?;
+    dimensions(Cursor::new(bytes))?;
+    let (decoder, header) = open(Cursor::new(bytes), format)?;
+    let mut image = DynamicImage::from_decoder(decoder)?;
+    if matches!(
+        image,
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)
+    ) {
+        return Err(ImageFileError::FloatingPoint);
+    }
+    if rules.color == ColorRule::Convert {
+        image = match &header.profile {
+            Profile::Srgb => image,
+            Profile::Matrix { to_srgb, .. } => to_srgb.convert(image),
+            Profile::Other { name, reason } => {
+                return Err(ImageFileError::Profile {
+                    name: name.clone(),
+                    reason,
+                });
+            }
+        };
+    }
+    let alpha = alpha_of(&image);
+    image = match (alpha, rules.alpha) {
+        (Alpha::Varying(percent), AlphaRule::Refuse) => {
+            return Err(ImageFileError::Alpha { percent });
+        }
+        (Alpha::Varying(_), AlphaRule::Black) => composited(image, 0.0),
+        (Alpha::Varying(_), AlphaRule::White) => composited(image, 1.0),
+        _ => without_alpha(image),
+    };
+    let turned = rules.turns(&header, fit);
+    if turned && let Some(orientation) = Orientation::from_exif(header.orientation) {
+        image.apply_orientation(orientation);
+    }
+    Ok(Picture {
+        image,
+        header,
+        alpha,
+        turned,
+    })
 }
 
-/// Width and height from a file's header, which is all that is read of it.
+/// As [`read`], to 8-bit RGB: grey is replicated, 16 bits become 8 by v / 257, rounded.
+///
+/// # Errors
+/// [`ImageFileError`].
+pub fn read_rgb8(
+    bytes: &[u8],
+    rules: &PictureRules,
+    fit: Option<(u32, u32)>,
+) -> Result<RgbImage, ImageFileError> {
+    Ok(read(bytes, rules, fit)?.image.into_rgb8())
+}
+
+/// What a file's header says, without decoding its pixels.
+///
+/// # Errors
+/// [`ImageFileError`], as far as the header shows.
+pub fn header(mut file: impl BufRead + Seek) -> Result<Header, ImageFileError> {
+    dimensions(&mut file)?;
+    file.rewind()?;
+    let start = start_of(&mut file)?;
+    match format::of(&start)? {
+        // Its decoder takes the whole file to itself.
+        format @ ImageFormat::Jpeg => {
+            Ok(open(Cursor::new(jpeg_markers::head(&mut file)?), format)?.1)
+        }
+        format => Ok(open(file, format)?.1),
+    }
+}
+
+/// Width and height as stored, from a file's header, which is all that is read of it.
 ///
 /// # Errors
 /// [`ImageFileError`], as far as the header shows.
 pub fn dimensions(mut file: impl BufRead + Seek) -> Result<(u32, u32), ImageFileError> {
     let file_bytes = file.seek(std::io::SeekFrom::End(0))?;
     file.rewind()?;
+    let start = start_of(&mut file)?;
+    let format = format::of(&start)?;
+    let size = match format {
+        ImageFormat::Jpeg => {
+            let head = Cursor::new(jpeg_markers::head(&mut file)?);
+            ImageReader::with_format(head, format).into_dimensions()?
+        }
+        _ => ImageReader::with_format(file, format).into_dimensions()?,
+    };
+    format::check_size(size, file_bytes, &start, format)?;
+    Ok(size)
+}
+
+fn start_of(file: &mut (impl BufRead + Seek)) -> Result<Vec<u8>, ImageFileError> {
     let mut start = Vec::with_capacity(32);
     file.by_ref().take(32).read_to_end(&mut start)?;
     file.rewind()?;
-    let format = format_of(&start)?;
-    let (width, height) = ImageReader::with_format(file, format).into_dimensions()?;
-    check_size(width, height, file_bytes, bits_per_pixel(&start))?;
-    Ok((width, height))
+    Ok(start)
 }
 
-fn format_of(bytes: &[u8]) -> Result<ImageFormat, ImageFileError> {
-    const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(32)]).to_ascii_lowercase();
-    let text = text.trim_start();
-    let what = if bytes.starts_with(PNG) {
-        return Ok(ImageFormat::Png);
-    } else if bytes.starts_with(b"\xff\xd8\xff") {
-        return Ok(ImageFormat::Jpeg);
-    } else if bytes.is_empty() {
-        "the file is empty"
-    } else if text.starts_with("version https://git-lfs") {
-        "a Git LFS pointer, not the picture itself (run `git lfs pull`)"
-    } else if text.starts_with("<!doctype html") || text.starts_with("<html") {
-        "an HTML page, not a picture (a failed download?)"
-    } else if bytes.get(4..8) == Some(b"ftyp") {
-        "a HEIC or AVIF picture; convert it to PNG or JPEG"
-    } else if bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*") {
-        "a TIFF picture; convert it to PNG or JPEG"
-    } else if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
-        "a WebP picture; convert it to PNG or JPEG"
-    } else if bytes.starts_with(b"\x76\x2f\x31\x01") {
-        "an OpenEXR file; photographs are sRGB-encoded PNG or JPEG"
-    } else if bytes.starts_with(b"\x93NUMPY") {
-        "a NumPy array; photographs are sRGB-encoded PNG or JPEG"
-    } else {
-        "neither a PNG nor a JPEG picture"
+fn open<'a>(
+    mut file: impl BufRead + Seek + 'a,
+    format: ImageFormat,
+) -> Result<(Box<dyn ImageDecoder + 'a>, Header), ImageFileError> {
+    let cicp = match format {
+        ImageFormat::Png => png_chunks::cicp(&mut file)?,
+        _ => None,
     };
-    Err(ImageFileError::Format(what))
-}
-
-/// What a pixel takes in a PNG before it is deflated, from the start of the file; `None` for a JPEG.
-fn bits_per_pixel(start: &[u8]) -> Option<u64> {
-    // After signature, length, name, width and height.
-    let (Some(depth), Some(kind)) = (start.get(24), start.get(25)) else {
-        return Some(1);
-    };
-    let channels = match kind {
-        2 => 3,
-        4 => 2,
-        6 => 4,
-        // Gray or an index into a palette.
-        _ => 1,
-    };
-    start
-        .starts_with(b"\x89PNG")
-        .then(|| (u64::from(*depth) * channels).max(1))
-}
-
-/// Refuses a size that no file of this length can hold. Deflate expands at most 1032-fold; a JPEG
-/// takes at least one bit a block of 8×8 pixels.
-fn check_size(
-    width: u32,
-    height: u32,
-    file_bytes: u64,
-    bits_per_pixel: Option<u64>,
-) -> Result<(), ImageFileError> {
-    const DEFLATE: u64 = 1032;
-    const BLOCKS_PER_BYTE: u64 = 8;
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels == 0 {
-        return Err(ImageFileError::Empty { width, height });
-    }
-    let least = match bits_per_pixel {
-        Some(bits) => u128::from(pixels) * u128::from(bits) / 8 / u128::from(DEFLATE),
-        None => u128::from(pixels) / 64 / u128::from(BLOCKS_PER_BYTE),
-    };
-    if least > u128::from(file_bytes) {
-        return Err(ImageFileError::Oversized {
-            width,
-            height,
-            file_bytes,
+    let mut reader = ImageReader::with_format(file, format);
+    // The size was checked against the file's, which is tighter than any fixed limit.
+    reader.no_limits();
+    let mut decoder = reader.into_decoder()?;
+    let icc = decoder.icc_profile().ok().flatten();
+    let exif = decoder.exif_metadata().ok().flatten();
+    let exif = exif.and_then(|bytes| exif::Reader::new().read_raw(bytes).ok());
+    // Of Adobe's colours, as cameras mark them where no profile is embedded.
+    let is_adobe_rgb = exif
+        .as_ref()
+        .and_then(|exif| exif.get_field(Tag::InteroperabilityIndex, In::PRIMARY))
+        .is_some_and(|field| match &field.value {
+            Value::Ascii(texts) => texts.iter().any(|text| text.starts_with(b"R03")),
+            _ => false,
         });
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let header = Header {
+        format: match format {
+            ImageFormat::Png => "PNG",
+            ImageFormat::Jpeg => "JPEG",
+            ImageFormat::WebP => "WebP",
+            ImageFormat::Tiff => "TIFF",
+            _ => "BMP",
+        },
+        size: decoder.dimensions(),
+        color: decoder.color_type(),
+        orientation: orientation.to_exif(),
+        profile: match (cicp, icc) {
+            (Some(cicp), _) => Profile::of_cicp(cicp),
+            (None, Some(icc)) => Profile::of_icc(&icc),
+            (None, None) if is_adobe_rgb => Profile::adobe_rgb(),
+            (None, None) => Profile::Srgb,
+        },
+    };
+    Ok((Box::new(decoder), header))
+}
+
+fn alpha_of(image: &DynamicImage) -> Alpha {
+    fn share<P: Pixel>(image: &ImageBuffer<P, Vec<P::Subpixel>>, opaque: P::Subpixel) -> Alpha {
+        let pixels = image.pixels().len();
+        let last = usize::from(P::CHANNEL_COUNT) - 1;
+        let varying = image.pixels().filter(|p| p.channels()[last] != opaque);
+        match varying.count() {
+            0 => Alpha::Opaque,
+            count => Alpha::Varying(100.0 * count as f64 / pixels as f64),
+        }
     }
-    if pixels > Intrinsics::MAX_PIXELS {
-        return Err(ImageFileError::TooLarge { width, height });
+    match image {
+        DynamicImage::ImageLumaA8(image) => share(image, u8::MAX),
+        DynamicImage::ImageRgba8(image) => share(image, u8::MAX),
+        DynamicImage::ImageLumaA16(image) => share(image, u16::MAX),
+        DynamicImage::ImageRgba16(image) => share(image, u16::MAX),
+        _ => Alpha::None,
     }
-    Ok(())
+}
+
+fn without_alpha(image: DynamicImage) -> DynamicImage {
+    match image {
+        DynamicImage::ImageLumaA8(_) => image.into_luma8().into(),
+        DynamicImage::ImageRgba8(_) => image.into_rgb8().into(),
+        DynamicImage::ImageLumaA16(_) => image.into_luma16().into(),
+        DynamicImage::ImageRgba16(_) => image.into_rgb16().into(),
+        opaque => opaque,
+    }
+}
+
+/// Over black (0) or white (1), in encoded values, rounded to the picture's own levels.
+fn composited(image: DynamicImage, background: f64) -> DynamicImage {
+    let level = |color: f64, alpha: f64, highest: f64| {
+        let alpha = alpha / highest;
+        (color * alpha + background * highest * (1.0 - alpha)).round()
+    };
+    if image.color().bytes_per_pixel() / image.color().channel_count() > 1 {
+        let image = image.into_rgba16();
+        let over = ImageBuffer::from_fn(image.width(), image.height(), |x, y| {
+            let [rgb @ .., alpha] = image[(x, y)].0.map(f64::from);
+            image::Rgb(rgb.map(|color| level(color, alpha, 65535.0) as u16))
+        });
+        return over.into();
+    }
+    let image = image.into_rgba8();
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let [rgb @ .., alpha] = image[(x, y)].0.map(f64::from);
+        image::Rgb(rgb.map(|color| level(color, alpha, 255.0) as u8))
+    })
+    .into()
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! The chunks of a PNG file, walked to see that it is whole before anything is decoded.
 
+use std::io::{BufRead, ErrorKind, Read, Seek, SeekFrom};
+
 use flate2::Crc;
 
 /// Checks every checksum up to the end chunk, and the length of the palette. Bytes after the end
@@ -35,4 +37,34 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
         }
         rest = after;
     }
+}
+
+/// The four bytes of the cICP chunk: primaries, transfer, matrix, range. It comes before the pixels; the file is left at
+/// its start.
+///
+/// # Errors
+/// The reader's; a file that ends early has none.
+pub(super) fn cicp(file: &mut (impl BufRead + Seek)) -> std::io::Result<Option<[u8; 4]>> {
+    file.seek(SeekFrom::Start(8))?;
+    let mut found = None;
+    let mut start = [0; 8];
+    loop {
+        match file.read_exact(&mut start) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => break,
+            read => read?,
+        }
+        let [l0, l1, l2, l3, name @ ..] = start;
+        match &name {
+            b"IDAT" | b"IEND" => break,
+            b"cICP" => {
+                let mut bytes = Vec::with_capacity(4);
+                file.by_ref().take(4).read_to_end(&mut bytes)?;
+                found = bytes.first_chunk().copied();
+                break;
+            }
+            _ => file.seek_relative(i64::from(u32::from_be_bytes([l0, l1, l2, l3])) + 4)?,
+        }
+    }
+    file.rewind()?;
+    Ok(found)
 }

@@ -2,6 +2,20 @@
 
 use super::*;
 
+const DROP: PictureRules = PictureRules {
+    alpha: AlphaRule::Drop,
+    color: ColorRule::Convert,
+    orientation: OrientationRule::Auto,
+};
+
+fn decode(bytes: &[u8]) -> Result<DynamicImage, ImageFileError> {
+    Ok(read(bytes, &DROP, None)?.image)
+}
+
+fn decode_rgb8(bytes: &[u8]) -> Result<RgbImage, ImageFileError> {
+    read_rgb8(bytes, &DROP, None)
+}
+
 fn png(image: DynamicImage) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png).unwrap();
@@ -37,7 +51,9 @@ fn what_is_not_a_picture_is_named() {
         (b"version https://git-lfs.github.com/spec/v1\n", "LFS"),
         (b"\n<!DOCTYPE HTML><html>", "HTML"),
         (b"\0\0\0\x18ftypheic", "HEIC"),
-        (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
+        (b"\0\0\0\x18ftypavif", "AVIF"),
+        (b"GIF89a", "GIF"),
+        (b"\0\0\0\x0cjP  \r\n", "JPEG 2000"),
         (b"\x76\x2f\x31\x01\x02\0\0\0", "OpenEXR"),
         (b"\x93NUMPY\x01\0", "NumPy"),
         (b"hello", "neither"),
@@ -83,22 +99,102 @@ fn truncated_files_are_refused() {
 #[test]
 fn what_a_file_can_hold_depends_on_its_pixels() {
     // A megapixel: 1,048,576 bytes of gray deflate to 1,016 at best, of 16-bit colour to 6,096.
-    for (bits, least) in [
-        (Some(8), 1016),
-        (Some(48), 6096),
-        (Some(1), 127),
-        (None, 2048),
+    let start = |kind, depth| [&[0; 24][..], &[depth, kind, 0, 0]].concat();
+    for (start, format, least) in [
+        (start(0, 8), ImageFormat::Png, 1016),
+        (start(2, 16), ImageFormat::Png, 6096),
+        (start(0, 1), ImageFormat::Png, 127),
+        (vec![], ImageFormat::Jpeg, 2048),
     ] {
-        assert!(check_size(1024, 1024, least, bits).is_ok(), "{bits:?}");
-        assert!(check_size(1024, 1024, least - 2, bits).is_err(), "{bits:?}");
+        let check = |bytes| format::check_size((1024, 1024), bytes, &start, format);
+        assert!(check(least).is_ok(), "{format:?}");
+        assert!(check(least - 2).is_err(), "{format:?}");
     }
     // Beyond every camera, whatever the file can hold.
-    assert!(check_size(1 << 14, 1 << 14, u64::MAX, None).is_ok());
-    let error = check_size(1 << 14, (1 << 14) + 1, u64::MAX, None).unwrap_err();
+    let check = |size| format::check_size(size, u64::MAX, &[], ImageFormat::Jpeg);
+    assert!(check((1 << 14, 1 << 14)).is_ok());
+    let error = check((1 << 14, (1 << 14) + 1)).unwrap_err();
     assert!(matches!(error, ImageFileError::TooLarge { .. }), "{error}");
-    let deep = image::ImageBuffer::<image::Rgb<u16>, _>::new(3, 2);
-    assert_eq!(bits_per_pixel(&png(deep.into())), Some(48));
-    assert_eq!(bits_per_pixel(&[0xFF, 0xD8, 0xFF, 0xE0].repeat(9)), None);
+}
+
+#[test]
+fn alpha_is_refused_composited_or_dropped_and_opaque_alpha_is_none() {
+    let alpha =
+        |alpha| png(image::RgbaImage::from_pixel(2, 1, image::Rgba([100, 200, 0, alpha])).into());
+    let under = |rule, bytes: &[u8]| {
+        let rules = PictureRules {
+            alpha: rule,
+            ..PictureRules::default()
+        };
+        Ok::<_, ImageFileError>(read(bytes, &rules, None)?.image.into_rgb8()[(0, 0)].0)
+    };
+    let half = alpha(51);
+    let error = under(AlphaRule::Refuse, &half).unwrap_err();
+    assert!(matches!(error, ImageFileError::Alpha { percent: 100.0 }));
+    assert!(error.to_string().contains("alpha=white"));
+    assert_eq!(under(AlphaRule::Black, &half).unwrap(), [20, 40, 0]);
+    assert_eq!(under(AlphaRule::White, &half).unwrap(), [224, 244, 204]);
+    assert_eq!(under(AlphaRule::Drop, &half).unwrap(), [100, 200, 0]);
+    for rule in AlphaRule::ALL {
+        assert_eq!(under(*rule, &alpha(255)).unwrap(), [100, 200, 0]);
+    }
+    let deep = image::ImageBuffer::from_pixel(1, 1, image::Rgba([0_u16, 65535, 6553, 13107]));
+    let deep = png(DynamicImage::ImageRgba16(deep));
+    assert_eq!(under(AlphaRule::White, &deep).unwrap(), [204, 255, 209]);
+}
+
+#[test]
+fn a_picture_is_turned_where_only_its_upright_form_fits() {
+    let mut bytes = Vec::new();
+    let mut encoder = image::codecs::jpeg::JpegEncoder::new(&mut bytes);
+    // TIFF, big-endian: one entry, orientation 6.
+    let exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+    image::ImageEncoder::set_exif_metadata(&mut encoder, exif.to_vec()).unwrap();
+    encoder.encode_image(&RgbImage::new(6, 4)).unwrap();
+    let found = header(Cursor::new(&bytes)).unwrap();
+    assert_eq!((found.orientation, found.upright_size()), (6, (4, 6)));
+    for (rule, fit, turned) in [
+        (OrientationRule::Auto, None, true),
+        (OrientationRule::Auto, Some((6, 4)), false),
+        (OrientationRule::Auto, Some((4, 6)), true),
+        (OrientationRule::Stored, Some((4, 6)), false),
+        (OrientationRule::Upright, Some((6, 4)), true),
+    ] {
+        let rules = PictureRules {
+            orientation: rule,
+            ..PictureRules::default()
+        };
+        let picture = read(&bytes, &rules, fit).unwrap();
+        assert_eq!(picture.turned, turned, "{rule} {fit:?}");
+        assert_eq!(picture.image.width(), if turned { 4 } else { 6 });
+        assert_eq!(picture.notes(&rules).len(), 1);
+    }
+}
+
+#[test]
+fn formats_are_told_by_their_bytes_and_read_alike() {
+    let picture = RgbImage::from_fn(16, 8, |x, y| image::Rgb([x as u8 * 9, y as u8 * 20, 7]));
+    for (format, name) in [
+        (ImageFormat::Png, "PNG"),
+        (ImageFormat::Bmp, "BMP"),
+        (ImageFormat::Tiff, "TIFF"),
+        (ImageFormat::WebP, "WebP"),
+    ] {
+        let mut bytes = Cursor::new(Vec::new());
+        picture.write_to(&mut bytes, format).unwrap();
+        let bytes = bytes.into_inner();
+        let found = read(&bytes, &PictureRules::default(), None).unwrap();
+        assert_eq!((found.header.format, found.header.size), (name, (16, 8)));
+        assert!(found.notes(&PictureRules::default()).is_empty());
+        assert_eq!(found.image.into_rgb8(), picture, "{name}");
+        for cut in [bytes.len() / 2, bytes.len() - 3] {
+            assert!(
+                decode(&bytes[..cut]).is_err(),
+                "{name}, {cut} of {}",
+                bytes.len()
+            );
+        }
+    }
 }
 
 #[test]

@@ -1,1 +1,327 @@
-//! Cases of pictures.
+//! Cases of pictures: alpha, orientation, colour, masks, names and formats.
+
+use super::{Case, case, untried};
+use crate::support::Said;
+
+/// What the terminal says, both streams.
+fn both(said: &Said) -> String {
+    format!("{}{}", said.out, said.err)
+}
+
+fn holds(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "'{part}' is not in: {text}");
+    }
+}
+
+fn run_line(options: &str, out: &str) -> String {
+    format!(
+        "sharp-bench run -q --dataset nerfstudio=ns{options} --pairs pairs.csv --method imported:label=over-white,dir=pred \
+         --metrics psnr --out {out}"
+    )
+}
+
+/// The last number of a line of `metrics`.
+fn psnr(said: &Said) -> f64 {
+    let line = said.out.lines().find(|line| line.starts_with("psnr"));
+    line.unwrap()
+        .split_whitespace()
+        .last()
+        .unwrap()
+        .parse()
+        .unwrap()
+}
+
+#[test]
+fn a_truth_with_alpha_is_refused_until_it_is_said_what_lies_behind_it() {
+    for name in ["A04-rgba-garbage", "A04-rgba-premulblack"] {
+        let case = case(name);
+        holds(
+            &both(&case.said[0]),
+            &["view_00.png", "not opaque", "alpha=white"],
+        );
+        assert_eq!(
+            [case.said[0].code, case.said[1].code, case.said[2].code],
+            [4, 4, 1]
+        );
+        holds(&both(&case.said[1]), &["alpha=white"]);
+        case.said[2].is_error_with(&["view_01.png", "--alpha white"]);
+        // The prediction is the truth over white, exactly.
+        case.run(&run_line(",alpha=white", "w")).ends_with(0);
+        assert_eq!(case.scores("w", "psnr"), ["inf"], "{name}");
+        case.run(&run_line(",alpha=drop", "d")).ends_with(0);
+        assert_ne!(case.scores("d", "psnr"), ["inf"], "{name}");
+        let line = "sharp-bench metrics --alpha white --metrics psnr pred/nerfstudio/ns/view_00__view_01.png \
+                    ns/images/view_01.png";
+        let said = case.run(line).ends_with(0);
+        holds(&said.out, &["inf"]);
+        assert!(said.err.is_empty(), "{}", said.err);
+        let check = case
+            .run("sharp-bench datasets check nerfstudio=ns,alpha=white")
+            .ends_with(0);
+        holds(&check.out, &["reading alpha=white", "problems: 0"]);
+    }
+}
+
+#[test]
+fn pictures_of_nerf_synthetic_are_refused_with_the_setting() {
+    let case = case("A04-nerf-synthetic");
+    holds(&case.all(), &["r_0.png", "not opaque", "alpha=white"]);
+    case.run("sharp-bench datasets check nerfstudio=lego,alpha=white")
+        .ends_with(0);
+}
+
+#[test]
+fn a_prediction_with_alpha_is_refused() {
+    let case = case("X32-pred-alpha");
+    assert_eq!(case.said[0].code, 4);
+    holds(
+        &case.all(),
+        &["50.0 % of its pixels are not opaque", "alpha=drop"],
+    );
+    let dropped = "sharp-bench run -q --dataset nerfstudio=ns --pairs pairs.csv --method \
+                   imported:label=mine,dir=pred,alpha=drop --metrics psnr --out d";
+    case.run(dropped).ends_with(0);
+    holds(&case.scores("d", "psnr")[0], &["30.910303467844745"]);
+    let manifest = std::fs::read_to_string(case.path("d/manifest.json")).unwrap();
+    holds(&manifest, &["\"alpha\": \"drop\""]);
+}
+
+#[test]
+fn the_polarity_of_masks_is_a_setting_and_small_rests_are_doubted() {
+    let case = case("A06-mask-inverted");
+    holds(
+        &case.said[0].out,
+        &["they leave 9.8 % of the pixels", "masks=keep-black"],
+    );
+    case.is_said_everywhere("r", "they leave 9.8 % of the pixels");
+    let line = "sharp-bench run -q --dataset nerfstudio=ns,masks=keep-black --pairs pairs.csv --method copy --metrics psnr@mask \
+                --out k";
+    let said = case.run(line).ends_with(0);
+    assert!(!said.err.contains("masks:"), "{}", said.err);
+    let found: f64 = case.scores("k", "psnr@mask")[0].parse().unwrap();
+    assert!((found - 19.74).abs() < 0.005, "{found}");
+    // Not read, and said.
+    let ignored = case
+        .run("sharp-bench datasets check nerfstudio=ns")
+        .ends_with(0);
+    holds(&ignored.out, &["8 frame(s) name a mask, which is not read"]);
+}
+
+#[test]
+fn masks_of_other_levels_are_named() {
+    for name in ["X20-mask-01", "X20-mask-01-nodepth"] {
+        let case = case(name);
+        assert_eq!(case.said[0].code, 4);
+        holds(
+            &case.all(),
+            &["masks/view_00.png", "its highest level is 1", "255"],
+        );
+    }
+}
+
+#[test]
+fn upright_photographs_fit_upright_cameras() {
+    let case = case("X21-exif-rotated");
+    assert_eq!(case.said[0].code, 0, "{}", case.all());
+    holds(
+        &case.all(),
+        &[
+            "8 of 8 have the EXIF orientation 6",
+            "turned upright",
+            "problems: 0",
+        ],
+    );
+    let stored = case
+        .run("sharp-bench datasets check nerfstudio=ns,orientation=stored")
+        .ends_with(4);
+    holds(
+        &stored.out,
+        &[
+            "is 48x64, but its camera is for 64x48",
+            "EXIF orientation 6 it is 64x48",
+        ],
+    );
+}
+
+#[test]
+fn metrics_turns_pictures_as_predict_does_and_says_so() {
+    let case = case("X21-metrics-exif");
+    // Decoders of JPEG differ by a level or two.
+    assert!((psnr(&case.said[0]) - 34.09).abs() < 0.03, "{}", case.all());
+    holds(
+        &case.said[0].err,
+        &["target.jpg", "EXIF orientation 3", "--orientation stored"],
+    );
+    let stored =
+        case.run("sharp-bench metrics --orientation stored pred.png target.jpg --metrics psnr");
+    assert!((psnr(&stored) - 13.842335941692669).abs() < 1e-9);
+}
+
+#[test]
+fn crops_and_other_sensors_are_told_from_the_focal_length() {
+    let case = case("A07-exif-crop");
+    let warned: Vec<bool> = case
+        .said
+        .iter()
+        .map(|said| said.err.contains("--focal-px"))
+        .collect();
+    assert_eq!(warned, [false, true, true, true], "{}", case.all());
+    holds(
+        &case.said[1].err,
+        &["60.09 px if it was resized", "120.19 px if it was cropped"],
+    );
+    holds(&case.said[2].err, &["cropped", "120.19 px", "101.98 px"]);
+    holds(&case.said[3].err, &["23.6 mm wide", "237", "161.79 px"]);
+    let given = case
+        .run("sharp-bench predict --checkpoint mini -q --out o.ply --focal-px 120 cropped.jpg")
+        .ends_with(0);
+    assert!(!given.err.contains("warning"), "{}", given.err);
+}
+
+#[test]
+fn names_match_however_their_accents_are_composed() {
+    let names = case("A28-nfd-names");
+    assert_eq!(names.said[0].code, 0, "{}", names.all());
+    holds(&names.all(), &["ns: 8 views", "depth in 8 of 8"]);
+    let depth = case("A28-nfd-depth");
+    holds(&depth.all(), &["depth in 8 of 8 decoded"]);
+}
+
+#[test]
+fn extensions_are_of_any_case() {
+    let case = case("X31-PNG-upper");
+    assert_eq!(case.said[0].code, 0, "{}", case.all());
+    holds(&case.scores("r", "psnr")[0], &["30.91"]);
+}
+
+#[test]
+fn a_folder_without_the_prediction_names_what_lies_there() {
+    let case = case("X31-target-name-in-scene");
+    assert_eq!(case.said[0].code, 4);
+    holds(
+        &case.all(),
+        &["view_00__view_01: no picture", "holds view_01.png"],
+    );
+}
+
+#[test]
+fn formats_are_read_or_refused_by_name() {
+    let case = case("X34-predict-formats");
+    let codes: Vec<i32> = case.said.iter().map(|said| said.code).collect();
+    assert_eq!(codes, [1, 0, 0, 1, 0, 1], "{}", case.all());
+    holds(&case.said[0].err, &["HEIC", "heif-convert"]);
+    holds(&case.said[3].err, &["AVIF", "avifdec"]);
+    case.said[5].is_error_with(&["a folder", "PHOTO.JPG"]);
+    for (file, part) in [("p.gif", "a GIF"), ("p.jp2", "JPEG 2000")] {
+        let said = case.run(&format!(
+            "sharp-bench predict -q --checkpoint mini --out o.ply {file}"
+        ));
+        said.is_error_with(&[file, part]);
+    }
+    for file in ["PHOTO.JPG", "p.jfif", "jpeg_named.png", "cmyk.jpg", "p.png"] {
+        case.run(&format!(
+            "sharp-bench predict -q --checkpoint mini --out o.ply {file}"
+        ))
+        .ends_with(0);
+    }
+    // The same pixels whatever holds them.
+    for file in ["p.bmp", "p.tiff"] {
+        let said = case
+            .run(&format!("sharp-bench metrics --metrics psnr p.png {file}"))
+            .ends_with(0);
+        holds(&said.out, &["inf"]);
+    }
+}
+
+#[test]
+fn what_an_exr_holds_is_asked_for() {
+    let case = case("X35-exr-half-linear");
+    assert_eq!(case.said[0].code, 4);
+    holds(&case.all(), &["exr=linear", "exr=srgb"]);
+    let under = |exr: &str| {
+        let line = format!(
+            "sharp-bench run -q --dataset nerfstudio=ns --pairs pairs.csv --method imported:label=mine,dir=pred,exr={exr} \
+             --metrics psnr --out {exr}"
+        );
+        case.run(&line).ends_with(0);
+        case.scores(exr, "psnr")[0].parse::<f64>().unwrap()
+    };
+    assert!((under("linear") - 30.91).abs() < 0.005);
+    assert!((under("srgb") - 11.62).abs() < 0.005);
+}
+
+#[test]
+fn display_p3_is_converted_and_named() {
+    let case = case("X41-icc-display-p3");
+    assert!((psnr(&case.said[0]) - 35.4).abs() < 0.05, "{}", case.all());
+    holds(
+        &case.said[0].err,
+        &["target_p3.png", "colour profile", "--color as-stored"],
+    );
+    let stored = case
+        .run("sharp-bench metrics --color as-stored pred_srgb.png target_p3.png --metrics psnr");
+    assert!((psnr(&stored) - 29.634543173126495).abs() < 1e-9);
+    holds(&stored.err, &["--color convert"]);
+}
+
+#[test]
+fn one_broken_photograph_costs_itself() {
+    let case = case("X67-predict-batch-one-bad");
+    assert_eq!(case.said[0].code, 4, "{}", case.all());
+    holds(&case.said[0].err, &["b.png", "1 of 3 photographs failed"]);
+    assert!(case.path("o/a.ply").is_file() && case.path("o/c.ply").is_file());
+    assert!(!case.path("o/b.ply").exists());
+}
+
+#[test]
+fn metrics_goes_into_subfolders() {
+    let case = case("X72-metrics-nested");
+    assert_eq!(case.said[0].code, 0, "{}", case.all());
+    holds(&case.all(), &["4 pairs"]);
+    let maps = case
+        .run("sharp-bench metrics p t --metrics psnr --maps maps --mask t")
+        .code;
+    assert_eq!(maps, 1, "pictures of colours are no masks");
+    case.run("sharp-bench metrics p t --metrics psnr --maps maps")
+        .ends_with(0);
+    assert!(case.path("maps/a/0.difference.png").is_file());
+}
+
+/// Nothing new is said of proper files.
+#[test]
+fn proper_pictures_are_read_in_silence() {
+    let silent = |case: &Case, line: &str| {
+        let said = case.run(line).ends_with(0);
+        for word in ["alpha", "EXIF", "profile", "masks:", "exr="] {
+            assert!(!both(&said).contains(word), "{line}: {}", both(&said));
+        }
+    };
+    let case = untried("X31-PNG-upper");
+    silent(&case, "sharp-bench datasets check nerfstudio=ns");
+    let prediction = "pred/nerfstudio/ns/view_00__view_01.PNG";
+    silent(
+        &case,
+        &format!("sharp-bench metrics {prediction} ns/images/view_01.png --metrics psnr"),
+    );
+    // Opaque alpha is no alpha.
+    let picture = image::open(case.path("ns/images/view_01.png"))
+        .unwrap()
+        .into_rgba8();
+    picture.save(case.path("opaque.png")).unwrap();
+    silent(
+        &case,
+        "sharp-bench metrics opaque.png ns/images/view_01.png --metrics psnr",
+    );
+    // A picture of the same levels in each format.
+    for format in ["webp", "bmp", "tiff"] {
+        image::open(case.path("ns/images/view_01.png"))
+            .unwrap()
+            .save(case.path(&format!("p.{format}")))
+            .unwrap();
+        let said = case.run(&format!(
+            "sharp-bench metrics p.{format} ns/images/view_01.png --metrics psnr"
+        ));
+        holds(&said.ends_with(0).out, &["inf"]);
+    }
+}

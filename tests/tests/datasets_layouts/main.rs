@@ -64,6 +64,8 @@ fn spec(spec: &str, folder: &Path) -> DatasetSpec {
 fn read(text: &str, folder: &Path) -> Scene {
     let mut scenes = open_each(&spec(text, folder)).unwrap().scenes;
     assert_eq!(scenes.len(), 1);
+    // Proper files raise no doubts.
+    assert!(scenes[0].warnings.is_empty(), "{:?}", scenes[0].warnings);
     scenes.remove(0)
 }
 

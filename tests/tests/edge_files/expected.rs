@@ -2,6 +2,7 @@
 
 use libtest_mimic::Trial;
 use serde_json::Value;
+use sharp::image_file::{AlphaRule, ColorRule, OrientationRule, PictureRules};
 use sharp_datasets::files::parse;
 use sharp_datasets::format::{FloatMap, npy, picture, raw_floats, read_map};
 
@@ -30,6 +31,13 @@ pub(crate) fn trials() -> Vec<Trial> {
         .collect()
 }
 
+const SIZE: (u32, u32) = (80, 60);
+const DROP: PictureRules = PictureRules {
+    alpha: AlphaRule::Drop,
+    color: ColorRule::Convert,
+    orientation: OrientationRule::Auto,
+};
+
 fn one(name: &str, entry: &Value) -> Outcome {
     let path = fixture(name);
     if entry.get("error").is_some() {
@@ -37,7 +45,7 @@ fn one(name: &str, entry: &Value) -> Outcome {
         return if name.ends_with(".pfm") || name.ends_with(".npy") {
             refused(read_map(&path), name, reason)
         } else {
-            refused(picture::read(&path), name, reason)
+            refused(picture::read(&path, &DROP, Some(SIZE)), name, reason)
         };
     }
     if entry.get("bytes").is_some() {
@@ -106,13 +114,15 @@ fn sixteen_bits(name: &str, entry: &Value) -> Outcome {
         || format!("{mean}"),
     )?;
     // As a photograph it is gray, scaled from 16 bits: never mistaken for 8-bit values.
-    let first = picture::read(&fixture(name))?.get_pixel(0, 0).0;
+    let first = picture::read(&fixture(name), &DROP, Some(SIZE))?
+        .get_pixel(0, 0)
+        .0;
     check(first == [9, 9, 9], || format!("{first:?}"))
 }
 
 /// Lossless files exactly, JPEG to 2 levels and a mean to 0.5: decoders differ.
 fn photograph(name: &str, entry: &Value) -> Outcome {
-    let image = picture::read(&fixture(name))?;
+    let image = picture::read(&fixture(name), &DROP, Some(SIZE))?;
     let lossy = entry["format"] == "JPEG";
     let (levels, mean_tolerance) = if lossy { (2, 0.5) } else { (0, 1e-9) };
     check(image.dimensions() == (80, 60), || {

@@ -1,7 +1,7 @@
 //! `datasets list`.
 
 use sharp_datasets::DatasetEntry;
-use sharp_datasets::entry::ENTRIES;
+use sharp_datasets::entry::{ENTRIES, PICTURES, Setting};
 
 use crate::cli::{Outcome, output};
 use crate::pairs::frame::Frame;
@@ -13,25 +13,11 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
     }
     for entry in ENTRIES {
         print(entry)?;
-        for setting in entry.settings {
-            output::line(format!(
-                "  reading   {}={} unless given: {}",
-                setting.key, setting.default, setting.meaning
-            ))?;
-            for choice in setting.choices {
-                let standing = match (choice.proxy, setting.open) {
-                    (true, _) => " (proxy)",
-                    (false, true) => " (open)",
-                    (false, false) => "",
-                };
-                output::line(format!(
-                    "              {}={}{standing}  {}",
-                    setting.key, choice.value, choice.meaning
-                ))?;
-            }
-        }
+        entry.settings.iter().try_for_each(print_setting)?;
         output::line("")?;
     }
+    output::line("of each of these that has picture files")?;
+    PICTURES.iter().try_for_each(print_setting)?;
     output::line(format!(
         "each of these also takes frame=RULE, its views at another size: {}; and pairs.KEY=VALUE, a pair option for it alone",
         Frame::forms()
@@ -40,6 +26,25 @@ pub(super) fn execute(json: bool) -> anyhow::Result<Outcome> {
         "open: the paper does not say which; proxy: known to differ from what the paper did; reports say so",
     )?;
     Ok(Outcome::Done)
+}
+
+fn print_setting(setting: &Setting) -> anyhow::Result<()> {
+    output::line(format!(
+        "  reading   {}={} unless given: {}",
+        setting.key, setting.default, setting.meaning
+    ))?;
+    for choice in setting.choices {
+        let standing = match (choice.proxy, setting.open) {
+            (true, _) => " (proxy)",
+            (false, true) => " (open)",
+            (false, false) => "",
+        };
+        output::line(format!(
+            "              {}={}{standing}  {}",
+            setting.key, choice.value, choice.meaning
+        ))?;
+    }
+    Ok(())
 }
 
 fn print(entry: &DatasetEntry) -> anyhow::Result<()> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 
-use crate::pictures::matching::{MatchBy, match_folders, partner};
+use crate::pictures::matching::{Match, MatchBy, match_folders, partner, shared_part};
 
 /// Files of one pair.
 pub(super) struct Input {
@@ -24,26 +24,28 @@ pub(super) fn pairs(
 ) -> anyhow::Result<Vec<Input>> {
     let pairs = match (prediction.is_dir(), target.is_dir()) {
         (true, true) => match_folders(prediction, target, by)?,
-        (false, false) => vec![(prediction.to_owned(), target.to_owned())],
+        (false, false) => vec![Match {
+            key: shared_part(prediction, by),
+            prediction: prediction.to_owned(),
+            target: target.to_owned(),
+        }],
         _ => bail!(
             "{} and {}: give two pictures or two folders",
             prediction.display(),
             target.display()
         ),
     };
-    let input = |(prediction, target): (PathBuf, PathBuf)| {
+    let input = |found: Match| {
         let mask = match mask {
-            Some(folder) if folder.is_dir() => Some(partner(&prediction, folder, by)?),
+            Some(folder) if folder.is_dir() => {
+                Some(partner(&found.key, &found.prediction, folder, by)?)
+            }
             other => other.map(Path::to_owned),
         };
-        let name = match by {
-            MatchBy::Stem => prediction.file_stem(),
-            MatchBy::Name => prediction.file_name(),
-        };
         Ok(Input {
-            name: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-            prediction,
-            target,
+            name: found.key,
+            prediction: found.prediction,
+            target: found.target,
             mask,
         })
     };

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::Args;
+use sharp::image_file::{AlphaRule, ColorRule, OrientationRule, PictureRules};
 use sharp_metrics::{
     Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
 };
@@ -26,14 +27,16 @@ use super::output::Terminal;
 use super::{Outcome, output};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
+use crate::io::pictures::{ExrTransfer, Reading};
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
 use crate::pictures::methods_text::MethodsText;
 
 /// Score a prediction against a target: two pictures, or two folders
 ///
-/// Pictures are .png, .jpg, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors. Sizes must agree;
-/// nothing is resized unless --resize-prediction says so. In folders every picture needs its partner.
+/// Pictures are PNG, JPEG, WebP, TIFF or BMP, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors.
+/// Sizes must agree; nothing is resized unless --resize-prediction says so. In folders every picture needs its partner;
+/// folders without a picture of their own are searched below.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -80,6 +83,19 @@ pub(super) struct MetricsArgs {
     /// it unequal sizes are an error.
     #[arg(long, value_name = "KERNEL")]
     resize_prediction: Option<ResizeKernel>,
+    /// Pictures that are not opaque: refuse, black or white (composited over it, in encoded values) or drop (colours as
+    /// stored)
+    #[arg(long, value_name = "RULE", default_value_t)]
+    alpha: AlphaRule,
+    /// Pictures whose colour profile is not sRGB: convert (to sRGB) or as-stored
+    #[arg(long, value_name = "RULE", default_value_t)]
+    color: ColorRule,
+    /// Pictures with an EXIF orientation: upright (as auto here) or stored
+    #[arg(long, value_name = "RULE", default_value_t)]
+    orientation: OrientationRule,
+    /// What an EXR that does not say it holds: linear (light, as most programs write) or srgb (encoded values)
+    #[arg(long, value_name = "TRANSFER")]
+    exr: Option<ExrTransfer>,
     /// Class of CPU kernels for the networks: avx512, avx2 or portable; the fastest of the machine without it
     #[arg(long, value_name = "SET")]
     simd: Option<InstructionSet>,
@@ -172,6 +188,17 @@ pub(super) fn demand_explicit(
 }
 
 impl MetricsArgs {
+    fn reading(&self) -> Reading {
+        Reading {
+            rules: PictureRules {
+                alpha: self.alpha,
+                color: self.color,
+                orientation: self.orientation,
+            },
+            exr: self.exr,
+        }
+    }
+
     /// The metrics asked for; with a mask each also inside it, unless the list says itself which.
     fn selection(&self) -> anyhow::Result<Selection> {
         let selection = self.metrics.selection()?;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use sharp_metrics::{Examined, MetricKey, Picture, Scorer, Selection, Terms, resize};
 
 use super::inputs::Input;
@@ -17,6 +17,8 @@ pub(super) struct Scored {
     pub(super) prediction: PathBuf,
     pub(super) target: PathBuf,
     pub(super) mask: Option<PathBuf>,
+    /// What was done to the pictures as they were read.
+    pub(super) notes: Vec<String>,
     /// Width and height of the prediction where it was resized.
     pub(super) resized_from: Option<(u32, u32)>,
     /// Of prediction and target as scored: `8 bit` or `f32`.
@@ -41,16 +43,19 @@ pub(super) fn score(
         input.prediction.display(),
         input.target.display()
     );
-    let mut prediction = pictures::read(&input.prediction)?;
-    let target = pictures::read(&input.target)?;
-    for path in [&input.prediction, &input.target] {
-        if pictures::has_alpha(path) {
-            output::remark(format!(
-                "warning: {}: its alpha is dropped, not composited",
-                path.display()
-            ));
+    let mut notes = Vec::new();
+    let mut read = |path: &Path| {
+        let read = pictures::read_as(path, &args.reading())
+            .map_err(|error| anyhow!(as_options(&error)))?;
+        for note in &read.notes {
+            let note = format!("{}: {}", path.display(), as_options(note));
+            output::remark(format!("warning: {note}"));
+            notes.push(note);
         }
-    }
+        anyhow::Ok(read.picture)
+    };
+    let mut prediction = read(&input.prediction)?;
+    let target = read(&input.target)?;
     let resized_from = match args.resize_prediction {
         Some(kernel) if prediction.dimensions() != target.dimensions() => {
             let (from, (width, height)) = (prediction.dimensions(), target.dimensions());
@@ -93,7 +98,17 @@ pub(super) fn score(
         prediction: input.prediction,
         target: input.target,
         mask: input.mask,
+        notes,
     })
+}
+
+/// Settings in a message as this command takes them.
+fn as_options(message: &impl ToString) -> String {
+    let mut text = message.to_string();
+    for key in ["alpha", "color", "orientation", "exr"] {
+        text = text.replace(&format!("{key}="), &format!("--{key} "));
+    }
+    text
 }
 
 /// Another shape than the target's is rarely meant; one pixel of rounding on a side is.
@@ -126,6 +141,14 @@ fn read_mask(path: &Path) -> anyhow::Result<sharp_metrics::Mask> {
             "warning: {}: {} pixels are neither black nor white; levels of 128 and more count",
             path.display(),
             found.between
+        ));
+    }
+    let left = found.mask.count() as f64 / found.mask.values().len().max(1) as f64;
+    if left < 0.2 {
+        output::remark(format!(
+            "warning: {}: white, which counts, is {:.1} % of the pixels; if it marks what is left out, invert the mask",
+            path.display(),
+            100.0 * left
         ));
     }
     Ok(found.mask)

@@ -94,6 +94,9 @@ impl ScoredPairs<'_> {
             "unavailable": unavailable,
             "bit_depth": {"prediction": prediction, "target": target},
         });
+        if !pair.notes.is_empty() {
+            value["notes"] = json!(pair.notes);
+        }
         if let Some((width, height)) = pair.resized_from {
             value["resized_from"] = json!([width, height]);
         }

@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::ensure;
+use anyhow::{bail, ensure};
 use clap::Args;
+use sharp::image_file::{AlphaRule, ColorRule, PictureRules};
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
 use sharp::model::{Algorithm, DeviceChoice, NetworkSpec, Predictor};
+use sharp_datasets::files::what_lies_in;
 
 use crate::cli::output;
 use crate::io::checkpoint::named_network;
@@ -59,6 +61,13 @@ pub(crate) struct PhotoArgs {
     /// Refuse larger photographs before they are decoded
     #[arg(long, value_name = "N", default_value_t = PhotoOptions::default().max_pixels)]
     pub(crate) max_pixels: u64,
+    /// A photograph that is not opaque: drop (its colours as stored, as the release does, with a warning), refuse, or
+    /// composited over black or white
+    #[arg(long, value_name = "RULE", default_value_t = AlphaRule::Drop)]
+    pub(crate) alpha: AlphaRule,
+    /// A photograph whose colour profile is not sRGB: convert (to sRGB) or as-stored (as the release does)
+    #[arg(long, value_name = "RULE", default_value_t)]
+    pub(crate) color: ColorRule,
 }
 
 impl PhotoArgs {
@@ -67,7 +76,19 @@ impl PhotoArgs {
         let options = PhotoOptions {
             focal_px: self.focal_px,
             max_pixels: self.max_pixels,
+            rules: PictureRules {
+                alpha: self.alpha,
+                color: self.color,
+                ..PictureRules::default()
+            },
         };
+        if path.is_dir() {
+            let inside = what_lies_in(path);
+            bail!(
+                "{}: a folder, not a photograph: name the pictures in it ({inside})",
+                path.display()
+            );
+        }
         let photo = sharp::model::preprocess::load_photo(path, &options)?;
         for warning in &photo.warnings {
             output::remark(format!("warning: {}: {warning}", path.display()));

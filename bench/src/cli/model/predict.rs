@@ -32,8 +32,9 @@ Examples:
 The focal length sets the metric scale. It comes from --focal-px, else from the file's EXIF tags, else it is that of a
 30 mm lens on 35 mm film, with a warning.
 
-Photographs are PNG or JPEG: colour, grey, palette, 8 or 16 bit, CMYK; alpha is dropped. Palettes, 16 bit and CMYK keep
-their colours, where the release takes indices for grey, 16 bit for 8, and inks for light.")]
+Photographs are PNG, JPEG, WebP, TIFF or BMP: colour, grey, palette, 8 or 16 bit, CMYK. Palettes, 16 bit and CMYK keep
+their colours, where the release takes indices for grey, 16 bit for 8, and inks for light. A photograph that cannot be
+read costs only itself where there are several: exit code 4.")]
 pub(crate) struct PredictArgs {
     /// Photographs
     #[arg(required = true, value_name = "IMAGE")]
@@ -78,22 +79,40 @@ pub(crate) fn execute(args: &PredictArgs) -> anyhow::Result<Outcome> {
     };
     let predictor = args.model.load()?;
     let mut results = Vec::new();
+    let mut failed = 0;
     for (image, ply) in args.images.iter().zip(&outputs) {
-        results.push(predict_one(args, &predictor, image, ply)?);
+        match predict_one(args, &predictor, image, ply) {
+            Ok(predicted) => results.push(predicted),
+            // One photograph of several costs only itself.
+            Err(error) if args.images.len() > 1 => {
+                failed += 1;
+                output::remark(format!("error: {error:#}"));
+            }
+            Err(error) => return Err(error),
+        }
     }
     if args.json {
         output::json(&results)?;
     }
-    Ok(Outcome::Done)
+    ensure!(
+        !results.is_empty(),
+        "none of {failed} photographs was predicted from"
+    );
+    if failed > 0 {
+        output::remark(format!(
+            "{failed} of {} photographs failed",
+            args.images.len()
+        ));
+    }
+    Ok(Outcome::of_problems(failed > 0))
 }
 
 /// One PLY file a photograph in `folder`.
 fn named_after(images: &[PathBuf], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut outputs = Vec::with_capacity(images.len());
     for image in images {
-        let stem = image
-            .file_stem()
-            .with_context(|| format!("{}: a photograph needs a file name", image.display()))?;
+        // A folder without a name is refused when it is read.
+        let stem = image.file_stem().unwrap_or(image.as_os_str());
         let mut name = stem.to_owned();
         name.push(".ply");
         let ply = folder.join(name);

@@ -77,8 +77,18 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    pub const OPTIONS: [&'static str; 7] = [
-        "run", "timeout", "version", "files", "resize", "crop", "depth",
+    pub const OPTIONS: [&'static str; 11] = [
+        "run",
+        "timeout",
+        "version",
+        "files",
+        "depth",
+        "resize",
+        "crop",
+        "alpha",
+        "color",
+        "orientation",
+        "exr",
     ];
 
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
@@ -99,7 +109,7 @@ impl Command {
                 .and_then(|secs| Duration::try_from_secs_f64(secs).ok())
                 .ok_or_else(|| spec.error(format!("timeout={text}: seconds are needed")))?,
         };
-        let fit = FitRules::parse(spec.option("resize"), spec.option("crop"));
+        let fit = FitRules::parse(|key| spec.option(key));
         let fit = fit.map_err(|reason| spec.error(reason))?;
         if fit.needs_file() {
             return Err(spec.error(

@@ -2,7 +2,10 @@
 
 use super::*;
 use image::codecs::jpeg::JpegEncoder;
-use image::{ExtendedColorType, GrayAlphaImage, ImageBuffer, ImageEncoder, ImageFormat, RgbImage};
+use image::{
+    DynamicImage, ExtendedColorType, GrayAlphaImage, ImageBuffer, ImageEncoder, ImageFormat,
+    RgbImage,
+};
 
 fn read(bytes: &[u8]) -> Result<Photo, ModelError> {
     photo_from_bytes(Path::new("photo"), bytes, &PhotoOptions::default())

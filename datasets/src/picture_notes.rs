@@ -1,0 +1,89 @@
+//! What the files of a scene's pictures and masks say of themselves, a line for each that matters.
+
+use std::collections::BTreeMap;
+
+use sharp::image_file::{ColorRule, OrientationRule};
+
+use crate::check::evenly_spaced;
+use crate::entry::Setting;
+use crate::{DatasetSpec, Scene, View};
+
+/// At most so many headers are looked at in a scene, evenly spaced.
+const HEADERS: usize = 64;
+/// At most so many masks are decoded in a scene, evenly spaced.
+const MASKS: usize = 4;
+/// Masks that leave less are in doubt: most exclude a person, a sky, a logo.
+const LEAST_LEFT: f64 = 0.2;
+
+/// Adds the scene's notes and warnings. Files that cannot be read are left to whoever decodes them.
+pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
+    let rules = spec.picture_rules();
+    let looked_at = evenly_spaced(scene.views.len(), HEADERS).into_iter();
+    let found = looked_at.filter_map(|i| scene.views[i].content.found().ok().flatten());
+    let found: Vec<_> = found.collect();
+    let mut turned: BTreeMap<(u8, bool, bool), usize> = BTreeMap::new();
+    let mut profiles: BTreeMap<&str, usize> = BTreeMap::new();
+    for picture in &found {
+        if picture.header.orientation != 1 {
+            let key = (
+                picture.header.orientation,
+                picture.turned,
+                picture.fits_both,
+            );
+            *turned.entry(key).or_default() += 1;
+        }
+        if let Some(name) = picture.header.profile.name() {
+            *profiles.entry(name).or_default() += 1;
+        }
+    }
+    let of = found.len();
+    for ((orientation, is_turned, fits_both), count) in turned {
+        let have = format!("pictures: {count} of {of} have the EXIF orientation {orientation}");
+        match (is_turned, fits_both && rules.orientation == OrientationRule::Auto) {
+            (true, _) => scene.notes.push(format!(
+                "{have} and are turned upright, as their cameras are (orientation=stored: read as stored)"
+            )),
+            (false, false) => scene.notes.push(format!("{have} and are read as stored, as their cameras are")),
+            (false, true) => scene.warnings.push(format!(
+                "{have} and are read as stored, as COLMAP and nerfstudio do; if their cameras are those of the upright \
+                 pictures, say orientation=upright (orientation=stored: as now, without this warning)"
+            )),
+        }
+    }
+    for (name, count) in profiles {
+        scene.notes.push(format!(
+            "pictures: {count} of {of} have the colour profile '{name}', {}",
+            match rules.color {
+                ColorRule::Convert => "converted to sRGB (color=as-stored: taken for sRGB)",
+                ColorRule::AsStored => "taken for sRGB (color=convert: converted)",
+            }
+        ));
+    }
+    let other = match spec.setting("masks") {
+        "keep-white" | "apply" => "keep-black",
+        "keep-black" => "keep-white",
+        _ => return,
+    };
+    // A dataset whose masks mean what its authors say has no polarity to doubt.
+    let has_polarity = |s: &Setting| s.allows("masks", other);
+    if !spec.entry.settings.iter().any(has_polarity) {
+        return;
+    }
+    let masked = scene.views.iter().filter(|v| v.content.processing().masked);
+    let masked: Vec<&View> = masked.collect();
+    let shares = evenly_spaced(masked.len(), MASKS)
+        .into_iter()
+        .filter_map(|i| {
+            let mask = masked[i].content.valid_pixels().ok().flatten()?;
+            let left = mask.iter().filter(|value| **value != 0).count();
+            Some(left as f64 / mask.len().max(1) as f64)
+        });
+    let shares: Vec<f64> = shares.collect();
+    let left = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    if !shares.is_empty() && left < LEAST_LEFT {
+        scene.warnings.push(format!(
+            "masks: on average they leave {:.1} % of the pixels; if their other side marks what counts, say masks={other}",
+            100.0 * left
+        ));
+    }
+}

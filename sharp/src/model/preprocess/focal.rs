@@ -1,0 +1,171 @@
+//! The focal length that a file states, and whether what else it states agrees.
+
+use std::io::Cursor;
+
+use exif::{Context, Exif, In, Tag, Value};
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FocalSource {
+    Given,
+    /// The file's equivalent for 35 mm film, millimetres.
+    Equivalent35mm(f64),
+    /// The file's focal length, millimetres; below 10 it is taken for a phone's and multiplied by
+    /// 8.4, as the release does.
+    Lens(f64),
+    /// Nothing known: 30 mm on 35 mm film. This silently sets the metric scale.
+    Default,
+}
+
+/// Focal length of the default: millimetres on 35 mm film.
+const DEFAULT_FOCAL_MM: f64 = 30.0;
+/// By what share two statements of a file may differ: converters crop a few rows, and millimetres are rounded.
+const TOLERANCE: f64 = 0.1;
+/// By what share a picture's sides may differ from those that its file states.
+const SIDE_TOLERANCE: f64 = 0.02;
+
+/// Pixels of `focal_mm` on 35 mm film, by the diagonal, for an image of `width × height`.
+pub fn focal_px_from_35mm(focal_mm: f64, width: usize, height: usize) -> f64 {
+    px_from_35mm(focal_mm, (width as f64, height as f64))
+}
+
+fn px_from_35mm(focal_mm: f64, (width, height): (f64, f64)) -> f64 {
+    focal_mm * width.hypot(height) / 36.0_f64.hypot(24.0)
+}
+
+/// The focal length of a photograph by its file.
+#[derive(Debug)]
+pub(super) struct Focal {
+    pub(super) px: f64,
+    pub(super) source: FocalSource,
+    /// Why it may be another, with its value.
+    pub(super) warnings: Vec<String>,
+}
+
+impl Focal {
+    /// `size` is that of the upright picture.
+    pub(super) fn of_file(bytes: &[u8], size: (usize, usize)) -> Self {
+        let exif = exif::Reader::new()
+            .read_from_container(&mut Cursor::new(bytes))
+            .ok();
+        let source = exif.as_ref().map_or(FocalSource::Default, source);
+        let mm = match source {
+            FocalSource::Equivalent35mm(mm) => mm,
+            FocalSource::Lens(mm) if mm < 10.0 => mm * 8.4,
+            FocalSource::Lens(mm) => mm,
+            FocalSource::Given | FocalSource::Default => DEFAULT_FOCAL_MM,
+        };
+        let size = (size.0 as f64, size.1 as f64);
+        let px = px_from_35mm(mm, size);
+        let warnings = match (&exif, source) {
+            (_, FocalSource::Default) | (None, _) => vec![format!(
+                "no focal length in the file: {DEFAULT_FOCAL_MM} mm on 35 mm film assumed, which sets \
+                 the metric scale; give the focal length in pixels if you know it (--focal-px)"
+            )],
+            (Some(exif), _) => {
+                let stated = stated_size(exif, size);
+                let doubts = [crop(stated, size, mm, px), sensor(exif, stated, size, px)];
+                doubts.into_iter().flatten().collect()
+            }
+        };
+        Self {
+            px,
+            source,
+            warnings,
+        }
+    }
+}
+
+fn source(exif: &Exif) -> FocalSource {
+    match number(exif, Tag::FocalLengthIn35mmFilm) {
+        Some(mm) if mm >= 1.0 => FocalSource::Equivalent35mm(mm),
+        _ => match number(exif, Tag::FocalLength) {
+            // 0 is as good as no entry; the release would continue with it.
+            Some(mm) if mm.is_finite() && mm > 0.0 => FocalSource::Lens(mm),
+            _ => FocalSource::Default,
+        },
+    }
+}
+
+/// The size of the photograph as taken, in the picture's orientation; a side that is not stated follows the picture's.
+fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> (f64, f64) {
+    let side = |tag| number(exif, tag).filter(|v| *v >= 1.0);
+    let (x, y) = match (side(Tag::PixelXDimension), side(Tag::PixelYDimension)) {
+        (Some(x), Some(y)) => (x, y),
+        (Some(x), None) => (x, x * width.min(height) / width.max(height)),
+        _ => return (width, height),
+    };
+    match (x >= y) == (width >= height) {
+        true => (x, y),
+        false => (y, x),
+    }
+}
+
+/// A picture that is smaller than its file says was resized, which changes nothing here, or cropped.
+fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String> {
+    let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
+    let factors = (stated.0 / size.0, stated.1 / size.1);
+    let is_other_shape = is_larger(factors.0, factors.1) || is_larger(factors.1, factors.0);
+    if !is_other_shape && !(is_larger(stated.0, size.0) && is_larger(stated.1, size.1)) {
+        return None;
+    }
+    // What was cut from one side only was not resized on the other.
+    let whole = px_from_35mm(mm, stated) / factors.0.min(factors.1).max(1.0);
+    let cropped = px_from_35mm(mm, stated);
+    let sizes = format!(
+        "the file says {:.0}x{:.0}, the picture is {:.0}x{:.0}",
+        stated.0, stated.1, size.0, size.1
+    );
+    Some(if is_other_shape && (whole - cropped).abs() < 0.005 {
+        format!(
+            "{sizes}: it was cropped, so that its focal length is {cropped:.2} px, not {px:.2} px; give --focal-px {cropped:.2}"
+        )
+    } else if is_other_shape {
+        format!(
+            "{sizes}: it was cropped, so that its focal length is not {px:.2} px but {cropped:.2} px, or {whole:.2} px if it \
+             was resized, too; give --focal-px"
+        )
+    } else {
+        format!(
+            "{sizes}: the focal length is {px:.2} px if it was resized, {cropped:.2} px if it was cropped; --focal-px says which"
+        )
+    })
+}
+
+/// The focal length by the sensor's own pixels, where that is another.
+fn sensor(exif: &Exif, stated: (f64, f64), size: (f64, f64), px: f64) -> Option<String> {
+    let positive = |tag| number(exif, tag).filter(|v| v.is_finite() && *v > 0.0);
+    let (per_unit, lens_mm) = (
+        positive(Tag::FocalPlaneXResolution)?,
+        positive(Tag::FocalLength)?,
+    );
+    let unit_mm = match number(exif, Tag::FocalPlaneResolutionUnit).map(|unit| unit as i64) {
+        Some(3) => 10.0,
+        Some(4) => 1.0,
+        Some(5) => 0.001,
+        _ => 25.4,
+    };
+    let zoom = positive(Tag::DigitalZoomRatio).unwrap_or(1.0);
+    let columns = stated.0.max(stated.1);
+    let sensor_mm = columns / per_unit * unit_mm;
+    let by_sensor = lens_mm * zoom * size.0.max(size.1) / sensor_mm;
+    ((by_sensor / px - 1.0).abs() > TOLERANCE).then(|| {
+        format!(
+            "the file's FocalPlaneXResolution says that the sensor is {sensor_mm:.1} mm wide, with which its lens of {lens_mm} mm \
+             has {by_sensor:.2} px, not {px:.2} px; --focal-px says which"
+        )
+    })
+}
+
+/// The first number that a tag holds; the main directory goes before the Exif one.
+fn number(exif: &Exif, tag: Tag) -> Option<f64> {
+    let field = [Context::Tiff, Context::Exif]
+        .iter()
+        .find_map(|context| exif.get_field(Tag(*context, tag.number()), In::PRIMARY))?;
+    match &field.value {
+        Value::Rational(v) => v.first().map(exif::Rational::to_f64),
+        Value::SRational(v) => v.first().map(exif::SRational::to_f64),
+        Value::Float(v) => v.first().map(|&v| f64::from(v)),
+        Value::Double(v) => v.first().copied(),
+        other => other.get_uint(0).map(f64::from),
+    }
+}
