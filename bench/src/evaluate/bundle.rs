@@ -246,6 +246,7 @@ fn digest(records: &[Record]) -> serde_json::Result<String> {
     for record in records {
         let kept = Record {
             extras: BTreeMap::new(),
+            warnings: BTreeMap::new(),
             ..record.clone()
         };
         hasher.add("record", &serde_json::to_string(&kept)?);
@@ -372,6 +373,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             resized_from: line.resized_from,
             scale: line.scale,
             extras: BTreeMap::new(),
+            warnings: BTreeMap::new(),
         });
     }
     let found = digest(&records).map_err(|error| unreadable(error.to_string()))?;

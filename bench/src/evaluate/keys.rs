@@ -93,6 +93,7 @@ impl Keys {
             identity: method.identity(),
             privilege: method.privilege(),
             sources: sources.finish(),
+            warnings: Vec::new(),
         }
     }
 

@@ -275,6 +275,9 @@ pub struct MethodRecord {
     pub privilege: Privilege,
     /// Hash of the code that makes its pictures.
     pub sources: String,
+    /// What speaks against the way that its predictions were read, each kind once.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// One metric column.

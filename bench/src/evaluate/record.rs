@@ -93,6 +93,9 @@ pub struct Record {
     pub scale: Option<ChosenScale>,
     /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
+    /// What speaks against the way that its prediction was read, by what it is about.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub warnings: BTreeMap<String, String>,
 }
 
 /// A part of a target.
@@ -238,6 +241,7 @@ pub(super) mod tests {
             resized_from: Some((4, 3)),
             scale: None,
             extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
+            warnings: BTreeMap::new(),
         }
     }
 

@@ -279,6 +279,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
         resized_from: None,
         scale: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }
 

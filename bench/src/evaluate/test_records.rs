@@ -49,5 +49,6 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         resized_from: None,
         scale: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }

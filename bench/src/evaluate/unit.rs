@@ -197,6 +197,7 @@ mod tests {
             resized_from: None,
             scale: None,
             extras: BTreeMap::from([("mean_alpha".to_owned(), 0.1 + 0.2)]),
+            warnings: BTreeMap::new(),
         };
         let score = StoredScore {
             key: "k".to_owned(),

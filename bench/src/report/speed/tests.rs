@@ -17,6 +17,7 @@ fn measured() -> Measured {
         identity: MethodIdentity::new(kind, [("device", "cpu".to_owned())]),
         privilege: Privilege::None,
         sources: String::new(),
+        warnings: Vec::new(),
     };
     let speed = |method: &str, inference: &[f64], render: &[f64]| Speed {
         dataset: "D_1".to_owned(),

@@ -45,6 +45,7 @@ fn record(
         resized_from: None,
         scale: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }
 
