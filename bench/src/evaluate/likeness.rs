@@ -131,7 +131,7 @@ impl Errors {
 }
 
 /// How a rendering compares with a part of a photograph.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
     /// Of equal parts of it, in the same order for every picture of its size.
     blocks: Vec<[Sums; 3]>,
@@ -167,6 +167,26 @@ impl Fit {
         Self { blocks, total }
     }
 
+    /// Of both parts.
+    pub(super) fn joined(&self, other: &Self) -> Self {
+        let total = [&self.total, &other.total];
+        Self {
+            blocks: [&self.blocks[..], &other.blocks].concat(),
+            total: std::array::from_fn(|c| total[0][c].plus(total[1][c], 1.0)),
+        }
+    }
+
+    /// How much smaller its squared error is, dB.
+    pub(super) fn gain_over(&self, other: &Self) -> f64 {
+        10.0 * (other.error() / self.error()).log10()
+    }
+
+    /// Of a black picture.
+    pub(super) fn of_nothing(photograph: &RgbImage, region: Region) -> Self {
+        let black = RgbImage::new(region.width, region.height);
+        Self::of(photograph, region, &black)
+    }
+
     /// PSNR, dB, 100 at most.
     pub(super) fn psnr(&self) -> f64 {
         let error: f64 = self.total.iter().map(|sums| sums.error()).sum();
@@ -191,9 +211,20 @@ impl Fit {
         error > variance + noise && residual > 0.75 * variance
     }
 
-    /// True where this picture explains its photograph significantly better than `other` explains its own: in squared
-    /// errors, and where brightness and contrast are free.
+    /// True where it explains most of the photograph.
+    pub(super) fn explains(&self) -> bool {
+        let whole = Errors::of(self.total);
+        1.0 - whole.residual / whole.variance >= EXPLAINED
+    }
+
+    /// True where this picture explains its photograph, and significantly better than `other` explains its own.
     pub(super) fn is_better_than(&self, other: &Self) -> bool {
+        self.explains() && self.is_closer_than(other)
+    }
+
+    /// True where this picture is significantly closer to its photograph than `other` to its own: in squared errors, and where
+    /// brightness and contrast are free.
+    pub(super) fn is_closer_than(&self, other: &Self) -> bool {
         if self.blocks.len() != other.blocks.len() {
             return false;
         }
@@ -204,11 +235,7 @@ impl Fit {
                 10.0 * (share(others) / share(own)).log10(),
             ]
         };
-        let (own, others) = (Errors::of(self.total), Errors::of(other.total));
-        if 1.0 - own.residual / own.variance < EXPLAINED {
-            return false;
-        }
-        let whole = gains(own, others);
+        let whole = gains(Errors::of(self.total), Errors::of(other.total));
         // The jackknife: how much the gain depends on each block.
         let without = |fit: &Self, block: usize| {
             let parts = std::array::from_fn(|c| fit.total[c].plus(fit.blocks[block][c], -1.0));

@@ -17,6 +17,10 @@ use crate::scoring::Region;
 
 /// Boxes of Gaussians over a pixel, on average, beyond which a reading is not tried: no photograph needs so many.
 const MOST_LAYERS: f64 = 3000.0;
+/// Gain in the source, dB, from which other views are asked, too.
+const WORTH_A_LOOK: f64 = 0.25;
+/// How much larger the errors in other views may become: half a pixel does not show there.
+const NOT_WORSE: f64 = 1.1;
 /// Settings that can be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
@@ -59,59 +63,103 @@ impl Trial<'_> {
         Ok(Some(Fit::of(self.photograph, self.region, &picture)))
     }
 
-    /// The reading that explains the part best, where it does so significantly better than the one that `as_read` shows.
+    /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
+    /// in this part alone, or together with `elsewhere`, other views of the scene. Those must not be explained worse, and decide
+    /// among several: Gaussians that are turned wrongly may cover their own source better than right ones.
     pub(super) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Fit,
+        elsewhere: &[Trial<'_>],
     ) -> Result<Option<(FileReading, Fit)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
-            let before = best.clone();
-            let recoded;
-            let decoded = match before.0.stored == reading.stored {
-                true => gaussians,
-                false => {
-                    let mut whole = gaussians.clone();
-                    reading.stored.encode(&mut whole);
-                    before.0.stored.decode(&mut whole);
-                    recoded = whole;
-                    &recoded
-                }
-            };
-            let mut consider = |candidate: FileReading, fit: Option<Fit>| {
-                if let Some(fit) = fit
-                    && fit.error() < best.1.error()
-                    && fit.is_better_than(&before.1)
+            let (before, fit_before) = &best;
+            let mut decoded = gaussians.clone();
+            if before.stored != reading.stored {
+                reading.stored.encode(&mut decoded);
+                before.stored.decode(&mut decoded);
+            }
+            let mut better = Vec::new();
+            let mut consider = |candidate: FileReading, gaussians: &Gaussians| {
+                let placed = candidate.placement.camera_from_file(self.source);
+                if let Some(fit) = self.fit(gaussians, placed)?
+                    && fit.gain_over(fit_before) >= WORTH_A_LOOK
                 {
-                    best = (candidate, fit);
+                    better.push((candidate, fit));
                 }
+                Ok::<(), RenderError>(())
             };
-            for placement in placements(before.0.placement) {
-                let fit = self.fit(decoded, placement.camera_from_file(self.source))?;
+            for placement in placements(before.placement) {
                 consider(
                     FileReading {
                         placement,
-                        ..before.0
+                        ..*before
                     },
-                    fit,
-                );
+                    &decoded,
+                )?;
             }
-            let map = before.0.placement.camera_from_file(self.source);
-            let members = Seen::of(decoded, map, &self.intrinsics()).members;
-            let mut stored = subset(decoded, &members);
-            before.0.stored.encode(&mut stored);
-            for candidate in numbers(&before.0, &stored) {
+            let map = before.placement.camera_from_file(self.source);
+            let mut stored = subset(
+                &decoded,
+                &Seen::of(&decoded, map, &self.intrinsics()).members,
+            );
+            before.stored.encode(&mut stored);
+            for candidate in numbers(before, &stored) {
                 let mut decoded = stored.clone();
                 candidate.stored.decode(&mut decoded);
-                consider(candidate, self.fit(&decoded, map)?);
+                consider(candidate, &decoded)?;
             }
-            if best.0 == before.0 {
+            if better.is_empty() {
                 break;
+            }
+            let of_others = |reading: &FileReading| {
+                let mut recoded = decoded.clone();
+                before.stored.encode(&mut recoded);
+                reading.stored.decode(&mut recoded);
+                self.fit_elsewhere(&recoded, reading.placement, elsewhere)
+            };
+            let fit_elsewhere = of_others(before)?;
+            let all_before = fit_before.joined(&fit_elsewhere);
+            let mut chosen: Option<(FileReading, Fit, Fit)> = None;
+            for (candidate, fit) in better {
+                let elsewhere = of_others(&candidate)?;
+                let all = fit.joined(&elsewhere);
+                let is_better = fit.explains()
+                    && (fit.is_closer_than(fit_before) || all.is_closer_than(&all_before));
+                let worse = elsewhere.error() > NOT_WORSE * fit_elsewhere.error();
+                let least = chosen.as_ref().map(|(.., all)| all.error());
+                if is_better && !worse && least.is_none_or(|least| all.error() < least) {
+                    chosen = Some((candidate, fit, all));
+                }
+            }
+            match chosen {
+                Some((candidate, fit, _)) => best = (candidate, fit),
+                None => break,
             }
         }
         Ok((best.0 != *reading).then_some(best))
+    }
+}
+
+impl Trial<'_> {
+    /// How the Gaussians explain other views, placed by the poses.
+    fn fit_elsewhere(
+        &self,
+        gaussians: &Gaussians,
+        placement: Placement,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<Fit, RenderError> {
+        let mut joined = Fit::default();
+        for other in elsewhere {
+            let other_from_own = self.source.to(other.source).to_affine();
+            let placed = other_from_own * placement.camera_from_file(self.source);
+            let nothing = || Fit::of_nothing(other.photograph, other.region);
+            let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
+            joined = joined.joined(&fit);
+        }
+        Ok(joined)
     }
 }
 

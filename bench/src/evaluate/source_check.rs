@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use image::imageops::crop_imm;
 use image::{Luma, RgbImage};
 use sharp::render::RenderError;
-use sharp_datasets::{DepthMap, Scene, View};
+use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
 use super::likeness::{Fit, window};
@@ -179,8 +179,17 @@ pub(super) fn doubts_about(
         as_read.psnr()
     );
     let gaussians = &prediction.gaussians;
-    let better = trial.best_reading(gaussians, reading, &as_read)?;
-    let other = other_view(prediction, reading, &trial, source.scene, &as_read)?;
+    let others = other_views(camera, source.scene, photograph.dimensions());
+    let elsewhere: Vec<Trial<'_>> = others
+        .iter()
+        .map(|(source, photograph)| Trial {
+            source,
+            photograph,
+            ..trial
+        })
+        .collect();
+    let better = trial.best_reading(gaussians, reading, &as_read, &elsewhere)?;
+    let other = other_view(prediction, reading, &elsewhere, &as_read)?;
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
     match (&better, &other) {
         (Some((other, fit)), _) if !is_other(fit.error()) => {
@@ -253,49 +262,48 @@ fn changes(from: &FileReading, to: &FileReading) -> String {
     texts.collect::<Vec<_>>().join(" and ")
 }
 
-/// The neighbour in the scene, or the view as far from its other end, whose photograph the Gaussians explain significantly
-/// better than their own source's.
+/// The neighbours of a view in its scene and the view as far from the scene's other end, with photographs of its size.
+fn other_views(
+    source: &PosedCamera,
+    scene: &Scene,
+    size: (u32, u32),
+) -> Vec<(PosedCamera, RgbImage)> {
+    let Some(at) = scene.views.iter().position(|view| view.id == source.id) else {
+        return Vec::new();
+    };
+    let mirrored = scene.views.len() - 1 - at;
+    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored)];
+    let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
+    let views = others.into_iter().filter_map(|k| scene.views.get(k));
+    let read = views.filter_map(|view| {
+        // A photograph that cannot be read is its own pairs' failure.
+        let photograph = view.content.image().ok()?;
+        Some((PosedCamera::from(view), photograph))
+    });
+    read.filter(|(_, photograph)| photograph.dimensions() == size)
+        .collect()
+}
+
+/// The view whose photograph the Gaussians explain significantly better than their own source's, if they are taken for its.
 fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,
-    own: &Trial<'_>,
-    scene: &'a Scene,
+    others: &[Trial<'a>],
     as_read: &Fit,
-) -> Result<Option<(&'a View, Fit)>, RenderError> {
-    let at = scene.views.iter().position(|view| view.id == own.source.id);
-    let Some(at) = at.filter(|_| reading.placement.space != FileSpace::World) else {
-        return Ok(None);
-    };
-    let others = [
-        at.checked_sub(1),
-        Some(at + 1),
-        Some(scene.views.len() - 1 - at),
-    ];
-    let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
-    let mut best: Option<(&View, Fit)> = None;
-    for view in others.into_iter().filter_map(|k| scene.views.get(k)) {
-        let camera = PosedCamera::from(view);
-        // A photograph that cannot be read is its own pairs' failure.
-        let Ok(photograph) = view.content.image() else {
-            continue;
-        };
-        if photograph.dimensions() != own.photograph.dimensions() {
-            continue;
-        }
-        let trial = Trial {
-            source: &camera,
-            photograph: &photograph,
-            ..*own
-        };
-        let placed = reading.placement.camera_from_file(&camera);
-        let fit = trial.fit(&prediction.gaussians, placed)?;
-        if let Some(fit) = fit
+) -> Result<Option<(&'a PosedCamera, Fit)>, RenderError> {
+    let mut best: Option<(&PosedCamera, Fit)> = None;
+    if reading.placement.space == FileSpace::World {
+        return Ok(best);
+    }
+    for trial in others {
+        let placed = reading.placement.camera_from_file(trial.source);
+        if let Some(fit) = trial.fit(&prediction.gaussians, placed)?
             && fit.is_better_than(as_read)
             && best
                 .as_ref()
                 .is_none_or(|(_, known)| fit.error() < known.error())
         {
-            best = Some((view, fit));
+            best = Some((trial.source, fit));
         }
     }
     Ok(best)

@@ -3,7 +3,9 @@
 use std::iter;
 use std::path::{Path, PathBuf};
 
-use super::file_reading::{FileReading, FileSpace};
+use sharp::ply::StoredQuaternions;
+
+use super::file_reading::{Axes, FileReading, FileSpace};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, Privilege, SourceView,
@@ -198,6 +200,8 @@ impl PredictGaussians for GaussianFiles {
             reading: Some(FileReading { stored, placement }),
             warnings: doubts
                 .into_iter()
+                // A turn about z is what the axes then say.
+                .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
                 .map(|doubt| {
                     let text = format!("{} ({})", doubt.text, camera.id);
                     (doubt.about.to_owned(), text)

@@ -109,6 +109,12 @@ pub fn suspicions(stored: &Gaussians, given: &Reading, format: &Reading) -> Vec<
     if given.quaternions.is_none()
         && format.quaternions == Some(StoredQuaternions::Wxyz)
         && finite.iter().filter(lost).count() * 100 > finite.len() * 99
+        && finite
+            .iter()
+            .filter(|k| is_stretched(stored.scales[**k], format))
+            .count()
+            * 2
+            > finite.len()
     {
         doubt(
             StoredQuaternions::KEY,
@@ -185,6 +191,15 @@ pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
         (false, true) => Some(median),
         (false, false) => None,
     }
+}
+
+/// True where a rotation would show: deviations that differ by more than a twentieth.
+fn is_stretched(stored: [f32; 3], format: &Reading) -> bool {
+    let [x, y, z] = match format.scales {
+        Some(StoredScales::Log) => stored.map(f32::exp),
+        _ => stored,
+    };
+    x.max(y).max(z) > 1.05 * x.min(y).min(z)
 }
 
 /// Diagonal of the box that holds the middle 90 % of the centres along each axis.
