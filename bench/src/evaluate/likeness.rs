@@ -11,6 +11,8 @@ const SIDES: (u32, u32) = (160, 120);
 const MARGIN: f64 = 0.5;
 /// Standard errors of the gain that it has to exceed.
 const SIGNIFICANCE: f64 = 3.0;
+/// The same of the gain where brightness and contrast are free, which only has to agree.
+const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Share of the photograph's variance that an explanation has to explain.
 const EXPLAINED: f64 = 0.5;
 /// Variance of rounding to 8 bit: less is no difference.
@@ -245,14 +247,17 @@ impl Fit {
         let each: Vec<[f64; 2]> = (0..n)
             .map(|block| gains(without(self, block), without(other, block)))
             .collect();
-        [(0, MARGIN), (1, MARGIN / 2.0)]
-            .into_iter()
-            .all(|(kind, margin)| {
-                let mean = each.iter().map(|g| g[kind]).sum::<f64>() / n as f64;
-                let squares = each.iter().map(|g| (g[kind] - mean).powi(2)).sum::<f64>();
-                let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
-                whole[kind] >= margin && whole[kind] >= SIGNIFICANCE * standard_error
-            })
+        [
+            (0, MARGIN, SIGNIFICANCE),
+            (1, MARGIN / 2.0, SIGNIFICANCE_FREE),
+        ]
+        .into_iter()
+        .all(|(kind, margin, significance)| {
+            let mean = each.iter().map(|g| g[kind]).sum::<f64>() / n as f64;
+            let squares = each.iter().map(|g| (g[kind] - mean).powi(2)).sum::<f64>();
+            let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
+            whole[kind] >= margin && whole[kind] >= significance * standard_error
+        })
     }
 }
 
