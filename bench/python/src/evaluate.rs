@@ -178,9 +178,11 @@ impl PredictGaussians for Function {
         })?;
         Ok(GaussianPrediction {
             gaussians,
-            space: GaussianSpace::Camera,
+            space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
+            reading: Some(methods::file_reading::FileReading::of_arrays()),
+            warnings: BTreeMap::new(),
         })
     }
 }

@@ -24,6 +24,7 @@ mod output;
 mod pairs;
 mod planned;
 mod protocols;
+mod reading_args;
 mod render;
 mod rendering_args;
 mod report;

@@ -252,6 +252,7 @@ fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::R
     for record in records {
         let kept = Record {
             extras: BTreeMap::new(),
+            warnings: BTreeMap::new(),
             ..record.clone()
         };
         hasher.add("record", &serde_json::to_string(&kept)?);
@@ -380,6 +381,7 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
             scale: line.scale,
             files: line.files,
             extras: BTreeMap::new(),
+            warnings: BTreeMap::new(),
         });
     }
     let found = digest(head.format, &manifest, &records);

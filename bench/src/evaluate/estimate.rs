@@ -99,7 +99,13 @@ impl Evaluation {
                 if measured.is_empty() {
                     continue;
                 }
-                let job = self.job(measured.clone(), &keys, kept, Shard::WHOLE);
+                let job = self.job(
+                    measured.clone(),
+                    Default::default(),
+                    &keys,
+                    kept,
+                    Shard::WHOLE,
+                );
                 let (cpu, wall, disk) = (ProcessTime::now(), Instant::now(), size(folder.path()));
                 failures += run(&job, &run_folder, &Quiet)?.failed;
                 let share = all / measured.len() as f64;

@@ -150,6 +150,8 @@ mod tests {
             space: GaussianSpace::Normalized,
             first_layer: DepthMap::from_vec(2, 1, vec![z, 2.0 * z]),
             extras: BTreeMap::from([("dropped_blocks".to_owned(), 3.0)]),
+            reading: None,
+            warnings: BTreeMap::from([("opacity".to_owned(), "odd".to_owned())]),
         }
     }
 

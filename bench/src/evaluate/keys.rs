@@ -97,6 +97,7 @@ impl Keys {
             privilege: method.privilege(),
             sources: sources.finish(),
             notes: method.notes(),
+            warnings: Vec::new(),
         }
     }
 

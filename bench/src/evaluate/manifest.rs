@@ -281,6 +281,9 @@ pub struct MethodRecord {
     /// What may be wrong with how it is set up, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+    /// What speaks against the way that its predictions were read, each kind once.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// One metric column.

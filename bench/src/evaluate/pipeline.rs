@@ -19,7 +19,9 @@ use super::record::{ChosenScale, Record, Status};
 use super::render::{depth_scale, render};
 use super::score::{MemoryShares, PairTruth, Unscored, crop, empty_record, missing, score_pair};
 use super::shard::Shard;
-use super::source_check::{check_source, doubt};
+use super::source_check::{
+    CheckedSource, absurd_coverage, doubts, doubts_about, see_source, source_of,
+};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::hash::{StableHasher, file_sha256, sha256_hex};
 use crate::io::machine::{cpu_and_threads, peak_bytes};
@@ -28,7 +30,8 @@ use crate::io::pictures::{read_rgb8, to_rgb8};
 use crate::io::rendering_files::{write_exr, write_png};
 use crate::io::text::reason_line;
 use crate::methods::{
-    Approach, Method, MethodError, PicturePrediction, Privilege, SourceView, TargetCamera,
+    Approach, GaussianPrediction, Method, MethodError, PicturePrediction, Privilege, SourceView,
+    TargetCamera,
 };
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
@@ -108,6 +111,8 @@ impl RunOptions {
 pub(super) struct Job<'a> {
     /// In the order of their ids.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
+    /// Sources whose files of Gaussians are read otherwise, too.
+    pub(super) checked: BTreeSet<String>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
     pub(super) renderer: &'a SharedRenderer,
@@ -217,10 +222,13 @@ pub(super) fn run(
                     Prepared::Unscored(item) => {
                         let maker = job.methods.iter().find(|m| m.label() == method);
                         let privilege = maker.map(|maker| maker.privilege()).unwrap_or_default();
-                        if let Some(doubt) = doubt(&item.unit.record, privilege)
-                            && doubted.insert(method.clone())
-                        {
-                            observer.warn(&format!("method '{method}': {doubt}"));
+                        let mut new = doubts(&item.unit.record, privilege);
+                        new.retain(|about, _| {
+                            doubted.insert((method.clone(), (*about).to_owned()))
+                        });
+                        if !new.is_empty() {
+                            let texts: Vec<String> = new.into_values().collect();
+                            observer.warn(&format!("method '{method}': {}", texts.join("; ")));
                         }
                         unscored.push(*item);
                     }
@@ -269,6 +277,7 @@ fn prepare_all<'a>(
         }
         let mut pair = PairWork {
             job,
+            observer,
             folder,
             source: planned.source.into(),
             target: planned.target.into(),
@@ -307,8 +316,8 @@ struct Sources<'a> {
     depth: Option<(&'a View, Option<DepthMap>)>,
     /// By the key of the prediction.
     scale: Option<(String, Result<f64, String>)>,
-    /// What the prediction shows of its source, by its key.
-    check: Option<(String, BTreeMap<String, f64>)>,
+    /// What the prediction shows of its source and what speaks against its reading, by its key.
+    check: Option<(String, BTreeMap<String, f64>, BTreeMap<String, String>)>,
 }
 
 impl<'a> Sources<'a> {
@@ -375,6 +384,7 @@ impl From<MethodError> for Failure {
 /// A picture as a method made it.
 struct Made {
     prediction: PicturePrediction,
+    warnings: BTreeMap<String, String>,
     scale: Option<ChosenScale>,
     rendering: Option<RenderOutput>,
     predict_secs: f64,
@@ -386,6 +396,7 @@ struct Made {
 /// One pair on the predicting thread.
 struct PairWork<'j, 'a> {
     job: &'j Job<'a>,
+    observer: &'j dyn Observer,
     folder: &'j RunFolder,
     source: PosedCamera,
     target: PosedCamera,
@@ -515,6 +526,7 @@ impl<'a> PairWork<'_, 'a> {
         unit.timing.render_secs = made.render_secs;
         unit.timing.inference = made.inference;
         unit.record.extras = prediction.extras;
+        unit.record.warnings = made.warnings;
         let mut scored = ScoredPicture {
             sha256: picture_sha256(&picture),
             file_sha256: None,
@@ -551,6 +563,7 @@ impl<'a> PairWork<'_, 'a> {
         let pair_id = &self.truth.planned.pair.pair_id;
         let plain = |prediction: PicturePrediction, predict_secs: f64| Made {
             prediction,
+            warnings: BTreeMap::new(),
             scale: None,
             rendering: None,
             predict_secs,
@@ -558,8 +571,7 @@ impl<'a> PairWork<'_, 'a> {
             inference: None,
         };
         let target = TargetCamera::new(pair_id, &self.target);
-        // Ids encode underscores that would form a second separator.
-        let name = pair_id.split("__").next().unwrap_or(pair_id);
+        let name = source_of(pair_id);
         let made = match method.approach() {
             Approach::Gaussians(_) => return self.splat(method, name, keys, sources),
             _ if stages == Stages::Render => return Err(Failure::Waiting),
@@ -679,12 +691,11 @@ impl<'a> PairWork<'_, 'a> {
         if sources
             .check
             .as_ref()
-            .is_none_or(|(key, _)| *key != keys.predict)
+            .is_none_or(|(key, ..)| *key != keys.predict)
         {
-            let photograph = sources.photograph(view)?;
-            let check = check_source(&prediction, &self.source, photograph, self.job.renderer);
-            let check = check.map_err(|error| self.render_failure(method, &error))?;
-            sources.check = Some((keys.predict.clone(), check));
+            let checked = self.check_source(method, &prediction, name, sources)?;
+            let (extras, warnings) = checked;
+            sources.check = Some((keys.predict.clone(), extras, warnings));
         }
         let (rendered, render_secs) = self.timed(|| {
             let (source, target) = (&self.source, &self.target);
@@ -692,11 +703,15 @@ impl<'a> PairWork<'_, 'a> {
         });
         let (mut picture, output) =
             rendered.map_err(|error| self.render_failure(method, &error))?;
-        let check = sources.check.iter().flat_map(|(_, check)| check.clone());
-        picture.extras.extend(check);
+        let mut warnings = BTreeMap::new();
+        if let Some((_, extras, doubts)) = &sources.check {
+            picture.extras.extend(extras.clone());
+            warnings.clone_from(doubts);
+        }
         self.made.rendered += 1;
         Ok(Some(Made {
             prediction: picture,
+            warnings,
             scale: None,
             rendering: (self.job.options.keep == Keep::Float).then_some(output),
             predict_secs,
@@ -713,6 +728,48 @@ impl<'a> PairWork<'_, 'a> {
             value,
             (self.job.clock)().saturating_sub(started).as_secs_f64(),
         )
+    }
+
+    /// What a prediction shows of its source, and what speaks against the way that its file was read.
+    fn check_source(
+        &self,
+        method: &dyn Method,
+        prediction: &GaussianPrediction,
+        name: &str,
+        sources: &mut Sources<'a>,
+    ) -> Result<(BTreeMap<String, f64>, BTreeMap<String, String>), Failure> {
+        let (planned, renderer) = (self.truth.planned, self.job.renderer);
+        let mut warnings = prediction.warnings.clone();
+        if let Some((about, text)) = absurd_coverage(prediction, &self.source) {
+            // At once: it is about how long the rendering takes.
+            self.observer
+                .warn(&format!("method '{}': {text}", method.label()));
+            warnings.insert(about, text);
+        }
+        let checked = prediction
+            .reading
+            .filter(|_| self.job.checked.contains(name));
+        let depth = match checked {
+            Some(_) if method.privilege() == Privilege::None => {
+                // Depth that cannot be read is not this method's.
+                sources.depth(planned.source).ok().flatten().cloned()
+            }
+            _ => None,
+        };
+        let photograph = sources.photograph(planned.source)?;
+        let failed = |error: RenderError| self.render_failure(method, &error);
+        let seen = see_source(prediction, &self.source, photograph, renderer).map_err(failed)?;
+        if let Some(reading) = checked {
+            let source = CheckedSource {
+                camera: &self.source,
+                photograph,
+                depth: depth.as_ref(),
+                scene: planned.scene,
+            };
+            let found = doubts_about(prediction, &reading, &seen, &source, renderer);
+            warnings.extend(found.map_err(failed)?);
+        }
+        Ok((seen.extras, warnings))
     }
 
     /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.

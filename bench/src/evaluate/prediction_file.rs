@@ -1,14 +1,17 @@
 //! Predictions of sources as files, for runs whose stages are apart and for more than memory holds.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
+use glam::DAffine3;
 use safetensors::SafeTensors;
+use serde::{Deserialize, Serialize};
 use sharp_datasets::DepthMap;
 
 use crate::io::atomic_files::FileError;
 use crate::io::gaussian_files::{Array, GaussianFileError, read_arrays, write_arrays};
 use crate::io::hash::{StableHasher, sha256_hex};
+use crate::methods::file_reading::FileReading;
 use crate::methods::{GaussianPrediction, GaussianSpace};
 
 /// Why a prediction cannot be read back.
@@ -23,8 +26,19 @@ pub(super) enum PredictionFileError {
     Damaged(PathBuf),
 }
 
+/// A prediction but for its arrays.
+#[derive(Serialize, Deserialize)]
+struct Said {
+    /// Columns of the map to the source's camera; `None` for SHARP's normalised space.
+    camera_from_gaussians: Option<[f64; 12]>,
+    extras: BTreeMap<String, f64>,
+    /// Settings of the file that was read.
+    reading: Option<BTreeMap<String, String>>,
+    warnings: BTreeMap<String, String>,
+}
+
 /// Writes a prediction with everything that rendering it needs: arrays as `gaussians` takes them, its space, its depth
-/// layer, what the method reported, the seconds it took, and a checksum.
+/// layer, how it was read, what the method reported, the seconds it took, and a checksum.
 pub(super) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
@@ -43,16 +57,23 @@ pub(super) fn write_prediction(
         let shape = [layer.height() as usize, layer.width() as usize];
         arrays.push(Array::new("first_layer", &shape, layer.as_raw()));
     }
-    let space = match prediction.space {
-        GaussianSpace::Normalized => "normalized",
-        GaussianSpace::Camera => "camera",
+    let said = Said {
+        camera_from_gaussians: match prediction.space {
+            GaussianSpace::Normalized => None,
+            GaussianSpace::Camera(map) => Some(map.to_cols_array()),
+        },
+        extras: prediction.extras.clone(),
+        reading: prediction.reading.map(|reading| {
+            let settings = reading.settings().into_iter();
+            settings.map(|(key, v)| (key.to_owned(), v)).collect()
+        }),
+        warnings: prediction.warnings.clone(),
     };
-    let extras = serde_json::to_string(&prediction.extras).unwrap_or_default();
+    let said = serde_json::to_string(&said).unwrap_or_default();
     let metadata = HashMap::from([
-        ("space".to_owned(), space.to_owned()),
-        ("extras".to_owned(), extras.clone()),
         ("inference_secs".to_owned(), secs.to_string()),
-        ("checksum".to_owned(), checksum(space, &extras, &arrays)),
+        ("checksum".to_owned(), checksum(&said, &arrays)),
+        ("prediction".to_owned(), said),
     ]);
     write_arrays(path, &arrays, Some(metadata))
 }
@@ -69,7 +90,7 @@ pub(super) fn read_prediction(
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|_| damaged())?;
     let metadata = header.metadata().clone().ok_or_else(damaged)?;
     let text = |name: &str| metadata.get(name).cloned().ok_or_else(damaged);
-    let (space, extras) = (text("space")?, text("extras")?);
+    let said = text("prediction")?;
     let secs = text("inference_secs")?.parse().map_err(|_| damaged())?;
     let tensors = SafeTensors::deserialize(&bytes).map_err(|_| damaged())?;
     let arrays: Vec<Array> = ARRAYS
@@ -80,7 +101,7 @@ pub(super) fn read_prediction(
             Some(Array { name, shape, bytes })
         })
         .collect();
-    if checksum(&space, &extras, &arrays) != text("checksum")? {
+    if checksum(&said, &arrays) != text("checksum")? {
         return Err(damaged());
     }
     let first_layer = arrays.iter().find(|array| array.name == "first_layer");
@@ -88,14 +109,23 @@ pub(super) fn read_prediction(
         let values = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
         DepthMap::from_vec(shape[1] as u32, shape[0] as u32, values.collect())
     });
+    let said: Said = serde_json::from_str(&said).map_err(|_| damaged())?;
+    let reading = said.reading.map(|settings| {
+        let mut reading = FileReading::default();
+        let set = settings.iter().map(|(key, value)| reading.set(key, value));
+        set.collect::<Result<(), String>>().map(|()| reading)
+    });
     let prediction = GaussianPrediction {
         gaussians: read_arrays(path)?,
-        space: match space.as_str() {
-            "camera" => GaussianSpace::Camera,
-            _ => GaussianSpace::Normalized,
-        },
+        space: said
+            .camera_from_gaussians
+            .map_or(GaussianSpace::Normalized, |map| {
+                GaussianSpace::Camera(DAffine3::from_cols_array(&map))
+            }),
         first_layer,
-        extras: serde_json::from_str(&extras).map_err(|_| damaged())?,
+        extras: said.extras,
+        reading: reading.transpose().map_err(|_| damaged())?,
+        warnings: said.warnings,
     };
     Ok((prediction, secs))
 }
@@ -110,9 +140,9 @@ const ARRAYS: [&str; 6] = [
     "first_layer",
 ];
 
-fn checksum(space: &str, extras: &str, arrays: &[Array]) -> String {
+fn checksum(said: &str, arrays: &[Array]) -> String {
     let mut hasher = StableHasher::default();
-    hasher.add("space", space).add("extras", extras);
+    hasher.add("prediction", said);
     for Array { name, shape, bytes } in arrays {
         hasher.add(name, &format!("{shape:?} {}", sha256_hex(bytes)));
     }

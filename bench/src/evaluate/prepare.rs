@@ -297,12 +297,14 @@ impl Evaluation {
     pub(super) fn job<'a>(
         &'a self,
         pairs: Vec<ResolvedPair<'a>>,
+        checked: BTreeSet<String>,
         keys: &'a Keys,
         options: RunOptions,
         shard: Shard,
     ) -> Job<'a> {
         Job {
             pairs,
+            checked,
             methods: &self.methods,
             scoring: &self.scoring,
             renderer: &self.renderer,

@@ -96,6 +96,9 @@ pub struct Record {
     pub files: Option<PairFiles>,
     /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
+    /// What speaks against the way that its prediction was read, by what it is about.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub warnings: BTreeMap<String, String>,
 }
 
 /// The files of a pair: 16 hexadecimal digits a view, over its camera, photograph, mask and depth. Results of a pair stand
@@ -283,6 +286,7 @@ pub(super) mod tests {
             scale: None,
             files: None,
             extras: BTreeMap::from([("mean_alpha".into(), 0.5)]),
+            warnings: BTreeMap::new(),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use sharp::camera::target_camera_from_source_ndc;
 use sharp::gaussians::Gaussians;
 use sharp::render::{RenderError, RenderOutput};
@@ -73,7 +73,9 @@ pub(super) fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedC
         GaussianSpace::Normalized => {
             target_camera_from_source_ndc(&source.intrinsics, &target_from_source)
         }
-        GaussianSpace::Camera => target_from_source.to_affine(),
+        GaussianSpace::Camera(camera_from_file) => {
+            target_from_source.to_affine() * camera_from_file
+        }
     }
 }
 
@@ -91,7 +93,16 @@ pub(super) fn render(
     target: &PosedCamera,
     renderer: &SharedRenderer,
 ) -> Result<(PicturePrediction, RenderOutput), RenderError> {
-    let placed = placed(prediction.space, source, target);
+    let median_scale = scale;
+    // Gaussians of the camera's space are scaled themselves, which is one rounding less.
+    let (space, scale) = match (prediction.space, scale) {
+        (GaussianSpace::Camera(map), Some(scale)) if map != DAffine3::IDENTITY => {
+            let about_camera = DAffine3::from_scale(DVec3::splat(scale));
+            (GaussianSpace::Camera(about_camera * map), None)
+        }
+        (space, scale) => (space, scale),
+    };
+    let placed = placed(space, source, target);
     let resized;
     let gaussians = match scale {
         None => &prediction.gaussians,
@@ -107,7 +118,7 @@ pub(super) fn render(
     let mut extras: BTreeMap<String, f64> = prediction.extras.clone();
     extras.insert("mean_alpha".to_owned(), covered / n);
     extras.insert("hole_share".to_owned(), holes as f64 / n);
-    if let Some(scale) = scale {
+    if let Some(scale) = median_scale {
         extras.insert("median_scale".to_owned(), scale);
     }
     let picture = PicturePrediction {
@@ -169,9 +180,11 @@ mod tests {
                 vec![[0.5; 3]; n],
             )
             .unwrap(),
-            space: GaussianSpace::Camera,
+            space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
+            reading: None,
+            warnings: BTreeMap::new(),
         };
         let truth = DepthMap::from_pixel(20, 16, image::Luma([4.0]));
         let renderer = SharedRenderer::cpu();

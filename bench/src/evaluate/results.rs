@@ -9,6 +9,7 @@ use super::folder::RunFolder;
 use super::manifest::{Manifest, PairsRecord};
 use super::plan::RunPlan;
 use super::record::{Record, Score, Status, file_difference, finite_or_text};
+use super::source_check::doubts_of;
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
@@ -322,7 +323,7 @@ pub fn timings(root: &Path, method: &str) -> Result<BTreeMap<String, Timing>, Ev
 /// When the folder cannot be read or written.
 pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError> {
     let current = Current::read(folder)?;
-    let results = Results::of(folder, &current)?;
+    let mut results = Results::of(folder, &current)?;
     let keys: Vec<String> = results
         .manifest
         .metrics
@@ -335,6 +336,13 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     let timings =
         timings_csv(current.units.iter().filter(|unit| is_done(unit))).map_err(csv_error)?;
     write_atomic(&folder.timings_path(), &timings)?;
+    for method in &mut results.manifest.methods {
+        let own = results.records.iter().filter(|r| r.method == method.label);
+        method.warnings = doubts_of(own, method.privilege);
+    }
+    if results.manifest != current.manifest {
+        folder.write_manifest(&results.manifest)?;
+    }
     Ok(results)
 }
 

@@ -18,6 +18,7 @@ use super::rescore::score_common_region;
 use super::results::{Results, check_rows, write_tables};
 use super::score::MemoryShares;
 use super::shard::Shard;
+use super::source_check::checked_sources;
 use super::unit::Unit;
 use crate::io::atomic_files::write_atomic;
 use crate::io::observer::Observer;
@@ -66,7 +67,8 @@ impl Evaluation {
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         self.begin(&folder, &plan, &keys, observer)?;
-        let job = self.job(pairs, &keys, options, Shard::WHOLE);
+        let checked = checked_sources(&pairs);
+        let job = self.job(pairs, checked, &keys, options, Shard::WHOLE);
         let counts = run_pipeline(&job, &folder, observer)?;
         if counts.left == 0 && self.common_region {
             let memory = MemoryShares::of(options.memory_limit_bytes);
@@ -150,6 +152,7 @@ impl Evaluation {
             .into_iter()
             .collect();
         let mut pairs = self.pairs()?;
+        let checked = checked_sources(&pairs);
         pairs.retain(|planned| own.contains(planned.pair.pair_id.as_str()));
         if pairs.len() < own.len() {
             let readable = self.list.resolve_readable(&self.scenes, &self.datasets)?;
@@ -173,7 +176,11 @@ impl Evaluation {
         folder.remove_tables()?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let missing = (own.len() - pairs.len()) * self.methods.len();
-        let mut counts = run_pipeline(&self.job(pairs, &keys, options, shard), &folder, observer)?;
+        let mut counts = run_pipeline(
+            &self.job(pairs, checked, &keys, options, shard),
+            &folder,
+            observer,
+        )?;
         counts.units += missing;
         counts.waiting += missing;
         Ok(counts)

@@ -280,6 +280,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
         scale: None,
         files: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }
 

@@ -1,22 +1,28 @@
 //! Whether Gaussians show the photograph that they were predicted from, and if not, what their file may mean instead.
 //!
-//! A wrong frame, unit or colour space gives bad scores without an error. Rendered from the source's own camera, such
-//! Gaussians give themselves away; a scale about that camera does not, so the depth that is seen is recorded too.
+//! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendered from the source's own camera,
+//! such Gaussians give themselves away; a scale about that camera does not, so the depth that is seen is recorded too. Files
+//! of others are also read otherwise ([`doubts_about`]), which costs as much as some small pictures: of three sources of each
+//! dataset, which depend on the list of pairs alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use glam::{DAffine3, DMat3};
-use image::RgbImage;
-use sharp::color::{linear_from_srgb, srgb_from_linear};
-use sharp::gaussians::Gaussians;
+use image::imageops::crop_imm;
+use image::{Luma, RgbImage};
 use sharp::render::RenderError;
+use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
+use super::likeness::{Fit, window};
 use super::record::Record;
 use super::render::{placed, surface_depth};
-use crate::methods::{GaussianPrediction, GaussianSpace, Privilege, UNUSABLE};
+use super::rereading::{Seen, Trial};
+use crate::methods::file_reading::{FileReading, FileSpace};
+use crate::methods::{GaussianPrediction, Privilege, UNUSABLE};
 use crate::pairs::PosedCamera;
 use crate::pairs::depth::median_depth_m;
+use crate::pairs::pair_list::ResolvedPair;
+use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::rendering::SharedRenderer;
 
 /// The extra that holds the PSNR of the source's photograph and its rendering, dB; 100 at most, so that it is a number.
@@ -24,147 +30,320 @@ pub const SOURCE_PSNR: &str = "source_psnr";
 /// The extra that holds the median depth of the rendering of the source, metres.
 pub const SOURCE_DEPTH: &str = "source_depth_m";
 
-/// Below this PSNR of the source, dB, other readings of the Gaussians are tried. Methods that predict their own input
-/// well are far above it.
-const UNLIKE: f64 = 25.0;
-/// Below this, dB, a source that no reading explains is worth a warning: a photograph against its mean colour has about
-/// as much.
-const UNRELATED: f64 = 15.0;
-/// What another reading must gain to be believed, dB: half the squared error.
-const GAIN: f64 = 3.0;
 /// Ratio of seen to true depth beyond which metres are doubted.
 const UNLIKELY_SCALE: f64 = 10.0;
+/// Factor of depth above which another unit is thinkable at all: predictions without a unit are off by less.
+const LEAST_FACTOR: f64 = 1.5;
+/// How many times the spread of depth ratios a factor has to exceed: a prediction's own errors spread them.
+const FACTOR_SIGNIFICANCE: f64 = 10.0;
+/// Boxes of Gaussians over a pixel beyond which rendering takes minutes: scenes of photographs have tens or hundreds.
+const ABSURD_LAYERS: f64 = 5000.0;
 
-/// Another reading of Gaussians in camera space.
-struct Reading {
-    /// The extra that holds its PSNR.
-    extra: &'static str,
-    meaning: &'static str,
+/// What a prediction shows of its own source.
+pub(super) struct SeenSource {
+    /// [`SOURCE_PSNR`] and [`SOURCE_DEPTH`].
+    pub(super) extras: BTreeMap<String, f64>,
+    picture: RgbImage,
+    depth: DepthMap,
 }
 
-const FRAMES: [Reading; 3] = [
-    Reading {
-        extra: "source_psnr_if_opengl",
-        meaning: "taken as OpenGL axes (y up, z backward)",
-    },
-    Reading {
-        extra: "source_psnr_if_world",
-        meaning: "taken as the dataset's world space",
-    },
-    Reading {
-        extra: "source_psnr_if_normalized",
-        meaning: "taken as SHARP's normalised space",
-    },
-];
-
-const COLORS: [Reading; 2] = [
-    Reading {
-        extra: "source_psnr_if_srgb",
-        meaning: "with colours read as sRGB (`color_space=srgb`)",
-    },
-    Reading {
-        extra: "source_psnr_if_linear",
-        meaning: "with colours read as linear (`color_space=linear`)",
-    },
-];
-
-/// Renders a prediction into its own source. Gives the extras [`SOURCE_PSNR`], [`SOURCE_DEPTH`], and where the PSNR is
-/// low and the method chose the space itself, that of every other reading: frames with the colours as they are, then
-/// colours in the best of the frames.
+/// Renders a prediction into its own source.
 ///
 /// # Errors
 /// See [`RenderError`].
-pub(super) fn check_source(
+pub(super) fn see_source(
     prediction: &GaussianPrediction,
     source: &PosedCamera,
     photograph: &RgbImage,
     renderer: &SharedRenderer,
-) -> Result<BTreeMap<String, f64>, RenderError> {
-    let photograph = Picture::Rgb8(photograph.clone());
+) -> Result<SeenSource, RenderError> {
     let mut extras = BTreeMap::new();
     let as_given = placed(prediction.space, source, source);
     let output = renderer.render(&prediction.gaussians, as_given, source.intrinsics)?;
-    if let Some(depth) = median_depth_m(&surface_depth(&output)) {
+    let depth = surface_depth(&output);
+    if let Some(depth) = median_depth_m(&depth) {
         extras.insert(SOURCE_DEPTH.to_owned(), depth);
     }
-    let likeness = |picture: RgbImage| {
-        let psnr = psnr(&Picture::Rgb8(picture), &photograph, None);
-        psnr.map_or(0.0, |psnr| psnr.min(100.0))
-    };
-    let psnr = likeness(renderer.picture(&output));
-    extras.insert(SOURCE_PSNR.to_owned(), psnr);
-    if !(psnr < UNLIKE && prediction.space == GaussianSpace::Camera) {
-        return Ok(extras);
-    }
-    let mut read_as = |extra: &str, gaussians: &Gaussians, placed| -> Result<f64, RenderError> {
-        let output = renderer.render(gaussians, placed, source.intrinsics)?;
-        let psnr = likeness(renderer.picture(&output));
-        extras.insert(extra.to_owned(), psnr);
-        Ok(psnr)
-    };
-    let frames = [
-        DAffine3::from_mat3(DMat3::from_diagonal(glam::DVec3::new(1.0, -1.0, -1.0))),
-        source.camera_from_world.to_affine(),
-        self::placed(GaussianSpace::Normalized, source, source),
-    ];
-    let mut best = (psnr, as_given);
-    for (Reading { extra, .. }, frame) in FRAMES.iter().zip(frames) {
-        let psnr = read_as(extra, &prediction.gaussians, frame)?;
-        if psnr > best.0 {
-            best = (psnr, frame);
-        }
-    }
-    for (Reading { extra, .. }, convert) in COLORS.iter().zip([linear_from_srgb, srgb_from_linear])
-    {
-        let colors = prediction.gaussians.colors.iter();
-        let recolored = Gaussians {
-            colors: colors.map(|color| color.map(convert)).collect(),
-            ..prediction.gaussians.clone()
-        };
-        read_as(extra, &recolored, best.1)?;
-    }
-    Ok(extras)
+    let picture = renderer.picture(&output);
+    let likeness = psnr(
+        &Picture::Rgb8(picture.clone()),
+        &Picture::Rgb8(photograph.clone()),
+        None,
+    );
+    let likeness = likeness.map_or(0.0, |psnr| psnr.min(100.0));
+    extras.insert(SOURCE_PSNR.to_owned(), likeness);
+    Ok(SeenSource {
+        extras,
+        picture,
+        depth,
+    })
 }
 
-/// What is odd about the Gaussians behind a record, in one line, with the reading that fits best.
-pub fn doubt(record: &Record, privilege: Privilege) -> Option<String> {
-    let extra = |name: &str| record.extras.get(name).copied();
-    let mut doubts = Vec::new();
-    for (name, what) in UNUSABLE {
-        if let Some(count) = extra(name) {
-            let source = &record.source;
-            doubts.push(format!(
-                "{count} of its Gaussians {what} and are not drawn ({source})"
-            ));
+/// Names (`dataset/scene/source`) of the sources whose files are read otherwise, too: the first, the middle and the last of
+/// each dataset. All pairs of the plan have to be given, so that shards choose alike.
+pub(super) fn checked_sources(pairs: &[ResolvedPair<'_>]) -> BTreeSet<String> {
+    let mut sources: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for ResolvedPair { pair, scene, .. } in pairs {
+        let name = source_of(&pair.pair_id);
+        sources.entry(&scene.dataset).or_default().insert(name);
+    }
+    let chosen = sources.into_values().flat_map(|names| {
+        let names: Vec<&str> = names.into_iter().collect();
+        [0, names.len() / 2, names.len() - 1].map(|at| names[at].to_owned())
+    });
+    chosen.collect()
+}
+
+/// `dataset/scene/source` of a pair's id.
+pub(super) fn source_of(pair_id: &str) -> &str {
+    // Ids encode underscores that would form a second separator.
+    pair_id.split("__").next().unwrap_or(pair_id)
+}
+
+/// Why rendering a prediction would take very long, before it is done.
+pub(super) fn absurd_coverage(
+    prediction: &GaussianPrediction,
+    source: &PosedCamera,
+) -> Option<(String, String)> {
+    let placed = placed(prediction.space, source, source);
+    let seen = Seen::of(&prediction.gaussians, placed, &source.intrinsics);
+    if seen.layers < ABSURD_LAYERS {
+        return None;
+    }
+    let mut scales: Vec<f32> = seen
+        .members
+        .iter()
+        .map(|&k| {
+            prediction.gaussians.scales[k]
+                .into_iter()
+                .fold(0.0, f32::max)
+        })
+        .collect();
+    scales.sort_unstable_by(f32::total_cmp);
+    let text = format!(
+        "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long to render: \
+         scales that are no logarithms (`scales=linear`), or another unit (`scale=`)? ({})",
+        seen.layers,
+        scales.get(scales.len() / 2).copied().unwrap_or_default(),
+        source.id
+    );
+    Some(("coverage".to_owned(), text))
+}
+
+/// A source whose file is read otherwise.
+pub(super) struct CheckedSource<'a> {
+    pub(super) camera: &'a PosedCamera,
+    pub(super) photograph: &'a RgbImage,
+    /// True depth, where there is some and the method is not scaled to it.
+    pub(super) depth: Option<&'a DepthMap>,
+    pub(super) scene: &'a Scene,
+}
+
+/// What speaks against the reading of a prediction's file, by what it is about: another reading, or the photograph of another
+/// view, explains the source's significantly better, another unit its depth, or nothing explains it.
+///
+/// # Errors
+/// See [`RenderError`].
+pub(super) fn doubts_about(
+    prediction: &GaussianPrediction,
+    reading: &FileReading,
+    seen: &SeenSource,
+    source: &CheckedSource<'_>,
+    renderer: &SharedRenderer,
+) -> Result<BTreeMap<String, String>, RenderError> {
+    let mut doubts = BTreeMap::new();
+    let mut doubt = |about: &str, text: String| doubts.insert(about.to_owned(), text);
+    let (camera, photograph) = (source.camera, source.photograph);
+    let id = &camera.id;
+    let trial = Trial {
+        source: camera,
+        photograph,
+        region: window(photograph),
+        renderer,
+    };
+    let region = trial.region;
+    let part = crop_imm(
+        &seen.picture,
+        region.x,
+        region.y,
+        region.width,
+        region.height,
+    );
+    let as_read = Fit::of(photograph, region, &part.to_image());
+    let of_part = match (region.width, region.height) == photograph.dimensions() {
+        true => String::new(),
+        false => format!("{}x{} pixels of ", region.width, region.height),
+    };
+    let shown = format!(
+        "its Gaussians show {of_part}the photograph they were predicted from at {:.2} dB PSNR ({id})",
+        as_read.psnr()
+    );
+    let gaussians = &prediction.gaussians;
+    let others = other_views(camera, source.scene, photograph.dimensions());
+    let elsewhere: Vec<Trial<'_>> = others
+        .iter()
+        .map(|(source, photograph)| Trial {
+            source,
+            photograph,
+            ..trial
+        })
+        .collect();
+    let better = trial.best_reading(gaussians, reading, &as_read, &elsewhere)?;
+    let other = other_view(prediction, reading, &elsewhere, &as_read)?;
+    let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
+    match (&better, &other) {
+        (Some((other, fit)), _) if !is_other(fit.error()) => {
+            let settings = changes(reading, other);
+            doubt(
+                "reading",
+                format!("{shown}; with {settings}: {:.2} dB", fit.psnr()),
+            );
+        }
+        (_, Some((view, fit))) => {
+            doubt(
+                "view",
+                format!(
+                    "{shown}, and that of {} at {:.2} dB: files under the names of other views?",
+                    view.id,
+                    fit.psnr()
+                ),
+            );
+        }
+        _ if as_read.is_unrelated() => {
+            let text = format!(
+                "{shown}, worse than its mean colour, and no reading that was tried shows it better"
+            );
+            doubt("unrelated", text);
+        }
+        _ => {}
+    }
+    if better.is_none()
+        && reading.placement.space != FileSpace::World
+        && let Some(factor) = source.depth.and_then(|truth| unit(truth, &seen.depth))
+    {
+        let scale = rounded(reading.placement.scale * factor);
+        doubt(
+            "scale",
+            format!(
+                "its Gaussians lie {:.3} times as far away as the dataset's depth ({id}): `scale={scale}` fits, or \
+                 `depth=privileged` scales each source",
+                factor.recip()
+            ),
+        );
+    }
+    Ok(doubts)
+}
+
+/// The settings in which a reading differs, as they are given.
+fn changes(from: &FileReading, to: &FileReading) -> String {
+    let before = from.settings();
+    let changed = to
+        .settings()
+        .into_iter()
+        .filter(|item| !before.contains(item));
+    let mut all: Vec<(&str, String)> = changed.collect();
+    // What is a default again.
+    let gone = before
+        .iter()
+        .filter(|(key, _)| to.settings().iter().all(|(other, _)| other != key));
+    all.extend(gone.map(|(key, _)| {
+        let value = match *key {
+            "space" => "camera",
+            "axes" => "opencv",
+            "scale" => "1",
+            _ => "0,0",
+        };
+        (*key, value.to_owned())
+    }));
+    let texts = all.iter().map(|(key, value)| match value.contains(',') {
+        true => format!("`{key}='{value}'`"),
+        false => format!("`{key}={value}`"),
+    });
+    texts.collect::<Vec<_>>().join(" and ")
+}
+
+/// The neighbours of a view in its scene and the view as far from the scene's other end, with photographs of its size.
+fn other_views(
+    source: &PosedCamera,
+    scene: &Scene,
+    size: (u32, u32),
+) -> Vec<(PosedCamera, RgbImage)> {
+    let Some(at) = scene.views.iter().position(|view| view.id == source.id) else {
+        return Vec::new();
+    };
+    let mirrored = scene.views.len() - 1 - at;
+    let others = [at.checked_sub(1), Some(at + 1), Some(mirrored)];
+    let others: BTreeSet<usize> = others.into_iter().flatten().filter(|&k| k != at).collect();
+    let views = others.into_iter().filter_map(|k| scene.views.get(k));
+    let read = views.filter_map(|view| {
+        // A photograph that cannot be read is its own pairs' failure.
+        let photograph = view.content.image().ok()?;
+        Some((PosedCamera::from(view), photograph))
+    });
+    read.filter(|(_, photograph)| photograph.dimensions() == size)
+        .collect()
+}
+
+/// The view whose photograph the Gaussians explain significantly better than their own source's, if they are taken for its.
+fn other_view<'a>(
+    prediction: &GaussianPrediction,
+    reading: &FileReading,
+    others: &[Trial<'a>],
+    as_read: &Fit,
+) -> Result<Option<(&'a PosedCamera, Fit)>, RenderError> {
+    let mut best: Option<(&PosedCamera, Fit)> = None;
+    if reading.placement.space == FileSpace::World {
+        return Ok(best);
+    }
+    for trial in others {
+        let placed = reading.placement.camera_from_file(trial.source);
+        if let Some(fit) = trial.fit(&prediction.gaussians, placed)?
+            && fit.is_better_than(as_read)
+            && best
+                .as_ref()
+                .is_none_or(|(_, known)| fit.error() < known.error())
+        {
+            best = Some((trial.source, fit));
         }
     }
-    let psnr = extra(SOURCE_PSNR);
-    let best_of = |readings: &'static [Reading]| {
-        let found = readings.iter().filter_map(|r| Some((extra(r.extra)?, r)));
-        found.max_by(|a, b| a.0.total_cmp(&b.0))
-    };
-    let tried = best_of(&FRAMES).zip(best_of(&COLORS));
-    if let Some((psnr, ((of_frame, frame), (of_color, color)))) = psnr.zip(tried) {
-        let mut readings = Vec::new();
-        let mut best = psnr;
-        if of_frame >= best + GAIN {
-            readings.push(frame.meaning);
-            best = of_frame;
-        }
-        if of_color >= best + GAIN {
-            readings.push(color.meaning);
-            best = of_color;
-        }
-        let shown = format!(
-            "its Gaussians show the photograph they were predicted from at {psnr:.2} dB PSNR ({})",
-            record.source
-        );
-        if !readings.is_empty() {
-            doubts.push(format!("{shown}; {}: {best:.2} dB", readings.join(" and ")));
-        } else if psnr < UNRELATED {
-            doubts.push(format!(
-                "{shown}, and no other frame or colour space that was tried shows it better"
-            ));
+    Ok(best)
+}
+
+/// The factor that brings depth that is seen to the truth, where it is another unit rather than the prediction's error.
+fn unit(truth: &DepthMap, seen: &DepthMap) -> Option<f64> {
+    if truth.dimensions() != seen.dimensions() {
+        return None;
+    }
+    // Some ten thousand pixels are enough.
+    let step = (truth.as_raw().len() / 10_000).max(1);
+    let both = truth.pixels().zip(seen.pixels()).step_by(step);
+    let ratios: Vec<f64> = both
+        .filter(|(Luma([t]), Luma([s]))| is_valid_depth(*t) && is_valid_depth(*s))
+        .map(|(Luma([t]), Luma([s]))| (f64::from(*t) / f64::from(*s)).ln())
+        .collect();
+    if ratios.len() < 20 {
+        return None;
+    }
+    let middle = median_of(ratios.clone())?;
+    let spread = median_of(ratios.iter().map(|r| (r - middle).abs()).collect())?;
+    let is_unit = middle.abs() > LEAST_FACTOR.ln().max(FACTOR_SIGNIFICANCE * 1.4826 * spread);
+    is_unit.then(|| middle.exp())
+}
+
+/// Three significant digits.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
+
+/// What is odd about the Gaussians behind a record, by what it is about.
+pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
+    let extra = |name: &str| record.extras.get(name).copied();
+    let source = &record.source;
+    let mut doubts: BTreeMap<&str, String> = BTreeMap::new();
+    for (name, what) in UNUSABLE {
+        if let Some(count) = extra(name) {
+            let text = format!("{count} of its Gaussians {what} and are not drawn ({source})");
+            doubts.insert(name, text);
         }
     }
     let depths = extra(SOURCE_DEPTH).zip(record.median_depth_m);
@@ -172,20 +351,42 @@ pub fn doubt(record: &Record, privilege: Privilege) -> Option<String> {
         && !(UNLIKELY_SCALE.recip()..=UNLIKELY_SCALE).contains(&ratio)
         && privilege == Privilege::None
     {
-        doubts.push(format!(
-            "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({}): metres are needed, or \
-             `depth=privileged` scales them",
-            record.source
-        ));
+        doubts.insert(
+            "scale",
+            format!(
+                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed \
+                 (`scale=`), or `depth=privileged` scales them"
+            ),
+        );
     }
-    (!doubts.is_empty()).then(|| doubts.join("; "))
+    let told = record.warnings.iter();
+    doubts.extend(told.map(|(about, text)| (about.as_str(), text.clone())));
+    doubts
+}
+
+/// The first doubt of each kind among the records of a method.
+pub fn doubts_of<'a>(
+    records: impl Iterator<Item = &'a Record>,
+    privilege: Privilege,
+) -> Vec<String> {
+    let mut first: BTreeMap<&str, String> = BTreeMap::new();
+    for record in records {
+        for (about, text) in doubts(record, privilege) {
+            first.entry(about).or_insert(text);
+        }
+    }
+    first.into_values().collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::{DAffine3, DMat3, DVec3};
     use sharp::camera::{Intrinsics, RigidTransform};
+    use sharp::color::{linear_from_srgb, srgb_from_linear};
+    use sharp::gaussians::Gaussians;
 
     use super::*;
+    use crate::methods::GaussianSpace;
 
     fn source() -> PosedCamera {
         // Turned about the vertical and moved: world and camera space differ.
@@ -222,7 +423,7 @@ mod tests {
     }
 
     fn mapped(gaussians: &Gaussians, map: DAffine3) -> Gaussians {
-        let point = |m: &[f32; 3]| map.transform_point3(glam::DVec3::from(m.map(f64::from)));
+        let point = |m: &[f32; 3]| map.transform_point3(DVec3::from(m.map(f64::from)));
         Gaussians {
             means: gaussians
                 .means
@@ -250,50 +451,81 @@ mod tests {
         let photograph = renderer.picture(&truth.unwrap());
         let prediction = GaussianPrediction {
             gaussians,
-            space: GaussianSpace::Camera,
+            space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
+            reading: Some(FileReading::of_arrays()),
+            warnings: BTreeMap::new(),
         };
+        let seen = see_source(&prediction, &source, &photograph, &renderer).unwrap();
+        let depth = DepthMap::from_pixel(40, 32, Luma([2.0]));
+        let scene = Scene {
+            dataset: "m".to_owned(),
+            id: "s".to_owned(),
+            cluster: "s".to_owned(),
+            views: Vec::new(),
+            pairing: sharp_datasets::Pairing::MultiView,
+            notes: Vec::new(),
+        };
+        let checked = CheckedSource {
+            camera: &source,
+            photograph: &photograph,
+            depth: Some(&depth),
+            scene: &scene,
+        };
+        let reading = FileReading::of_arrays();
         let mut record = super::super::record::tests::record();
         record.median_depth_m = Some(2.0);
-        record.extras = check_source(&prediction, &source, &photograph, &renderer).unwrap();
-        doubt(&record, Privilege::None)
+        record.warnings = doubts_about(&prediction, &reading, &seen, &checked, &renderer).unwrap();
+        record.extras = seen.extras;
+        let found = doubts_of([&record].into_iter(), Privilege::None);
+        (!found.is_empty()).then(|| found.join("; "))
     }
 
     #[test]
     fn a_wrong_frame_colour_space_or_unit_is_named_and_a_right_one_is_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
         assert_eq!(doubt_about(round.clone()), None);
-        let gl = DAffine3::from_mat3(DMat3::from_diagonal(glam::DVec3::new(1.0, -1.0, -1.0)));
+        let gl = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)));
         let world = source().camera_from_world.to_affine().inverse();
         let normalized = placed(GaussianSpace::Normalized, &source(), &source()).inverse();
-        let millimetres = DAffine3::from_scale(glam::DVec3::splat(1000.0));
+        let millimetres = DAffine3::from_scale(DVec3::splat(1000.0));
         let in_millimetres = Gaussians {
             scales: vec![[30.0; 3]; round.len()],
             ..mapped(&round, millimetres)
         };
         let in_millimetres_too = in_millimetres.clone();
+        let in_feet = Gaussians {
+            scales: vec![[0.1; 3]; round.len()],
+            ..mapped(&round, DAffine3::from_scale(DVec3::splat(1.0 / 0.3)))
+        };
+        let mut bgr = round.clone();
+        bgr.colors.iter_mut().for_each(|color| color.reverse());
         let in_normalized = Gaussians {
             scales: vec![[0.06, 0.075, 0.03]; round.len()],
             ..mapped(&round, normalized)
         };
         for (gaussians, words) in [
-            (mapped(&round, gl), "OpenGL"),
-            (mapped(&round, world), "world space"),
-            (in_normalized, "normalised space"),
-            (recolored(&round, srgb_from_linear), "color_space=srgb"),
-            (recolored(&round, linear_from_srgb), "color_space=linear"),
+            (mapped(&round, gl), "with `axes=rub`: "),
+            (mapped(&round, world), "with `space=world`: "),
+            (in_normalized, "with `space=normalized`: "),
+            (
+                recolored(&round, srgb_from_linear),
+                "with `color_space=srgb`: ",
+            ),
             (
                 recolored(&mapped(&round, gl), srgb_from_linear),
-                "z backward) and with colours read as sRGB",
+                "with `color_space=srgb` and `axes=rub`: ",
             ),
-            (in_millimetres, "1000.000 times as far"),
-            (recolored(&round, |_| 0.9), "no other frame"),
-            // One doubt does not hide another.
             (
-                recolored(&in_millimetres_too, |_| 0.9),
-                "shows it better; its Gaussians lie 1000.000 times",
+                in_millimetres,
+                "1000.000 times as far away as the dataset's depth (s): `scale=0.001`",
             ),
+            (in_feet, "`scale=0.3` fits"),
+            (bgr, "with `channels=bgr`: "),
+            (recolored(&round, |_| 0.9), "no reading that was tried"),
+            // One doubt does not hide another.
+            (recolored(&in_millimetres_too, |_| 0.9), "1000.000 times"),
         ] {
             let said = doubt_about(gaussians).unwrap_or_default();
             assert!(said.contains(words), "{words}: {said}");
@@ -305,12 +537,12 @@ mod tests {
         let mut record = super::super::record::tests::record();
         record.median_depth_m = Some(2.0);
         record.extras = BTreeMap::from([(SOURCE_DEPTH.to_owned(), 2000.0)]);
-        assert!(doubt(&record, Privilege::None).is_some());
-        assert_eq!(doubt(&record, Privilege::DepthScale), None);
+        assert!(doubts(&record, Privilege::None).contains_key("scale"));
+        assert!(doubts(&record, Privilege::DepthScale).is_empty());
         record.median_depth_m = None;
-        assert_eq!(doubt(&record, Privilege::None), None);
+        assert!(doubts(&record, Privilege::None).is_empty());
         record.extras.insert("zero_quaternions".to_owned(), 3.0);
-        let said = doubt(&record, Privilege::None).unwrap();
+        let said = &doubts(&record, Privilege::None)["zero_quaternions"];
         assert!(
             said.contains("3 of its Gaussians have a quaternion of zero"),
             "{said}"

@@ -50,5 +50,6 @@ pub(crate) fn record(dataset: &str, scene: usize, number: usize) -> Record {
         scale: None,
         files: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }

@@ -213,6 +213,7 @@ mod tests {
             scale: None,
             files: None,
             extras: BTreeMap::from([("mean_alpha".to_owned(), 0.1 + 0.2)]),
+            warnings: BTreeMap::new(),
         };
         let score = StoredScore {
             key: "k".to_owned(),

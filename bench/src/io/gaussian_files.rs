@@ -9,7 +9,7 @@ use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, ColorSpace, PlyError};
+use sharp::ply::{self, Harmonics, PlyError, PlyReason, Reading, Suspicion};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -20,6 +20,10 @@ pub struct GaussianFile {
     /// In whatever space the file's producer says.
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
+    /// How its numbers were read.
+    pub reading: Reading,
+    /// What speaks against that.
+    pub doubts: Vec<Suspicion>,
 }
 
 /// Why a scene could not be read; names the file.
@@ -43,27 +47,36 @@ pub enum GaussianFileError {
     },
     #[error("{}: {source}", path.display())]
     Camera { path: PathBuf, source: CameraError },
-    #[error("{}: a scene is a .ply or .safetensors file", path.display())]
-    Extension { path: PathBuf },
+    #[error("{}: {}", path.display(), match foreign {
+        Some(foreign) => format!("not a .ply or .safetensors file but {foreign}"),
+        None => "a scene is a .ply or .safetensors file".to_owned(),
+    })]
+    Extension {
+        path: PathBuf,
+        /// What it is, with what converts it.
+        foreign: Option<String>,
+    },
+    /// Values that a scene cannot have.
+    #[error("{}: {source}", path.display())]
+    Stored { path: PathBuf, source: PlyReason },
     /// What is rendered here has one colour from all sides.
     #[error(
-        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; bake them into \
-         the constant term for the source's view, or set them to zero", path.display()
+        "{}: colours depend on the view ({coefficients} coefficients f_rest_*), which is not rendered; \
+         `harmonics=drop` draws the constant term alone, or bake them into it for the source's view", path.display()
     )]
     ViewDependent { path: PathBuf, coefficients: usize },
 }
 
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
-/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`). `color_space` is how a PLY's colours are encoded where
-/// it does not say.
-pub fn read(
-    path: &Path,
-    color_space: Option<ColorSpace>,
-) -> Result<GaussianFile, GaussianFileError> {
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("ply") => {
-            let scene = ply::load(path, color_space)?;
-            if scene.is_view_dependent {
+/// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`), whatever the case of the extension. `reading` is how
+/// numbers are read that are stored otherwise, and how a PLY's colours are encoded where it does not say.
+pub fn read(path: &Path, reading: impl Into<Reading>) -> Result<GaussianFile, GaussianFileError> {
+    let reading = reading.into();
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    match extension.to_ascii_lowercase().as_str() {
+        "ply" => {
+            let scene = ply::load(path, reading)?;
+            if scene.is_view_dependent && reading.harmonics != Some(Harmonics::Drop) {
                 return Err(GaussianFileError::ViewDependent {
                     path: path.to_owned(),
                     coefficients: scene.color_coefficients,
@@ -81,16 +94,51 @@ pub fn read(
             Ok(GaussianFile {
                 camera: scene.intrinsics.map(|k| (k, camera_from_world)),
                 gaussians: scene.gaussians,
+                reading: scene.reading,
+                doubts: scene.doubts,
             })
         }
-        Some("safetensors") => Ok(GaussianFile {
-            gaussians: read_arrays(path)?,
-            camera: None,
-        }),
+        "safetensors" => {
+            let mut gaussians = read_arrays(path)?;
+            let stored = |source| GaussianFileError::Stored {
+                path: path.to_owned(),
+                source,
+            };
+            let format = reading.of_arrays();
+            let doubts = ply::suspicions(&gaussians, &reading, &format);
+            ply::check_stored(&gaussians, &format).map_err(stored)?;
+            format.decode(&mut gaussians);
+            if let Some(value) = ply::enormous_scale(&gaussians) {
+                return Err(stored(PlyReason::Impossible {
+                    what: "a standard deviation",
+                    value,
+                    advice: "that is wider than any scene; `scales=log` reads logarithms",
+                }));
+            }
+            Ok(GaussianFile {
+                gaussians,
+                camera: None,
+                reading: format,
+                doubts,
+            })
+        }
         _ => Err(GaussianFileError::Extension {
+            foreign: foreign(path),
             path: path.to_owned(),
         }),
     }
+}
+
+/// What a file or folder is that holds Gaussians in a form that is not read, with what converts it.
+pub fn foreign(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy();
+    if path.join("meta.json").is_file() {
+        return ply::foreign_format(&[], "meta.json");
+    }
+    let mut start = [0; 4];
+    let mut file = std::fs::File::open(path).ok()?;
+    let read = io::Read::read(&mut file, &mut start).ok()?;
+    ply::foreign_format(&start[..read], &name)
 }
 
 /// An f32 array of a safetensors file, which stores little endian on every machine.

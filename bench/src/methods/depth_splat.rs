@@ -123,6 +123,8 @@ impl PredictGaussians for DepthSplat {
             space: GaussianSpace::Normalized,
             first_layer: None,
             extras: BTreeMap::from([("dropped_blocks".to_owned(), base.dropped() as f64)]),
+            reading: None,
+            warnings: BTreeMap::new(),
         })
     }
 }

@@ -1,15 +1,17 @@
 //! Gaussians that someone else's method predicted, one file per source view, rendered by us.
 
-use std::path::PathBuf;
+use std::iter;
+use std::path::{Path, PathBuf};
 
-use sharp::ply::{ColorSpace, UnknownColorSpace};
+use sharp::ply::StoredQuaternions;
 
+use super::file_reading::{Axes, FileReading, FileSpace};
 use super::method::{
     Approach, GaussianPrediction, GaussianSpace, Method, MethodError, MethodIdentity,
     PredictGaussians, Privilege, SourceView,
 };
 use super::spec::{MethodSpec, SpecError};
-use crate::io::gaussian_files::GaussianFile;
+use crate::io::gaussian_files::{GaussianFile, foreign};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
@@ -19,44 +21,115 @@ pub const UNUSABLE: [(&str, &str); 2] = [
     ("zero_quaternions", "have a quaternion of zero"),
 ];
 
-/// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids).
+/// Reads `DIR/<dataset>/<scene>/<source>.ply` or `.safetensors` (percent-encoded like pair ids), or with `space=world`
+/// where that is missing, `DIR/<dataset>/<scene>.ply`.
 ///
-/// The Gaussians lie in the source's camera space, metres, OpenCV axes: what `sharp predict` and
-/// `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and intrinsics place and
-/// render them. Colours of a PLY that does not say how they are encoded need `color_space=`. Gaussians that are not finite
-/// or have a quaternion of zero are dropped, counted in the extras `not_finite` and `zero_quaternions`, and warned about.
+/// Unless [`FileReading`]'s settings say otherwise the Gaussians lie in the source's camera space, metres, OpenCV axes: what
+/// `sharp predict` and `sharp-bench predict` write. Whatever camera a file stores is ignored; the dataset's poses and
+/// intrinsics place and render them. Colours of a PLY that does not say how they are encoded need `color_space=`. Gaussians
+/// that are not finite or have a quaternion of zero are dropped, counted in the extras `not_finite` and `zero_quaternions`,
+/// and warned about; so are stored numbers that speak against the reading.
 #[derive(Debug)]
 pub struct GaussianFiles {
     label: String,
     dir: PathBuf,
     privilege: Privilege,
-    color_space: Option<ColorSpace>,
+    /// As given.
+    reading: FileReading,
 }
 
 impl GaussianFiles {
+    pub const OPTIONS: [&'static str; 14] = [
+        "dir",
+        "depth",
+        "color_space",
+        "opacity",
+        "scales",
+        "quaternions",
+        "colors",
+        "channels",
+        "harmonics",
+        "marks",
+        "space",
+        "axes",
+        "scale",
+        "shift",
+    ];
+
     pub(super) fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
+        let mut reading = FileReading::default();
+        for key in FileReading::keys() {
+            if let Some(value) = spec.option(key) {
+                reading
+                    .set(key, value)
+                    .map_err(|reason| spec.error(reason))?;
+            }
+        }
         Ok(Self {
             label: spec.label.clone(),
             dir: spec.folder()?,
             privilege: spec.privilege(Privilege::DepthScale)?,
-            color_space: spec
-                .option("color_space")
-                .map(str::parse)
-                .transpose()
-                .map_err(|error: UnknownColorSpace| spec.error(error.to_string()))?,
+            reading,
         })
     }
 
     fn find(&self, source: &str) -> Result<PathBuf, MethodError> {
-        ["ply", "safetensors"]
-            .iter()
-            .map(|extension| self.dir.join(format!("{}.{extension}", path_of(source))))
-            .find(|path| path.is_file())
-            .ok_or_else(|| {
-                let reason = "no Gaussians (looked for .ply and .safetensors)";
-                MethodError::file(&self.dir.join(source), reason)
-            })
+        let path = self.dir.join(path_of(source));
+        let scene = path
+            .parent()
+            .filter(|_| self.reading.placement.space == FileSpace::World);
+        let stems: Vec<&Path> = iter::once(path.as_path()).chain(scene).collect();
+        let found = stems.iter().find_map(|stem| {
+            let names = ["ply", "safetensors"].map(|end| with_extension(stem, end));
+            let exact = names.into_iter().find(|name| name.is_file());
+            exact.or_else(|| beside(stem).into_iter().find(|name| is_read(name)))
+        });
+        found.ok_or_else(|| {
+            let others = stems.iter().flat_map(|stem| beside(stem));
+            let other = others
+                .filter_map(|name| Some((foreign(&name)?, name)))
+                .next();
+            let reason = match other {
+                None => "no Gaussians (looked for .ply and .safetensors)".to_owned(),
+                Some((format, name)) => format!(
+                    "no Gaussians (looked for .ply and .safetensors), but {} is there: {format}",
+                    name.file_name().unwrap_or_default().to_string_lossy()
+                ),
+            };
+            MethodError::file(&self.dir.join(source), reason)
+        })
     }
+}
+
+fn with_extension(stem: &Path, extension: &str) -> PathBuf {
+    let mut name = stem.as_os_str().to_owned();
+    name.push(format!(".{extension}"));
+    name.into()
+}
+
+/// True for the extensions that are read, whatever their case.
+fn is_read(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default();
+    let is = |known: &str| extension.eq_ignore_ascii_case(known);
+    path.is_file() && (is("ply") || is("safetensors"))
+}
+
+/// Files and folders of a name with any extension, sorted.
+fn beside(stem: &Path) -> Vec<PathBuf> {
+    let (Some(folder), Some(name)) = (stem.parent(), stem.file_name()) else {
+        return Vec::new();
+    };
+    let name = name.to_string_lossy();
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let named = entries.filter(|entry| {
+        let found = entry.file_name();
+        let found = found.to_string_lossy();
+        let rest = found.strip_prefix(name.as_ref());
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    });
+    let mut paths: Vec<PathBuf> = named.map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
 }
 
 impl Method for GaussianFiles {
@@ -66,10 +139,9 @@ impl Method for GaussianFiles {
 
     fn identity(&self) -> MethodIdentity {
         let mut identity = MethodIdentity::new("gaussians", [("space", "camera".to_owned())]);
-        if let Some(space) = self.color_space {
-            let settings = &mut identity.settings;
-            settings.insert("color_space".to_owned(), space.to_string());
-        }
+        let given = self.reading.settings().into_iter();
+        let given = given.map(|(key, value)| (key.to_owned(), value));
+        identity.settings.extend(given);
         identity
     }
 
@@ -95,9 +167,15 @@ impl Method for GaussianFiles {
 impl PredictGaussians for GaussianFiles {
     fn predict(&self, source: &SourceView) -> Result<GaussianPrediction, MethodError> {
         let path = self.find(source.name())?;
-        let scene = gaussian_files::read(&path, self.color_space);
-        let GaussianFile { gaussians, .. } =
-            scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        let scene = gaussian_files::read(&path, self.reading.stored);
+        let GaussianFile {
+            gaussians,
+            reading: stored,
+            doubts,
+            ..
+        } = scene.map_err(|error| MethodError::Model(error.to_string()))?;
+        let camera = source.camera();
+        let placement = self.reading.placement;
         let finite: Vec<usize> = (0..gaussians.len())
             .filter(|&k| gaussians.is_finite(k))
             .collect();
@@ -116,9 +194,19 @@ impl PredictGaussians for GaussianFiles {
         let extras = counts.map(|(name, count)| (name, count as f64)).collect();
         Ok(GaussianPrediction {
             gaussians,
-            space: GaussianSpace::Camera,
+            space: GaussianSpace::Camera(placement.camera_from_file(camera)),
             first_layer: None,
             extras,
+            reading: Some(FileReading { stored, placement }),
+            warnings: doubts
+                .into_iter()
+                // A turn about z is what the axes then say.
+                .filter(|d| d.about != StoredQuaternions::KEY || placement.axes == Axes::OPENCV)
+                .map(|doubt| {
+                    let text = format!("{} ({})", doubt.text, camera.id);
+                    (doubt.about.to_owned(), text)
+                })
+                .collect(),
         })
     }
 }

@@ -63,10 +63,12 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "gaussians",
-        options: &["dir", "depth", "color_space"],
+        options: &GaussianFiles::OPTIONS,
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
-                  do not say)",
+                  do not say; for files stored otherwise opacity=linear|byte, scales=linear, quaternions=xyzw, \
+                  colors=rgb01|rgb255|logit, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
+                  axes=opengl|luf, scale=S, shift=X,Y)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {

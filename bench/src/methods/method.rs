@@ -25,6 +25,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use glam::DAffine3;
 use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -33,6 +34,7 @@ use sharp::gaussians::Gaussians;
 use sharp_datasets::{DatasetError, DepthMap};
 use sharp_metrics::Picture;
 
+use super::file_reading::FileReading;
 use super::spec::MethodSpec;
 use crate::pairs::PosedCamera;
 use crate::scoring::{Region, ScaleChooser};
@@ -155,13 +157,17 @@ pub struct Candidate {
     pub prediction: PicturePrediction,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GaussianSpace {
     /// The source's normalised space: the picture's edges at ±1, z in metres. Placed by E_t E_s⁻¹ K_s⁻¹.
     Normalized,
-    /// The source camera's space, metres.
-    Camera,
+    /// A space that this map takes to the source camera's, metres.
+    Camera(DAffine3),
+}
+
+impl GaussianSpace {
+    /// The source camera's space itself, metres.
+    pub const CAMERA: Self = Self::Camera(DAffine3::IDENTITY);
 }
 
 /// Gaussians that a method predicted from a source, whatever the target.
@@ -174,6 +180,10 @@ pub struct GaussianPrediction {
     pub first_layer: Option<DepthMap>,
     /// What the method reports about them; each becomes a column.
     pub extras: BTreeMap<String, f64>,
+    /// How they were read, where they are someone else's and may mean something else.
+    pub reading: Option<FileReading>,
+    /// What speaks against that, as a sentence, by what it is about.
+    pub warnings: BTreeMap<String, String>,
 }
 
 /// What a method may know of the source's true depth. Reports say so.

@@ -5,7 +5,7 @@
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
-//! * [`gaussians`]: Gaussians that someone else's method predicted.
+//! * [`gaussians`]: Gaussians that someone else's method predicted; [`file_reading`]: how their files are read.
 //! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: what becomes of cropped and smaller
 //!   ones; [`scale_sweep`]: pictures at several scales.
 //! * [`command`]: someone's program, asked pair by pair.
@@ -13,6 +13,7 @@
 pub mod command;
 mod crop_and_resize;
 pub mod depth_splat;
+pub mod file_reading;
 pub mod gaussians;
 pub mod imported;
 pub mod kinds;

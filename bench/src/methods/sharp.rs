@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::OnceLock;
 
+use sharp::model::inventory::CheckpointSource;
 use sharp::model::{Algorithm, DeviceChoice, ModelError, NetworkIdentity, NetworkSpec, Predictor};
 use sharp_datasets::DepthMap;
 
@@ -35,6 +36,9 @@ impl Sharp {
     pub const OPTIONS: [&'static str; 5] =
         ["checkpoint", "config", "depth", "device", "allow_unused"];
 
+    /// The setting of its identity that says how its file was read beyond what was asked for.
+    pub const NOTE: &'static str = "note";
+
     /// Reads the options; the weights are loaded at the first prediction.
     ///
     /// # Errors
@@ -61,6 +65,10 @@ impl Sharp {
             device,
             ..named.map_err(|error| refused(&error))?
         };
+        // What does not fit ends a run before its first pair.
+        let complete = CheckpointSource::open(&network.checkpoint)
+            .and_then(|source| source.check(&network.config, &network.allow_unused));
+        complete.map_err(|error| refused(&error))?;
         let sharp = Self::new(&spec.label, network, privilege).map_err(|error| refused(&error))?;
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
@@ -121,14 +129,19 @@ impl Method for Sharp {
             config_sha256,
             engine,
         } = &self.identity;
-        MethodIdentity::new(
+        let mut identity = MethodIdentity::new(
             "sharp",
             [
                 ("checkpoint", checkpoint_sha256.clone()),
                 ("config", format!("{preset}:{}", &config_sha256[..16])),
                 ("engine", engine.clone()),
             ],
-        )
+        );
+        if !self.network.notes.is_empty() {
+            let notes = self.network.notes.join("; ");
+            identity.settings.insert(Self::NOTE.to_owned(), notes);
+        }
+        identity
     }
 
     fn sources(&self) -> &'static str {
@@ -166,6 +179,8 @@ impl PredictGaussians for Sharp {
             space: GaussianSpace::Normalized,
             first_layer: Some(first_layer),
             extras: BTreeMap::new(),
+            reading: None,
+            warnings: BTreeMap::new(),
         })
     }
 }

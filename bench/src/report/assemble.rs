@@ -22,12 +22,13 @@ use crate::evaluate::manifest::{
 };
 use crate::evaluate::record::Record;
 use crate::evaluate::results::KeptPicture;
-use crate::evaluate::source_check::doubt;
+use crate::evaluate::source_check::doubts_of;
 use crate::io::counts::counted;
 use crate::io::hash::sha256_hex;
 use crate::io::observer::Observer;
 use crate::io::pictures::{Alpha, read_linear, read_rgb8};
 use crate::io::view_hashes::lock;
+use crate::methods::sharp::Sharp;
 use crate::methods::{KINDS, MethodIdentity, Privilege};
 use crate::pairs::PairProvenance;
 use crate::pairs::options::paper::PROXY;
@@ -183,21 +184,25 @@ fn description(dataset: &DatasetRecord, what: &str) -> String {
 
 fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
     let identity = &record.identity;
-    let mut of_method = records.iter().filter(|r| r.method == record.label);
+    let of_method = records.iter().filter(|r| r.method == record.label);
     let summary = KINDS.iter().find(|known| known.name == identity.kind);
     let privilege = match record.privilege {
         Privilege::DepthScale => ", its scale aligned to the source's true depth",
         _ => "",
     };
     let kernel = identity.settings.get("resize");
-    let note = bundled_network(identity);
+    let said = identity
+        .settings
+        .get(Sharp::NOTE)
+        .filter(|_| identity.kind == "sharp");
+    let note = bundled_network(identity).or_else(|| said.cloned());
     ReportMethod {
         label: record.label.clone(),
         description: format!(
             "{} ({identity}{privilege})",
-            match (&note, summary) {
+            match (bundled_network(identity), summary) {
                 (Some(note), _) => note,
-                (None, summary) => summary.map_or("", |known| known.summary),
+                (None, summary) => summary.map_or("", |known| known.summary).to_owned(),
             }
         ),
         is_baseline: matches!(identity.kind.as_str(), "copy" | "mean"),
@@ -206,7 +211,8 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
         resize_kernel: kernel
             .and_then(|text| text.split(' ').next())
             .map(str::to_owned),
-        doubt: of_method.find_map(|r| doubt(r, record.privilege)),
+        doubt: Some(doubts_of(of_method, record.privilege).join("; "))
+            .filter(|text| !text.is_empty()),
         note: match (note, record.notes.join("; ")) {
             (None, notes) => (!notes.is_empty()).then_some(notes),
             (Some(note), notes) if notes.is_empty() => Some(note),

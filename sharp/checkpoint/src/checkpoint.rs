@@ -19,8 +19,8 @@ use crate::{legacy, pickle, safetensors, zip};
 pub struct Checkpoint {
     path: PathBuf,
     file: OpenFile,
-    tensors: BTreeMap<String, TensorLayout>,
-    others: Vec<String>,
+    pub(crate) tensors: BTreeMap<String, TensorLayout>,
+    pub(crate) others: Vec<String>,
     metadata: BTreeMap<String, String>,
 }
 

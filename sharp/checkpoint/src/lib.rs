@@ -2,7 +2,7 @@
 //!
 //! Of a file, the table of contents is read and checked against its length, and a tensor only
 //! when it is asked for. Pickles are run by an interpreter that knows just what a state dict
-//! needs: a file that wants to call anything else is refused by the name of what it calls.
+//! needs: nothing is called, and what else a file names is passed over unless a tensor needs it.
 //! Nothing allocates more than a small multiple of the file's own length.
 //!
 //! # Contents
@@ -15,7 +15,7 @@
 //! * [`hash`]: SHA-256 as text.
 //! * [`tensor`]: element types and strided layouts.
 //!
-//! Private: `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
+//! Private: `prefix` (names without what wrappers add), `zip` and `legacy` (PyTorch's two containers), `pickle` (the interpreter),
 //! `safetensors`, `bytes` (reading parts of a file).
 
 mod bytes;
@@ -29,6 +29,7 @@ pub mod error;
 pub mod hash;
 mod legacy;
 mod pickle;
+mod prefix;
 mod safetensors;
 pub mod tensor;
 mod zip;

@@ -141,6 +141,27 @@ impl ModelConfig {
         Ok(config)
     }
 
+    /// All configurations of a file that [`Self::load`] could read, by name (empty where there is one without); none of any
+    /// other file.
+    pub fn all_of(path: &Path) -> Vec<(String, Self)> {
+        let Ok(text) = crate::files::read_text(path) else {
+            return Vec::new();
+        };
+        let Ok(serde_json::Value::Object(entries)) = serde_json::from_str(&text) else {
+            return Vec::new();
+        };
+        let names: Vec<Option<&str>> = match entries.contains_key("vit") {
+            true => vec![None],
+            false => entries.keys().map(|name| Some(name.as_str())).collect(),
+        };
+        let read = |name: Option<&str>| {
+            let config = Self::parse(&text, name).ok()?;
+            config.validate().ok()?;
+            Some((name.unwrap_or_default().to_owned(), config))
+        };
+        names.into_iter().filter_map(read).collect()
+    }
+
     fn parse(text: &str, name: Option<&str>) -> Result<Self, String> {
         use serde_json::Value;
         let whole: Value = serde_json::from_str(text).map_err(|e| e.to_string())?;

@@ -1,6 +1,7 @@
 //! Everything that a network has, and whether a checkpoint holds it.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use sharp_checkpoint::{Checkpoint, Expected};
@@ -22,15 +23,33 @@ pub fn inventory(config: &ModelConfig) -> Result<Vec<Parameter>, ModelError> {
 
 /// A checkpoint file as a network's source.
 #[derive(Debug)]
-pub struct CheckpointSource(Checkpoint);
+pub struct CheckpointSource {
+    file: Checkpoint,
+    left_out: Option<String>,
+}
 
 impl CheckpointSource {
-    /// Opens a `.pt` or `.safetensors` file.
+    /// Opens a `.pt` or `.safetensors` file. What wrappers put before or into all names (`module.`, `_orig_mod.`, `model.`)
+    /// is left out.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`].
+    /// [`ModelError::Checkpoint`]; [`ModelError::Config`] where its names have several such prefixes.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
-        Ok(Self(Checkpoint::open(path)?))
+        let mut file = Checkpoint::open(path)?;
+        let left_out = file.without_prefix(&roots()?).map_err(|prefixes| {
+            let prefixes = prefixes.iter().map(|prefix| format!("`{prefix}`"));
+            ModelError::Config(format!(
+                "{}: its names have several prefixes ({}): save the tensors of one network alone",
+                path.display(),
+                prefixes.collect::<Vec<_>>().join(", ")
+            ))
+        })?;
+        Ok(Self { file, left_out })
+    }
+
+    /// What all of its names had before the network's own ones, or within them, and was left out: `module._orig_mod.`.
+    pub fn left_out(&self) -> Option<&str> {
+        self.left_out.as_deref()
     }
 
     /// Of the whole file, 64 hexadecimal digits.
@@ -38,7 +57,7 @@ impl CheckpointSource {
     /// # Errors
     /// [`ModelError::Checkpoint`].
     pub fn sha256(&self) -> Result<String, ModelError> {
-        Ok(self.0.sha256()?)
+        Ok(self.file.sha256()?)
     }
 
     /// Checks that the file holds every parameter of `config` that inference uses, in its shape,
@@ -57,10 +76,10 @@ impl CheckpointSource {
                 "`{}`: Gaussian stride {}, but the weights in {} are of stride {stride}: set `gaussian_stride`",
                 config.preset,
                 config.gaussian_stride,
-                self.0.path().display()
+                self.file.path().display()
             )));
         }
-        Ok(self.0.check(&self.expected(config, "")?, allow_unused)?)
+        Ok(self.file.check(&self.expected(config, "")?, allow_unused)?)
     }
 
     /// As [`Self::check`] for the parameters whose names begin with `prefix`, whatever else the file holds.
@@ -69,13 +88,15 @@ impl CheckpointSource {
     /// [`ModelError::Config`], [`ModelError::Incomplete`].
     pub fn check_part(&self, config: &ModelConfig, prefix: &str) -> Result<(), ModelError> {
         let anything = String::new();
-        Ok(self.0.check(&self.expected(config, prefix)?, &[anything])?)
+        Ok(self
+            .file
+            .check(&self.expected(config, prefix)?, &[anything])?)
     }
 
     fn expected(&self, config: &ModelConfig, prefix: &str) -> Result<Vec<Expected>, ModelError> {
         let parameters = inventory(config)?.into_iter();
         let named = parameters.filter(|p| p.name.starts_with(prefix));
-        let needed = named.filter(|p| p.used || self.0.contains(&p.name));
+        let needed = named.filter(|p| p.used || self.file.contains(&p.name));
         let expected = needed.map(|p| Expected {
             name: p.name,
             shape: p.shape,
@@ -86,7 +107,7 @@ impl CheckpointSource {
     /// The Gaussian stride of the weights: the kernel of the convolution that takes image and depth to the Gaussians'
     /// grid. `None` if the file has no such convolution.
     fn stride(&self) -> Option<usize> {
-        match *self.0.shape(SKIP_CONVOLUTION).ok()? {
+        match *self.file.shape(SKIP_CONVOLUTION).ok()? {
             [_, _, rows, columns] if rows == columns => Some(rows),
             _ => None,
         }
@@ -97,8 +118,15 @@ const SKIP_CONVOLUTION: &str = "feature_model.image_encoder.conv.weight";
 
 impl WeightSource for CheckpointSource {
     fn values(&self, name: &str, _: &[usize]) -> Result<Vec<f32>, ModelError> {
-        Ok(self.0.tensor_f32(name)?)
+        Ok(self.file.tensor_f32(name)?)
     }
+}
+
+/// The first parts of the names of every network's parameters, which its sizes do not change.
+fn roots() -> Result<BTreeSet<String>, ModelError> {
+    let parameters = inventory(&ModelConfig::release())?;
+    let roots = parameters.iter().filter_map(|p| p.name.split('.').next());
+    Ok(roots.map(str::to_owned).collect())
 }
 
 #[cfg(test)]

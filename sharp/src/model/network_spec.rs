@@ -19,6 +19,8 @@ pub struct NetworkSpec {
     pub device: DeviceChoice,
     /// Of 3×3 kernels; matters on the CPU alone.
     pub convolution: Algorithm,
+    /// How its file was read beyond what was asked for, for people.
+    pub notes: Vec<String>,
 }
 
 /// Everything besides its input that a prediction depends on.
@@ -42,6 +44,7 @@ impl NetworkSpec {
             allow_unused: Vec::new(),
             device: DeviceChoice::Cpu,
             convolution: Algorithm::Winograd,
+            notes: Vec::new(),
         }
     }
 

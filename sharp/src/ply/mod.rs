@@ -3,9 +3,12 @@
 //! any kind.
 //!
 //! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the
-//! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`.
+//! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`. [`Reading`] says where a file's are stored otherwise.
 
+mod marks;
 mod read;
+mod reading;
+mod suspicions;
 pub mod table;
 mod write;
 
@@ -17,7 +20,13 @@ use crate::camera::{CameraError, Intrinsics};
 use crate::gaussians::Gaussians;
 use table::TableError;
 
-pub use read::{from_bytes, load};
+pub use marks::foreign_format;
+pub use read::{check_stored, from_bytes, load};
+pub use reading::{
+    Harmonics, Marks, Reading, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions,
+    StoredScales, UnknownReading,
+};
+pub use suspicions::{Suspicion, enormous_scale, suspicions};
 pub use write::{PlyForm, to_bytes};
 
 /// √(1 / 4π), the value of the constant spherical harmonic.
@@ -82,6 +91,10 @@ pub struct GaussianScene {
     pub color_coefficients: usize,
     /// Whether one of those is not zero, so that colours depend on where one looks from.
     pub is_view_dependent: bool,
+    /// How the numbers were read.
+    pub reading: Reading,
+    /// What speaks against that.
+    pub doubts: Vec<Suspicion>,
 }
 
 impl GaussianScene {
@@ -95,6 +108,8 @@ impl GaussianScene {
             version: None,
             color_coefficients: 0,
             is_view_dependent: false,
+            reading: Reading::default(),
+            doubts: Vec::new(),
         }
     }
 
@@ -161,6 +176,36 @@ pub enum PlyReason {
          release assumes, or color_space=srgb, as 3D Gaussian Splatting trains them"
     )]
     ColorSpaceUnknown,
+    /// It is of another format that is known.
+    #[error("not a PLY file but {0}")]
+    Foreign(String),
+    /// The vertices are Gaussians of a form that is not read.
+    #[error("{0}")]
+    OtherForm(String),
+    /// They were made for another rule of rendering.
+    #[error("made for {0}; `marks=ignore` draws it as any other file")]
+    OtherRule(String),
+    #[error(
+        "nerfstudio exported it without f_rest_*, so that f_dc_* are logits of colours: `colors=logit` reads them, \
+         `colors=dc` coefficients"
+    )]
+    LogitColors,
+    #[error(
+        "{surplus} bytes follow the last row, {each} for each of {count}: its rows are longer than its header says, and were \
+         misread; write it again with all properties declared"
+    )]
+    LongerRows {
+        surplus: usize,
+        count: usize,
+        each: usize,
+    },
+    /// A value that the reading does not allow.
+    #[error("{what} is {value}: {advice}")]
+    Impossible {
+        what: &'static str,
+        value: f32,
+        advice: &'static str,
+    },
     #[error("the file says that its colours are {stated}, but color_space={given} was given")]
     ColorSpaceContradicted {
         stated: ColorSpace,

@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::marks::{foreign_format, has_logit_colors, other_form, other_rule};
+use super::reading::{Marks, Reading, StoredColors, StoredOpacity, StoredScales};
+use super::suspicions::{Suspicion, suspicions};
 use super::table::{Body, Element, Header, TableError};
-use super::{ColorSpace, GaussianScene, PlyError, PlyReason, SH_CONSTANT, VERTEX};
+use super::{ColorSpace, GaussianScene, PlyError, PlyReason, VERTEX};
 use crate::camera::Intrinsics;
-use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
 
 /// Reads a scene from `path`.
@@ -14,29 +16,46 @@ use crate::gaussians::Gaussians;
 /// Properties and elements may come in any order, in text or binary of either byte order. Needed
 /// are `x y z f_dc_0..2 opacity scale_0..2 rot_0..3` of element `vertex`. Older forms of the
 /// release's extra elements are understood: an `intrinsic` of four values (fx, fy, width, height)
-/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). `color_space` is how colours are
-/// encoded where the file does not say.
+/// and an `extrinsic` of twelve (3×4, its 3×3 part transposed). `reading` is how numbers are read
+/// where that is not as 3D Gaussian Splatting stores them, and how colours are encoded where the
+/// file does not say.
 ///
 /// # Errors
-/// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says.
-pub fn load(path: &Path, color_space: Option<ColorSpace>) -> Result<GaussianScene, PlyError> {
-    crate::files::read(path)
-        .map_err(PlyReason::from)
-        .and_then(|bytes| from_bytes(&bytes, color_space))
-        .map_err(|reason| PlyError::new(path, reason))
+/// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says;
+/// [`PlyReason::Foreign`], [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose
+/// numbers would be misread.
+pub fn load(path: &Path, reading: impl Into<Reading>) -> Result<GaussianScene, PlyError> {
+    let read = || {
+        let bytes = crate::files::read(path)?;
+        from_bytes(&bytes, reading).map_err(|reason| match reason {
+            PlyReason::Table(TableError::NotPly) => {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                let foreign = foreign_format(&bytes, &name);
+                foreign.map_or(TableError::NotPly.into(), PlyReason::Foreign)
+            }
+            other => other,
+        })
+    };
+    read().map_err(|reason| PlyError::new(path, reason))
 }
 
 /// As [`load`], from a file's bytes.
 ///
 /// # Errors
 /// [`PlyReason`].
-pub fn from_bytes(bytes: &[u8], given: Option<ColorSpace>) -> Result<GaussianScene, PlyReason> {
+pub fn from_bytes(bytes: &[u8], given: impl Into<Reading>) -> Result<GaussianScene, PlyReason> {
+    let given: Reading = given.into();
     let (header, mut body) = Header::parse(bytes)?;
+    let mut doubts = Vec::new();
+    let surplus = body.surplus(&header);
     let mut vertices = None;
     let mut extras = Extras::new();
     for element in &header.elements {
         if element.name == "vertex" && vertices.is_none() {
-            vertices = Some(gaussians(&mut body, element)?);
+            if let Some(rows) = surplus.and_then(|bytes| longer_rows(bytes, element.count)) {
+                return Err(rows);
+            }
+            vertices = Some(gaussians(&mut body, &header, element, &given)?);
             continue;
         }
         let mut values = Vec::new();
@@ -53,25 +72,40 @@ pub fn from_bytes(bytes: &[u8], given: Option<ColorSpace>) -> Result<GaussianSce
         }
     }
     let Vertices {
-        mut gaussians,
+        stored: mut gaussians,
+        count,
         color_coefficients,
         is_view_dependent,
     } = vertices.ok_or(PlyReason::NoVertices)?;
+    let rest = body.rest();
+    if !rest.trim_ascii().is_empty() {
+        if let Some(rows) = longer_rows(rest.len(), count).filter(|_| surplus.is_none()) {
+            return Err(rows);
+        }
+        let text = format!(
+            "{} bytes follow the last row that its header announces: was it written by another program than its header, or \
+             two files joined?",
+            rest.len()
+        );
+        doubts.push(Suspicion::new("trailing bytes", text));
+    }
     let stated = color_space(&header, &extras)?;
-    let color_space = match (stated, given) {
+    let reading = match (stated, given.color_space) {
         (Some(stated), Some(given)) if stated != given => {
             return Err(PlyReason::ColorSpaceContradicted { stated, given });
         }
-        (stated, given) => stated.or(given).ok_or(PlyReason::ColorSpaceUnknown)?,
+        (stated, given_space) => Reading {
+            color_space: stated.or(given_space),
+            ..given
+        },
     };
-    // The element that says how colours are encoded follows them.
-    for color in gaussians.colors.as_flattened_mut() {
-        let stored = *color * SH_CONSTANT + 0.5;
-        *color = match color_space {
-            ColorSpace::Srgb => linear_from_srgb(stored),
-            ColorSpace::Linear => stored,
-        };
+    let reading = reading.of_ply();
+    doubts.extend(suspicions(&gaussians, &given, &reading));
+    check_stored(&gaussians, &reading)?;
+    if reading.color_space.is_none() {
+        return Err(PlyReason::ColorSpaceUnknown);
     }
+    reading.decode(&mut gaussians);
     Ok(GaussianScene {
         gaussians,
         intrinsics: intrinsics(&extras)?,
@@ -82,6 +116,50 @@ pub fn from_bytes(bytes: &[u8], given: Option<ColorSpace>) -> Result<GaussianSce
             .map(|v| v.map(|x| x as u8)),
         color_coefficients,
         is_view_dependent,
+        reading,
+        doubts,
+    })
+}
+
+/// Refuses values that a reading which was asked for cannot have.
+///
+/// # Errors
+/// [`PlyReason::Impossible`].
+pub fn check_stored(stored: &Gaussians, reading: &Reading) -> Result<(), PlyReason> {
+    let impossible = |what, value: f32, advice| PlyReason::Impossible {
+        what,
+        value,
+        advice,
+    };
+    let mut opacities = stored.opacities.iter().copied();
+    let outside = |o: &f32| !(-1e-4..=1.0001).contains(o) && !o.is_nan();
+    if reading.opacity == Some(StoredOpacity::Linear)
+        && let Some(value) = opacities.find(outside)
+    {
+        return Err(impossible(
+            "an opacity",
+            value,
+            "`opacity=logit` reads logits",
+        ));
+    }
+    let mut scales = stored.scales.as_flattened().iter().copied();
+    if reading.scales == Some(StoredScales::Linear)
+        && let Some(value) = scales.find(|s| *s < 0.0)
+    {
+        let advice = "`scales=log` reads logarithms";
+        return Err(impossible("a standard deviation", value, advice));
+    }
+    Ok(())
+}
+
+/// The reason to refuse rows that are longer than the header says: bytes that are left over share out evenly.
+fn longer_rows(surplus: usize, count: usize) -> Option<PlyReason> {
+    // A few bytes share out among a few rows by chance.
+    let is_padding = count >= 20 && surplus > 0 && surplus.is_multiple_of(count);
+    is_padding.then(|| PlyReason::LongerRows {
+        surplus,
+        count,
+        each: surplus / count,
     })
 }
 
@@ -102,38 +180,61 @@ fn extra<'a>(extras: &'a Extras<'_>, name: &str) -> Option<&'a [f64]> {
 
 /// What element `vertex` holds.
 struct Vertices {
-    /// Their colours are still coefficients.
-    gaussians: Gaussians,
+    /// As stored.
+    stored: Gaussians,
+    count: usize,
     color_coefficients: usize,
     is_view_dependent: bool,
 }
 
-fn gaussians(body: &mut Body<'_>, element: &Element) -> Result<Vertices, PlyReason> {
-    let columns = VERTEX.map(|name| element.number(name));
-    let missing = VERTEX.into_iter().zip(columns).filter(|(_, c)| c.is_none());
+/// Where colours are that no coefficients stand for.
+const RGB: [&str; 3] = ["red", "green", "blue"];
+
+fn gaussians(
+    body: &mut Body<'_>,
+    header: &Header,
+    element: &Element,
+    given: &Reading,
+) -> Result<Vertices, PlyReason> {
+    let mut names = VERTEX;
+    if given.colors == Some(StoredColors::Rgb255) && element.number("f_dc_0").is_none() {
+        names[3..6].copy_from_slice(&RGB);
+    } else if let Some(form) = other_form(header, element) {
+        return Err(PlyReason::OtherForm(form));
+    }
+    let columns = names.map(|name| element.number(name));
+    let missing = names.into_iter().zip(columns).filter(|(_, c)| c.is_none());
     let missing: Vec<_> = missing.map(|(name, _)| name).collect();
     if !missing.is_empty() {
         return Err(PlyReason::Missing(missing));
+    }
+    if given.marks != Some(Marks::Ignore)
+        && let Some(rule) = other_rule(header, element)
+    {
+        return Err(PlyReason::OtherRule(rule));
     }
     let columns = columns.map(Option::unwrap_or_default);
     let rest = element.properties.iter().map(|p| &p.name);
     let rest = rest.filter(|name| name.starts_with("f_rest_"));
     let rest: Vec<usize> = rest.filter_map(|name| element.number(name)).collect();
+    if given.colors.is_none() && has_logit_colors(header, rest.len()) {
+        return Err(PlyReason::LogitColors);
+    }
     let mut out = Gaussians::default();
     let mut is_view_dependent = false;
     body.rows::<TableError>(element, |row| {
-        let c = columns.map(|index| row.number(index));
-        out.means.push([c[0], c[1], c[2]].map(|v| v as f32));
-        out.colors.push([c[3], c[4], c[5]].map(|v| v as f32));
-        out.opacities.push((1.0 / (1.0 + (-c[6]).exp())) as f32);
-        out.scales.push([c[7], c[8], c[9]].map(|v| v.exp() as f32));
-        out.quaternions
-            .push([c[10], c[11], c[12], c[13]].map(|v| v as f32));
+        let c = columns.map(|index| row.number(index) as f32);
+        out.means.push([c[0], c[1], c[2]]);
+        out.colors.push([c[3], c[4], c[5]]);
+        out.opacities.push(c[6]);
+        out.scales.push([c[7], c[8], c[9]]);
+        out.quaternions.push([c[10], c[11], c[12], c[13]]);
         is_view_dependent |= rest.iter().any(|&index| row.number(index) != 0.0);
         Ok(())
     })?;
     Ok(Vertices {
-        gaussians: out,
+        stored: out,
+        count: element.count,
         color_coefficients: rest.len(),
         is_view_dependent,
     })

@@ -240,7 +240,25 @@ impl<'a> TableRow<'a> {
     }
 }
 
-impl Body<'_> {
+impl<'a> Body<'a> {
+    /// What no row was read of yet.
+    pub fn rest(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// Bytes beyond those of all rows that a binary header announces; `None` of text, of lists, whose length is in
+    /// their rows, and of a file that is too short.
+    pub fn surplus(&self, header: &Header) -> Option<usize> {
+        let binary = self.encoding != Encoding::Ascii;
+        let size = header.elements.iter().try_fold(0_usize, |sum, element| {
+            let sizes = element.properties.iter();
+            let sizes = sizes.map(|p| p.list_length.is_none().then(|| p.scalar.size()));
+            let row = sizes.sum::<Option<usize>>()?;
+            sum.checked_add(row.checked_mul(element.count)?)
+        });
+        self.bytes.len().checked_sub(size.filter(|_| binary)?)
+    }
+
     /// Reads the rows of `element`, the next of the header's elements, and hands each to `visit`.
     ///
     /// A count that the rest of the file cannot hold is refused before the first row, so `visit` may

@@ -1,1 +1,340 @@
-//! Cases of gaussians.
+//! Cases of files of Gaussians and of checkpoints.
+
+use std::path::Path;
+
+use super::super::support::Said;
+use super::{Case, case, untried};
+
+fn psnr(case: &Case, run: &str) -> f64 {
+    case.scores(run, "psnr")[0].parse().unwrap()
+}
+
+/// Runs the case's pairs with settings of its Gaussians, into a folder `again`, and returns the PSNR.
+fn with(case: &Case, settings: &str) -> f64 {
+    let method = format!("gaussians:dir=g,color_space=srgb,{settings}");
+    let said = run_method(case, &method, "again");
+    ends(&said, 0);
+    assert!(!said.err.contains("warning"), "{}", said.err);
+    psnr(case, "again")
+}
+
+fn run_method(case: &Case, method: &str, out: &str) -> Said {
+    case.run(&format!(
+        "sharp-bench run -q --dataset synthetic=size=64x48,views=8 --pairs pairs.csv --method \"{method}\" \
+         --metrics psnr --out {out}"
+    ))
+}
+
+fn ends(said: &Said, code: i32) {
+    assert_eq!(said.code, code, "{}{}", said.out, said.err);
+}
+
+fn close(found: f64, expected: f64) {
+    assert!(
+        (found - expected).abs() < 1e-3,
+        "{found} instead of {expected}"
+    );
+}
+
+/// The run failed at its one unit, and the reason has all parts.
+fn refused(case: &Case, parts: &[&str]) {
+    ends(&case.said[0], 4);
+    let reason = &case.scores("r", "reason")[0];
+    for part in parts {
+        assert!(reason.contains(part), "{part}: {reason}");
+        assert!(
+            case.said[0].out.contains(part),
+            "{part}: {}",
+            case.said[0].out
+        );
+    }
+}
+
+#[test]
+fn proper_files_are_scored_without_a_word() {
+    for (name, expected) in [("00-good", 19.0306), ("A10-good", 20.9783)] {
+        let case = case(name);
+        ends(&case.said[0], 0);
+        assert_eq!(case.said[0].err, "", "{name}");
+        close(psnr(&case, "r"), expected);
+        let manifest = std::fs::read_to_string(case.path("r").join("manifest.json")).unwrap();
+        assert!(!manifest.contains("\"warnings\""), "{manifest}");
+        let info = case.run("sharp-bench gaussians info g/synthetic/seed0/view_00.ply");
+        assert!(!info.out.contains("reading "), "{}", info.out);
+    }
+}
+
+#[test]
+fn a_file_for_an_antialiased_rasteriser_is_refused_unless_that_is_ignored() {
+    let case = case("A03-mip-comment");
+    refused(&case, &["SplatRenderMode: mip", "`marks=ignore`"]);
+    let info = &case.said[1];
+    ends(&info, 1);
+    assert!(info.err.contains("antialiased"), "{}", info.err);
+    close(with(&case, "marks=ignore"), 19.0306);
+}
+
+#[test]
+fn rows_that_are_longer_than_declared_are_refused_and_bytes_at_the_end_named() {
+    refused(
+        &case("A05-row-pad3"),
+        &["9216 bytes follow the last row", "3 for each of 3072"],
+    );
+    let trailing = case("A05-trailing");
+    close(psnr(&trailing, "r"), 19.0306);
+    trailing.is_said_everywhere("r", "10000 bytes follow the last row");
+}
+
+#[test]
+fn opacities_without_the_logit_are_named_by_numbers_and_by_the_photograph() {
+    let case = case("A09-opacity-activated");
+    case.is_said_everywhere("r", "`opacity=linear` reads them so");
+    let info = &case.said[1].out;
+    assert!(info.contains("opacity=linear"), "{info}");
+    close(with(&case, "opacity=linear"), 20.9783);
+}
+
+#[test]
+fn another_order_of_quaternions_is_found_by_the_photograph() {
+    let case = case("A10-quat-xyzw");
+    case.is_said_everywhere("r", "with `quaternions=xyzw`: 26.91 dB");
+    close(with(&case, "quaternions=xyzw"), 20.9783);
+}
+
+#[test]
+fn scales_that_are_no_logarithms_are_named_by_numbers_and_by_the_photograph() {
+    let case = case("A11-scales-linear");
+    case.is_said_everywhere("r", "`scales=linear` reads them so");
+    case.is_said_everywhere("r", "with `scales=linear`: 26.91 dB");
+    assert!(
+        case.said[1].out.contains("scales=linear"),
+        "{}",
+        case.said[1].out
+    );
+    close(with(&case, "scales=linear"), 20.9783);
+}
+
+#[test]
+fn turned_and_world_space_files_are_named_with_the_setting_that_mends_them() {
+    let turned = case("A13-rot180z");
+    turned.is_said_everywhere("r", "with `axes=luf`: 33.92 dB");
+    close(with(&turned, "axes=luf"), 19.0306);
+    let world = case("A14-world");
+    world.is_said_everywhere("r", "with `space=world`: 33.92 dB");
+    close(with(&world, "space=world"), 19.0306);
+    // One file a scene.
+    let folder = world.path("g/synthetic");
+    std::fs::rename(folder.join("seed0/view_00.ply"), folder.join("seed0.ply")).unwrap();
+    close(with(&world, "space=world,label=scene"), 19.0306);
+}
+
+#[test]
+fn harmonics_are_refused_with_the_option_that_drops_them() {
+    let case = case("A15-sh3");
+    refused(&case, &["45 coefficients f_rest_*", "`harmonics=drop`"]);
+    let convert = &case.said[2];
+    assert!(
+        convert.err.contains("--read harmonics=drop"),
+        "{}",
+        convert.err
+    );
+    // The constant term of this file is no colour by itself, and the photograph says so.
+    let method = "gaussians:dir=g,color_space=srgb,harmonics=drop";
+    let said = run_method(&case, method, "again");
+    ends(&said, 0);
+    assert!(
+        said.err.contains("worse than its mean colour"),
+        "{}",
+        said.err
+    );
+    let dropped = psnr(&case, "again");
+    case.run("sharp-bench gaussians convert g/synthetic/seed0/view_00.ply out.ply --color-space srgb --read harmonics=drop")
+        .ends_with(0);
+    std::fs::rename(
+        case.path("out.ply"),
+        case.path("g/synthetic/seed0/view_00.ply"),
+    )
+    .unwrap();
+    run_method(&case, "gaussians:dir=g", "converted").ends_with(0);
+    close(psnr(&case, "converted"), dropped);
+}
+
+#[test]
+fn other_forms_are_refused_by_name_with_what_helps() {
+    for (name, parts) in [
+        (
+            "A23-compressed-ply",
+            ["compressed PLY of PlayCanvas", "splat-transform"],
+        ),
+        ("A24-2dgs-no-scale2", ["2D Gaussian Splatting", "imported"]),
+        ("A25-uchar-rgb", ["red, green, blue", "`colors=rgb255`"]),
+        ("A26-sog", ["view_00.sog is there: SOG", "splat-transform"]),
+        (
+            "A26-splat",
+            ["view_00.splat is there: .splat", "splat-transform"],
+        ),
+        ("A26-spz", ["view_00.spz is there: SPZ", "splat-transform"]),
+        (
+            "X05-filter_3D",
+            ["Mip-Splatting (property filter_3D)", "save_fused_ply"],
+        ),
+        ("X06-gz-as-ply", ["gzip", "unpack it"]),
+    ] {
+        let case = case(name);
+        refused(&case, &parts);
+        if let Some(info) = case.said.get(1) {
+            ends(&info, 1);
+            assert!(info.err.contains(parts[1]), "{name}: {}", info.err);
+        }
+    }
+    let rgb = untried("A25-uchar-rgb");
+    assert!(with(&rgb, "colors=rgb255") > 18.0);
+}
+
+#[test]
+fn extensions_may_have_any_case() {
+    let case = case("X07-PLY-upper");
+    assert_eq!(case.said[0].err, "");
+    close(psnr(&case, "r"), 20.9783);
+}
+
+#[test]
+fn files_under_the_names_of_their_neighbours_are_named() {
+    let case = case("X15-gaussians-of-neighbour");
+    case.is_said_everywhere("r", "predicted from at 20.42 dB PSNR");
+}
+
+#[test]
+fn every_setting_is_part_of_the_identity() {
+    let case = untried("A10-good");
+    run_method(&case, "gaussians:dir=g,color_space=srgb", "r").ends_with(0);
+    let again = run_method(
+        &case,
+        "gaussians:dir=g,color_space=srgb,shift='0.5,0.5'",
+        "r",
+    );
+    ends(&again, 0);
+    assert!(
+        again.err.contains("shift") || again.err.contains("was gaussians"),
+        "{}",
+        again.err
+    );
+    let said = run_method(
+        &case,
+        "gaussians:dir=g,color_space=srgb,quaternions=wzyx",
+        "r",
+    );
+    ends(&said, 1);
+    assert!(said.err.contains("wxyz or xyzw"), "{}", said.err);
+}
+
+#[test]
+fn files_of_other_programs_are_read_in_silence_or_refused_by_name() {
+    let samples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/gaussian_formats");
+    let case = untried("00-good");
+    let info = |name: &str| {
+        let path = samples.join(name);
+        case.run(&format!("sharp-bench gaussians info '{}'", path.display()))
+    };
+    for proper in [
+        "src_d1.ply",
+        "ascii.ply",
+        "big_endian.ply",
+        "permuted_double_extra.ply",
+    ] {
+        let said = info(proper);
+        ends(&said, 0);
+        assert!(!said.out.contains("reading "), "{proper}: {}", said.out);
+    }
+    for (name, part) in [
+        ("brush_mip.ply", "antialiased"),
+        ("postshot_aa.ply", "antialiased"),
+        ("mip_filter_3D.ply", "filter_3D"),
+        ("nerfstudio_rgb.ply", "colors=rgb255"),
+        ("two_scales.ply", "2D Gaussian Splatting"),
+        ("d0_gsplat.splat", "splat-transform"),
+        ("d0_twelve.compressed.ply", "splat-transform"),
+        ("d1_mkkellogg_level2.ksplat", "KSPLAT"),
+        ("d1_niantic_v2_rub.spz", "SPZ"),
+        ("d4_niantic_v4_rub.spz", "SPZ"),
+        ("d1_splat-transform_v2.sog", "SOG"),
+    ] {
+        let said = info(name);
+        ends(&said, 1);
+        assert!(said.err.contains(part), "{name}: {}", said.err);
+    }
+    for (name, part) in [
+        ("wrong_f_dc_rgb01.ply", "colors=rgb01"),
+        ("wrong_opacity_linear.ply", "opacity=linear"),
+        ("wrong_rot_xyzw_identity.ply", "quaternions=xyzw"),
+        ("wrong_scale_linear.ply", "scales=linear"),
+    ] {
+        let said = info(name);
+        assert!(said.out.contains(part), "{name}: {}", said.out);
+    }
+}
+
+#[test]
+fn checkpoints_with_prefixes_or_foreign_classes_are_read_and_prefixes_said() {
+    let case = case("A27-checkpoints");
+    for (said, prefix) in case.said.iter().zip(["", "", "module.", "_orig_mod."]) {
+        ends(&said, 0);
+        assert!(said.out.contains("18432 Gaussians"), "{}", said.out);
+        match prefix {
+            "" => assert_eq!(said.err, ""),
+            prefix => {
+                let note = format!("carry the prefix `{prefix}`");
+                assert!(said.err.contains(&note), "{}", said.err);
+            }
+        }
+    }
+    let ply = |name: &str| {
+        let line = format!(
+            "sharp-bench predict -q --checkpoint {name} --config tiny_config.json#tiny --focal-px 57 --out {name}.ply photo.png"
+        );
+        case.run(&line).ends_with(0);
+        std::fs::read(case.path(&format!("{name}.ply"))).unwrap()
+    };
+    let plain = ply("plain.safetensors");
+    for name in ["namespace.pt", "module.safetensors", "orig_mod.safetensors"] {
+        assert!(ply(name) == plain, "{name}");
+    }
+}
+
+#[test]
+fn sizes_beside_a_checkpoint_are_used_and_others_end_a_run_before_its_first_pair() {
+    let case = untried("A27-checkpoints");
+    let predict = |more: &str| {
+        case.run(&format!(
+            "sharp-bench predict -q --checkpoint plain.safetensors {more} --focal-px 57 --out o.ply photo.png"
+        ))
+    };
+    let beside = predict("");
+    ends(&beside, 0);
+    assert!(
+        beside.err.contains("tiny_config.json#tiny beside it"),
+        "{}",
+        beside.err
+    );
+    let other = predict("--config tiny_config.json#narrow");
+    ends(&other, 1);
+    assert!(other.err.contains("--config"), "{}", other.err);
+    let run = |method: &str, out: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --dataset synthetic=size=32x24,views=4 --limit 1 --method sharp:{method} --metrics psnr --out {out}"
+        ))
+    };
+    let wrong = run(
+        "checkpoint=plain.safetensors,config=tiny_config.json#narrow",
+        "wrong",
+    );
+    assert!(wrong.code == 1 || wrong.code == 2, "{}", wrong.err);
+    assert!(wrong.err.contains("config="), "{}", wrong.err);
+    assert!(!case.path("wrong/scores.csv").exists());
+    let prefixed = run("checkpoint=module.safetensors", "r");
+    ends(&prefixed, 0);
+    let said = "carry the prefix `module.`";
+    assert!(prefixed.out.contains(said), "{}", prefixed.out);
+    let manifest = std::fs::read_to_string(case.path("r/manifest.json")).unwrap();
+    assert!(manifest.contains(said), "{manifest}");
+}

@@ -40,6 +40,10 @@ impl ModelArgs {
             self.config.is_none() || self.checkpoint.is_some(),
             "--config needs --checkpoint FILE"
         );
+        let named = named_network(self.checkpoint.as_deref(), self.config.as_deref())?;
+        for note in &named.notes {
+            output::remark(format!("note: {note}"));
+        }
         Ok(Predictor::open(&NetworkSpec {
             allow_unused: self.allow_unused.clone(),
             device: self.device,
@@ -47,7 +51,7 @@ impl ModelArgs {
                 true => Algorithm::Direct,
                 false => Algorithm::Winograd,
             },
-            ..named_network(self.checkpoint.as_deref(), self.config.as_deref())?
+            ..named
         })?)
     }
 }

@@ -5,8 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 use sharp::gaussians::Gaussians;
-use sharp::ply::{ColorSpace, GaussianScene, PlyForm, PlyReason, load, to_bytes};
+use sharp::ply::{
+    ColorSpace, GaussianScene, Harmonics, PlyForm, PlyReason, Reading, load, to_bytes,
+};
 
+use crate::cli::reading_args::ReadingArgs;
 use crate::cli::{Outcome, output};
 use crate::io::atomic_files::write_atomic;
 
@@ -23,6 +26,8 @@ enum GaussiansCommand {
     Info {
         /// The file
         ply: PathBuf,
+        #[command(flatten)]
+        reading: ReadingArgs,
         /// Print JSON
         #[arg(long)]
         json: bool,
@@ -39,9 +44,8 @@ enum GaussiansCommand {
         /// Which elements the result has
         #[arg(long, value_enum, default_value_t = TargetForm::Plain)]
         to: TargetForm,
-        /// How the file's colours are encoded, linear or srgb, where it does not say
-        #[arg(long, value_name = "SPACE")]
-        color_space: Option<ColorSpace>,
+        #[command(flatten)]
+        reading: ReadingArgs,
         /// Drop Gaussians of lower opacity, 0..1
         #[arg(long, value_name = "X", default_value_t = 0.0)]
         min_opacity: f32,
@@ -58,18 +62,23 @@ enum TargetForm {
 
 pub(crate) fn execute(args: &GaussiansArgs) -> anyhow::Result<Outcome> {
     match &args.command {
-        GaussiansCommand::Info { ply, json } => info(ply, *json),
+        GaussiansCommand::Info { ply, reading, json } => info(ply, reading.reading(), *json),
         GaussiansCommand::Convert {
             ply,
             out,
             to,
-            color_space,
+            reading,
             min_opacity,
         } => {
-            let scene = load(ply, *color_space)?;
+            let reading = reading.reading();
+            let scene = load(ply, reading)?;
+            for doubt in &scene.doubts {
+                output::remark(format!("warning: {}: {}", ply.display(), doubt.text));
+            }
             anyhow::ensure!(
-                !scene.is_view_dependent,
-                "{}: colours depend on the view ({} coefficients f_rest_*), which would be lost",
+                !scene.is_view_dependent || reading.harmonics == Some(Harmonics::Drop),
+                "{}: colours depend on the view ({} coefficients f_rest_*), which would be lost: `--read harmonics=drop` \
+                 keeps the constant term alone",
                 ply.display(),
                 scene.color_coefficients
             );
@@ -130,6 +139,8 @@ struct Info {
     behind: f64,
     /// What speaks against camera space, OpenCV axes and metres.
     implausible: Vec<String>,
+    /// What speaks against the way that its numbers are read.
+    doubts: Vec<String>,
 }
 
 /// Medians of depth that photographs have, metres.
@@ -186,14 +197,20 @@ fn describe(scene: &GaussianScene) -> Info {
         depth,
         behind,
         implausible,
+        doubts: scene.doubts.iter().map(|d| d.text.clone()).collect(),
     }
 }
 
-fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
-    let scene = match load(ply, None) {
+fn info(ply: &Path, reading: Reading, json: bool) -> anyhow::Result<Outcome> {
+    let scene = match load(ply, reading) {
         // Nothing that is shown depends on colours.
         Err(error) if matches!(error.reason, PlyReason::ColorSpaceUnknown) => {
-            load(ply, Some(ColorSpace::Linear))
+            let color_space = Some(ColorSpace::Linear);
+            let reading = Reading {
+                color_space,
+                ..reading
+            };
+            load(ply, reading)
         }
         loaded => loaded,
     };
@@ -258,6 +275,9 @@ fn info(ply: &Path, json: bool) -> anyhow::Result<Outcome> {
         false => info.implausible.join("; "),
     };
     output::line(format!("space        {verdict}"))?;
+    for doubt in &info.doubts {
+        output::line(format!("reading      {doubt}"))?;
+    }
     Ok(Outcome::Done)
 }
 

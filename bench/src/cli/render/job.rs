@@ -15,7 +15,7 @@ use sharp::render::{RenderError, RenderOutput, RenderView, release_screen};
 use super::args::Layers;
 use super::writer::{self, Appearance, OutputKind, ViewWriter};
 use super::{RenderArgs, Summary, frames};
-use crate::cli::output::Terminal;
+use crate::cli::output::{self, Terminal};
 use crate::export::camera_file::CameraFile;
 use crate::export::viewer::Viewer;
 use crate::io::fingerprints;
@@ -60,7 +60,10 @@ impl<'a> RenderJob<'a> {
                 page.display()
             );
         }
-        let file = gaussian_files::read(&args.scene, args.color_space)?;
+        let file = gaussian_files::read(&args.scene, args.reading.reading())?;
+        for doubt in &file.doubts {
+            output::remark(format!("warning: {}: {}", args.scene.display(), doubt.text));
+        }
         let (photo, camera_from_scene) = match (&args.camera, file.camera) {
             (Some(path), _) => CameraFile::read(path)?,
             (None, Some(stored)) => stored,
@@ -331,6 +334,7 @@ impl Output<'_> {
             .collect();
         Ok(json!({
             "scene_sha256": file_sha256(&job.args.scene)?,
+            "reading": job.args.reading.reading().settings(),
             "layer": layer,
             "path": job.path,
             "cameras_sha256": crate::io::hash::sha256_hex(&serde_json::to_vec(&cameras)?),

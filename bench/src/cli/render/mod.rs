@@ -11,12 +11,12 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use sharp::ply::ColorSpace;
 use sharp::render::{Backend, RenderOutput, RenderView};
 
 use self::args::Layers;
 use self::job::RenderJob;
 use self::path::PathArgs;
+use super::reading_args::ReadingArgs;
 use super::rendering_args::RenderingArgs;
 use super::{Outcome, data_args, output};
 use crate::rendering::BatchRenderer;
@@ -46,9 +46,8 @@ given up: the CPU takes over, and the command says so.")]
 pub(super) struct RenderArgs {
     /// The Gaussians: .ply or .safetensors
     scene: PathBuf,
-    /// How a PLY's colours are encoded, linear or srgb, where it does not say
-    #[arg(long, value_name = "SPACE")]
-    color_space: Option<ColorSpace>,
+    #[command(flatten)]
+    reading: ReadingArgs,
     /// The camera; without it, the one stored in the PLY
     #[arg(long, value_name = "CAM.json")]
     camera: Option<PathBuf>,

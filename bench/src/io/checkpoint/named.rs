@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use sharp::model::inventory::CheckpointSource;
 use sharp::model::{ModelConfig, ModelError, NetworkSpec, bundled};
 use sharp_metrics::weights::own_folder;
 
@@ -18,6 +19,14 @@ pub enum NetworkError {
     Model(#[from] ModelError),
     #[error(transparent)]
     File(#[from] FileError),
+    #[error(
+        "{source}: it is not a network of the sizes of `{preset}`; config=FILE.json#NAME (--config) says which it has"
+    )]
+    Sizes { preset: String, source: ModelError },
+    #[error(
+        "{}: several configurations beside it fit ({names}); config=FILE.json#NAME (--config) says which", checkpoint.display()
+    )]
+    SeveralConfigs { checkpoint: PathBuf, names: String },
     #[error(
         "checkpoint `{}` brings its own configuration; leave out the other one, or name the file as ./{}",
         bundled::NAME,
@@ -40,7 +49,7 @@ pub enum NetworkError {
 }
 
 /// The network of a checkpoint, on the CPU. `mini` is the bundled one, with its sizes; any other name is a file, whose
-/// sizes are those of `config` (`FILE.json#NAME`) or the release's; without a name it is the official one, where it is found.
+/// sizes are those of `config` (`FILE.json#NAME`), of a `.json` beside it, or the release's; without a name it is the official one, where it is found.
 ///
 /// # Errors
 /// [`NetworkError`].
@@ -53,8 +62,9 @@ pub fn named_network(
             None => (bundled_weights()?, bundled::config()?),
             Some(_) => return Err(NetworkError::TwoConfigs),
         },
-        (file, config) => (
-            file.map_or_else(find_checkpoint, |file| Ok(file.to_owned()))?,
+        (Some(file), config) => return network_of(file, config),
+        (None, config) => (
+            find_checkpoint()?,
             config.map_or_else(|| Ok(ModelConfig::release()), ModelConfig::load)?,
         ),
     };
@@ -62,6 +72,76 @@ pub fn named_network(
         config,
         ..NetworkSpec::release(checkpoint)
     })
+}
+
+/// The network of a file: with the sizes of a configuration, of the file `STEM.json` beside it, the release's, or those of
+/// the only configuration of a `.json` beside it that fits.
+fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
+    let source = CheckpointSource::open(file)?;
+    let fits = |config: &ModelConfig| source.check_part(config, "");
+    let mut notes = Vec::new();
+    notes.extend(source.left_out().map(|prefix| {
+        format!("all names in the checkpoint carry the prefix `{prefix}`, which is left out")
+    }));
+    let release = ModelConfig::release();
+    let own = ModelConfig::all_of(&file.with_extension("json"));
+    let config = match config {
+        Some(config) => ModelConfig::load(config)?,
+        None if own.is_empty() && fits(&release).is_ok() => release,
+        None => {
+            let mut found = beside(file);
+            found.retain(|(_, config)| fits(config).is_ok());
+            match &found[..] {
+                [] => release,
+                [(name, config)] => {
+                    notes.push(format!("its sizes are those of {name} beside it"));
+                    config.clone()
+                }
+                several => {
+                    let names = several.iter().map(|(name, _)| name.as_str());
+                    return Err(NetworkError::SeveralConfigs {
+                        checkpoint: file.to_owned(),
+                        names: names.collect::<Vec<_>>().join(", "),
+                    });
+                }
+            }
+        }
+    };
+    fits(&config).map_err(|source| NetworkError::Sizes {
+        preset: config.preset.clone(),
+        source,
+    })?;
+    Ok(NetworkSpec {
+        config,
+        notes,
+        ..NetworkSpec::release(file)
+    })
+}
+
+/// Configurations in `STEM.json`, or where that is none in all `.json` files beside a checkpoint, by `FILE#NAME`.
+fn beside(checkpoint: &Path) -> Vec<(String, ModelConfig)> {
+    let own = checkpoint.with_extension("json");
+    let of_file = |path: &Path| {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let configs = ModelConfig::all_of(path).into_iter();
+        let named = configs.map(|(name, config)| match name.is_empty() {
+            true => (file.to_string(), config),
+            false => (format!("{file}#{name}"), config),
+        });
+        named.collect::<Vec<_>>()
+    };
+    let found = of_file(&own);
+    if !found.is_empty() {
+        return found;
+    }
+    let folder = checkpoint.parent().filter(|p| !p.as_os_str().is_empty());
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).into_iter();
+    let paths = entries.flatten().flatten().map(|entry| entry.path());
+    let mut paths: Vec<PathBuf> = paths
+        .filter(|path| path.extension().is_some_and(|end| end == "json"))
+        .collect();
+    paths.sort();
+    paths.iter().flat_map(|path| of_file(path)).collect()
 }
 
 /// The weights of the bundled network: beside the program, or in the sources that it was built from.
@@ -96,8 +176,7 @@ mod tests {
         assert!(mini.checkpoint.is_file());
         let both = named_network(Some(Path::new("mini")), Some("x.json"));
         assert!(both.unwrap_err().to_string().contains("./mini"));
-        let file = named_network(Some(Path::new("./mini")), None).unwrap();
-        assert_eq!(file.checkpoint, Path::new("./mini"));
-        assert_eq!(file.config, ModelConfig::release());
+        let file = named_network(Some(Path::new("./mini")), None);
+        assert!(file.unwrap_err().to_string().contains("./mini"));
     }
 }

@@ -46,6 +46,7 @@ fn record(
         scale: None,
         files: None,
         extras: BTreeMap::new(),
+        warnings: BTreeMap::new(),
     }
 }
 

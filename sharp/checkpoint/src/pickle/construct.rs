@@ -16,6 +16,9 @@ impl<'a> Heap<'a> {
         function: Value<'a>,
         args: Value<'a>,
     ) -> Result<Value<'a>, Fault> {
+        if let Value::Foreign(_) = function {
+            return Ok(function);
+        }
         let Value::Global(global) = function else {
             return malformed!("pickle: {} is called", function.kind());
         };
@@ -47,7 +50,11 @@ impl<'a> Heap<'a> {
                 });
                 Ok(Value::Tensor(self.tensors.len() as u32 - 1))
             }
-            (Global::RebuildParameter, &[tensor @ Value::Tensor(_), ..]) => Ok(tensor),
+            (Global::RebuildParameter, &[tensor @ (Value::Tensor(_) | Value::Foreign(_)), ..])
+            | (
+                Global::RebuildTensor | Global::RebuildTensorV2,
+                &[tensor @ Value::Foreign(_), ..],
+            ) => Ok(tensor),
             (Global::Size, &[shape @ Value::Tuple(..)]) => Ok(shape),
             _ => malformed!("pickle: {global:?} is called with unexpected arguments"),
         }
@@ -82,6 +89,9 @@ impl<'a> Heap<'a> {
     /// The storage that a persistent id `('storage', class, key, location, numel[, view])` names.
     /// The location (`cpu`, `cuda:0`) says where it was, which does not matter here.
     pub(super) fn persistent(&mut self, id: Value<'a>) -> Result<Value<'a>, Fault> {
+        if let Some(&[Value::Str("storage"), class @ Value::Foreign(_), ..]) = self.items(id) {
+            return Ok(class);
+        }
         let (dtype, key, numel) = match self.items(id) {
             Some(
                 &[

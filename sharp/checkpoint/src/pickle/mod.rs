@@ -3,7 +3,7 @@
 //! Values live in flat arenas and refer to each other by number, so that neither deep nesting
 //! nor cycles can overflow the stack, and an opcode costs a bounded amount of memory. Nothing
 //! is ever called: the handful of constructors a state dict names are recognised, everything
-//! else is refused by name.
+//! else is a name in place of what it would make. Tensors that need one are not there.
 //!
 //! * [`machine`]: the opcodes.
 //! * [`value`]: what is on the stack, and the arenas.

@@ -27,6 +27,9 @@ pub(crate) fn resolve<'a>(
     mut place: impl FnMut(&Storage<'a>) -> Result<Range<usize>, Fault>,
 ) -> Result<NamedTensors, Fault> {
     let Some(top) = entries(heap, root) else {
+        if let Value::Foreign(id) = root {
+            return Err(Fault::ForbiddenGlobal(heap.foreign[id as usize].clone()));
+        }
         return Err(Fault::StateDict(format!(
             "the pickled object is {}, not a dict of tensors",
             root.kind()
@@ -35,7 +38,7 @@ pub(crate) fn resolve<'a>(
     let chosen = if has_tensors(&top) {
         top
     } else {
-        only_nested(heap, top)?
+        only_nested(heap, top, MAX_DEPTH)?
     };
     let mut named = NamedTensors::default();
     for (name, value) in chosen {
@@ -82,9 +85,13 @@ fn has_tensors(entries: &BTreeMap<&str, Value<'_>>) -> bool {
     entries.values().any(|v| matches!(v, Value::Tensor(_)))
 }
 
+/// Dicts within dicts that a state dict is sought in.
+const MAX_DEPTH: usize = 4;
+
 fn only_nested<'a>(
     heap: &Heap<'a>,
     top: BTreeMap<&'a str, Value<'a>>,
+    depth: usize,
 ) -> Result<BTreeMap<&'a str, Value<'a>>, Fault> {
     // Every dict is looked at once, however often the pickle refers to it.
     let mut seen = BTreeMap::new();
@@ -108,10 +115,17 @@ fn only_nested<'a>(
             ))),
         },
         [] if top.is_empty() => Ok(top),
-        [] => Err(Fault::StateDict(format!(
-            "no state dict; keys: {}",
-            list(top.keys().copied())
-        ))),
+        [] => {
+            let mut dicts = top.values().filter_map(|&value| entries(heap, value));
+            // One that holds nothing but other dicts.
+            if let (true, Some(inner), None) = (depth > 0, dicts.next(), dicts.next()) {
+                return only_nested(heap, inner, depth - 1);
+            }
+            Err(Fault::StateDict(format!(
+                "no state dict; keys: {}",
+                list(top.keys().copied())
+            )))
+        }
         _ => Err(Fault::StateDict(format!(
             "several state dicts, under {}; save the one to be used alone",
             list(nested.iter().copied())

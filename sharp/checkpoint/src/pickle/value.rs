@@ -63,6 +63,8 @@ pub(crate) enum Value<'a> {
     List(u32),
     Dict(u32),
     Global(Global),
+    /// A class or function that is not known, or what it would make: number of its name in [`Heap::foreign`].
+    Foreign(u32),
     Storage(u32),
     Tensor(u32),
 }
@@ -79,7 +81,7 @@ impl Value<'_> {
             Self::Tuple(..) => "a tuple",
             Self::List(_) => "a list",
             Self::Dict(_) => "a dict",
-            Self::Global(_) => "a class or function",
+            Self::Global(_) | Self::Foreign(_) => "a class, a function or what it makes",
             Self::Storage(_) => "a storage",
             Self::Tensor(_) => "a tensor",
         }
@@ -114,6 +116,8 @@ pub(crate) struct Heap<'a> {
     pub(crate) dicts: Vec<Vec<(Value<'a>, Value<'a>)>>,
     pub(crate) storages: Vec<Storage<'a>>,
     pub(crate) tensors: Vec<Tensor>,
+    /// Module and name of what is not known.
+    pub(crate) foreign: Vec<String>,
     /// Pairs that ordered dicts have copied from lists so far.
     pub(super) copied: usize,
 }

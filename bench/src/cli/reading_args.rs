@@ -1,0 +1,34 @@
+//! How a file of Gaussians is read, as arguments.
+
+use clap::Args;
+use sharp::ply::{ColorSpace, Reading};
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReadingArgs {
+    /// How a PLY's colours are encoded, linear or srgb, where it does not say
+    #[arg(long, value_name = "SPACE")]
+    color_space: Option<ColorSpace>,
+    /// How numbers are read that are stored otherwise: opacity=linear, scales=linear, quaternions=xyzw, colors=rgb01, harmonics=drop, as in --method gaussians:
+    #[arg(long, value_name = "KEY=VALUE,…", value_delimiter = ',', value_parser = setting)]
+    read: Vec<(String, String)>,
+}
+
+impl ReadingArgs {
+    pub(crate) fn reading(&self) -> Reading {
+        let mut reading = Reading::from(self.color_space);
+        for (key, value) in &self.read {
+            // Each was tried when it was parsed.
+            let _ = reading.set(key, value);
+        }
+        reading
+    }
+}
+
+fn setting(text: &str) -> Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or("KEY=VALUE is needed")?;
+    match Reading::default().set(key, value) {
+        Ok(true) => Ok((key.to_owned(), value.to_owned())),
+        Ok(false) => Err(format!("unknown; known: {}", Reading::KEYS.join(", "))),
+        Err(error) => Err(error.to_string()),
+    }
+}

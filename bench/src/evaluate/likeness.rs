@@ -1,0 +1,336 @@
+//! How well pictures explain a part of a photograph, and whether one does so significantly better than another.
+
+use image::RgbImage;
+
+use crate::scoring::Region;
+
+/// Largest width and height that are compared, pixels.
+const SIDES: (u32, u32) = (160, 120);
+/// What another reading has to gain at least, dB. The error of a proper file changes by chance when its Gaussians are read
+/// otherwise, and by some hundredths.
+const MARGIN: f64 = 0.5;
+/// Standard errors of the gain that it has to exceed.
+const SIGNIFICANCE: f64 = 3.0;
+/// The same of the gain where brightness and contrast are free, which only has to agree.
+const SIGNIFICANCE_FREE: f64 = 2.0;
+/// Share of the photograph's variance that an explanation has to explain.
+const EXPLAINED: f64 = 0.5;
+/// Variance of rounding to 8 bit: less is no difference.
+const ROUNDING: f64 = 1.0 / 12.0;
+
+/// The part of a photograph with the largest contrast, at the photograph's own resolution: what is wrong by half a pixel or
+/// in the shape of a small Gaussian does not show in a smaller picture.
+pub(super) fn window(photograph: &RgbImage) -> Region {
+    let (width, height) = photograph.dimensions();
+    let size = (width.min(SIDES.0), height.min(SIDES.1));
+    let steps = |whole: u32, part: u32| {
+        let step = (part / 2).max(1) as usize;
+        (0..=whole - part).step_by(step)
+    };
+    let mut best = (0, Region::whole(size));
+    for y in steps(height, size.1) {
+        for x in steps(width, size.0) {
+            let region = Region {
+                x,
+                y,
+                width: size.0,
+                height: size.1,
+            };
+            let contrast = contrast(photograph, region);
+            if contrast > best.0 {
+                best = (contrast, region);
+            }
+        }
+    }
+    best.1
+}
+
+/// Sum of the green channel's steps over every fourth row and column, each at most 64 levels: one sharp edge is not all.
+fn contrast(photograph: &RgbImage, region: Region) -> u64 {
+    let level = |x: u32, y: u32| photograph.get_pixel(x, y).0[1];
+    let mut sum = 0;
+    for y in (region.y..region.y + region.height - 1).step_by(4) {
+        for x in (region.x..region.x + region.width - 1).step_by(4) {
+            let (here, right, below) = (level(x, y), level(x + 1, y), level(x, y + 1));
+            let steps = [here.abs_diff(right), here.abs_diff(below)];
+            sum += steps
+                .iter()
+                .map(|step| u64::from((*step).min(64)))
+                .sum::<u64>();
+        }
+    }
+    sum
+}
+
+/// Sums over pixels of one channel: what squared errors and regressions are made of.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    n: f64,
+    p: f64,
+    r: f64,
+    pp: f64,
+    rr: f64,
+    pr: f64,
+}
+
+impl Sums {
+    fn plus(self, other: Self, sign: f64) -> Self {
+        Self {
+            n: self.n + sign * other.n,
+            p: self.p + sign * other.p,
+            r: self.r + sign * other.r,
+            pp: self.pp + sign * other.pp,
+            rr: self.rr + sign * other.rr,
+            pr: self.pr + sign * other.pr,
+        }
+    }
+
+    /// Sum of squared differences.
+    fn error(self) -> f64 {
+        self.pp - 2.0 * self.pr + self.rr
+    }
+
+    /// Of the photograph about its mean.
+    fn variance(self) -> f64 {
+        self.pp - self.p * self.p / self.n
+    }
+
+    /// Sum of squared differences from the best multiple of the rendering and a constant.
+    fn residual(self) -> f64 {
+        let covariance = self.pr - self.p * self.r / self.n;
+        let of_rendering = self.rr - self.r * self.r / self.n;
+        let explained = match of_rendering > 1e-6 * self.n {
+            true => covariance * covariance / of_rendering,
+            false => 0.0,
+        };
+        (self.variance() - explained).max(0.0)
+    }
+}
+
+/// Errors that are compared.
+#[derive(Debug, Clone, Copy, Default)]
+struct Errors {
+    error: f64,
+    /// What is left where brightness and contrast are free: holes and a wrong exposure are none of it.
+    residual: f64,
+    variance: f64,
+}
+
+impl Errors {
+    fn of(channels: [Sums; 3]) -> Self {
+        let sum = |of: fn(Sums) -> f64| {
+            channels
+                .iter()
+                .map(|c| of(*c) + c.n * ROUNDING)
+                .sum::<f64>()
+        };
+        Self {
+            error: sum(Sums::error),
+            residual: sum(Sums::residual),
+            variance: sum(Sums::variance),
+        }
+    }
+}
+
+/// How a rendering compares with a part of a photograph.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Fit {
+    /// Of equal parts of it, in the same order for every picture of its size.
+    blocks: Vec<[Sums; 3]>,
+    total: [Sums; 3],
+}
+
+/// Blocks along each side.
+const BLOCKS: u32 = 6;
+
+impl Fit {
+    /// Of a part of a photograph and a picture of that part.
+    pub(super) fn of(photograph: &RgbImage, region: Region, picture: &RgbImage) -> Self {
+        let mut blocks = vec![[Sums::default(); 3]; (BLOCKS * BLOCKS) as usize];
+        for (x, y, rendered) in picture.enumerate_pixels() {
+            let at = (y * BLOCKS / region.height) * BLOCKS + x * BLOCKS / region.width;
+            let seen = photograph.get_pixel(region.x + x, region.y + y);
+            for (channel, sums) in blocks[at as usize].iter_mut().enumerate() {
+                let (p, r) = (f64::from(seen.0[channel]), f64::from(rendered.0[channel]));
+                let pixel = Sums {
+                    n: 1.0,
+                    p,
+                    r,
+                    pp: p * p,
+                    rr: r * r,
+                    pr: p * r,
+                };
+                *sums = sums.plus(pixel, 1.0);
+            }
+        }
+        blocks.retain(|block| block[0].n > 0.0);
+        let add = |a: [Sums; 3], b: &[Sums; 3]| std::array::from_fn(|c| a[c].plus(b[c], 1.0));
+        let total = blocks.iter().fold([Sums::default(); 3], add);
+        Self { blocks, total }
+    }
+
+    /// Of both parts.
+    pub(super) fn joined(&self, other: &Self) -> Self {
+        let total = [&self.total, &other.total];
+        Self {
+            blocks: [&self.blocks[..], &other.blocks].concat(),
+            total: std::array::from_fn(|c| total[0][c].plus(total[1][c], 1.0)),
+        }
+    }
+
+    /// How much smaller its squared error is, dB.
+    pub(super) fn gain_over(&self, other: &Self) -> f64 {
+        10.0 * (other.error() / self.error()).log10()
+    }
+
+    /// Of a black picture.
+    pub(super) fn of_nothing(photograph: &RgbImage, region: Region) -> Self {
+        let black = RgbImage::new(region.width, region.height);
+        Self::of(photograph, region, &black)
+    }
+
+    /// PSNR, dB, 100 at most.
+    pub(super) fn psnr(&self) -> f64 {
+        let error: f64 = self.total.iter().map(|sums| sums.error()).sum();
+        let mean = error / (3.0 * self.total[0].n);
+        (10.0 * (255.0 * 255.0 / mean).log10()).min(100.0)
+    }
+
+    /// Sum of squared differences, for comparisons.
+    pub(super) fn error(&self) -> f64 {
+        Errors::of(self.total).error
+    }
+
+    /// True where the picture is farther from the photograph than the photograph's mean colour, and explains nothing of it.
+    pub(super) fn is_unrelated(&self) -> bool {
+        let Errors {
+            error,
+            residual,
+            variance,
+        } = Errors::of(self.total);
+        // Of a photograph of one colour nothing can be explained; 8 levels off is close.
+        let noise = 64.0 * 3.0 * self.total[0].n;
+        error > variance + noise && residual > 0.75 * variance
+    }
+
+    /// True where it explains most of the photograph.
+    pub(super) fn explains(&self) -> bool {
+        let whole = Errors::of(self.total);
+        1.0 - whole.residual / whole.variance >= EXPLAINED
+    }
+
+    /// True where this picture explains its photograph, and significantly better than `other` explains its own.
+    pub(super) fn is_better_than(&self, other: &Self) -> bool {
+        self.explains() && self.is_closer_than(other)
+    }
+
+    /// True where this picture is significantly closer to its photograph than `other` to its own: in squared errors, and where
+    /// brightness and contrast are free.
+    pub(super) fn is_closer_than(&self, other: &Self) -> bool {
+        if self.blocks.len() != other.blocks.len() {
+            return false;
+        }
+        let gains = |own: Errors, others: Errors| {
+            let share = |e: Errors| e.residual / e.variance;
+            [
+                10.0 * (others.error / own.error).log10(),
+                10.0 * (share(others) / share(own)).log10(),
+            ]
+        };
+        let whole = gains(Errors::of(self.total), Errors::of(other.total));
+        // The jackknife: how much the gain depends on each block.
+        let without = |fit: &Self, block: usize| {
+            let parts = std::array::from_fn(|c| fit.total[c].plus(fit.blocks[block][c], -1.0));
+            Errors::of(parts)
+        };
+        let n = self.blocks.len();
+        let each: Vec<[f64; 2]> = (0..n)
+            .map(|block| gains(without(self, block), without(other, block)))
+            .collect();
+        [
+            (0, MARGIN, SIGNIFICANCE),
+            (1, MARGIN / 2.0, SIGNIFICANCE_FREE),
+        ]
+        .into_iter()
+        .all(|(kind, margin, significance)| {
+            let mean = each.iter().map(|g| g[kind]).sum::<f64>() / n as f64;
+            let squares = each.iter().map(|g| (g[kind] - mean).powi(2)).sum::<f64>();
+            let standard_error = (squares * (n as f64 - 1.0) / n as f64).sqrt();
+            whole[kind] >= margin && whole[kind] >= significance * standard_error
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    /// Waves with some noise.
+    fn photograph(noise: u32) -> RgbImage {
+        RgbImage::from_fn(64, 48, |x, y| {
+            let wave =
+                100.0 + 60.0 * (f64::from(x) / 3.0).sin() + 40.0 * (f64::from(y) / 5.0).cos();
+            let hash = (x * 7919 + y * 104_729 + noise * 31) % 17;
+            Rgb([
+                wave as u8,
+                (wave * 0.8) as u8 + hash as u8,
+                255 - wave as u8,
+            ])
+        })
+    }
+
+    fn fit(picture: &RgbImage) -> Fit {
+        let photograph = photograph(0);
+        Fit::of(&photograph, Region::whole(photograph.dimensions()), picture)
+    }
+
+    #[test]
+    fn a_shifted_picture_loses_and_darker_or_noisier_ones_do_not_win() {
+        let right = fit(&photograph(1));
+        let shifted = RgbImage::from_fn(64, 48, |x, y| *photograph(0).get_pixel((x + 1) % 64, y));
+        assert!(right.is_better_than(&fit(&shifted)));
+        assert!(!fit(&shifted).is_better_than(&right));
+        assert!(!fit(&photograph(2)).is_better_than(&right));
+        // A dim picture of the right thing is not explained by brightening it.
+        let dimmed = |by: f64| {
+            RgbImage::from_fn(64, 48, |x, y| {
+                Rgb(photograph(0)
+                    .get_pixel(x, y)
+                    .0
+                    .map(|v| (f64::from(v) * by) as u8))
+            })
+        };
+        assert!(fit(&dimmed(0.8)).error() < fit(&dimmed(0.5)).error());
+        assert!(!fit(&dimmed(0.8)).is_better_than(&fit(&dimmed(0.5))));
+    }
+
+    #[test]
+    fn what_shows_nothing_of_it_is_unrelated_and_a_flat_photograph_is_not_judged() {
+        let black = RgbImage::new(64, 48);
+        assert!(fit(&black).is_unrelated());
+        assert!(!fit(&photograph(3)).is_unrelated());
+        let flat = |level: u8| RgbImage::from_pixel(64, 48, Rgb([level; 3]));
+        let near = Fit::of(&flat(120), Region::whole((64, 48)), &flat(124));
+        assert!(!near.is_unrelated());
+    }
+
+    #[test]
+    fn the_window_is_where_the_contrast_is() {
+        let mut wide = RgbImage::from_pixel(640, 480, Rgb([90; 3]));
+        for (x, y, pixel) in photograph(0).enumerate_pixels() {
+            wide.put_pixel(500 + x, 300 + y, *pixel);
+        }
+        let Region {
+            x,
+            y,
+            width,
+            height,
+        } = window(&wide);
+        assert_eq!((width, height), SIDES);
+        assert!(x <= 500 && x + width >= 564 && y <= 300 && y + height >= 348);
+        assert_eq!(window(&photograph(0)), Region::whole((64, 48)));
+        assert_eq!(window(&RgbImage::new(1, 1)), Region::whole((1, 1)));
+    }
+}

@@ -1,0 +1,282 @@
+//! Other readings of a file of Gaussians, tried on a small part of the photograph that they were predicted from.
+
+use glam::{DAffine3, DVec3};
+use image::RgbImage;
+use sharp::camera::Intrinsics;
+use sharp::gaussians::Gaussians;
+use sharp::ply::{
+    ColorSpace, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions, StoredScales,
+};
+use sharp::render::RenderError;
+
+use super::likeness::Fit;
+use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
+use crate::pairs::PosedCamera;
+use crate::rendering::SharedRenderer;
+use crate::scoring::Region;
+
+/// Boxes of Gaussians over a pixel, on average, beyond which a reading is not tried: no photograph needs so many.
+const MOST_LAYERS: f64 = 3000.0;
+/// Gain in the source, dB, from which other views are asked, too.
+const WORTH_A_LOOK: f64 = 0.25;
+/// How much larger the errors in other views may become: half a pixel does not show there.
+const NOT_WORSE: f64 = 1.1;
+/// Settings that can be wrong at once.
+const ROUNDS: usize = 3;
+/// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
+const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
+
+/// The part of a source's photograph that readings are compared on.
+pub(super) struct Trial<'a> {
+    pub(super) source: &'a PosedCamera,
+    pub(super) photograph: &'a RgbImage,
+    pub(super) region: Region,
+    pub(super) renderer: &'a SharedRenderer,
+}
+
+impl Trial<'_> {
+    fn intrinsics(&self) -> Intrinsics {
+        let whole = self.source.intrinsics;
+        Intrinsics {
+            cx: whole.cx - f64::from(self.region.x),
+            cy: whole.cy - f64::from(self.region.y),
+            width: self.region.width,
+            height: self.region.height,
+            ..whole
+        }
+    }
+
+    /// How Gaussians explain the part; `None` where they do not reach it, or too many of them do.
+    pub(super) fn fit(
+        &self,
+        gaussians: &Gaussians,
+        camera_from_file: DAffine3,
+    ) -> Result<Option<Fit>, RenderError> {
+        let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
+        if seen.members.is_empty() || seen.layers > MOST_LAYERS {
+            return Ok(None);
+        }
+        let seen = subset(gaussians, &seen.members);
+        let intrinsics = self.intrinsics();
+        let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;
+        let picture = self.renderer.picture(&output);
+        Ok(Some(Fit::of(self.photograph, self.region, &picture)))
+    }
+
+    /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
+    /// in this part alone, or together with `elsewhere`, other views of the scene. Those must not be explained worse, and decide
+    /// among several: Gaussians that are turned wrongly may cover their own source better than right ones.
+    pub(super) fn best_reading(
+        &self,
+        gaussians: &Gaussians,
+        reading: &FileReading,
+        as_read: &Fit,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<Option<(FileReading, Fit)>, RenderError> {
+        let mut best = (*reading, as_read.clone());
+        for _ in 0..ROUNDS {
+            let (before, fit_before) = &best;
+            let mut decoded = gaussians.clone();
+            if before.stored != reading.stored {
+                reading.stored.encode(&mut decoded);
+                before.stored.decode(&mut decoded);
+            }
+            let mut better = Vec::new();
+            let mut consider = |candidate: FileReading, gaussians: &Gaussians| {
+                let placed = candidate.placement.camera_from_file(self.source);
+                if let Some(fit) = self.fit(gaussians, placed)?
+                    && fit.gain_over(fit_before) >= WORTH_A_LOOK
+                {
+                    better.push((candidate, fit));
+                }
+                Ok::<(), RenderError>(())
+            };
+            for placement in placements(before.placement) {
+                consider(
+                    FileReading {
+                        placement,
+                        ..*before
+                    },
+                    &decoded,
+                )?;
+            }
+            let map = before.placement.camera_from_file(self.source);
+            let mut stored = subset(
+                &decoded,
+                &Seen::of(&decoded, map, &self.intrinsics()).members,
+            );
+            before.stored.encode(&mut stored);
+            for candidate in numbers(before, &stored) {
+                let mut decoded = stored.clone();
+                candidate.stored.decode(&mut decoded);
+                consider(candidate, &decoded)?;
+            }
+            if better.is_empty() {
+                break;
+            }
+            let of_others = |reading: &FileReading| {
+                let mut recoded = decoded.clone();
+                before.stored.encode(&mut recoded);
+                reading.stored.decode(&mut recoded);
+                self.fit_elsewhere(&recoded, reading.placement, elsewhere)
+            };
+            let fit_elsewhere = of_others(before)?;
+            let all_before = fit_before.joined(&fit_elsewhere);
+            let mut chosen: Option<(FileReading, Fit, Fit)> = None;
+            for (candidate, fit) in better {
+                let elsewhere = of_others(&candidate)?;
+                let all = fit.joined(&elsewhere);
+                let is_better = fit.explains()
+                    && (fit.is_closer_than(fit_before) || all.is_closer_than(&all_before));
+                let worse = elsewhere.error() > NOT_WORSE * fit_elsewhere.error();
+                let least = chosen.as_ref().map(|(.., all)| all.error());
+                if is_better && !worse && least.is_none_or(|least| all.error() < least) {
+                    chosen = Some((candidate, fit, all));
+                }
+            }
+            match chosen {
+                Some((candidate, fit, _)) => best = (candidate, fit),
+                None => break,
+            }
+        }
+        Ok((best.0 != *reading).then_some(best))
+    }
+}
+
+impl Trial<'_> {
+    /// How the Gaussians explain other views, placed by the poses.
+    fn fit_elsewhere(
+        &self,
+        gaussians: &Gaussians,
+        placement: Placement,
+        elsewhere: &[Trial<'_>],
+    ) -> Result<Fit, RenderError> {
+        let mut joined = Fit::default();
+        for other in elsewhere {
+            let other_from_own = self.source.to(other.source).to_affine();
+            let placed = other_from_own * placement.camera_from_file(self.source);
+            let nothing = || Fit::of_nothing(other.photograph, other.region);
+            let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
+            joined = joined.joined(&fit);
+        }
+        Ok(joined)
+    }
+}
+
+/// Other places: every space with every axes, and half a pixel either way.
+fn placements(current: Placement) -> Vec<Placement> {
+    let mut all = Vec::new();
+    for space in [FileSpace::Camera, FileSpace::World] {
+        let axes = AXES.into_iter().filter_map(Axes::parse);
+        all.extend(axes.map(|axes| Placement {
+            space,
+            axes,
+            ..current
+        }));
+    }
+    all.push(Placement {
+        space: FileSpace::Normalized,
+        axes: Axes::OPENCV,
+        ..current
+    });
+    let [x, y] = current.shift;
+    all.extend([-0.5, 0.5].map(|by| Placement {
+        shift: [x + by, y + by],
+        ..current
+    }));
+    all.retain(|placement| *placement != current);
+    all
+}
+
+/// Other meanings of the stored numbers, as far as they can have them.
+fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
+    let mut all = Vec::new();
+    let mut add = |change: &dyn Fn(&mut FileReading)| {
+        let mut other = *current;
+        change(&mut other);
+        if other != *current {
+            all.push(other);
+        }
+    };
+    for order in [
+        StoredQuaternions::Wxyz,
+        StoredQuaternions::Xyzw,
+        StoredQuaternions::WxyzInverse,
+        StoredQuaternions::XyzwInverse,
+    ] {
+        add(&|other| other.stored.quaternions = Some(order));
+    }
+    for space in [ColorSpace::Linear, ColorSpace::Srgb] {
+        add(&|other| other.stored.color_space = Some(space));
+    }
+    for channels in [StoredChannels::Rgb, StoredChannels::Bgr] {
+        add(&|other| other.stored.channels = Some(channels));
+    }
+    // Values come back from their encoding with some rounding.
+    let is_unit = |v: &f32| (-1e-4..=1.0001).contains(v);
+    if current.stored.opacity == Some(StoredOpacity::Logit) && stored.opacities.iter().all(is_unit)
+    {
+        add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
+    }
+    let scales = stored.scales.as_flattened();
+    if current.stored.scales == Some(StoredScales::Log) && scales.iter().all(|s| *s >= -1e-4) {
+        add(&|other| other.stored.scales = Some(StoredScales::Linear));
+    }
+    let colors = stored.colors.as_flattened();
+    if current.stored.colors == Some(StoredColors::Dc) && colors.iter().all(is_unit) {
+        add(&|other| other.stored.colors = Some(StoredColors::Rgb01));
+    }
+    all
+}
+
+/// Gaussians that can reach a picture.
+pub(super) struct Seen {
+    pub(super) members: Vec<usize>,
+    /// Boxes over a pixel, on average.
+    pub(super) layers: f64,
+}
+
+impl Seen {
+    /// By their centres and their largest standard deviation, generously.
+    pub(super) fn of(gaussians: &Gaussians, camera_from_file: DAffine3, k: &Intrinsics) -> Self {
+        let linear = camera_from_file.matrix3;
+        let stretch = [linear.x_axis, linear.y_axis, linear.z_axis].map(DVec3::length);
+        let stretch = stretch.into_iter().fold(0.0, f64::max);
+        let (width, height) = (f64::from(k.width), f64::from(k.height));
+        let mut members = Vec::new();
+        let mut area = 0.0;
+        for (index, mean) in gaussians.means.iter().enumerate() {
+            let p = camera_from_file.transform_point3(DVec3::from(mean.map(f64::from)));
+            if !(p.z > 0.01 && gaussians.is_finite(index)) {
+                continue;
+            }
+            let scale = gaussians.scales[index].into_iter().fold(0.0, f32::max);
+            // 3.33 standard deviations, half as much again for what lies aside of the axis.
+            let reach = 5.0 * f64::from(scale) * stretch / p.z;
+            let along = |middle: f64, reach: f64, side: f64| {
+                ((middle + reach).min(side) - (middle - reach).max(0.0)).max(0.0)
+            };
+            let across = along(k.fx * p.x / p.z + k.cx, k.fx * reach + 1.0, width);
+            let down = along(k.fy * p.y / p.z + k.cy, k.fy * reach + 1.0, height);
+            if across > 0.0 && down > 0.0 {
+                members.push(index);
+                area += across * down;
+            }
+        }
+        Self {
+            members,
+            layers: area / (width * height),
+        }
+    }
+}
+
+fn subset(gaussians: &Gaussians, members: &[usize]) -> Gaussians {
+    let of = |values: &[[f32; 3]]| members.iter().map(|&k| values[k]).collect();
+    Gaussians {
+        means: of(&gaussians.means),
+        quaternions: members.iter().map(|&k| gaussians.quaternions[k]).collect(),
+        scales: of(&gaussians.scales),
+        opacities: members.iter().map(|&k| gaussians.opacities[k]).collect(),
+        colors: of(&gaussians.colors),
+    }
+}

@@ -1,0 +1,243 @@
+//! How a file of Gaussians is read: its numbers, and where they lie from the source's camera. Each part is a setting.
+
+use glam::{DAffine3, DMat3, DVec3};
+use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
+use sharp::ply::Reading;
+
+use crate::pairs::PosedCamera;
+
+/// The coordinates that the means of a file are in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileSpace {
+    /// The source camera's.
+    Camera,
+    /// The dataset's world.
+    World,
+    /// SHARP's normalised space of the source.
+    Normalized,
+}
+
+/// Directions of a file's x, y and z axes, each one of `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down, forward,
+/// backward). OpenCV's are `rdf`, OpenGL's `rub`. In the world they are relative to the dataset's axes, taken as `rdf`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Axes([u8; 3]);
+
+impl Axes {
+    pub const OPENCV: Self = Self(*b"rdf");
+
+    /// `opencv`, `opengl` or three letters.
+    pub fn parse(text: &str) -> Option<Self> {
+        let letters = match text {
+            "opencv" => *b"rdf",
+            "opengl" => *b"rub",
+            _ => <[u8; 3]>::try_from(text.as_bytes()).ok()?,
+        };
+        let axis = |letter: u8| match letter {
+            b'r' | b'l' => Some(0),
+            b'd' | b'u' => Some(1),
+            b'f' | b'b' => Some(2),
+            _ => None,
+        };
+        let [x, y, z] = letters.map(axis);
+        let is_frame = x.is_some() && y.is_some() && z.is_some() && x != y && y != z && x != z;
+        is_frame.then_some(Self(letters))
+    }
+
+    /// Takes coordinates along these axes to OpenCV's. Mirrors where the axes are left-handed.
+    fn matrix(self) -> DMat3 {
+        let direction = |letter: u8| match letter {
+            b'l' => DVec3::NEG_X,
+            b'd' => DVec3::Y,
+            b'u' => DVec3::NEG_Y,
+            b'f' => DVec3::Z,
+            b'b' => DVec3::NEG_Z,
+            _ => DVec3::X,
+        };
+        let [x, y, z] = self.0.map(direction);
+        DMat3::from_cols(x, y, z)
+    }
+
+    fn name(self) -> String {
+        String::from_utf8_lossy(&self.0).into_owned()
+    }
+}
+
+/// Where the Gaussians of a file are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    pub space: FileSpace,
+    pub axes: Axes,
+    /// The file's unit, metres.
+    pub scale: f64,
+    /// Moves what the source's camera sees to the right and down, pixels.
+    pub shift: [f64; 2],
+}
+
+impl Default for Placement {
+    fn default() -> Self {
+        Self {
+            space: FileSpace::Camera,
+            axes: Axes::OPENCV,
+            scale: 1.0,
+            shift: [0.0; 2],
+        }
+    }
+}
+
+/// How a file is read.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FileReading {
+    pub stored: Reading,
+    pub placement: Placement,
+}
+
+impl Placement {
+    /// Takes the file's coordinates to those of the source's camera.
+    pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
+        let Intrinsics { fx, fy, .. } = source.intrinsics;
+        let own = DAffine3::from_mat3(self.axes.matrix() * self.scale);
+        let camera_from_space = match self.space {
+            FileSpace::Camera => DAffine3::IDENTITY,
+            FileSpace::World => source.camera_from_world.to_affine(),
+            FileSpace::Normalized => {
+                target_camera_from_source_ndc(&source.intrinsics, &source.to(source))
+            }
+        };
+        let [x, y] = self.shift;
+        // A pixel is a direction: it moves points in proportion to their depth.
+        let shifted = DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::new(x / fx, y / fy, 1.0));
+        DAffine3::from_mat3(shifted) * camera_from_space * own
+    }
+}
+
+impl FileReading {
+    const PLACEMENT_KEYS: [&'static str; 4] = ["space", "axes", "scale", "shift"];
+
+    /// That of arrays in memory: decoded values in the source camera's space.
+    pub fn of_arrays() -> Self {
+        Self {
+            stored: Reading::default().of_arrays(),
+            placement: Placement::default(),
+        }
+    }
+
+    /// Names of all settings.
+    pub fn keys() -> impl Iterator<Item = &'static str> {
+        Reading::KEYS.into_iter().chain(Self::PLACEMENT_KEYS)
+    }
+
+    /// Sets one of [`Self::keys`]; other keys are left alone. The error says which values there are.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), String> {
+        let needed = |what: &str| format!("{key}={value}: {what} is needed");
+        let number = |text: &str| text.parse::<f64>().ok().filter(|v| v.is_finite());
+        let placement = &mut self.placement;
+        match key {
+            "space" => {
+                placement.space = match value {
+                    "camera" => FileSpace::Camera,
+                    "world" => FileSpace::World,
+                    "normalized" => FileSpace::Normalized,
+                    _ => return Err(needed("camera, world or normalized")),
+                }
+            }
+            "axes" => {
+                let axes = Axes::parse(value);
+                placement.axes = axes.ok_or_else(|| {
+                    needed("opencv, opengl or the directions of x, y and z such as rdf or luf")
+                })?;
+            }
+            "scale" => {
+                let scale = number(value).filter(|v| *v > 0.0);
+                placement.scale = scale.ok_or_else(|| needed("a positive number"))?;
+            }
+            "shift" => {
+                let both = value.split_once(',');
+                let both = both.and_then(|(x, y)| Some([number(x.trim())?, number(y.trim())?]));
+                placement.shift = both.ok_or_else(|| needed("X,Y in pixels"))?;
+            }
+            _ => {
+                self.stored.set(key, value).map_err(|e| e.to_string())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What is set besides the defaults, by key, as [`Self::set`] takes it.
+    pub fn settings(&self) -> Vec<(&'static str, String)> {
+        let stored = self.stored.settings().into_iter();
+        let mut all: Vec<_> = stored.map(|(key, v)| (key, v.to_owned())).collect();
+        let (
+            Placement {
+                space,
+                axes,
+                scale,
+                shift,
+            },
+            plain,
+        ) = (self.placement, Placement::default());
+        let space_name = match space {
+            FileSpace::Camera => "camera",
+            FileSpace::World => "world",
+            FileSpace::Normalized => "normalized",
+        };
+        let placement = [
+            (space != plain.space, space_name.to_owned()),
+            (axes != plain.axes, axes.name()),
+            (scale != plain.scale, scale.to_string()),
+            (shift != plain.shift, format!("{},{}", shift[0], shift[1])),
+        ];
+        let named = Self::PLACEMENT_KEYS.into_iter().zip(placement);
+        all.extend(named.filter_map(|(key, (is_set, value))| is_set.then_some((key, value))));
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_name_a_frame_and_opengl_turns_about_x() {
+        for bad in ["", "rd", "rdd", "rlf", "xyz", "rdfb"] {
+            assert_eq!(Axes::parse(bad), None, "{bad}");
+        }
+        let point = DVec3::new(1.0, 2.0, 3.0);
+        let opencv = |axes: &str| Axes::parse(axes).unwrap().matrix() * point;
+        assert_eq!(opencv("opengl"), DVec3::new(1.0, -2.0, -3.0));
+        assert_eq!(opencv("luf"), DVec3::new(-1.0, -2.0, 3.0));
+        // x right, y forward, z up.
+        assert_eq!(opencv("rfu"), DVec3::new(1.0, -3.0, 2.0));
+    }
+
+    #[test]
+    fn settings_are_read_back_and_wrong_values_say_what_is_needed() {
+        let mut reading = FileReading::default();
+        assert_eq!(reading.settings(), []);
+        let given = [
+            ("opacity", "linear"),
+            ("quaternions", "xyzw"),
+            ("space", "world"),
+            ("axes", "luf"),
+            ("scale", "0.2"),
+            ("shift", "0.5,-0.5"),
+        ];
+        for (key, value) in given {
+            reading.set(key, value).unwrap();
+        }
+        let mut again = FileReading::default();
+        for (key, value) in reading.settings() {
+            again.set(key, &value).unwrap();
+        }
+        assert_eq!(again, reading);
+        for (key, value, part) in [
+            ("opacity", "log", "logit or linear"),
+            ("scale", "-1", "positive"),
+            ("shift", "1", "X,Y"),
+            ("space", "moon", "camera, world or normalized"),
+            ("axes", "rdd", "rdf"),
+        ] {
+            let error = reading.set(key, value).unwrap_err();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+}

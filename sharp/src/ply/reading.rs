@@ -1,0 +1,313 @@
+//! How stored numbers are read, where a file's program stored them otherwise than 3D Gaussian Splatting does.
+
+use super::{ColorSpace, SH_CONSTANT};
+use crate::color::{linear_from_srgb, srgb_from_linear};
+use crate::gaussians::Gaussians;
+
+/// A value that a setting does not have.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{key}={value}: {} is needed", known.join(" or "))]
+pub struct UnknownReading {
+    pub key: &'static str,
+    pub value: String,
+    pub known: &'static [&'static str],
+}
+
+/// An enum whose variants are written as the values of a setting.
+macro_rules! setting {
+    ($(#[$about:meta])* $name:ident, $key:literal: $($(#[$of:meta])* $variant:ident = $text:literal),+ $(,)?) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name { $($(#[$of])* $variant),+ }
+
+        impl $name {
+            /// Name of the setting.
+            pub const KEY: &'static str = $key;
+
+            /// As in the setting.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $text),+ }
+            }
+
+            fn parse(value: &str) -> Result<Self, UnknownReading> {
+                match value {
+                    $($text => Ok(Self::$variant),)+
+                    _ => Err(UnknownReading {
+                        key: Self::KEY,
+                        value: value.to_owned(),
+                        known: &[$($text),+],
+                    }),
+                }
+            }
+        }
+    };
+}
+
+setting!(
+    /// Opacities.
+    StoredOpacity, "opacity":
+    /// ln(o / (1 − o)).
+    Logit = "logit",
+    /// 0..1.
+    Linear = "linear",
+    /// 0..255.
+    Byte = "byte",
+);
+setting!(
+    /// Standard deviations.
+    StoredScales, "scales":
+    /// Natural logarithms.
+    Log = "log",
+    /// As they are.
+    Linear = "linear",
+);
+setting!(
+    /// Order and direction of quaternions.
+    StoredQuaternions, "quaternions":
+    Wxyz = "wxyz",
+    Xyzw = "xyzw",
+    /// The inverse rotations.
+    WxyzInverse = "wxyz-inverse",
+    XyzwInverse = "xyzw-inverse",
+);
+setting!(
+    /// Colours.
+    StoredColors, "colors":
+    /// The constant coefficient of spherical harmonics, (c − ½) / √(1 / 4π).
+    Dc = "dc",
+    /// 0..1.
+    Rgb01 = "rgb01",
+    /// 0..255; of a PLY without `f_dc_*` its `red green blue`.
+    Rgb255 = "rgb255",
+    /// ln(c / (1 − c)), as nerfstudio exports models of degree 0.
+    Logit = "logit",
+);
+setting!(
+    /// Order of the colours' channels.
+    StoredChannels, "channels":
+    Rgb = "rgb",
+    Bgr = "bgr",
+);
+setting!(
+    /// Coefficients of view-dependent colour.
+    Harmonics, "harmonics":
+    /// Files with some that are not zero are refused.
+    Refuse = "refuse",
+    /// The constant term alone is drawn.
+    Drop = "drop",
+);
+setting!(
+    /// Marks of another rendering rule: antialiasing, flat Gaussians, a filter that is not folded in.
+    Marks, "marks":
+    /// Such files are refused.
+    Refuse = "refuse",
+    /// Drawn as if they were not there.
+    Ignore = "ignore",
+);
+
+/// How a file's numbers are read; what is `None` is read as its format has it. A value that is given is not doubted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Reading {
+    pub color_space: Option<ColorSpace>,
+    pub opacity: Option<StoredOpacity>,
+    pub scales: Option<StoredScales>,
+    pub quaternions: Option<StoredQuaternions>,
+    pub colors: Option<StoredColors>,
+    pub channels: Option<StoredChannels>,
+    pub harmonics: Option<Harmonics>,
+    pub marks: Option<Marks>,
+}
+
+impl From<Option<ColorSpace>> for Reading {
+    fn from(color_space: Option<ColorSpace>) -> Self {
+        Self {
+            color_space,
+            ..Self::default()
+        }
+    }
+}
+
+impl Reading {
+    /// Names of all settings.
+    pub const KEYS: [&'static str; 8] = [
+        "color_space",
+        StoredOpacity::KEY,
+        StoredScales::KEY,
+        StoredQuaternions::KEY,
+        StoredColors::KEY,
+        StoredChannels::KEY,
+        Harmonics::KEY,
+        Marks::KEY,
+    ];
+
+    /// Sets one of [`Self::KEYS`]; false for another key.
+    ///
+    /// # Errors
+    /// [`UnknownReading`] for a value that the setting does not have.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<bool, UnknownReading> {
+        match key {
+            "color_space" => {
+                let space = value.parse().map_err(|_| UnknownReading {
+                    key: "color_space",
+                    value: value.to_owned(),
+                    known: &["linear", "srgb"],
+                })?;
+                self.color_space = Some(space);
+            }
+            StoredOpacity::KEY => self.opacity = Some(StoredOpacity::parse(value)?),
+            StoredScales::KEY => self.scales = Some(StoredScales::parse(value)?),
+            StoredQuaternions::KEY => self.quaternions = Some(StoredQuaternions::parse(value)?),
+            StoredColors::KEY => self.colors = Some(StoredColors::parse(value)?),
+            StoredChannels::KEY => self.channels = Some(StoredChannels::parse(value)?),
+            Harmonics::KEY => self.harmonics = Some(Harmonics::parse(value)?),
+            Marks::KEY => self.marks = Some(Marks::parse(value)?),
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    /// What is set, by key.
+    pub fn settings(&self) -> Vec<(&'static str, &'static str)> {
+        let space = self.color_space.map(|space| match space {
+            ColorSpace::Srgb => "srgb",
+            ColorSpace::Linear => "linear",
+        });
+        let all = [
+            space,
+            self.opacity.map(StoredOpacity::name),
+            self.scales.map(StoredScales::name),
+            self.quaternions.map(StoredQuaternions::name),
+            self.colors.map(StoredColors::name),
+            self.channels.map(StoredChannels::name),
+            self.harmonics.map(Harmonics::name),
+            self.marks.map(Marks::name),
+        ];
+        let named = Self::KEYS.into_iter().zip(all);
+        named
+            .filter_map(|(key, value)| Some((key, value?)))
+            .collect()
+    }
+
+    /// As a PLY has it, where nothing is set.
+    pub fn of_ply(self) -> Self {
+        Self {
+            opacity: self.opacity.or(Some(StoredOpacity::Logit)),
+            scales: self.scales.or(Some(StoredScales::Log)),
+            colors: self.colors.or(Some(StoredColors::Dc)),
+            ..self.common()
+        }
+    }
+
+    /// As arrays of decoded values have it (standard deviations, opacities 0..1, linear colours), where nothing is set.
+    pub fn of_arrays(self) -> Self {
+        Self {
+            opacity: self.opacity.or(Some(StoredOpacity::Linear)),
+            scales: self.scales.or(Some(StoredScales::Linear)),
+            colors: self.colors.or(Some(StoredColors::Rgb01)),
+            color_space: self.color_space.or(Some(ColorSpace::Linear)),
+            ..self.common()
+        }
+    }
+
+    fn common(self) -> Self {
+        Self {
+            quaternions: self.quaternions.or(Some(StoredQuaternions::Wxyz)),
+            channels: self.channels.or(Some(StoredChannels::Rgb)),
+            ..self
+        }
+    }
+
+    /// Turns stored numbers into what they stand for. Settings that are `None` leave them as they are.
+    pub fn decode(&self, gaussians: &mut Gaussians) {
+        for opacity in &mut gaussians.opacities {
+            *opacity = match self.opacity {
+                Some(StoredOpacity::Logit) => logistic(*opacity),
+                Some(StoredOpacity::Byte) => *opacity / 255.0,
+                Some(StoredOpacity::Linear) | None => *opacity,
+            };
+        }
+        if self.scales == Some(StoredScales::Log) {
+            for scale in gaussians.scales.as_flattened_mut() {
+                *scale = f64::from(*scale).exp() as f32;
+            }
+        }
+        for quaternion in &mut gaussians.quaternions {
+            let [a, b, c, d] = *quaternion;
+            *quaternion = match self.quaternions {
+                Some(StoredQuaternions::Wxyz) | None => [a, b, c, d],
+                Some(StoredQuaternions::Xyzw) => [d, a, b, c],
+                Some(StoredQuaternions::WxyzInverse) => [a, -b, -c, -d],
+                Some(StoredQuaternions::XyzwInverse) => [d, -a, -b, -c],
+            };
+        }
+        for color in &mut gaussians.colors {
+            if self.channels == Some(StoredChannels::Bgr) {
+                color.reverse();
+            }
+            *color = color.map(|stored| {
+                let value = match self.colors {
+                    Some(StoredColors::Dc) => stored * SH_CONSTANT + 0.5,
+                    Some(StoredColors::Rgb255) => stored / 255.0,
+                    Some(StoredColors::Logit) => logistic(stored),
+                    Some(StoredColors::Rgb01) | None => stored,
+                };
+                match self.color_space {
+                    Some(ColorSpace::Srgb) => linear_from_srgb(value),
+                    Some(ColorSpace::Linear) | None => value,
+                }
+            });
+        }
+    }
+}
+
+impl Reading {
+    /// What [`Self::decode`] made the Gaussians of, but for rounding.
+    pub fn encode(&self, gaussians: &mut Gaussians) {
+        for opacity in &mut gaussians.opacities {
+            *opacity = match self.opacity {
+                Some(StoredOpacity::Logit) => logit(*opacity),
+                Some(StoredOpacity::Byte) => *opacity * 255.0,
+                Some(StoredOpacity::Linear) | None => *opacity,
+            };
+        }
+        if self.scales == Some(StoredScales::Log) {
+            for scale in gaussians.scales.as_flattened_mut() {
+                *scale = scale.ln();
+            }
+        }
+        for quaternion in &mut gaussians.quaternions {
+            let [w, x, y, z] = *quaternion;
+            *quaternion = match self.quaternions {
+                Some(StoredQuaternions::Wxyz) | None => [w, x, y, z],
+                Some(StoredQuaternions::Xyzw) => [x, y, z, w],
+                Some(StoredQuaternions::WxyzInverse) => [w, -x, -y, -z],
+                Some(StoredQuaternions::XyzwInverse) => [-x, -y, -z, w],
+            };
+        }
+        for color in &mut gaussians.colors {
+            *color = color.map(|linear| {
+                let value = match self.color_space {
+                    Some(ColorSpace::Srgb) => srgb_from_linear(linear),
+                    Some(ColorSpace::Linear) | None => linear,
+                };
+                match self.colors {
+                    Some(StoredColors::Dc) => (value - 0.5) / SH_CONSTANT,
+                    Some(StoredColors::Rgb255) => value * 255.0,
+                    Some(StoredColors::Logit) => logit(value),
+                    Some(StoredColors::Rgb01) | None => value,
+                }
+            });
+            if self.channels == Some(StoredChannels::Bgr) {
+                color.reverse();
+            }
+        }
+    }
+}
+
+fn logit(value: f32) -> f32 {
+    (value / (1.0 - value)).ln()
+}
+
+pub(super) fn logistic(logit: f32) -> f32 {
+    (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32
+}

@@ -1,0 +1,229 @@
+//! What stored numbers alone reveal of a wrong reading.
+//!
+//! The bounds are measured: none fires on real files of seven programs, each fires on files that were written wrongly.
+//! Columns of one value are fresh initialisations and fewer than [`LEAST`] Gaussians say nothing. A quaternion's order
+//! cannot be told from numbers: files of real scenes have any of the four components as the largest.
+
+use super::reading::{
+    Reading, StoredColors, StoredOpacity, StoredQuaternions, StoredScales, logistic,
+};
+use crate::gaussians::Gaussians;
+
+/// Fewer Gaussians are not judged.
+const LEAST: usize = 20;
+
+/// A doubt about how a file is read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Suspicion {
+    /// What it is about: one of a kind is enough to say.
+    pub about: &'static str,
+    /// Why, and the setting that mends it.
+    pub text: String,
+}
+
+impl Suspicion {
+    pub fn new(about: &'static str, text: impl Into<String>) -> Self {
+        Self {
+            about,
+            text: text.into(),
+        }
+    }
+}
+
+/// Doubts about numbers as they are stored, of settings that were not given. `format` is the whole reading, with what
+/// the format has where nothing was given.
+pub fn suspicions(stored: &Gaussians, given: &Reading, format: &Reading) -> Vec<Suspicion> {
+    let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
+    if finite.len() < LEAST {
+        return Vec::new();
+    }
+    let of = |values: &[[f32; 3]]| -> Vec<f32> {
+        let rows = finite.iter().flat_map(|&k| values[k]);
+        rows.collect()
+    };
+    let opacities = Range::of(finite.iter().map(|&k| stored.opacities[k]).collect());
+    let colors = Range::of(of(&stored.colors));
+    let scales = Range::of(of(&stored.scales));
+    let extent = extent(stored, &finite);
+    let mut found = Vec::new();
+    let mut doubt = |about, text: String| found.push(Suspicion::new(about, text));
+    if given.opacity.is_none() && format.opacity == Some(StoredOpacity::Logit) {
+        if opacities.is_activated() {
+            doubt(
+                StoredOpacity::KEY,
+                format!(
+                    "its opacities look as if they were stored without the logit (all stored values are in {:.3}..{:.3}, so \
+                     that every opacity is in {:.3}..{:.3}): `opacity=linear` reads them so",
+                    opacities.least,
+                    opacities.most,
+                    logistic(opacities.least),
+                    logistic(opacities.most)
+                ),
+            );
+        } else if opacities.is_byte() {
+            doubt(
+                StoredOpacity::KEY,
+                format!(
+                    "its opacities look like 0..255 (stored values {}..{}): `opacity=byte` reads them so",
+                    opacities.least, opacities.most
+                ),
+            );
+        }
+    }
+    if given.scales.is_none()
+        && format.scales == Some(StoredScales::Log)
+        && scales.least >= 0.0
+        && scales.median.exp() > 0.05 * extent
+    {
+        doubt(
+            StoredScales::KEY,
+            format!(
+                "its scales look as if they were no logarithms (none is negative; read as logarithms, half of the standard \
+                 deviations are above {:.3}, where the scene is {extent:.1} across): `scales=linear` reads them so",
+                scales.median.exp()
+            ),
+        );
+    }
+    if given.colors.is_none() {
+        let is_dc = format.colors == Some(StoredColors::Dc);
+        if is_dc && colors.is_unit() {
+            doubt(
+                StoredColors::KEY,
+                format!(
+                    "its colours look like 0..1 instead of coefficients (all stored values are in {:.3}..{:.3}): \
+                     `colors=rgb01` reads them so",
+                    colors.least, colors.most
+                ),
+            );
+        } else if colors.is_byte() {
+            doubt(
+                StoredColors::KEY,
+                format!(
+                    "its colours look like 0..255 (stored values {}..{}): `colors=rgb255` reads them so",
+                    colors.least, colors.most
+                ),
+            );
+        }
+    }
+    let lost = |k: &&usize| matches!(stored.quaternions[**k], [0.0, 0.0, 0.0, w] if w != 0.0);
+    if given.quaternions.is_none()
+        && format.quaternions == Some(StoredQuaternions::Wxyz)
+        && finite.iter().filter(lost).count() * 100 > finite.len() * 99
+        && finite
+            .iter()
+            .filter(|k| is_stretched(stored.scales[**k], format))
+            .count()
+            * 2
+            > finite.len()
+    {
+        doubt(
+            StoredQuaternions::KEY,
+            "its rotations look lost: every quaternion is (0, 0, 0, 1), no rotation stored as x, y, z, w; the program that \
+             wrote it has to store them, and `quaternions=xyzw` reads that order"
+                .to_owned(),
+        );
+    }
+    if is_viewer_normalised(stored, &finite) {
+        doubt(
+            "space",
+            "its coordinates look normalised for a viewer (median 0, 95 % within 1), as pixelSplat's and Flash3D's export \
+             writes them: scale and camera are lost, take the Gaussians before that export"
+                .to_owned(),
+        );
+    }
+    found
+}
+
+/// Smallest, middle and largest of some values.
+struct Range {
+    least: f32,
+    median: f32,
+    most: f32,
+    /// Between the 1 % and the 99 % quantile.
+    spread: f32,
+}
+
+impl Range {
+    /// Of at least one value.
+    fn of(mut values: Vec<f32>) -> Self {
+        values.sort_unstable_by(f32::total_cmp);
+        let at = |q: f64| values[((values.len() - 1) as f64 * q).round() as usize];
+        Self {
+            least: at(0.0),
+            median: at(0.5),
+            most: at(1.0),
+            spread: at(0.99) - at(0.01),
+        }
+    }
+
+    /// All within 0..1, and far enough apart to be colours: coefficients as close are those of one shade.
+    fn is_unit(&self) -> bool {
+        self.least >= 0.0 && self.most <= 1.0 && self.spread >= 0.5
+    }
+
+    fn is_byte(&self) -> bool {
+        self.least >= 0.0 && self.most > 20.0
+    }
+
+    /// All within 0..1. Of a single value, the one that is a round number is taken for what was meant: the stored one, or
+    /// its logistic.
+    fn is_activated(&self) -> bool {
+        let is_round = |value: f32| (value * 1000.0 - (value * 1000.0).round()).abs() < 1e-3;
+        let inside = self.least >= 0.0 && self.most <= 1.0;
+        inside
+            && (self.least < self.most || (is_round(self.least) && !is_round(logistic(self.least))))
+    }
+}
+
+/// A standard deviation that no scene has: half of them are wider than all of it, or one is beyond a million.
+pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
+    let finite: Vec<usize> = (0..gaussians.len())
+        .filter(|&k| gaussians.is_finite(k))
+        .collect();
+    let mut scales: Vec<f32> = finite.iter().flat_map(|&k| gaussians.scales[k]).collect();
+    scales.sort_unstable_by(f32::total_cmp);
+    let most = scales.last().copied()?;
+    let median = scales[scales.len() / 2];
+    let extent = extent(gaussians, &finite);
+    let is_wide = finite.len() >= LEAST && extent > 0.0 && median > extent;
+    match (most > 1e6, is_wide) {
+        (true, _) => Some(most),
+        (false, true) => Some(median),
+        (false, false) => None,
+    }
+}
+
+/// True where a rotation would show: deviations that differ by more than a twentieth.
+fn is_stretched(stored: [f32; 3], format: &Reading) -> bool {
+    let [x, y, z] = match format.scales {
+        Some(StoredScales::Log) => stored.map(f32::exp),
+        _ => stored,
+    };
+    x.max(y).max(z) > 1.05 * x.min(y).min(z)
+}
+
+/// Diagonal of the box that holds the middle 90 % of the centres along each axis.
+fn extent(stored: &Gaussians, finite: &[usize]) -> f32 {
+    let axes = [0, 1, 2].map(|axis| {
+        let mut along: Vec<f32> = finite.iter().map(|&k| stored.means[k][axis]).collect();
+        along.sort_unstable_by(f32::total_cmp);
+        let at = |q: f64| along[((along.len() - 1) as f64 * q).round() as usize];
+        at(0.95) - at(0.05)
+    });
+    axes.iter().map(|side| side * side).sum::<f32>().sqrt()
+}
+
+fn is_viewer_normalised(stored: &Gaussians, finite: &[usize]) -> bool {
+    let mut largest = 0.0_f32;
+    for axis in 0..3 {
+        let mut along: Vec<f32> = finite.iter().map(|&k| stored.means[k][axis]).collect();
+        along.sort_unstable_by(f32::total_cmp);
+        if along[along.len() / 2].abs() >= 1e-5 {
+            return false;
+        }
+        let mut away: Vec<f32> = along.iter().map(|v| v.abs()).collect();
+        away.sort_unstable_by(f32::total_cmp);
+        largest = largest.max(away[((away.len() - 1) as f64 * 0.95).round() as usize]);
+    }
+    (largest - 1.0).abs() <= 1e-3
+}
