@@ -466,6 +466,7 @@ mod tests {
             views: Vec::new(),
             pairing: sharp_datasets::Pairing::MultiView,
             notes: Vec::new(),
+            warnings: Vec::new(),
         };
         let checked = CheckedSource {
             camera: &source,
