@@ -32,6 +32,8 @@ fn main() -> ExitCode {
     };
     let trials = vec![
         trial("kills at random moments, under changing shards", kills),
+        trial("kills and errors at exact system calls", at_system_calls)
+            .with_ignored_flag(!has_strace()),
         trial("spoilt units, other clocks and a second process", disturbed),
         trial("an input that vanishes and comes back", vanished_input),
         trial(
@@ -302,6 +304,105 @@ fn vanished_input() {
     }
     sharp_bench(dir.path(), &["merge", "Q"]).ends_with(0);
     assert!(fs::read(dir.path().join("Q/scores.csv")).unwrap() == expected);
+}
+
+/// A command of the program's, disturbed at a system call and then left alone: it ends well and leaves nothing half
+/// written, wherever the disturbance came.
+fn at_system_calls() {
+    const RUN: &str = "run --quiet --no-cache --dataset synthetic=views=3,size=64x48 --method copy --metrics psnr --out";
+    let dir = tempfile::tempdir().unwrap();
+    let left_alone = |line: &str| {
+        let args: Vec<&str> = line.split(' ').collect();
+        sharp_bench(dir.path(), &args).ends_with(0);
+    };
+    let disturbed = |call: &str, how: &str, line: &str| {
+        let injected = format!("inject={call}:{how}");
+        let mut strace = Command::new("strace");
+        strace.args([
+            "-f",
+            "-qq",
+            "-o",
+            "/dev/null",
+            "-e",
+            &format!("trace={call}"),
+        ]);
+        strace.args(["-e", &injected, env!("CARGO_BIN_EXE_sharp-bench")]);
+        strace.args(line.split(' ')).current_dir(dir.path());
+        strace.stdout(Stdio::null()).stderr(Stdio::null());
+        strace.status().unwrap();
+        left_alone(line);
+        let mut open = vec![dir.path().to_owned()];
+        while let Some(folder) = open.pop() {
+            for entry in fs::read_dir(folder).unwrap() {
+                let entry = entry.unwrap();
+                let name = entry.file_name().into_string().unwrap();
+                assert!(
+                    !name.starts_with(".partial"),
+                    "{name} after {how} at {call} of {line}"
+                );
+                if entry.file_type().unwrap().is_dir() {
+                    open.push(entry.path());
+                }
+            }
+        }
+    };
+    left_alone(&format!("{RUN} a"));
+    let expected = fs::read(dir.path().join("a/scores.csv")).unwrap();
+    let is_whole = |run: &str| {
+        let found = fs::read(dir.path().join(run).join("scores.csv")).unwrap();
+        assert!(found == expected, "{run}");
+    };
+    for at in 1..=6 {
+        disturbed(
+            "renameat",
+            &format!("signal=KILL:when={at}"),
+            &format!("{RUN} r{at}"),
+        );
+        is_whole(&format!("r{at}"));
+    }
+    for (n, how) in ["signal=KILL", "error=EIO", "error=ENOSPC"]
+        .iter()
+        .enumerate()
+    {
+        disturbed(
+            "fsync",
+            &format!("{how}:when=1"),
+            &format!("merge a --out m{n}"),
+        );
+        is_whole(&format!("m{n}"));
+    }
+    let config = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/golden/model/tiny_config.json"
+    );
+    let stage = "steps = 1\nbatch = 1\nside = 192\nschedule = { peak = 1e-3, last = 1e-4, warmup_steps = 0 }\n";
+    let training = format!(
+        "network.file = \"{config}#tiny\"\nlosses.percep = 0.0\n[stage1]\n{stage}[stage2]\n{stage}[intervals]\n\
+         validation = 1\ncheckpoint = 1\n"
+    );
+    fs::write(dir.path().join("t.toml"), training).unwrap();
+    for (call, line) in [
+        ("renameat", "report a --quiet"),
+        (
+            "renameat",
+            "cameras export --dataset synthetic=views=3,size=64x48 --out e",
+        ),
+        ("fsync", "bundle a --out b.zip"),
+        ("fsync", "history add h a --label x --date 2026-01-01"),
+        (
+            "renameat",
+            "train t.toml --out t --validation synthetic=size=64x48,views=20 --validation-pairs 1 --metrics psnr --quiet",
+        ),
+    ] {
+        disturbed(call, "signal=KILL:when=1", line);
+    }
+}
+
+fn has_strace() -> bool {
+    let probe = Command::new("strace")
+        .args(["-f", "-o", "/dev/null", "true"])
+        .status();
+    probe.is_ok_and(|status| status.success())
 }
 
 fn stopped() {

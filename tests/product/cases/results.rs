@@ -246,3 +246,60 @@ fn numbers_of_other_code_are_named() {
     );
     assert_eq!(said.ends_with(0).json()["found"], serde_json::json!([]));
 }
+
+#[cfg(unix)]
+#[test]
+fn weights_that_a_command_line_names_are_hashed_however_they_are_written() {
+    let case = empty();
+    stereo(&case.path("D"), 10);
+    for (name, level) in [("dark", 20), ("light", 200)] {
+        let picture = image::RgbImage::from_pixel(64, 48, image::Rgb([level; 3]));
+        picture.save(case.path(&format!("{name}.png"))).unwrap();
+    }
+    let program = "\
+while read -r line; do
+  to=$(echo \"$line\" | sed 's/.*\"write_to\": *\"\\([^\"]*\\)\".*/\\1/')
+  id=$(echo \"$line\" | sed 's/.*\"pair_id\": *\"\\([^\"]*\\)\".*/\\1/')
+  cp \"$TOP/$(cat \"${1#*=}\").png\" \"$to\"
+  echo \"{\\\"pair_id\\\":\\\"$id\\\"}\"
+done
+";
+    fs::write(case.path("my.sh"), program).unwrap();
+    case.run("mkdir 'a b' sub; cp my.sh 'a b'; cp my.sh sub")
+        .ends_with(0);
+    for line in [
+        "sh my.sh w.txt",
+        "sh my.sh --weights=w.txt",
+        "cd sub && sh my.sh ../w.txt",
+        "sh my.sh $TOP/w.txt",
+        "sh my.sh \"a b/w.txt\"",
+    ] {
+        let psnr = |weights: &str| {
+            fs::write(case.path("w.txt"), weights).unwrap();
+            fs::write(case.path("a b/w.txt"), weights).unwrap();
+            case.run(&format!(
+                "TOP=$PWD; export TOP; sharp-bench run -q --dataset stereo=D --method \"command:label=m,run='{}'\" \
+                 --metrics psnr --out r",
+                line.replace('"', "\\\"").replace('$', "\\$")
+            ))
+            .ends_with(0);
+            case.scores("r", "psnr")
+        };
+        let (dark, light) = (psnr("dark"), psnr("light"));
+        assert_ne!(dark, light, "{line}");
+        assert_eq!(psnr("dark"), dark, "{line}");
+        case.run("rm -r r").ends_with(0);
+    }
+    let said = case.run(
+        "TOP=$PWD; export TOP; sharp-bench run -q --dataset stereo=D --method \"command:label=m,run='sh my.sh w.txt \
+         --extra=gone.pt'\" --metrics psnr --out r",
+    );
+    let all = Case {
+        said: vec![said],
+        ..case
+    };
+    all.is_said_everywhere(
+        "r",
+        "names gone.pt, which looks like a file and is not there",
+    );
+}

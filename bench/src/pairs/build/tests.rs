@@ -46,6 +46,25 @@ fn pairs_within_reach_qualify_both_ways() {
 }
 
 #[test]
+fn a_list_that_is_stopped_reads_no_more_depth() {
+    let long = row("d", "s", 0.05, &[WALL; 40]);
+    let reads = || long.reads.load(Ordering::Relaxed);
+    let context = BuildContext {
+        stop: &|| reads() >= 15,
+        ..BuildContext::default()
+    };
+    let scenes = std::slice::from_ref(&long.scene);
+    let stopped = build_pairs(scenes, &"limit=all".parse().unwrap(), &context);
+    assert!(matches!(stopped, Err(PairError::Stopped)));
+    // Those that several threads had begun.
+    assert!(
+        (15..=15 + rayon::current_num_threads()).contains(&reads()),
+        "{}",
+        reads()
+    );
+}
+
+#[test]
 fn each_depth_map_is_read_once_unless_memory_is_short() {
     let few = row("d", "s", 0.05, &[WALL; 25]);
     let plenty = build(std::slice::from_ref(&few.scene), "limit=all");
