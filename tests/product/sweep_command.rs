@@ -27,6 +27,14 @@ fn folder() -> tempfile::TempDir {
 
 fn is_there(dir: &Path, name: &str) {
     assert!(dir.join(name).is_file(), "{name}");
+    if name.ends_with(".pdf") {
+        let file = hayro_syntax::Pdf::new(std::fs::read(dir.join(name)).unwrap());
+        let file = file.unwrap_or_else(|_| panic!("{name} cannot be opened"));
+        let page = &file.pages()[0];
+        let mut operations = page.operations();
+        let count = std::iter::from_fn(|| operations.next().map(|_| ())).count();
+        assert!(file.pages().len() == 1 && count > 100, "{name}: {count}");
+    }
 }
 
 #[test]
