@@ -174,6 +174,12 @@ fn read_scene(
             }
         ));
     }
+    let mut folders = vec![(scene.folder_of_pictures(), "are named by no frame")];
+    let depth =
+        ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
+    folders.extend(depth);
+    folders.retain(|(unused, _)| unused != folder);
+    scene.note_unused(&folders);
     scene.finish_with_views(root.id_of(folder), "")
 }
 
