@@ -179,7 +179,10 @@ fn read_scene(
         ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
     folders.extend(depth);
     folders.retain(|(unused, _)| unused != folder);
-    scene.note_unused(&folders);
+    // The file of a split leaves pictures to the others.
+    if json.ends_with(NAMES[0]) {
+        scene.note_unused(&folders);
+    }
     scene.finish_with_views(root.id_of(folder), "")
 }
 
