@@ -191,6 +191,15 @@ fn read_scene(
             }
         ));
     }
+    let mut folders = vec![(scene.folder_of_pictures(), "are named by no frame")];
+    let depth =
+        ["depth", "depths"].map(|name| (folder.join(name), "are no frame's depth_file_path"));
+    folders.extend(depth);
+    folders.retain(|(unused, _)| unused != folder);
+    // The file of a split leaves pictures to the others.
+    if json.ends_with(NAMES[0]) {
+        scene.note_unused(&folders);
+    }
     scene.finish_with_views(root.id_of(folder), "")
 }
 

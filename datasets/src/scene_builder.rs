@@ -91,6 +91,12 @@ impl<'a> SceneBuilder<'a> {
         views.any(|view| view.content.processing().masked)
     }
 
+    /// The folder of the first picture; an empty path where there is none.
+    pub(crate) fn folder_of_pictures(&self) -> PathBuf {
+        let first = self.seen.first().and_then(|picture| picture.parent());
+        first.map_or_else(PathBuf::new, Path::to_owned)
+    }
+
     /// Notes files of some folders that no view uses, with the reason for each folder. Pictures that were left out have
     /// their own note.
     pub(crate) fn note_unused(&mut self, folders: &[(PathBuf, &'static str)]) {
@@ -98,6 +104,9 @@ impl<'a> SceneBuilder<'a> {
         let used: BTreeSet<PathBuf> = used.chain(self.seen.iter().cloned()).collect();
         for (folder, why) in folders {
             let mut names = Vec::new();
+            if folder.as_os_str().is_empty() {
+                continue;
+            }
             unused(folder, &used, 2, &mut names);
             let name = |path: &PathBuf| {
                 let below = path.strip_prefix(folder).unwrap_or(path);

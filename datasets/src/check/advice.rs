@@ -1,7 +1,7 @@
 //! What was found to fit better, in words, with the setting that mends it.
 
 use super::explained::Explained;
-use super::fit::{Better, Change};
+use super::fit::Change;
 use crate::{DatasetSpec, View};
 
 /// Depths between which scenes lie, metres.
@@ -39,9 +39,14 @@ impl Units {
 }
 
 /// The sentence on a reading that fits better than the reader's.
-pub(super) fn sentence(better: &Better, units: Units, median_m: f64, views: &[View]) -> String {
-    let evidence = evidence(&better.as_read, &better.explained);
-    match &better.change {
+pub(super) fn sentence(
+    change: &Change,
+    evidence: &str,
+    units: Units,
+    median_m: f64,
+    views: &[View],
+) -> String {
+    match change {
         Change::Scale(scale) => {
             let (fits, or) = scaled(*scale, units, median_m);
             format!("{fits} fits: {evidence}{or}")
@@ -110,7 +115,8 @@ fn scaled(scale: f64, units: Units, median_m: f64) -> (String, String) {
     }
 }
 
-fn evidence(as_read: &Explained, other: &Explained) -> String {
+/// How much better another reading explains neighbouring views.
+pub(super) fn evidence(as_read: &Explained, other: &Explained) -> String {
     let mut parts = Vec::new();
     if other.meets_depth() {
         parts.push(format!(

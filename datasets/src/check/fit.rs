@@ -10,8 +10,10 @@ use super::advice::{self, Units};
 use super::consistency::{Consistency, Fit};
 use super::convention::CONVENTIONS;
 use super::explained::{DepthIs, ENOUGH, Explained, Reading};
-use super::small_view::{Sample, SmallView};
-use super::{Effort, evenly_spaced, plausible};
+use super::orders::{neighbours, orders};
+use super::search::{is_worth_a_word, least};
+use super::small_view::{Sample, SmallView, WIDEST};
+use super::{Effort, plausible};
 use crate::View;
 
 /// Another reading has to take away this share of the loss; one that changes a factor, which proper data never moves far, this.
@@ -22,13 +24,8 @@ const LEAST_LANDED: usize = 500;
 /// And to be better in this share of the parts of the pictures, by this many standard errors of their mean.
 const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
-/// A factor nearer to 1 is not worth a word.
-const LEAST_FACTOR: f64 = 1.03;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
-
-/// Of fewer views any assignment to poses may fit.
-const LEAST_VIEWS: usize = 5;
 
 /// What another reading changes.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,9 +51,6 @@ impl Change {
         }
     }
 }
-
-/// Which view's pose a picture has, if any.
-type PoseOf = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// A reading that fits better.
 #[derive(Debug, Clone)]
@@ -85,7 +79,7 @@ impl<'a> Neighbours<'a> {
         let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
         let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
         let small = wanted.iter().filter_map(|i| {
-            let view = SmallView::new(&views[*i], true)?;
+            let view = SmallView::new(&views[*i], true, WIDEST)?;
             let samples: Vec<Sample> = view.samples().collect();
             (!samples.is_empty()).then_some((*i, (view, samples)))
         });
@@ -105,7 +99,7 @@ impl<'a> Neighbours<'a> {
         }
         let around = around
             .into_iter()
-            .filter_map(|i| Some((i, SmallView::new(views.get(i)?, true)?)));
+            .filter_map(|i| Some((i, SmallView::new(views.get(i)?, true, WIDEST)?)));
         let around = around.collect();
         let most = small.values().map(|(_, samples)| samples.len()).max()?;
         (!carries.is_empty()).then_some(Self {
@@ -182,7 +176,12 @@ impl<'a> Neighbours<'a> {
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         match self.better() {
-            Some(better) => Some(advice::sentence(&better, units, median_m, self.views)),
+            Some(better) => {
+                let evidence = advice::evidence(&better.as_read, &better.explained);
+                let sentence =
+                    advice::sentence(&better.change, &evidence, units, median_m, self.views);
+                Some(sentence)
+            }
             None => {
                 plausible::depth(median_m, units).or_else(|| self.consistency()?.disagreement())
             }
@@ -270,46 +269,9 @@ impl<'a> Neighbours<'a> {
 
     /// Other assignments of pictures to poses.
     fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
-        let views = self.views;
-        let n = views.len();
-        if n < LEAST_VIEWS {
-            return Vec::new();
-        }
-        let shifted = |by: i64, from: usize| {
-            move |i: usize| match i < from {
-                true => Some(i),
-                false => usize::try_from(i as i64 + by).ok(),
-            }
-        };
-        let id = |i: usize| &views[i].id;
-        let mut orders: Vec<(String, PoseOf)> = Vec::new();
-        let starts = self.carries.iter().map(|(a, _)| *a);
-        let starts: BTreeSet<usize> = starts.chain([0]).collect();
-        for by in [-2_i64, -1, 1, 2] {
-            let places = if by.abs() == 1 { "" } else { "two places " };
-            let side = if by < 0 { "before" } else { "after" };
-            for &from in &starts {
-                let which = match from {
-                    0 => "every picture fits".to_owned(),
-                    from => format!("from about {} on every picture fits", id(from)),
-                };
-                let text = format!("{which} the pose {places}{side} its own");
-                orders.push((text, Box::new(shifted(by, from))));
-            }
-        }
-        let backwards = "the pictures fit the poses in reverse order".to_owned();
-        orders.push((backwards, Box::new(move |i| Some(n - 1 - i))));
-        let mut spelt: Vec<usize> = (0..n).collect();
-        spelt.sort_by(|a, b| id(*a).cmp(id(*b)));
-        if spelt.iter().enumerate().any(|(i, j)| i != *j) {
-            let mut rank = vec![0; n];
-            spelt.iter().enumerate().for_each(|(i, j)| rank[*j] = i);
-            let text = "the pictures in the order of their numbers fit the poses in the order of their spelling";
-            orders.push((text.to_owned(), Box::new(move |i| spelt.get(i).copied())));
-            let text = "the pictures in the order of their spelling fit the poses in the order of their numbers";
-            orders.push((text.to_owned(), Box::new(move |i| rank.get(i).copied())));
-        }
-        let measured = orders.into_iter().filter_map(|(text, pose_of)| {
+        let starts = self.carries.iter().map(|(a, _)| *a).collect();
+        let orders = orders(self.views, starts).into_iter();
+        let measured = orders.filter_map(|(text, pose_of)| {
             let explained = self.in_order(&Reading::AS_READ, self.stride, &*pose_of);
             // Pictures that would be without a pose are as they are.
             let given = explained.iter().filter(|one| one.is_some()).count();
@@ -319,46 +281,6 @@ impl<'a> Neighbours<'a> {
         });
         measured.collect()
     }
-}
-
-/// The factor with the least loss, among `step`^-n … `step`^n and then between; round where that is as good. The loss is told
-/// whether the search is still a coarse one.
-pub(super) fn least(n: i32, step: f64, loss: &dyn Fn(f64, bool) -> f64) -> f64 {
-    let coarse = (-n..=n).map(|i| step.powi(i));
-    let coarse = coarse.map(|factor| (loss(factor, true), factor));
-    let middle = coarse.min_by(|a, b| a.0.total_cmp(&b.0));
-    let middle = middle.map_or(1.0, |best| best.1);
-    let (mut low, mut high) = ((middle / step).ln(), (middle * step).ln());
-    let golden = (5_f64.sqrt() - 1.0) / 2.0;
-    let at = |x: f64| loss(x.exp(), false);
-    let (mut a, mut b) = (high - golden * (high - low), low + golden * (high - low));
-    let (mut at_a, mut at_b) = (at(a), at(b));
-    for _ in 0..12 {
-        if at_a < at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - golden * (high - low);
-            at_a = at(a);
-        } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + golden * (high - low);
-            at_b = at(b);
-        }
-    }
-    let (found, best) = match at_a < at_b {
-        true => (a.exp(), at_a),
-        false => (b.exp(), at_b),
-    };
-    let round = rounded(found);
-    if loss(round, false) <= 1.01 * best {
-        round
-    } else {
-        found
-    }
-}
-
-/// The first views of the pairs of neighbours that are looked at.
-pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
-    evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
 /// All that was carried from views to the next ones.
@@ -408,25 +330,6 @@ pub(super) fn is_better(as_read: &[Explained], other: &[Explained], least_gain: 
     let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
     let better = differences.iter().filter(|d| **d > 0.0).count() as f64;
     n >= 4.0 && better >= LEAST_SHARE * n && mean > LEAST_ERRORS * (variance / n).sqrt()
-}
-
-pub(super) fn is_worth_a_word(factor: f64) -> bool {
-    factor.ln().abs() > LEAST_FACTOR.ln()
-}
-
-/// The factor of one digit, 2.5 or 1.25 times a power of ten, or one over such a factor, that is within 1 %; else three
-/// digits.
-fn rounded(factor: f64) -> f64 {
-    let power = 10_f64.powf(factor.log10().floor());
-    let round = [
-        1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0,
-    ];
-    let round = round.map(|digit| digit * power).into_iter();
-    let near = round.min_by(|a, b| (a / factor).ln().abs().total_cmp(&(b / factor).ln().abs()));
-    match near.filter(|near| (near / factor).ln().abs() < 0.01) {
-        Some(near) => near,
-        None => (factor / power * 100.0).round() / 100.0 * power,
-    }
 }
 
 #[cfg(test)]
@@ -536,19 +439,6 @@ mod tests {
                     "{i} {seed}: {found:?}"
                 );
             }
-        }
-    }
-
-    #[test]
-    fn factors_are_rounded_where_they_are_near() {
-        for (factor, round) in [
-            (4.97, 5.0),
-            (0.00101, 0.001),
-            (0.3048, 0.305),
-            (1.26, 1.25),
-            (99.2, 100.0),
-        ] {
-            assert!((rounded(factor) / round - 1.0).abs() < 1e-9, "{factor}");
         }
     }
 }

@@ -4,7 +4,8 @@
 //! * `convention`: how poses are commonly mistaken.
 //! * [`consistency`][]: whether depth and colours agree when poses carry them from view to view.
 //! * `small_view`, `explained`, `fit`: which other reading of poses, cameras and depth explains reduced views better;
-//!   `stereo`: the same of a rectified pair.
+//!   `stereo`: the same of a rectified pair; `features`: of poses without depth.
+//! * `orders`: other assignments of pictures to poses; `search`: the factor that fits best.
 //! * `plausible`: what no scene has, whatever its data.
 //! * [`advice`][]: what fits better in words, with the setting that mends it.
 
@@ -12,8 +13,11 @@ pub mod advice;
 pub mod consistency;
 mod convention;
 mod explained;
+mod features;
 mod fit;
+mod orders;
 mod plausible;
+mod search;
 mod small_view;
 mod stereo;
 
@@ -27,6 +31,7 @@ use crate::spec::{SettingInForce, open_each};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene, View, processing};
 use advice::Units;
 use consistency::Consistency;
+use features::Matches;
 use fit::Neighbours;
 
 /// What was found in a dataset.
@@ -156,7 +161,7 @@ const QUICK: Effort = Effort {
 pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     match scene.pairing {
         Pairing::Stereo { source, target } => BTreeSet::from([source, target]),
-        _ => fit::neighbours(scene.views.len(), QUICK)
+        _ => orders::neighbours(scene.views.len(), QUICK)
             .flat_map(|i| [i, i + 1])
             .collect(),
     }
@@ -165,18 +170,41 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
 /// What of a scene contradicts itself or is implausible, from a few of its views: sentences that name the cause and what
 /// mends it. Empty for a proper scene.
 pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
-    contradicting(scene, units, Neighbours::new(&scene.views, QUICK))
+    look(scene, units, QUICK).contradictions
 }
 
-fn contradicting(scene: &Scene, units: Units, neighbours: Option<Neighbours<'_>>) -> Vec<String> {
-    let mut found = plausible::cameras(&scene.views);
-    found.extend(match scene.pairing {
-        Pairing::Stereo { source, target } => {
-            stereo::contradictions((&scene.views[source], &scene.views[target]))
+/// What a look at some views of a scene shows.
+struct Look {
+    contradictions: Vec<String>,
+    consistency: Option<Consistency>,
+    /// What can be said of poses without depth.
+    note: Option<String>,
+}
+
+fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
+    let mut contradictions = plausible::cameras(&scene.views);
+    let neighbours = match (&scene.pairing, effort.thorough) {
+        // One depth map is enough to judge a stereo pair.
+        (Pairing::Stereo { .. }, false) => None,
+        _ => Neighbours::new(&scene.views, effort),
+    };
+    let mut note = None;
+    contradictions.extend(match (&scene.pairing, &neighbours) {
+        (Pairing::Stereo { source, target }, _) => {
+            stereo::contradictions((&scene.views[*source], &scene.views[*target]))
         }
-        _ => neighbours.and_then(|neighbours| neighbours.contradictions(units)),
+        (_, Some(neighbours)) => neighbours.contradictions(units),
+        (_, None) => {
+            let matches = Matches::new(&scene.views, effort);
+            note = Some(matches.note());
+            matches.contradiction()
+        }
     });
-    found
+    Look {
+        contradictions,
+        consistency: neighbours.as_ref().and_then(Neighbours::consistency),
+        note,
+    }
 }
 
 fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> SceneReport {
@@ -218,9 +246,11 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
     let mut seen = BTreeSet::new();
     problems.retain(|problem| seen.insert(problem.clone()));
     let coverages: Vec<f64> = decoded.iter().filter_map(|d| d.coverage).collect();
-    let neighbours = Neighbours::new(&scene.views, THOROUGH);
-    let consistency = neighbours.as_ref().and_then(Neighbours::consistency);
-    let mut contradictions = contradicting(scene, Units::of(spec), neighbours);
+    let Look {
+        mut contradictions,
+        consistency,
+        note,
+    } = look(scene, Units::of(spec), THOROUGH);
     contradictions.extend(plausible::pictures(
         &decoded.iter().map(|d| d.levels).collect::<Vec<_>>(),
     ));
@@ -240,7 +270,7 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         depth_coverage: (!coverages.is_empty())
             .then(|| coverages.iter().sum::<f64>() / coverages.len() as f64),
         consistency,
-        notes: scene.notes.iter().chain(&scene.warnings).cloned().collect(),
+        notes: scene.notes.iter().chain(&scene.warnings).cloned().chain(note).collect(),
         problems,
     }
 }

@@ -6,8 +6,8 @@ use sharp::camera::Intrinsics;
 
 use crate::View;
 
-/// Views are reduced by the whole number that brings their width to at most this.
-const WIDEST: u32 = 256;
+/// The width of views whose depth is carried.
+pub(super) const WIDEST: u32 = 256;
 
 /// A view with its pixels, reduced.
 #[derive(Debug, Clone)]
@@ -20,8 +20,8 @@ pub(super) struct SmallView {
 }
 
 impl SmallView {
-    /// `None` for a view whose picture cannot be read. Depth that cannot be read counts as none.
-    pub(super) fn new(view: &View, with_depth: bool) -> Option<Self> {
+    /// `None` for a view whose picture cannot be read. Its width is at most `widest`. Depth that cannot be read counts as none.
+    pub(super) fn new(view: &View, with_depth: bool, widest: u32) -> Option<Self> {
         let picture = view.content.image().ok()?;
         let valid = view.content.valid_pixels().ok()?;
         let depth = match with_depth {
@@ -29,7 +29,7 @@ impl SmallView {
             false => None,
         };
         let k = view.intrinsics;
-        let factor = k.width.div_ceil(WIDEST).max(1).min(k.height);
+        let factor = k.width.div_ceil(widest).max(1).min(k.height);
         let (width, height) = (k.width / factor, k.height / factor);
         let by = f64::from(factor);
         let camera = Intrinsics {
@@ -85,6 +85,15 @@ impl SmallView {
             depth: other.depth.clone(),
             ..self.clone()
         })
+    }
+
+    pub(super) fn grey(self) -> Grey {
+        let levels = self.colours.iter();
+        let levels = levels.map(|colour| colour.map_or(f32::NAN, |c| c.iter().sum::<f32>() / 3.0));
+        Grey {
+            camera: self.camera,
+            levels: levels.collect(),
+        }
     }
 
     /// Brings the mean and the spread of each channel to another picture's.
@@ -166,6 +175,22 @@ impl SmallView {
             let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
             top + (bottom - top) * fy
         }))
+    }
+}
+
+/// Means of a picture's channels, NaN where a mask excludes a pixel.
+pub(super) struct Grey {
+    pub(super) camera: Intrinsics,
+    levels: Vec<f32>,
+}
+
+impl Grey {
+    pub(super) fn size(&self) -> (u32, u32) {
+        (self.camera.width, self.camera.height)
+    }
+
+    pub(super) fn at(&self, x: u32, y: u32) -> f32 {
+        self.levels[(y * self.camera.width + x) as usize]
     }
 }
 

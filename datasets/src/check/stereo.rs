@@ -4,8 +4,9 @@ use glam::DVec2;
 
 use super::advice::{DEPTHS_M, number};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
-use super::fit::{LEAST_GAIN, is_better, is_worth_a_word, least, mean_loss};
-use super::small_view::{Sample, SmallView};
+use super::fit::{LEAST_GAIN, is_better, mean_loss};
+use super::search::{is_worth_a_word, least};
+use super::small_view::{Sample, SmallView, WIDEST};
 use crate::View;
 
 /// Distances of the two cameras of a pair, metres.
@@ -20,7 +21,10 @@ pub(super) fn contradictions((left, right): (&View, &View)) -> Option<String> {
         .inverse()
         .translation
         .distance(left.camera_from_world.inverse().translation);
-    let (a, b) = (SmallView::new(left, true)?, SmallView::new(right, false)?);
+    let (a, b) = (
+        SmallView::new(left, true, WIDEST)?,
+        SmallView::new(right, false, WIDEST)?,
+    );
     let median_m = median_depth(&a);
     if !(BASELINES_M.0..=BASELINES_M.1).contains(&baseline_m) {
         let at = median_m.map_or(String::new(), |median| {

@@ -26,10 +26,12 @@ mod write;
 
 use std::path::Path;
 
+use sharp_datasets::check::advice::Units;
+use sharp_datasets::check::contradictions;
 use sharp_datasets::left_out::by_reason;
 use sharp_datasets::lens::{Distortion, Lens};
 use sharp_datasets::synthetic::{SyntheticOptions, SyntheticScene};
-use sharp_datasets::{DatasetSpec, DepthMap, Scene, View, open, open_each};
+use sharp_datasets::{DatasetSpec, DepthMap, Pairing, Scene, View, open, open_each};
 use sharp_metrics::{Picture, Scorer, Selection, Weights};
 
 /// How closely depth must come back.
@@ -102,6 +104,22 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
         }
     }
     assert_eq!(scores(found), scores(written));
+    let scene = Scene {
+        dataset: "d".to_owned(),
+        id: "s".to_owned(),
+        cluster: "s".to_owned(),
+        views: found.to_vec(),
+        pairing: match found.len() {
+            2 => Pairing::Stereo {
+                source: 0,
+                target: 1,
+            },
+            _ => Pairing::MultiView,
+        },
+        notes: Vec::new(),
+    };
+    let nothing: Vec<String> = Vec::new();
+    assert_eq!(contradictions(&scene, Units::default()), nothing);
 }
 
 /// Every view predicted by a copy of the one before it, in bits.

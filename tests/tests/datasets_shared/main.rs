@@ -10,6 +10,7 @@ use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use libtest_mimic::{Arguments, Failed, Trial};
+use sharp_datasets::check::advice::Units;
 use sharp_datasets::format::colmap;
 use sharp_datasets::{DatasetSpec, Scene, View, open};
 
@@ -31,7 +32,21 @@ fn main() {
         trial("real/booster", published::booster),
         trial("real/scannetpp", published::scannetpp),
     ];
-    libtest_mimic::run(&arguments, trials.into()).exit();
+    let proper = [
+        ("middlebury", "middlebury"),
+        ("middlebury", "middlebury_eval3_q"),
+        ("booster", "booster"),
+        ("nerfstudio", "posed_rgbd_pair"),
+        ("nerfstudio", "posed_rgb_rmvd"),
+    ];
+    let proper = proper.map(|(format, name)| {
+        let folder = sharp_tests::shared_data().join("samples").join(name);
+        let absent = !folder.is_dir();
+        let name = format!("{name} contradicts nothing");
+        Trial::test(name, move || contradicts_nothing(format, &folder)).with_ignored_flag(absent)
+    });
+    let trials = trials.into_iter().chain(proper).collect();
+    libtest_mimic::run(&arguments, trials).exit();
 }
 
 fn trial(name: &'static str, test: fn(&Path) -> Outcome) -> Trial {
@@ -53,6 +68,18 @@ fn read(folder: &Path) -> Result<Scene, Failed> {
     let is_silent = scene.warnings.is_empty() && !scene.notes.iter().any(doubts);
     check(is_silent, said)?;
     Ok(scene)
+}
+
+/// Neither the quick look before a run nor the thorough one finds fault with real data.
+fn contradicts_nothing(format: &str, folder: &Path) -> Outcome {
+    let spec = DatasetSpec::parse(&format!("{format}={}", folder.display()))?;
+    let report = sharp_datasets::check::check(&spec, 2, &|_, _| {})?;
+    check(report.problems == 0, || format!("{:?}", report.scenes))?;
+    for scene in open(&spec)? {
+        let found = sharp_datasets::check::contradictions(&scene, Units::of(&spec));
+        check(found.is_empty(), || format!("{}: {found:?}", scene.id))?;
+    }
+    Ok(())
 }
 
 /// Each view predicted from the other by its own depth and the two poses: 41.7 dB over both when

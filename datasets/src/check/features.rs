@@ -1,0 +1,360 @@
+//! Without depth: whether features that match between neighbouring views lie on each other's epipolar lines, in front of
+//! both cameras, or whether they would under another reading of the poses.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec2, DVec3};
+use sharp::camera::{Intrinsics, RigidTransform};
+
+use super::convention::CONVENTIONS;
+use super::fit::Change;
+use super::orders::{neighbours, orders};
+use super::small_view::{Grey, SmallView, ray};
+use super::{Effort, advice};
+use crate::View;
+
+/// Views are reduced to at most this width.
+const WIDEST: u32 = 192;
+/// One feature is taken of each of so many cells, across and down.
+const CELLS: (u32, u32) = (14, 10);
+/// Half the width of what is compared around a feature.
+const RADIUS: u32 = 3;
+/// The least correlation of a match.
+const LEAST_ALIKE: f32 = 0.85;
+/// How much less alike, of what its correlation lacks to 1, the best match is allowed to be than the next best.
+const UNIQUE: f32 = 0.6;
+/// Pixels between a match and its line.
+const NEAR: f64 = 1.0;
+/// Fewer matches say nothing.
+const LEAST_MATCHES: usize = 30;
+/// Another reading explains this share of the matches, so many more of them, by this many standard errors.
+const LEAST_SHARE: f64 = 0.6;
+const LEAST_MORE: f64 = 0.2;
+const LEAST_ERRORS: f64 = 4.0;
+
+/// Features that match between neighbouring views.
+pub(super) struct Matches<'a> {
+    views: &'a [View],
+    cameras: BTreeMap<usize, Intrinsics>,
+    /// Of a view and the next one: the places in both.
+    matches: Vec<(usize, DVec2, DVec2)>,
+}
+
+impl<'a> Matches<'a> {
+    pub(super) fn new(views: &'a [View], effort: Effort) -> Self {
+        let firsts: Vec<usize> = neighbours(views.len(), effort).collect();
+        let wanted: BTreeSet<usize> = firsts.iter().flat_map(|i| [*i, *i + 1]).collect();
+        let grey = |i: &usize| Some((*i, SmallView::new(&views[*i], false, WIDEST)?.grey()));
+        let grey: BTreeMap<usize, Grey> = wanted.iter().filter_map(grey).collect();
+        let mut matches = Vec::new();
+        for i in firsts {
+            if let (Some(a), Some(b)) = (grey.get(&i), grey.get(&(i + 1))) {
+                let patches = patches(b);
+                let found = features(a).into_iter().filter_map(|at| {
+                    let place = |(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                    Some((
+                        i,
+                        place(at),
+                        place(matching(&patch(a, at), at, b.size(), &patches)?),
+                    ))
+                });
+                matches.extend(found);
+            }
+        }
+        Self {
+            views,
+            cameras: grey.into_iter().map(|(i, grey)| (i, grey.camera)).collect(),
+            matches,
+        }
+    }
+
+    /// What the matches say of the poses as they are read.
+    pub(super) fn note(&self) -> String {
+        let explained = self.explained(CONVENTIONS[0].take, &Some);
+        let (n, share) = (self.matches.len(), share(&explained));
+        match n >= LEAST_MATCHES {
+            true => format!(
+                "poses: without depth, {:.0} % of {n} features that match between neighbouring views lie on their \
+                 epipolar lines",
+                100.0 * share
+            ),
+            false => format!(
+                "poses: without depth, and with {n} features that match between neighbouring views, nothing can be said"
+            ),
+        }
+    }
+
+    pub(super) fn contradiction(&self) -> Option<String> {
+        if self.matches.len() < LEAST_MATCHES {
+            return None;
+        }
+        let as_read = self.explained(CONVENTIONS[0].take, &Some);
+        let conventions = CONVENTIONS[1..].iter().map(|convention| {
+            let change = Change::Convention(convention.name);
+            (change, self.explained(convention.take, &Some))
+        });
+        let starts: BTreeSet<usize> = self.matches.iter().map(|found| found.0).collect();
+        let orders = orders(self.views, starts)
+            .into_iter()
+            .map(|(text, pose_of)| {
+                (
+                    Change::Order(text),
+                    self.explained(CONVENTIONS[0].take, &*pose_of),
+                )
+            });
+        let better = conventions
+            .chain(orders)
+            .filter(|(_, other)| is_better(&as_read, other));
+        let (change, other) = better.max_by(|a, b| share(&a.1).total_cmp(&share(&b.1)))?;
+        let evidence = format!(
+            "{:.0} % of {} features that match between neighbouring views lie on their epipolar lines instead of {:.0} %",
+            100.0 * share(&other),
+            as_read.len(),
+            100.0 * share(&as_read)
+        );
+        Some(advice::sentence(
+            &change,
+            &evidence,
+            advice::Units::default(),
+            1.0,
+            self.views,
+        ))
+    }
+
+    /// Which matches a reading explains; `None` for those of pictures that would be without a pose.
+    fn explained(
+        &self,
+        take: fn(&RigidTransform) -> RigidTransform,
+        pose_of: &dyn Fn(usize) -> Option<usize>,
+    ) -> Vec<Option<bool>> {
+        let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
+        let is_explained = |(i, a, b): &(usize, DVec2, DVec2)| {
+            let (one, other) = (pose(*i)?, pose(i + 1)?);
+            let from = ray(&self.cameras[i], *a);
+            Some(fits(
+                &other.after(&one.inverse()),
+                from,
+                &self.cameras[&(i + 1)],
+                *b,
+            ))
+        };
+        let matches = self.matches.iter();
+        matches.map(is_explained).collect()
+    }
+}
+
+fn share(explained: &[Option<bool>]) -> f64 {
+    let given = explained.iter().flatten();
+    given.clone().filter(|one| **one).count() as f64 / given.count().max(1) as f64
+}
+
+fn is_better(as_read: &[Option<bool>], other: &[Option<bool>]) -> bool {
+    let both = as_read
+        .iter()
+        .zip(other)
+        .filter_map(|(one, other)| Some(((*one)?, (*other)?)));
+    let both: Vec<(bool, bool)> = both.collect();
+    let count = |of: (bool, bool)| both.iter().filter(|found| **found == of).count() as f64;
+    let (gained, lost, kept) = (
+        count((false, true)),
+        count((true, false)),
+        count((true, true)),
+    );
+    both.len() >= LEAST_MATCHES
+        && gained + kept >= LEAST_SHARE * both.len() as f64
+        && gained - lost >= LEAST_MORE * both.len() as f64
+        && gained - lost >= LEAST_ERRORS * (gained + lost).sqrt()
+}
+
+/// Whether a place of the second view may show a point on a ray of the first.
+fn fits(
+    second_from_first: &RigidTransform,
+    from: DVec3,
+    second: &Intrinsics,
+    place: DVec2,
+) -> bool {
+    let (turned, t) = (
+        second_from_first.rotation * from,
+        second_from_first.translation,
+    );
+    let to = ray(second, place);
+    let near = NEAR / second.fx;
+    let line = t.cross(turned);
+    let slope = line.truncate().length();
+    let parallax = to.cross(turned);
+    // Without parallax the point is far away, or the cameras are in one place.
+    let far = turned.z > 0.0 && parallax.length() < near * turned.length() * to.length();
+    if far || slope < 1e-12 {
+        return far;
+    }
+    let depth = -to.cross(t).dot(parallax) / parallax.length_squared();
+    let there = (turned * depth + t).z;
+    line.dot(to).abs() / slope < near && depth > 0.0 && there > 0.0
+}
+
+/// The pixel of each cell around which the picture varies most in the direction in which it varies least.
+fn features(grey: &Grey) -> Vec<(u32, u32)> {
+    let (w, h) = grey.size();
+    let margin = RADIUS + 1;
+    let varies = |x: u32, y: u32| {
+        let (mut across, mut down) = (0.0, 0.0);
+        for (u, v) in around(x, y) {
+            across += (grey.at(u + 1, v) - grey.at(u - 1, v)).abs();
+            down += (grey.at(u, v + 1) - grey.at(u, v - 1)).abs();
+        }
+        f32::min(across, down)
+    };
+    let cells = (0..CELLS.1).flat_map(|row| (0..CELLS.0).map(move |column| (column, row)));
+    let best = cells.filter_map(|(column, row)| {
+        let range = |i: u32, n: u32, side: u32| {
+            (i * side / n).max(margin)..((i + 1) * side / n).min(side.saturating_sub(margin))
+        };
+        let pixels =
+            range(row, CELLS.1, h).flat_map(|y| range(column, CELLS.0, w).map(move |x| (x, y)));
+        let pixels = pixels.map(|(x, y)| (varies(x, y), (x, y)));
+        pixels
+            .filter(|(most, _)| most.is_finite())
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    });
+    // A flat patch matches anywhere: four levels a pixel.
+    let least = 4.0 * (2 * RADIUS + 1).pow(2) as f32;
+    best.filter(|(most, _)| *most > least)
+        .map(|(_, at)| at)
+        .collect()
+}
+
+fn around(x: u32, y: u32) -> impl Iterator<Item = (u32, u32)> {
+    let rows = y - RADIUS..=y + RADIUS;
+    rows.flat_map(move |v| (x - RADIUS..=x + RADIUS).map(move |u| (u, v)))
+}
+
+/// A patch around a pixel, of mean 0 and length 1.
+fn patch(grey: &Grey, (x, y): (u32, u32)) -> [f32; PATCH] {
+    let mut values = [0.0; PATCH];
+    values
+        .iter_mut()
+        .zip(around(x, y))
+        .for_each(|(value, (u, v))| *value = grey.at(u, v));
+    let mean = values.iter().sum::<f32>() / PATCH as f32;
+    values.iter_mut().for_each(|value| *value -= mean);
+    let length = values.iter().map(|value| value * value).sum::<f32>().sqrt();
+    values.map(|value| value / length.max(1.0))
+}
+
+const PATCH: usize = (2 * RADIUS as usize + 1).pow(2);
+
+/// The patches around all pixels that are far enough from the border, row by row.
+fn patches(grey: &Grey) -> Vec<[f32; PATCH]> {
+    let (w, h) = grey.size();
+    let inner = |side: u32| RADIUS..side.saturating_sub(RADIUS);
+    let all = inner(h).flat_map(|y| inner(w).map(move |x| (x, y)));
+    all.map(|at| patch(grey, at)).collect()
+}
+
+/// The pixel of another view that looks like a patch, within a quarter of the picture around its place, where it is the
+/// only one.
+fn matching(
+    wanted: &[f32; PATCH],
+    at: (u32, u32),
+    (w, h): (u32, u32),
+    patches: &[[f32; PATCH]],
+) -> Option<(u32, u32)> {
+    let range = |at: u32, side: u32| {
+        let last = side.saturating_sub(RADIUS);
+        at.saturating_sub(side / 4).max(RADIUS)..(at + side / 4).min(last)
+    };
+    let mut found = Vec::new();
+    for y in range(at.1, h) {
+        for x in range(at.0, w) {
+            let other = &patches[((y - RADIUS) * (w - 2 * RADIUS) + x - RADIUS) as usize];
+            let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
+            if alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE) {
+                found.push((alike, (x, y)));
+            }
+        }
+    }
+    let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let is_elsewhere =
+        |(_, (x, y)): &&(f32, (u32, u32))| x.abs_diff(place.0).max(y.abs_diff(place.1)) > RADIUS;
+    let next = found
+        .iter()
+        .filter(is_elsewhere)
+        .map(|found| found.0)
+        .fold(0.0, f32::max);
+    (best >= LEAST_ALIKE && 1.0 - best < UNIQUE * (1.0 - next)).then_some(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::check::convention::flip;
+    use crate::check::{QUICK, THOROUGH};
+    use crate::synthetic::{SyntheticOptions, SyntheticScene};
+
+    fn views(seed: u64) -> Vec<View> {
+        let options = SyntheticOptions {
+            seed,
+            width: 256,
+            height: 192,
+            views: 9,
+            samples: 1,
+            ..SyntheticOptions::default()
+        };
+        SyntheticScene::new(options).unwrap().views().to_vec()
+    }
+
+    #[test]
+    fn wrong_poses_are_found_without_depth_and_right_ones_are_not() {
+        for seed in 0..3 {
+            let right = views(seed);
+            for effort in [QUICK, THOROUGH] {
+                let matches = Matches::new(&right, effort);
+                assert_eq!(matches.contradiction(), None, "{seed}");
+                let explained = matches.explained(|pose| *pose, &Some);
+                assert!(
+                    explained.len() > LEAST_MATCHES && share(&explained) > 0.6,
+                    "{}",
+                    matches.note()
+                );
+            }
+            type Spoil = fn(&mut [View]);
+            let cases: [(Spoil, &str); 2] = [
+                (
+                    |v| {
+                        v.iter_mut()
+                            .for_each(|v| v.camera_from_world = flip(&v.camera_from_world))
+                    },
+                    "OpenGL",
+                ),
+                (
+                    |v| {
+                        let poses: Vec<_> = v.iter().map(|v| v.camera_from_world).collect();
+                        v.iter_mut()
+                            .zip(poses.into_iter().rev())
+                            .for_each(|(v, pose)| v.camera_from_world = pose);
+                    },
+                    "reverse order",
+                ),
+            ];
+            for (spoil, named) in cases {
+                let mut wrong = right.clone();
+                spoil(&mut wrong);
+                let matches = Matches::new(&wrong, THOROUGH);
+                let found = matches.contradiction();
+                assert!(
+                    found.as_ref().is_some_and(|f| f.contains(named)),
+                    "{seed} {named}: {found:?} {}",
+                    matches.note()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_without_features_say_nothing() {
+        let views = &views(0)[..1];
+        let matches = Matches::new(views, THOROUGH);
+        assert_eq!(matches.contradiction(), None);
+        assert!(matches.note().ends_with("nothing can be said"));
+    }
+}
