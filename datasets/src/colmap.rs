@@ -17,7 +17,7 @@ use crate::format::colmap;
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "colmap",
@@ -173,6 +173,10 @@ fn read_scene(
             cameras: model.files.clone(),
         })?;
     }
+    let hint = "; this format has no masks, `nerfstudio` has";
+    scene
+        .notes
+        .extend(picture_notes::unread_masks(folder, hint));
     scene.notes.extend(model.notes);
     if spec.setting("model") == "first" {
         let all = model.images.len();

@@ -18,7 +18,7 @@ use crate::left_out::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
-use crate::{DatasetError, DatasetSpec, Scene};
+use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     format: "nerfstudio",
@@ -172,7 +172,12 @@ fn read_scene(
         scene.add(posed)?;
     }
     let masks = file.frames.iter().filter(|f| f.mask_path.is_some()).count();
-    if reader.masks.is_none() && masks > 0 {
+    if masks == 0 {
+        let hint = "; a frame names its mask by mask_path";
+        scene
+            .notes
+            .extend(picture_notes::unread_masks(folder, hint));
+    } else if reader.masks.is_none() {
         scene.notes.push(format!(
             "{}: {masks} frame(s) name a mask, which is not read; masks=keep-white leaves out of scores what is black in them, \
              masks=keep-black what is white",

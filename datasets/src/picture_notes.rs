@@ -1,12 +1,13 @@
 //! What the files of a scene's pictures and masks say of themselves, a line for each that matters.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use sharp::image_file::{ColorRule, OrientationRule};
 
 use crate::check::evenly_spaced;
 use crate::entry::Setting;
-use crate::{DatasetSpec, Scene, View};
+use crate::{DatasetSpec, Scene, View, files};
 
 /// At most so many headers are looked at in a scene, evenly spaced.
 const HEADERS: usize = 64;
@@ -14,6 +15,25 @@ const HEADERS: usize = 64;
 const MASKS: usize = 4;
 /// Masks that leave less are in doubt: most exclude a person, a sky, a logo.
 const LEAST_LEFT: f64 = 0.2;
+
+/// That masks lie beside the pictures and are not read; `hint` says how they would be.
+pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
+    let folder = ["masks", "mask"]
+        .map(|name| folder.join(name))
+        .into_iter()
+        .find(|f| f.is_dir())?;
+    let count = files::list(&folder)
+        .ok()?
+        .iter()
+        .filter(|(_, path)| path.is_file())
+        .count();
+    (count > 0).then(|| {
+        format!(
+            "masks: {} holds {count} file(s), which are not read{hint}",
+            folder.display()
+        )
+    })
+}
 
 /// Adds the scene's notes and warnings. Files that cannot be read are left to whoever decodes them.
 pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {

@@ -11,7 +11,7 @@ use sharp::image_file::PictureRules;
 use crate::entry::{DatasetEntry, PICTURES, Setting, entry};
 use crate::error::nearest_of;
 use crate::left_out::{FoundScenes, LeftOutScene, by_reason};
-use crate::{DatasetError, Scene, picture_notes, processing, synthetic};
+use crate::{DatasetError, Scene, files, picture_notes, processing, synthetic};
 
 /// A dataset as asked for: `[NAME:]FORMAT=PATH[,key=value…]`. The procedural format has no path:
 /// `synthetic` or `synthetic=seed=7,size=320x240`.
@@ -134,11 +134,8 @@ impl DatasetSpec {
 
     /// How its pictures are read.
     pub fn picture_rules(&self) -> PictureRules {
-        PictureRules {
-            alpha: self.setting("alpha").parse().unwrap_or_default(),
-            color: self.setting("color").parse().unwrap_or_default(),
-            orientation: self.setting("orientation").parse().unwrap_or_default(),
-        }
+        // Values were checked when they were given.
+        PictureRules::parse(|key| Some(self.setting(key))).unwrap_or_default()
     }
 
     /// Every setting of the format with its effective value, and those of [`PICTURES`] that are given.
@@ -192,7 +189,9 @@ impl DatasetSpec {
         found.left_out.extend(unsearched);
         if found.scenes.is_empty() && !broken {
             let groups = by_reason(&found.left_out).into_iter();
+            let there = files::what_lies_in(&self.path);
             let notes = groups.map(|group| format!("; {group}"));
+            let notes = std::iter::once(format!("; {there}")).chain(notes);
             return Err(DatasetError::NoScene {
                 path: self.path.clone(),
                 format: self.entry.format,

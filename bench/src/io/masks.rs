@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use sharp_metrics::{Mask, Picture};
+use sharp_metrics::Mask;
 
-use sharp::image_file::PictureRules;
+use sharp::image_file::{ExrTransfer, PictureRules};
 
-use crate::io::pictures::{self, ExrTransfer, ReadError, ReadPicture, Reading};
+use crate::io::pictures::{self, ReadError, ReadPicture, Reading};
 
 /// Why a file cannot be used as a mask; names the file.
 #[derive(Debug, thiserror::Error)]
@@ -61,14 +61,13 @@ pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
         }
     }
     if highest > 0.0 && highest < 0.5 {
-        return Err(refused(match (&picture, highest * 255.0) {
-            (Picture::Rgb8(_), level) if level == 1.0 => {
-                "its levels are 0 and 1; a mask is 255 where pixels count".to_owned()
-            }
-            (_, level) => {
-                format!("its highest level is {level:.0}; a mask is 255 where pixels count")
-            }
-        }));
+        let levels = match highest == 1.0 / 255.0 {
+            true => "its levels are 0 and 1".to_owned(),
+            false => format!("its highest level is {:.0}", highest * 255.0),
+        };
+        return Err(refused(format!(
+            "{levels}; a mask is 255 where pixels count"
+        )));
     }
     let count = inside.len();
     let mask = Mask::new(width, height, inside)

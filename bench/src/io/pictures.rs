@@ -1,14 +1,14 @@
 //! Pictures that people hand in: those of [`sharp::image_file`], EXR, and float arrays in `.npy` or `.safetensors`.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use exr::prelude::{AttributeValue, MetaData, read_first_rgba_layer_from_file};
 use image::{ImageBuffer, Luma, Rgb, Rgb32FImage, RgbImage};
 use sharp::camera::Intrinsics;
 use sharp::color::{Quantization, quantize, srgb_from_linear};
-use sharp::image_file::{self, AlphaRule, ImageFileError, OrientationRule, PictureRules};
+use sharp::image_file::{
+    self, AlphaRule, ExrTransfer, ImageFileError, OrientationRule, PictureRules,
+};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 use sharp_datasets::DatasetError;
 use sharp_datasets::files;
@@ -44,36 +44,6 @@ pub const EXTENSIONS: [&str; 11] = [
     "bmp",
     "jfif",
 ];
-
-/// The transfer of an EXR that does not say it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ExrTransfer {
-    /// Linear light: clamped to 0..1 and encoded. What most programs write.
-    Linear,
-    /// sRGB-encoded values.
-    Srgb,
-}
-
-impl FromStr for ExrTransfer {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "linear" => Ok(Self::Linear),
-            "srgb" => Ok(Self::Srgb),
-            _ => Err(format!("'{text}' is none of linear, srgb")),
-        }
-    }
-}
-
-impl fmt::Display for ExrTransfer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Linear => "linear",
-            Self::Srgb => "srgb",
-        })
-    }
-}
 
 /// How a picture that someone hands in is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

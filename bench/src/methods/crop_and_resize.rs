@@ -5,11 +5,9 @@
 //! and nothing is reduced.
 
 use std::collections::BTreeMap;
-use std::fmt::Display;
 use std::path::Path;
-use std::str::FromStr;
 
-use sharp::image_file::PictureRules;
+use sharp::image_file::{PictureRules, parsed};
 use sharp_metrics::Picture;
 use sharp_metrics::resize::{ResizeKernel, resize};
 
@@ -43,27 +41,15 @@ pub(super) struct FitRules {
 impl FitRules {
     /// Reads `resize`, `crop`, `alpha`, `color`, `orientation` and `exr`; errors are the bare reason.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
-        fn parsed<T: FromStr>(key: &str, text: Option<&str>) -> Result<Option<T>, String>
-        where
-            T::Err: Display,
-        {
-            let value = text.map(str::parse).transpose();
-            value.map_err(|error| format!("{key}: {error}"))
-        }
-        let rules = PictureRules {
-            alpha: parsed("alpha", option("alpha"))?.unwrap_or_default(),
-            color: parsed("color", option("color"))?.unwrap_or_default(),
-            orientation: parsed("orientation", option("orientation"))?.unwrap_or_default(),
-        };
         Ok(Self {
-            kernel: parsed("resize", option("resize"))?,
+            kernel: parsed("resize", &option)?,
             crop: option("crop")
                 .map(parse_crop)
                 .transpose()?
                 .unwrap_or_default(),
             reading: Reading {
-                rules,
-                exr: parsed("exr", option("exr"))?,
+                rules: PictureRules::parse(&option)?,
+                exr: parsed("exr", &option)?,
             },
         })
     }
@@ -89,25 +75,8 @@ impl FitRules {
             settings.insert("resize".to_owned(), value);
         }
         let Reading { rules, exr } = self.reading;
-        let asked = PictureRules::default();
-        let given = [
-            (
-                "alpha",
-                (rules.alpha != asked.alpha).then(|| rules.alpha.to_string()),
-            ),
-            (
-                "color",
-                (rules.color != asked.color).then(|| rules.color.to_string()),
-            ),
-            (
-                "orientation",
-                (rules.orientation != asked.orientation).then(|| rules.orientation.to_string()),
-            ),
-            ("exr", exr.map(|exr| exr.to_string())),
-        ];
-        for (key, value) in given {
-            settings.extend(value.map(|value| (key.to_owned(), value)));
-        }
+        let given = rules.given().chain(exr.map(|exr| ("exr", exr.name())));
+        settings.extend(given.map(|(key, value)| (key.to_owned(), value.to_owned())));
         let crop = match self.crop {
             CropRule::Whole => return settings,
             CropRule::Fixed(Region {

@@ -270,7 +270,13 @@ fn check_scene(scene: &Scene, views_per_scene: usize, spec: &DatasetSpec) -> Sce
         depth_coverage: (!coverages.is_empty())
             .then(|| coverages.iter().sum::<f64>() / coverages.len() as f64),
         consistency,
-        notes: scene.notes.iter().chain(&scene.warnings).cloned().chain(note).collect(),
+        notes: scene
+            .notes
+            .iter()
+            .chain(&scene.warnings)
+            .cloned()
+            .chain(note)
+            .collect(),
         problems,
     }
 }

@@ -26,7 +26,7 @@ use image::{
 use crate::camera::Intrinsics;
 
 pub use profile::{MatrixProfile, Profile};
-pub use rules::{AlphaRule, ColorRule, OrientationRule, PictureRules};
+pub use rules::{AlphaRule, ColorRule, ExrTransfer, OrientationRule, PictureRules, parsed};
 
 /// Why a file was not decoded.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@ use std::str::FromStr;
 macro_rules! choices {
     ($(#[$doc:meta])* $name:ident { $($(#[$value_doc:meta])* $value:ident = $text:literal,)+ }) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum $name { $($(#[$value_doc])* $value,)+ }
 
         impl $name {
@@ -39,6 +39,7 @@ macro_rules! choices {
 }
 
 choices! {
+    #[derive(Default)]
     /// What becomes of alpha. A picture that is opaque everywhere is read under each of them.
     AlphaRule {
         /// A picture that is not opaque is an error.
@@ -54,6 +55,7 @@ choices! {
 }
 
 choices! {
+    #[derive(Default)]
     /// What becomes of colours that a profile (ICC, cICP or the EXIF mark of Adobe RGB) says are not sRGB.
     ColorRule {
         /// Converted to sRGB by the profile's primaries and curves; colours outside sRGB are clipped. A profile of
@@ -66,6 +68,7 @@ choices! {
 }
 
 choices! {
+    #[derive(Default)]
     /// Whether a picture is turned as its EXIF orientation says.
     OrientationRule {
         /// As stored where that fits the camera, upright where only that fits; upright where there is no camera.
@@ -73,6 +76,16 @@ choices! {
         Auto = "auto",
         Stored = "stored",
         Upright = "upright",
+    }
+}
+
+choices! {
+    /// What the values of an EXR are that does not say it.
+    ExrTransfer {
+        /// Light: clamped to 0..1 and encoded. What most programs write.
+        Linear = "linear",
+        /// sRGB-encoded.
+        Srgb = "srgb",
     }
 }
 
@@ -92,6 +105,30 @@ impl PictureRules {
         orientation: OrientationRule::Stored,
     };
 
+    /// Reads `alpha`, `color` and `orientation` where they are given; errors are the bare reason.
+    pub fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
+        Ok(Self {
+            alpha: parsed("alpha", &option)?.unwrap_or_default(),
+            color: parsed("color", &option)?.unwrap_or_default(),
+            orientation: parsed("orientation", &option)?.unwrap_or_default(),
+        })
+    }
+
+    /// The rules that are not the default, by the keys of [`Self::parse`].
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
+        let named = |rules: &Self| {
+            [
+                ("alpha", rules.alpha.name()),
+                ("color", rules.color.name()),
+                ("orientation", rules.orientation.name()),
+            ]
+        };
+        let asked = named(&Self::default());
+        named(self)
+            .into_iter()
+            .filter(move |rule| !asked.contains(rule))
+    }
+
     /// Whether a picture of a stored size is turned, where a camera of the size `fit` is to have it.
     pub fn turns(&self, header: &super::Header, fit: Option<(u32, u32)>) -> bool {
         let upright = header.orientation != 1;
@@ -103,4 +140,16 @@ impl PictureRules {
             }
         }
     }
+}
+
+/// An option's value; the error is the bare reason.
+///
+/// # Errors
+/// Names the option.
+pub fn parsed<'a, T: FromStr<Err: fmt::Display>>(
+    key: &str,
+    option: impl Fn(&str) -> Option<&'a str>,
+) -> Result<Option<T>, String> {
+    let value = option(key).map(str::parse).transpose();
+    value.map_err(|error| format!("{key}: {error}"))
 }

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use clap::Args;
-use sharp::image_file::{AlphaRule, ColorRule, OrientationRule, PictureRules};
+use sharp::image_file::{AlphaRule, ColorRule, ExrTransfer, OrientationRule, PictureRules};
 use sharp_metrics::{
     Algorithm, InstructionSet, MetricRegion, ResizeKernel, Scorer, Selection, Simd,
 };
@@ -27,7 +27,7 @@ use super::output::Terminal;
 use super::{Outcome, output};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
-use crate::io::pictures::{ExrTransfer, Reading};
+use crate::io::pictures::Reading;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
 use crate::pictures::methods_text::MethodsText;

@@ -105,7 +105,8 @@ fn crop(stated: (f64, f64), size: (f64, f64), mm: f64, px: f64) -> Option<String
     let is_larger = |a: f64, b: f64| a > b * (1.0 + SIDE_TOLERANCE);
     let factors = (stated.0 / size.0, stated.1 / size.1);
     let is_other_shape = is_larger(factors.0, factors.1) || is_larger(factors.1, factors.0);
-    if !is_other_shape && !(is_larger(stated.0, size.0) && is_larger(stated.1, size.1)) {
+    let is_smaller = is_larger(stated.0, size.0) && is_larger(stated.1, size.1);
+    if !(is_other_shape || is_smaller) {
         return None;
     }
     // What was cut from one side only was not resized on the other.
