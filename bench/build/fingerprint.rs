@@ -52,8 +52,10 @@ const PICTURES: &[&str] = &[
 ];
 /// From Gaussians to scored pictures, and what is recorded of their source.
 const RENDERING: &[&str] = &[
+    "bench/src/evaluate/likeness.rs",
     "bench/src/evaluate/prediction_file.rs",
     "bench/src/evaluate/render.rs",
+    "bench/src/evaluate/rereading.rs",
     "bench/src/evaluate/source_check.rs",
     "bench/src/rendering/shared.rs",
     "bench/src/pairs/alignment.rs",
@@ -128,6 +130,7 @@ pub(crate) const GROUPS: [SourceGroup; 13] = [
         "FILES",
         &[
             "bench/src/methods/imported.rs",
+            "bench/src/methods/file_reading.rs",
             "bench/src/methods/gaussians.rs",
             "bench/src/methods/scale_sweep.rs",
             "bench/src/io/gaussian_files.rs",
