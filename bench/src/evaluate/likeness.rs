@@ -15,8 +15,8 @@ const SIGNIFICANCE: f64 = 3.0;
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Share of the photograph's variance that an explanation has to explain.
 const EXPLAINED: f64 = 0.5;
-/// Variance of rounding to 8 bit: less is no difference.
-const ROUNDING: f64 = 1.0 / 12.0;
+/// Mean squared error that is none, levels²: what rounding and truncating to 8 bit leave.
+const ROUNDING: f64 = 1.0;
 
 /// The part of a photograph with the largest contrast, at the photograph's own resolution: what is wrong by half a pixel or
 /// in the shape of a small Gaussian does not show in a smaller picture.

@@ -382,7 +382,7 @@ pub fn doubts_of<'a>(
 mod tests {
     use glam::{DAffine3, DMat3, DVec3};
     use sharp::camera::{Intrinsics, RigidTransform};
-    use sharp::color::{linear_from_srgb, srgb_from_linear};
+    use sharp::color::srgb_from_linear;
     use sharp::gaussians::Gaussians;
 
     use super::*;
