@@ -201,7 +201,7 @@ impl Fit {
         Errors::of(self.total).error
     }
 
-    /// True where the picture is farther from the photograph than the photograph's mean colour, and explains nothing of it.
+    /// True where the picture explains less than a quarter of the photograph, whatever its brightness and contrast.
     pub(super) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
@@ -210,7 +210,7 @@ impl Fit {
         } = Errors::of(self.total);
         // Of a photograph of one colour nothing can be explained; 8 levels off is close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        error > variance + noise && residual > 0.75 * variance
+        error > 0.5 * variance + noise && residual > 0.75 * variance
     }
 
     /// True where it explains most of the photograph.

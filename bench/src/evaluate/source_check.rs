@@ -211,7 +211,7 @@ pub(super) fn doubts_about(
         }
         _ if as_read.is_unrelated() => {
             let text = format!(
-                "{shown}, worse than its mean colour, and no reading that was tried shows it better"
+                "{shown}, hardly anything of it, and no reading that was tried shows it better"
             );
             doubt("unrelated", text);
         }

@@ -22,7 +22,10 @@ pub enum NetworkError {
     #[error(
         "{source}: it is not a network of the sizes of `{preset}`; config=FILE.json#NAME (--config) says which it has"
     )]
-    Sizes { preset: String, source: ModelError },
+    Sizes {
+        preset: String,
+        source: Box<ModelError>,
+    },
     #[error(
         "{}: several configurations beside it fit ({names}); config=FILE.json#NAME (--config) says which", checkpoint.display()
     )]
@@ -109,7 +112,7 @@ fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkE
     };
     fits(&config).map_err(|source| NetworkError::Sizes {
         preset: config.preset.clone(),
-        source,
+        source: Box::new(source),
     })?;
     Ok(NetworkSpec {
         config,
