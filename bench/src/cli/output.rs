@@ -24,6 +24,14 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
+/// A message whose settings of pictures are written as the options that a command has for them.
+pub(super) fn as_options(message: &impl ToString) -> String {
+    let keys = ["alpha", "color", "orientation", "exr"].into_iter();
+    keys.fold(message.to_string(), |text, key| {
+        text.replace(&format!("{key}="), &format!("--{key} "))
+    })
+}
+
 /// Writes a line to standard error.
 pub(super) fn remark(text: impl AsRef<str>) {
     // Nothing is left to do when standard error itself is gone.

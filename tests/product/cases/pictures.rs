@@ -288,6 +288,21 @@ fn metrics_goes_into_subfolders() {
     assert!(case.path("maps/a/0.difference.png").is_file());
 }
 
+#[test]
+fn predict_names_its_own_options() {
+    let case = untried("A04-rgba-garbage");
+    let predict = |options: &str| {
+        let line = "sharp-bench predict -q --checkpoint mini --focal-px 60 --out o.ply ns/images/view_00.png";
+        case.run(&format!("{line} {options}"))
+    };
+    holds(
+        &predict("").ends_with(0).err,
+        &["its alpha is dropped", "--alpha white"],
+    );
+    predict("--alpha refuse").is_error_with(&["not opaque", "--alpha drop"]);
+    assert!(predict("--alpha white").ends_with(0).err.is_empty());
+}
+
 /// Nothing new is said of proper files.
 #[test]
 fn proper_pictures_are_read_in_silence() {

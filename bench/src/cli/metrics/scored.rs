@@ -46,9 +46,9 @@ pub(super) fn score(
     let mut notes = Vec::new();
     let mut read = |path: &Path| {
         let read = pictures::read_as(path, &args.reading())
-            .map_err(|error| anyhow!(as_options(&error)))?;
+            .map_err(|error| anyhow!(output::as_options(&error)))?;
         for note in &read.notes {
-            let note = format!("{}: {}", path.display(), as_options(note));
+            let note = format!("{}: {}", path.display(), output::as_options(note));
             output::remark(format!("warning: {note}"));
             notes.push(note);
         }
@@ -100,15 +100,6 @@ pub(super) fn score(
         mask: input.mask,
         notes,
     })
-}
-
-/// Settings in a message as this command takes them.
-fn as_options(message: &impl ToString) -> String {
-    let mut text = message.to_string();
-    for key in ["alpha", "color", "orientation", "exr"] {
-        text = text.replace(&format!("{key}="), &format!("--{key} "));
-    }
-    text
 }
 
 /// Another shape than the target's is rarely meant; one pixel of rounding on a side is.

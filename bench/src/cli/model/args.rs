@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
+use anyhow::{anyhow, bail, ensure};
 use clap::Args;
 use sharp::image_file::{AlphaRule, ColorRule, PictureRules};
 use sharp::model::preprocess::{FocalSource, Photo, PhotoOptions};
@@ -93,9 +93,14 @@ impl PhotoArgs {
                 path.display()
             );
         }
-        let photo = sharp::model::preprocess::load_photo(path, &options)?;
+        let photo = sharp::model::preprocess::load_photo(path, &options)
+            .map_err(|error| anyhow!(output::as_options(&error)))?;
         for warning in &photo.warnings {
-            output::remark(format!("warning: {}: {warning}", path.display()));
+            output::remark(format!(
+                "warning: {}: {}",
+                path.display(),
+                output::as_options(warning)
+            ));
         }
         Ok(photo)
     }
