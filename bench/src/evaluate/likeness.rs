@@ -296,7 +296,7 @@ mod tests {
         // A dim picture of the right thing is not explained by brightening it.
         let dimmed = |by: f64| {
             RgbImage::from_fn(64, 48, |x, y| {
-                Rgb(photograph(0)
+                Rgb(photograph(1)
                     .get_pixel(x, y)
                     .0
                     .map(|v| (f64::from(v) * by) as u8))

@@ -309,6 +309,12 @@ fn prepare_all<'a>(
     }
 }
 
+/// What a prediction shows of its source, and what speaks against the way that it was read.
+struct SourceFacts {
+    extras: BTreeMap<String, f64>,
+    warnings: BTreeMap<String, String>,
+}
+
 /// What the pairs of one source share: they follow each other, because pairs come sorted.
 struct Sources<'a> {
     gaussians: GaussianStore,
@@ -316,8 +322,8 @@ struct Sources<'a> {
     depth: Option<(&'a View, Option<DepthMap>)>,
     /// By the key of the prediction.
     scale: Option<(String, Result<f64, String>)>,
-    /// What the prediction shows of its source and what speaks against its reading, by its key.
-    check: Option<(String, BTreeMap<String, f64>, BTreeMap<String, String>)>,
+    /// By the key of the prediction.
+    check: Option<(String, SourceFacts)>,
 }
 
 impl<'a> Sources<'a> {
@@ -691,11 +697,10 @@ impl<'a> PairWork<'_, 'a> {
         if sources
             .check
             .as_ref()
-            .is_none_or(|(key, ..)| *key != keys.predict)
+            .is_none_or(|(key, _)| *key != keys.predict)
         {
-            let checked = self.check_source(method, &prediction, name, sources)?;
-            let (extras, warnings) = checked;
-            sources.check = Some((keys.predict.clone(), extras, warnings));
+            let facts = self.check_source(method, &prediction, name, sources)?;
+            sources.check = Some((keys.predict.clone(), facts));
         }
         let (rendered, render_secs) = self.timed(|| {
             let (source, target) = (&self.source, &self.target);
@@ -704,9 +709,9 @@ impl<'a> PairWork<'_, 'a> {
         let (mut picture, output) =
             rendered.map_err(|error| self.render_failure(method, &error))?;
         let mut warnings = BTreeMap::new();
-        if let Some((_, extras, doubts)) = &sources.check {
-            picture.extras.extend(extras.clone());
-            warnings.clone_from(doubts);
+        if let Some((_, facts)) = &sources.check {
+            picture.extras.extend(facts.extras.clone());
+            warnings.clone_from(&facts.warnings);
         }
         self.made.rendered += 1;
         Ok(Some(Made {
@@ -737,7 +742,7 @@ impl<'a> PairWork<'_, 'a> {
         prediction: &GaussianPrediction,
         name: &str,
         sources: &mut Sources<'a>,
-    ) -> Result<(BTreeMap<String, f64>, BTreeMap<String, String>), Failure> {
+    ) -> Result<SourceFacts, Failure> {
         let (planned, renderer) = (self.truth.planned, self.job.renderer);
         let mut warnings = prediction.warnings.clone();
         if let Some((about, text)) = absurd_coverage(prediction, &self.source) {
@@ -769,7 +774,10 @@ impl<'a> PairWork<'_, 'a> {
             let found = doubts_about(prediction, &reading, &seen, &source, renderer);
             warnings.extend(found.map_err(failed)?);
         }
-        Ok((seen.extras, warnings))
+        Ok(SourceFacts {
+            extras: seen.extras,
+            warnings,
+        })
     }
 
     /// A lost or exhausted device says nothing about the pair: the run ends, and a restart tries the unit again.

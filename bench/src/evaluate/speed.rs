@@ -67,7 +67,7 @@ pub struct Splats {
 enum Round {
     /// Inference alone.
     Picture,
-    Gaussians(GaussianPrediction),
+    Gaussians(Box<GaussianPrediction>),
 }
 
 impl Evaluation {
@@ -232,7 +232,9 @@ fn infer(
     for round in 0..rounds {
         let started = Instant::now();
         last = match method.approach() {
-            Approach::Gaussians(gaussians) => Round::Gaussians(gaussians.predict(&source)?),
+            Approach::Gaussians(gaussians) => {
+                Round::Gaussians(Box::new(gaussians.predict(&source)?))
+            }
             Approach::Pictures(pictures) => {
                 std::hint::black_box(pictures.predict(&source, &target)?);
                 Round::Picture

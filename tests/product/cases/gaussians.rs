@@ -69,7 +69,7 @@ fn a_file_for_an_antialiased_rasteriser_is_refused_unless_that_is_ignored() {
     let case = case("A03-mip-comment");
     refused(&case, &["SplatRenderMode: mip", "`marks=ignore`"]);
     let info = &case.said[1];
-    ends(&info, 1);
+    ends(info, 1);
     assert!(info.err.contains("antialiased"), "{}", info.err);
     close(with(&case, "marks=ignore"), 19.0306);
 }
@@ -179,7 +179,7 @@ fn other_forms_are_refused_by_name_with_what_helps() {
         let case = case(name);
         refused(&case, &parts);
         if let Some(info) = case.said.get(1) {
-            ends(&info, 1);
+            ends(info, 1);
             assert!(info.err.contains(parts[1]), "{name}: {}", info.err);
         }
     }
@@ -274,7 +274,7 @@ fn files_of_other_programs_are_read_in_silence_or_refused_by_name() {
 fn checkpoints_with_prefixes_or_foreign_classes_are_read_and_prefixes_said() {
     let case = case("A27-checkpoints");
     for (said, prefix) in case.said.iter().zip(["", "", "module.", "_orig_mod."]) {
-        ends(&said, 0);
+        ends(said, 0);
         assert!(said.out.contains("18432 Gaussians"), "{}", said.out);
         match prefix {
             "" => assert_eq!(said.err, ""),

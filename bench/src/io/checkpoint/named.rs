@@ -81,7 +81,8 @@ pub fn named_network(
 /// the only configuration of a `.json` beside it that fits.
 fn network_of(file: &Path, config: Option<&str>) -> Result<NetworkSpec, NetworkError> {
     let source = CheckpointSource::open(file)?;
-    let fits = |config: &ModelConfig| source.check_part(config, "");
+    // Whatever else it holds: what may be unused is known later.
+    let fits = |config: &ModelConfig| source.check(config, &[String::new()]);
     let mut notes = Vec::new();
     notes.extend(source.left_out().map(|prefix| {
         format!("all names in the checkpoint carry the prefix `{prefix}`, which is left out")
