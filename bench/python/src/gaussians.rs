@@ -220,6 +220,7 @@ impl Predictor {
                 allow_unused: Vec::new(),
                 device: DeviceChoice::Cpu,
                 convolution: Algorithm::Winograd,
+                notes: Vec::new(),
             };
             Ok(Network::open(&spec)?)
         };

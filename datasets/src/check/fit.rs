@@ -370,6 +370,7 @@ mod tests {
     #[test]
     fn what_was_changed_is_found() {
         type Spoil = fn(&mut [View]);
+        type Found<'a> = &'a dyn Fn(&Change) -> bool;
         fn scaled(views: &mut [View], factor: f64) {
             for view in views {
                 view.camera_from_world.translation *= factor;
@@ -388,7 +389,7 @@ mod tests {
             }
         }
         let near = |found: f64, right: f64| (found / right).ln().abs() < 0.02;
-        let cases: [(Spoil, &dyn Fn(&Change) -> bool); 9] = [
+        let cases: [(Spoil, Found<'_>); 9] = [
             (
                 |v| scaled(v, 0.3),
                 &|c| matches!(c, Change::Scale(s) if near(*s, 1.0 / 0.3)),

@@ -117,6 +117,7 @@ fn compare(found: &[View], written: &[View], depth: Depth) {
             _ => Pairing::MultiView,
         },
         notes: Vec::new(),
+        warnings: Vec::new(),
     };
     let nothing: Vec<String> = Vec::new();
     assert_eq!(contradictions(&scene, Units::default()), nothing);
