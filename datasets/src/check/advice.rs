@@ -80,6 +80,7 @@ pub(super) fn sentence(
         Change::Convention(name) => {
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
+        Change::Turned(setting) => format!("{setting} fits: {evidence}"),
         Change::Order(how) => {
             format!(
                 "pictures and poses are not assigned rightly: {how}: {evidence}; correct the list of poses"

@@ -41,6 +41,8 @@ pub(super) enum Change {
     Convention(&'static str),
     /// Pictures belong to other poses, in words.
     Order(String),
+    /// Pictures are turned otherwise by their EXIF orientation, which both fits the camera; the setting that does so.
+    Turned(&'static str),
 }
 
 impl Change {
@@ -161,6 +163,7 @@ impl<'a> Neighbours<'a> {
         };
         fitted(&ray, Change::RayLength);
         all.extend(self.orders(&as_read));
+        all.extend(self.turned());
         let better = all
             .into_iter()
             .filter(|(change, other)| is_better(&as_read, other, change.least_gain()));
@@ -253,6 +256,30 @@ impl<'a> Neighbours<'a> {
             Some(Explained::new((&a.0, &a.1), &b.0, poses, reading, stride))
         });
         carries.collect()
+    }
+
+    /// With pictures under the other reading of their EXIF orientation, where that fits their cameras, too.
+    fn turned(&self) -> Option<(Change, Vec<Explained>)> {
+        let mut setting = None;
+        let small = self.small.iter().map(|(i, (read, samples))| {
+            let content = &self.views[*i].content;
+            let other = content.image_otherwise_turned().ok().flatten();
+            let other = other.and_then(|(picture, found)| {
+                setting = Some(found);
+                let view = SmallView::of(&self.views[*i], picture, true, WIDEST)?;
+                let samples = view.samples().collect();
+                Some((view, samples))
+            });
+            (*i, other.unwrap_or_else(|| (read.clone(), samples.clone())))
+        });
+        let other = Self {
+            small: small.collect(),
+            around: BTreeMap::new(),
+            carries: self.carries.clone(),
+            ..*self
+        };
+        let explained = setting.map(|_| other.explained(&Reading::AS_READ, self.stride));
+        Some((Change::Turned(setting?), explained?))
     }
 
     /// The factor with the least loss.

@@ -2,6 +2,7 @@
 //! pixels of the photograph is off by few.
 
 use glam::{DVec2, DVec3};
+use image::RgbImage;
 use sharp::camera::Intrinsics;
 
 use crate::View;
@@ -22,7 +23,16 @@ pub(super) struct SmallView {
 impl SmallView {
     /// `None` for a view whose picture cannot be read. Its width is at most `widest`. Depth that cannot be read counts as none.
     pub(super) fn new(view: &View, with_depth: bool, widest: u32) -> Option<Self> {
-        let picture = view.content.image().ok()?;
+        Self::of(view, view.content.image().ok()?, with_depth, widest)
+    }
+
+    /// With another picture of the view's size in place of its photograph.
+    pub(super) fn of(
+        view: &View,
+        picture: RgbImage,
+        with_depth: bool,
+        widest: u32,
+    ) -> Option<Self> {
         let valid = view.content.valid_pixels().ok()?;
         let depth = match with_depth {
             true => view.content.depth().ok().flatten(),

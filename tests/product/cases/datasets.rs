@@ -242,3 +242,42 @@ fn stereo_pairs_that_contradict_themselves_are_named() {
         ends(&case.said[0], 4, cause);
     }
 }
+
+#[test]
+fn the_reading_of_an_orientation_that_fits_is_named() {
+    use image::ImageEncoder as _;
+    // Little-endian TIFF with one entry: orientation 3, turned by 180 degrees.
+    let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0".to_vec();
+    for (turned, fits) in [(true, "orientation=upright fits"), (false, "problems: 0")] {
+        let case = untried("X25-depth-metres-npy");
+        for entry in std::fs::read_dir(case.path("ns/images")).unwrap() {
+            let path = entry.unwrap().path();
+            let mut picture = image::open(&path).unwrap().into_rgb8();
+            if turned {
+                picture = image::imageops::rotate180(&picture);
+            }
+            let file = std::fs::File::create(path.with_extension("jpg")).unwrap();
+            let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, 95);
+            encoder.set_exif_metadata(exif.clone()).unwrap();
+            let (width, height) = picture.dimensions();
+            encoder
+                .write_image(
+                    picture.as_raw(),
+                    width,
+                    height,
+                    image::ExtendedColorType::Rgb8,
+                )
+                .unwrap();
+            std::fs::remove_file(path).unwrap();
+        }
+        case.run("sed -i 's/[.]png/.jpg/' ns/transforms.json")
+            .ends_with(0);
+        let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
+        assert!(said.out.contains(fits), "{}", said.out);
+        if turned {
+            let mended = case
+                .run("sharp-bench datasets check nerfstudio=ns,depth-unit=1,orientation=upright");
+            assert!(mended.out.contains("problems: 0"), "{}", mended.out);
+        }
+    }
+}
