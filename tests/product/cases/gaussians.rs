@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::super::support::Said;
-use super::{Case, case, untried};
+use super::{Case, case, empty, untried};
 
 fn psnr(case: &Case, run: &str) -> f64 {
     case.scores(run, "psnr")[0].parse().unwrap()
@@ -333,4 +333,39 @@ fn sizes_beside_a_checkpoint_are_used_and_others_end_a_run_before_its_first_pair
     assert!(prefixed.out.contains(said), "{}", prefixed.out);
     let manifest = std::fs::read_to_string(case.path("r/manifest.json")).unwrap();
     assert!(manifest.contains(said), "{manifest}");
+}
+
+#[test]
+fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named() {
+    let case = empty();
+    let data = "synthetic=size=160x120,views=8";
+    case.run(&format!(
+        "sharp-bench cameras export -q --dataset {data} --out e && sharp-bench predict -q --checkpoint mini --focal-px 144 \
+         --out g/synthetic/seed0 e/synthetic/seed0/view_0[0-7].png"
+    ))
+    .ends_with(0);
+    for (setting, mends) in [
+        ("", None),
+        (",channels=bgr", Some("`channels=rgb`")),
+        (",axes=opengl", Some("`axes=opencv`")),
+    ] {
+        let said = case.run(&format!(
+            "sharp-bench run -q --dataset {data} --limit 8 --method gaussians:dir=g{setting} --metrics psnr --out r"
+        ));
+        assert_eq!(said.code, 0, "{}", said.err);
+        let warnings: Vec<&str> = said
+            .err
+            .lines()
+            .filter(|line| line.contains("method 'gaussians'"))
+            .collect();
+        match mends {
+            None => assert!(warnings.is_empty(), "{}", said.err),
+            Some(mends) => assert!(
+                warnings.iter().any(|line| line.contains(mends)),
+                "{}",
+                said.err
+            ),
+        }
+        case.run("rm -r r").ends_with(0);
+    }
 }
