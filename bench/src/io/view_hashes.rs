@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use sharp_datasets::required_files::FileRole;
-use sharp_datasets::{DatasetError, View};
+use sharp_datasets::{DatasetError, View, ViewContent};
 
 use crate::io::atomic_files::FileError;
 use crate::io::hash::{HashedFile, sha256_hex};
@@ -16,12 +16,16 @@ type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 /// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
 /// [`changed`](Self::changed) tells.
 #[derive(Debug, Default)]
-pub(crate) struct ViewHashes(Mutex<BTreeMap<PathBuf, HashSlot>>);
+pub(crate) struct ViewHashes {
+    files: Mutex<BTreeMap<PathBuf, HashSlot>>,
+    /// Of views without files, by the address of their content, which is kept so that it stays theirs.
+    procedural: Mutex<BTreeMap<usize, (Arc<dyn ViewContent>, String)>>,
+}
 
 impl ViewHashes {
     /// The sha256 of a file's bytes, 64 lower-case hexadecimal digits.
     pub(crate) fn file(&self, path: &Path) -> Result<String, FileError> {
-        let slot = Arc::clone(lock(&self.0).entry(path.to_owned()).or_default());
+        let slot = Arc::clone(lock(&self.files).entry(path.to_owned()).or_default());
         let mut known = lock(&slot);
         let file = match &mut *known {
             Some(file) => file,
@@ -33,7 +37,7 @@ impl ViewHashes {
     /// The first of these files whose content is no longer the one that was hashed.
     pub(crate) fn changed(&self, paths: impl IntoIterator<Item = PathBuf>) -> Option<PathBuf> {
         paths.into_iter().find(|path| {
-            let slot = lock(&self.0).get(path).map(Arc::clone);
+            let slot = lock(&self.files).get(path).map(Arc::clone);
             slot.is_some_and(|slot| {
                 let file = lock(&slot);
                 file.as_ref().is_some_and(|file| !file.is_unchanged())
@@ -57,7 +61,7 @@ impl ViewHashes {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
         if files.is_empty() {
-            text += &view.content.image_sha256()?;
+            text += &self.procedural(view)?;
         }
         files.retain(|(role, _)| !matches!(role, FileRole::Camera | FileRole::List));
         files.sort();
@@ -73,6 +77,18 @@ impl ViewHashes {
         Ok(hash)
     }
 
+    /// The photograph of a view that is made when it is asked for.
+    fn procedural(&self, view: &View) -> Result<String, DatasetError> {
+        let address = Arc::as_ptr(&view.content).addr();
+        if let Some((_, known)) = lock(&self.procedural).get(&address) {
+            return Ok(known.clone());
+        }
+        let hash = view.content.image_sha256()?;
+        let kept = (Arc::clone(&view.content), hash.clone());
+        lock(&self.procedural).insert(address, kept);
+        Ok(hash)
+    }
+
     fn of_roles(
         &self,
         view: &View,
@@ -81,7 +97,7 @@ impl ViewHashes {
         let mut text = format!("{:?} {:?}\n", view.intrinsics, view.camera_from_world);
         let mut files = view.content.files_by_role();
         if files.is_empty() {
-            text += &view.content.image_sha256()?;
+            text += &self.procedural(view)?;
         }
         files.retain(|(role, _)| counts(*role));
         let mut paths: Vec<PathBuf> = files.into_iter().map(|(_, path)| path).collect();
