@@ -196,8 +196,7 @@ fn surplus_tensors_are_refused_until_they_are_allowed_everywhere() {
         ];
         run(dir.path(), &[&args[..], &rest].concat())
     };
-    let said = evaluate("").ends_with(4);
-    assert_eq!(said.json()["failed"], 1, "{}", said.out);
+    evaluate("").is_error_with(&["surplus: ema.decay"]);
     assert_eq!(
         evaluate(",allow_unused=ema.").ends_with(0).json()["failed"],
         0

@@ -167,6 +167,7 @@ impl PredictPicture for Function {
             region: None,
             resized_from: None,
             extras: BTreeMap::new(),
+            notes: Vec::new(),
         })
     }
 }

@@ -88,12 +88,16 @@ pub(super) fn is_usage(error: &anyhow::Error) -> bool {
 
 /// True where a signal or the time budget ended it: the same command continues, exit code 75.
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
+    let of_evaluation =
+        |error: &EvaluateError| matches!(error, EvaluateError::Pairs(PairError::Stopped));
     error.chain().any(|cause| {
         matches!(cause.downcast_ref(), Some(PairError::Stopped))
-            || matches!(
-                cause.downcast_ref(),
-                Some(EvaluateError::Pairs(PairError::Stopped))
-            )
+            || cause.downcast_ref().is_some_and(of_evaluation)
+            || match cause.downcast_ref() {
+                Some(TrainError::Pairs(error)) => matches!(error, PairError::Stopped),
+                Some(TrainError::Evaluate(error)) => of_evaluation(error),
+                _ => false,
+            }
     })
 }
 

@@ -533,6 +533,14 @@ impl<'a> PairWork<'_, 'a> {
         unit.timing.inference = made.inference;
         unit.record.extras = prediction.extras;
         unit.record.warnings = made.warnings;
+        for note in prediction.notes {
+            // Of each kind, which its first words tell, a table shows one.
+            let about = note.split(' ').take(4).collect::<Vec<_>>().join(" ");
+            let id = &self.truth.planned.pair.pair_id;
+            unit.record
+                .warnings
+                .insert(about, format!("its pictures: {note} ({id})"));
+        }
         let mut scored = ScoredPicture {
             sha256: picture_sha256(&picture),
             file_sha256: None,

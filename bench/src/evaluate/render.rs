@@ -126,6 +126,7 @@ pub(super) fn render(
         region: None,
         resized_from: None,
         extras,
+        notes: Vec::new(),
     };
     Ok((picture, output))
 }

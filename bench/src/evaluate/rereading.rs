@@ -19,8 +19,11 @@ use crate::scoring::Region;
 const MOST_LAYERS: f64 = 3000.0;
 /// Gain in the source, dB, from which other views are asked, too.
 const WORTH_A_LOOK: f64 = 0.25;
-/// How much larger the errors in other views may become: half a pixel does not show there.
+/// How much larger the errors in other views may become.
 const NOT_WORSE: f64 = 1.1;
+/// The same where Gaussians are moved by half a pixel: of those at one depth the first ones cover the later ones, which moves
+/// their picture in the source as well, but not in other views.
+const BETTER: f64 = 0.97;
 /// Settings that can be wrong at once.
 const ROUNDS: usize = 3;
 /// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
@@ -64,14 +67,14 @@ impl Trial<'_> {
     }
 
     /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
-    /// in this part alone, or together with `elsewhere`, other views of the scene. Those must not be explained worse, and decide
+    /// in this part alone, or together with `neighbours`, other views of the scene. Those must not be explained worse, and decide
     /// among several: Gaussians that are turned wrongly may cover their own source better than right ones.
     pub(super) fn best_reading(
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
         as_read: &Fit,
-        elsewhere: &[Trial<'_>],
+        neighbours: &[Trial<'_>],
     ) -> Result<Option<(FileReading, Fit)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
@@ -118,7 +121,7 @@ impl Trial<'_> {
                 let mut recoded = decoded.clone();
                 before.stored.encode(&mut recoded);
                 reading.stored.decode(&mut recoded);
-                self.fit_elsewhere(&recoded, reading.placement, elsewhere)
+                self.fit_elsewhere(&recoded, reading.placement, neighbours)
             };
             let fit_elsewhere = of_others(before)?;
             let all_before = fit_before.joined(&fit_elsewhere);
@@ -128,7 +131,10 @@ impl Trial<'_> {
                 let all = fit.joined(&elsewhere);
                 let is_better = fit.explains()
                     && (fit.is_closer_than(fit_before) || all.is_closer_than(&all_before));
-                let worse = elsewhere.error() > NOT_WORSE * fit_elsewhere.error();
+                let is_shift = candidate.placement.shift != before.placement.shift;
+                let allowed = if is_shift { BETTER } else { NOT_WORSE };
+                let worse = elsewhere.error() > allowed * fit_elsewhere.error()
+                    || is_shift && neighbours.is_empty();
                 let least = chosen.as_ref().map(|(.., all)| all.error());
                 if is_better && !worse && least.is_none_or(|least| all.error() < least) {
                     chosen = Some((candidate, fit, all));

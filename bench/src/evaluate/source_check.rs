@@ -251,14 +251,11 @@ fn changes(from: &FileReading, to: &FileReading) -> String {
             "space" => "camera",
             "axes" => "opencv",
             "scale" => "1",
-            _ => "0,0",
+            _ => "0:0",
         };
         (*key, value.to_owned())
     }));
-    let texts = all.iter().map(|(key, value)| match value.contains(',') {
-        true => format!("`{key}='{value}'`"),
-        false => format!("`{key}={value}`"),
-    });
+    let texts = all.iter().map(|(key, value)| format!("`{key}={value}`"));
     texts.collect::<Vec<_>>().join(" and ")
 }
 
@@ -354,8 +351,8 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
         doubts.insert(
             "scale",
             format!(
-                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed \
-                 (`scale=`), or `depth=privileged` scales them"
+                "its Gaussians lie {ratio:.3} times as far away as the dataset's depth ({source}): metres are needed, or \
+                 `depth=privileged` scales them"
             ),
         );
     }

@@ -132,7 +132,17 @@ impl FitRules {
             self.kernel_for(own, region, target).map_err(named)?;
         }
         let read = pictures::read_as(path, &self.reading).map_err(unreadable)?;
-        self.fit(read.picture, region, target).map_err(named)
+        let fitted = self.fit(read.picture, region, target).map_err(named)?;
+        // What was asked for needs no word.
+        let given: Vec<String> = self
+            .reading
+            .rules
+            .given()
+            .map(|(key, _)| format!("{key}="))
+            .collect();
+        let mut notes = read.notes;
+        notes.retain(|note| !given.iter().any(|key| note.contains(key.as_str())));
+        Ok(PicturePrediction { notes, ..fitted })
     }
 
     /// Brings a picture to the size of what it shows, 8 bit. Errors are the bare reason.
@@ -158,6 +168,7 @@ impl FitRules {
             region,
             resized_from: (own != shown).then_some(own),
             extras: BTreeMap::new(),
+            notes: Vec::new(),
         })
     }
 

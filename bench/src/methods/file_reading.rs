@@ -151,9 +151,9 @@ impl FileReading {
                 placement.scale = scale.ok_or_else(|| needed("a positive number"))?;
             }
             "shift" => {
-                let both = value.split_once(',');
+                let both = value.split_once([',', ':']);
                 let both = both.and_then(|(x, y)| Some([number(x.trim())?, number(y.trim())?]));
-                placement.shift = both.ok_or_else(|| needed("X,Y in pixels"))?;
+                placement.shift = both.ok_or_else(|| needed("X:Y in pixels"))?;
             }
             _ => {
                 self.stored.set(key, value).map_err(|e| e.to_string())?;
@@ -184,7 +184,7 @@ impl FileReading {
             (space != plain.space, space_name.to_owned()),
             (axes != plain.axes, axes.name()),
             (scale != plain.scale, scale.to_string()),
-            (shift != plain.shift, format!("{},{}", shift[0], shift[1])),
+            (shift != plain.shift, format!("{}:{}", shift[0], shift[1])),
         ];
         let named = Self::PLACEMENT_KEYS.into_iter().zip(placement);
         all.extend(named.filter_map(|(key, (is_set, value))| is_set.then_some((key, value))));
@@ -232,7 +232,7 @@ mod tests {
         for (key, value, part) in [
             ("opacity", "log", "logit or linear"),
             ("scale", "-1", "positive"),
-            ("shift", "1", "X,Y"),
+            ("shift", "1", "X:Y"),
             ("space", "moon", "camera, world or normalized"),
             ("axes", "rdd", "rdf"),
         ] {

@@ -68,7 +68,7 @@ pub const KINDS: [MethodKind; 8] = [
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear, quaternions=xyzw, \
                   colors=rgb01|rgb255|logit, channels=bgr, harmonics=drop, marks=ignore, space=world|normalized, \
-                  axes=opengl|luf, scale=S, shift=X,Y)",
+                  axes=opengl|luf, scale=S, shift=X:Y)",
         build: |spec, _| Ok(Box::new(GaussianFiles::from_spec(spec)?)),
     },
     MethodKind {

@@ -137,6 +137,8 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// What the method reports about it; each becomes a column.
     pub extras: BTreeMap<String, f64>,
+    /// What was done to its file that nobody asked for, one sentence each with the setting that decides it.
+    pub notes: Vec<String>,
 }
 
 impl From<RgbImage> for PicturePrediction {
@@ -146,6 +148,7 @@ impl From<RgbImage> for PicturePrediction {
             region: None,
             resized_from: None,
             extras: BTreeMap::new(),
+            notes: Vec::new(),
         }
     }
 }

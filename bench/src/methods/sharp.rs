@@ -65,10 +65,6 @@ impl Sharp {
             device,
             ..named.map_err(|error| refused(&error))?
         };
-        // What does not fit ends a run before its first pair.
-        let complete = CheckpointSource::open(&network.checkpoint)
-            .and_then(|source| source.check(&network.config, &network.allow_unused));
-        complete.map_err(|error| refused(&error))?;
         let sharp = Self::new(&spec.label, network, privilege).map_err(|error| refused(&error))?;
         // The official checkpoint, found rather than named, has to be the one that was used before. A cache that cannot
         // be written is no reason against it.
@@ -81,6 +77,10 @@ impl Sharp {
                 Err(error) => return Err(refused(&error)),
             }
         }
+        // What does not fit ends a run before its first pair.
+        let complete = CheckpointSource::open(&sharp.network.checkpoint)
+            .and_then(|source| source.check(&sharp.network.config, &sharp.network.allow_unused));
+        complete.map_err(|error| refused(&error))?;
         Ok(sharp)
     }
 

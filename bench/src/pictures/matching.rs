@@ -60,7 +60,7 @@ pub struct Match {
     pub target: PathBuf,
 }
 
-/// Pairs the pictures of two folders, sorted by name; where a folder has no picture of its own, those in its subfolders.
+/// Pairs the pictures of two folders and their subfolders, sorted by name.
 /// Hidden files (and the `._` files that some archives carry) are skipped.
 ///
 /// # Errors
@@ -132,30 +132,23 @@ fn index(folder: &Path, by: MatchBy) -> Result<BTreeMap<String, PathBuf>, MatchE
     Ok(found)
 }
 
-/// The pictures of a folder, or where it has none those of its subfolders.
+/// The pictures of a folder and its subfolders.
 fn add_to_index(
     folder: &Path,
     prefix: &str,
     by: MatchBy,
     found: &mut BTreeMap<String, PathBuf>,
 ) -> Result<(), MatchError> {
-    let entries = files::list(folder)?;
-    let is_picture = |path: &Path| path.is_file() && pictures::is_picture(path);
-    if !entries.iter().any(|(_, path)| is_picture(path)) {
-        for (name, path) in entries.iter().filter(|(_, path)| path.is_dir()) {
-            // A link could lead round in a circle.
-            if !path.is_symlink() {
-                let prefix = format!("{prefix}{}/", composed(name));
-                add_to_index(path, &prefix, by, found)?;
-            }
+    for (name, path) in files::list(folder)? {
+        // A link could lead round in a circle.
+        if path.is_dir() && !path.is_symlink() {
+            let prefix = format!("{prefix}{}/", composed(&name));
+            add_to_index(&path, &prefix, by, found)?;
         }
-        return Ok(());
-    }
-    for (_, path) in entries {
-        let name = prefix.to_owned() + &shared_part(&path, by);
-        if !is_picture(&path) {
+        if !(path.is_file() && pictures::is_picture(&path)) {
             continue;
         }
+        let name = prefix.to_owned() + &shared_part(&path, by);
         if let Some(first) = found.insert(name, path.clone()) {
             let (first, second) = if first < path {
                 (first, path)

@@ -93,12 +93,14 @@ impl<'a> Neighbours<'a> {
         let depth_by_pose = |i: &usize| views[*i].content.processing().depth_by_pose;
         let depth_by_pose = small.keys().any(depth_by_pose);
         let mut around = BTreeSet::new();
-        if depth_by_pose && effort.thorough {
+        // A scan is dear to look at from more places.
+        if !depth_by_pose || effort.thorough {
             around = wanted
                 .iter()
                 .flat_map(|i| [i.wrapping_sub(1), i + 1])
                 .collect();
         }
+        around.retain(|i| !small.contains_key(i));
         let around = around
             .into_iter()
             .filter_map(|i| Some((i, SmallView::new(views.get(i)?, true, WIDEST)?)));
@@ -225,28 +227,31 @@ impl<'a> Neighbours<'a> {
     }
 
     fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
-        self.in_order(reading, stride, &Some)
+        self.in_order(reading, stride, &Some, self.depth_by_pose)
             .into_iter()
             .flatten()
             .collect()
     }
 
-    /// As if picture i had the pose of view `pose_of(i)`; `None` where it would have none.
+    /// As if picture i had the pose of view `pose_of(i)`, and with `depth_by_pose` its depth; `None` where it would have none.
     fn in_order(
         &self,
         reading: &Reading,
         stride: usize,
         pose_of: &dyn Fn(usize) -> Option<usize>,
+        depth_by_pose: bool,
     ) -> Vec<Option<Explained>> {
         let pose = |i: usize| -> Option<&RigidTransform> {
             Some(&self.views.get(pose_of(i)?)?.camera_from_world)
         };
         let shown = |i: usize| -> Option<Cow<'_, (SmallView, Vec<Sample>)>> {
             let of = &self.small[&i];
-            if !self.depth_by_pose || pose_of(i)? == i {
+            if !depth_by_pose || pose_of(i)? == i {
                 return Some(Cow::Borrowed(of));
             }
-            let view = of.0.with_depth_of(self.around.get(&pose_of(i)?)?)?;
+            let own = self.small.get(&pose_of(i)?).map(|(view, _)| view);
+            let view =
+                of.0.with_depth_of(own.or_else(|| self.around.get(&pose_of(i)?))?)?;
             let samples = view.samples().collect();
             Some(Cow::Owned((view, samples)))
         };
@@ -298,8 +303,20 @@ impl<'a> Neighbours<'a> {
     fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let starts = self.carries.iter().map(|(a, _)| *a).collect();
         let orders = orders(self.views, starts).into_iter();
-        let measured = orders.filter_map(|(text, pose_of)| {
-            let explained = self.in_order(&Reading::AS_READ, self.stride, &*pose_of);
+        // Depth may be named by the frame or by the picture; a scan's is the pose's.
+        let by_pose: &[bool] = if self.depth_by_pose {
+            &[true]
+        } else {
+            &[false, true]
+        };
+        let orders = orders.flat_map(|(text, pose_of)| {
+            let pose_of = std::rc::Rc::new(pose_of);
+            by_pose
+                .iter()
+                .map(move |by_pose| (text.clone(), std::rc::Rc::clone(&pose_of), *by_pose))
+        });
+        let measured = orders.filter_map(|(text, pose_of, by_pose)| {
+            let explained = self.in_order(&Reading::AS_READ, self.stride, &**pose_of, by_pose);
             // Pictures that would be without a pose are as they are.
             let given = explained.iter().filter(|one| one.is_some()).count();
             let all = explained.into_iter().zip(as_read);

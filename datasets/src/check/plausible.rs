@@ -5,8 +5,9 @@ use crate::View;
 
 /// Focal lengths of cameras, in widths of the picture.
 const FOCAL: (f64, f64) = (0.2, 20.0);
-/// How far a principal point may lie from the middle, in widths of the picture.
-const OFF_CENTRE: f64 = 0.25;
+/// How far a principal point may lie from the middle, in widths of the picture: a quarter, where half of the right one lies,
+/// less what rounding takes away.
+const OFF_CENTRE: f64 = 0.245;
 
 /// Cameras that no photograph has; a sentence with the first for each way in which they are wrong.
 pub(super) fn cameras(views: &[View]) -> Vec<String> {
@@ -17,7 +18,7 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
         let outside = k.cx < 0.0 || k.cy < 0.0 || k.cx > w || k.cy > h;
         let where_ = match (outside, far) {
             (true, _) => "lies outside of the picture",
-            (_, true) => "lies more than a quarter of the picture from its middle",
+            (_, true) => "lies a quarter of the picture or more from its middle",
             _ => return None,
         };
         Some(format!(

@@ -340,3 +340,56 @@ fn proper_pictures_are_read_in_silence() {
         holds(&said.ends_with(0).out, &["inf"]);
     }
 }
+
+#[test]
+fn a_prediction_that_is_converted_from_its_profile_says_so_unless_it_was_asked_for() {
+    use image::{ImageDecoder as _, ImageEncoder as _};
+    let p3 = untried("X41-icc-display-p3");
+    let file = std::io::BufReader::new(std::fs::File::open(p3.path("target_p3.png")).unwrap());
+    let mut decoder = image::codecs::png::PngDecoder::new(file).unwrap();
+    let profile = decoder.icc_profile().unwrap().unwrap();
+    let case = untried("X32-pred-alpha");
+    let path = case.path("pred/nerfstudio/ns/view_00__view_01.png");
+    let picture = image::open(&path).unwrap().into_rgb8();
+    let mut encoder = image::codecs::png::PngEncoder::new(std::fs::File::create(&path).unwrap());
+    encoder.set_icc_profile(profile).unwrap();
+    let (width, height) = picture.dimensions();
+    encoder
+        .write_image(
+            picture.as_raw(),
+            width,
+            height,
+            image::ExtendedColorType::Rgb8,
+        )
+        .unwrap();
+    let run = |options: &str, out: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --dataset nerfstudio=ns --pairs pairs.csv --method imported:label=mine,dir=pred{options} \
+             --metrics psnr --out {out}"
+        ))
+        .ends_with(0)
+    };
+    let said = run("", "r");
+    let asked = run(",color=convert", "asked");
+    assert!(!asked.err.contains("converted from"), "{}", asked.err);
+    assert_eq!(case.scores("r", "psnr"), case.scores("asked", "psnr"));
+    let stored = run(",color=as-stored", "stored");
+    assert!(!stored.err.contains("profile"), "{}", stored.err);
+    assert_eq!(case.scores("stored", "psnr"), ["30.910303467844745"]);
+    let all = Case {
+        said: vec![said],
+        ..case
+    };
+    all.is_said_everywhere("r", "converted from its colour profile");
+}
+
+#[test]
+fn pictures_in_subfolders_count_beside_those_above_them() {
+    let case = untried("X72-metrics-nested");
+    case.run("for f in p t; do cp $(find $f -name '*.png' | sort | head -1) $f/top.png; done")
+        .ends_with(0);
+    let said = case
+        .run("sharp-bench metrics p t --metrics psnr --json")
+        .ends_with(0);
+    assert_eq!(said.json()["pairs"].as_array().unwrap().len(), 5);
+}

@@ -36,7 +36,7 @@ use crate::pictures::methods_text::MethodsText;
 ///
 /// Pictures are PNG, JPEG, WebP, TIFF or BMP, or floats [H,W,3] of sRGB values in 0..1 in .exr, .npy or .safetensors.
 /// Sizes must agree; nothing is resized unless --resize-prediction says so. In folders every picture needs its partner;
-/// folders without a picture of their own are searched below.
+/// folders are searched with their subfolders.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -331,6 +331,12 @@ impl Method for Command {
     }
 
     fn notes(&self) -> Vec<String> {
+        let unseen = self.files.unseen.iter().map(|word| {
+            format!(
+                "its command line names {word}, behind which files may be that are not hashed: name them by files=PATTERN, \
+                 or its results are not made again when they change"
+            )
+        });
         let absent = self.files.absent.iter();
         absent
             .map(|word| {
@@ -339,6 +345,7 @@ impl Method for Command {
                      file, name it by files=PATTERN, or its results are not made again when it changes"
                 )
             })
+            .chain(unseen)
             .collect()
     }
 

@@ -1,12 +1,17 @@
 //! The files that a command line of the shell names.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What a command line names: files that are there, and words that look like files and are not.
+/// What a command line names.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct NamedFiles {
+    /// Files that are there, those that patterns match and those of Python's modules (`-m`) included.
     pub(super) found: Vec<PathBuf>,
+    /// Words that look like files and are not there.
     pub(super) absent: Vec<String>,
+    /// Words behind which there are files that are not looked for: folders of weights, and what only the shell can put in.
+    pub(super) unseen: Vec<String>,
 }
 
 /// Endings by which a word that is no file is taken for the name of one.
@@ -33,14 +38,19 @@ const ENDINGS: [&str; 19] = [
 ];
 
 /// Looks up every word, also behind `--option=` and `NAME=`, with quotes and variables resolved and relative to the folders
-/// that `cd` goes to. What only the shell can resolve (`$(…)`, patterns) is left alone.
+/// that `cd` goes to. What only the shell can resolve (`$(…)`, braces) is named as unseen.
 pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> NamedFiles {
     let mut named = NamedFiles::default();
     let mut folder = PathBuf::new();
     let mut words = words(line, variable).into_iter().peekable();
-    let mut is_first = true;
+    let (mut is_first, mut is_module) = (true, false);
     while let Some(word) = words.next() {
-        let Word::Text { text, is_whole } = word else {
+        let Word::Text {
+            text,
+            is_whole,
+            is_opaque,
+        } = word
+        else {
             is_first = true;
             continue;
         };
@@ -51,14 +61,40 @@ pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>)
             continue;
         }
         // An assignment comes before the command.
-        is_first &= text.contains('=') && !text.starts_with('-');
+        is_first &= is_assignment(&text);
+        if std::mem::replace(&mut is_module, text == "-m") {
+            let module = folder.join(text.replace('.', "/"));
+            let files = std::fs::read_dir(&module).into_iter().flatten().flatten();
+            let files = files
+                .map(|entry| entry.path())
+                .chain([module.with_extension("py")]);
+            let is_source =
+                |path: &PathBuf| path.is_file() && path.extension().is_some_and(|e| e == "py");
+            named.found.extend(files.filter(is_source));
+            continue;
+        }
         let value = text.split_once('=').map(|(_, value)| value.to_owned());
         let candidates: Vec<String> = std::iter::once(text).chain(value).collect();
         let paths = candidates.iter().map(|candidate| folder.join(candidate));
         let is_there = |path: &PathBuf| path.exists();
         match paths.clone().find(is_there) {
             Some(path) if path.is_file() => named.found.push(path),
+            Some(path) if !is_first && holds_weights(&path) => {
+                named.unseen.extend(candidates.last().cloned());
+            }
             Some(_) => {}
+            None if is_opaque => named.unseen.push("$(…)".to_owned()),
+            None if candidates[0].contains(['*', '?', '[']) => {
+                let matched = paths
+                    .clone()
+                    .filter_map(|path| super::matching(path.to_str()?).ok());
+                named.found.extend(matched.flatten());
+            }
+            None if candidates[0].contains('{')
+                && candidates.iter().any(|text| has_ending(text, &ENDINGS)) =>
+            {
+                named.unseen.extend(candidates.first().cloned());
+            }
             None => {
                 let likely = candidates
                     .iter()
@@ -73,15 +109,33 @@ pub(super) fn named_files(line: &str, variable: &dyn Fn(&str) -> Option<String>)
     named
 }
 
-fn looks_like_a_file(text: &str) -> bool {
+fn is_assignment(text: &str) -> bool {
+    let name = text.split_once('=').map(|(name, _)| name);
+    name.is_some_and(|name| !name.is_empty() && name.chars().all(is_name))
+}
+
+fn has_ending(text: &str, endings: &[&str]) -> bool {
     let ending = Path::new(text)
         .extension()
         .and_then(|ending| ending.to_str());
+    ending.is_some_and(|ending| endings.contains(&ending))
+}
+
+/// True of a folder with files that only weights are.
+fn holds_weights(folder: &Path) -> bool {
+    const WEIGHTS: [&str; 7] = ["bin", "ckpt", "h5", "onnx", "pt", "pth", "safetensors"];
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries
+        .take(1000)
+        .any(|entry| has_ending(&entry.file_name().to_string_lossy(), &WEIGHTS))
+}
+
+fn looks_like_a_file(text: &str) -> bool {
     let is_path = ["/", "./", "../", "~/"]
         .iter()
         .any(|start| text.starts_with(start));
     let is_pattern = text.contains(['*', '?', '$', '`', '(', '{']) || text.contains("://");
-    !is_pattern && (is_path || ending.is_some_and(|ending| ENDINGS.contains(&ending)))
+    !is_pattern && (is_path || has_ending(text, &ENDINGS))
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -90,6 +144,8 @@ enum Word {
         text: String,
         /// False where a variable in it has no value.
         is_whole: bool,
+        /// True where a command puts something in.
+        is_opaque: bool,
     },
     /// The end of a command: `&&`, `|`, `;`, a line end.
     Operator,
@@ -99,7 +155,8 @@ enum Word {
 fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
     let mut found = Vec::new();
     let (mut text, mut is_open, mut is_whole) = (String::new(), false, true);
-    let mut quote = None;
+    let (mut quote, mut is_first, mut is_opaque) = (None, true, false);
+    let mut own: BTreeMap<String, String> = BTreeMap::new();
     let mut letters = line.chars().peekable();
     while let Some(letter) = letters.next() {
         match (quote, letter) {
@@ -110,6 +167,8 @@ fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
                 text.extend(letters.next());
                 is_open = true;
             }
+            (_, '`') => (is_open, is_opaque) = (true, true),
+            (_, '$') if letters.peek() == Some(&'(') => (is_open, is_opaque) = (true, true),
             (_, '$')
                 if letters
                     .peek()
@@ -121,7 +180,7 @@ fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
                 if braced {
                     letters.next_if_eq(&'}');
                 }
-                match variable(&name) {
+                match own.get(&name).cloned().or_else(|| variable(&name)) {
                     Some(value) => text.push_str(&value),
                     None => {
                         text.push('$');
@@ -144,11 +203,20 @@ fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
             {
                 if std::mem::take(&mut is_open) {
                     let text = std::mem::take(&mut text);
-                    found.push(Word::Text { text, is_whole });
-                    is_whole = true;
+                    is_first &= is_assignment(&text);
+                    if is_first && let Some((name, value)) = text.split_once('=') {
+                        own.insert(name.to_owned(), value.to_owned());
+                    }
+                    found.push(Word::Text {
+                        text,
+                        is_whole,
+                        is_opaque,
+                    });
+                    (is_whole, is_opaque) = (true, false);
                 }
                 if ['&', '|', ';', '(', '\n'].contains(&letter) {
                     found.push(Word::Operator);
+                    is_first = true;
                 }
             }
             (_, letter) => {
@@ -158,7 +226,11 @@ fn words(line: &str, variable: &dyn Fn(&str) -> Option<String>) -> Vec<Word> {
         }
     }
     if is_open {
-        found.push(Word::Text { text, is_whole });
+        found.push(Word::Text {
+            text,
+            is_whole,
+            is_opaque,
+        });
     }
     found
 }
@@ -214,6 +286,28 @@ mod tests {
             absent("run --weights=gone.pt ./model $UNSET/w --n=3 -x"),
             ["gone.pt", "./model", "$UNSET/w"]
         );
+        let unseen = |line: &str| named_files(line, &|_| None).unseen;
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("a.bin"), "x").unwrap();
+        let weights = dir.path().display().to_string();
+        for line in [
+            "run W",
+            "run --weights=W",
+            "run $(ls W/*)",
+            "run `ls`",
+            "run W/{a,b}.bin",
+        ] {
+            let line = line.replace('W', &weights);
+            assert_eq!(unseen(&line).len(), 1, "{line}");
+        }
+        for line in [
+            "run .",
+            "run '{\"a\": 1}'",
+            "awk '{print $1}'",
+            "run /tmp --lr {0}",
+        ] {
+            assert_eq!(unseen(line), Vec::<String>::new(), "{line}");
+        }
         assert_eq!(
             absent("python3 -m pkg.mod --lr 0.1 'two words' a=b $(cat x.json)"),
             ["x.json"]
