@@ -257,6 +257,10 @@ impl<'a> Neighbours<'a> {
         };
         let carries = self.carries.iter().map(|(a, b)| {
             let poses = (pose(*a)?, pose(*b)?);
+            // One place with one depth agrees with itself.
+            if depth_by_pose && pose_of(*a) == pose_of(*b) {
+                return None;
+            }
             let (a, b) = (shown(*a)?, shown(*b)?);
             Some(Explained::new((&a.0, &a.1), &b.0, poses, reading, stride))
         });
