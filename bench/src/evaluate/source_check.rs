@@ -38,6 +38,8 @@ const LEAST_FACTOR: f64 = 1.5;
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
 /// Boxes of Gaussians over a pixel beyond which rendering takes minutes: scenes of photographs have tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
+/// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
+const ABSURD_SHARE: f64 = 0.02;
 
 /// What a prediction shows of its own source.
 pub(super) struct SeenSource {
@@ -107,7 +109,8 @@ pub(super) fn absurd_coverage(
 ) -> Option<(String, String)> {
     let placed = placed(prediction.space, source, source);
     let seen = Seen::of(&prediction.gaussians, placed, &source.intrinsics);
-    if seen.layers < ABSURD_LAYERS {
+    let share = seen.layers / seen.members.len().max(1) as f64;
+    if prediction.reading.is_none() || seen.layers < ABSURD_LAYERS || share < ABSURD_SHARE {
         return None;
     }
     let mut scales: Vec<f32> = seen

@@ -369,3 +369,53 @@ fn a_network_that_predicts_poorly_stays_silent_and_its_files_misread_are_named()
         case.run("rm -r r").ends_with(0);
     }
 }
+
+#[test]
+fn gaussians_that_would_take_minutes_to_draw_are_noticed_and_many_small_ones_are_not() {
+    use std::fmt::Write as _;
+    let case = empty();
+    // Every property in the order of the header; scales are logarithms.
+    let write = |count: usize, scale: f32| {
+        let mut text = format!("ply\nformat ascii 1.0\nelement vertex {count}\n");
+        for name in
+            "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
+                .split(' ')
+        {
+            let _ = writeln!(text, "property float {name}");
+        }
+        text += "end_header\n";
+        for i in 0..count {
+            let (x, y) = (
+                (i % 100) as f32 / 50.0 - 1.0,
+                (i / 100 % 100) as f32 / 50.0 - 1.0,
+            );
+            let _ = writeln!(
+                text,
+                "{x} {y} 3 0 0 0 {} {scale} {scale} {scale} 1 0 0 0",
+                -7.0 - x
+            );
+        }
+        std::fs::create_dir_all(case.path("g/synthetic/seed0")).unwrap();
+        for view in 0..8 {
+            let file = format!("g/synthetic/seed0/view_0{view}.ply");
+            std::fs::write(case.path(&file), &text).unwrap();
+        }
+    };
+    let run = |out: &str| {
+        case.run(&format!(
+            "sharp-bench run -q --no-check --dataset synthetic=size=32x24,views=8 --scenes seed0 --limit 1 \
+             --method gaussians:dir=g,color_space=srgb --metrics psnr --out {out}"
+        ))
+    };
+    write(9000, 0.0);
+    let said = run("wide");
+    assert!(
+        said.err.contains("cover a pixel on average"),
+        "{}{}",
+        said.out,
+        said.err
+    );
+    write(9000, -5.0);
+    let said = run("small");
+    assert!(!said.err.contains("cover a pixel"), "{}", said.err);
+}
