@@ -201,7 +201,7 @@ impl Fit {
         Errors::of(self.total).error
     }
 
-    /// True where the picture explains less than a quarter of the photograph, whatever its brightness and contrast.
+    /// True where the picture explains less than a tenth of the photograph, whatever its brightness and contrast.
     pub(super) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
@@ -210,7 +210,7 @@ impl Fit {
         } = Errors::of(self.total);
         // Of a photograph of one colour nothing can be explained; 8 levels off is close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        error > 0.5 * variance + noise && residual > 0.75 * variance
+        error > 0.5 * variance + noise && residual > 0.9 * variance
     }
 
     /// True where it explains most of the photograph.

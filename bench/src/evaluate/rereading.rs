@@ -7,6 +7,7 @@ use sharp::gaussians::Gaussians;
 use sharp::ply::{
     ColorSpace, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions, StoredScales,
 };
+use sharp::random::mix;
 use sharp::render::RenderError;
 
 use super::likeness::Fit;
@@ -21,8 +22,7 @@ const MOST_LAYERS: f64 = 3000.0;
 const WORTH_A_LOOK: f64 = 0.25;
 /// How much larger the errors in other views may become.
 const NOT_WORSE: f64 = 1.1;
-/// The same where Gaussians are moved by half a pixel: of those at one depth the first ones cover the later ones, which moves
-/// their picture in the source as well, but not in other views.
+/// The same where Gaussians are moved by half a pixel, which other views have to confirm.
 const BETTER: f64 = 0.97;
 /// Settings that can be wrong at once.
 const ROUNDS: usize = 3;
@@ -55,10 +55,13 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
     ) -> Result<Option<Fit>, RenderError> {
-        let seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
+        let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
         }
+        // Of Gaussians at one depth the first covers the others: in a file's order that moves the whole picture, in none it
+        // does not.
+        seen.members.sort_by_key(|&k| mix(k as u64));
         let seen = subset(gaussians, &seen.members);
         let intrinsics = self.intrinsics();
         let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;

@@ -304,7 +304,7 @@ mod tests {
             "run .",
             "run '{\"a\": 1}'",
             "awk '{print $1}'",
-            "run /tmp --lr {0}",
+            "run .. --lr {0}",
         ] {
             assert_eq!(unseen(line), Vec::<String>::new(), "{line}");
         }
