@@ -2,7 +2,7 @@
 //!
 //! A wrong frame, unit, encoding or colour space gives bad scores without an error. Rendered from the source's own camera,
 //! such Gaussians give themselves away; a scale about that camera does not, so the depth that is seen is recorded too. Files
-//! of others are also read otherwise ([`doubts_about`]), which costs as much as some small pictures: of three sources of each
+//! of others are also read otherwise (`doubts_about`), which costs as much as some small pictures: of three sources of each
 //! dataset, which depend on the list of pairs alone.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -13,13 +13,15 @@ use crate::io::hash::{HashedFile, sha256_hex};
 /// One file, once its hash is known; locked while that is being computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
+/// Of views without files, by the address of their content, which is kept so that it stays theirs.
+type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
+
 /// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
 /// [`changed`](Self::changed) tells.
 #[derive(Debug, Default)]
 pub(crate) struct ViewHashes {
     files: Mutex<BTreeMap<PathBuf, HashSlot>>,
-    /// Of views without files, by the address of their content, which is kept so that it stays theirs.
-    procedural: Mutex<BTreeMap<usize, (Arc<dyn ViewContent>, String)>>,
+    procedural: Mutex<ProceduralHashes>,
 }
 
 impl ViewHashes {
