@@ -216,7 +216,7 @@ impl OverlapArgs {
         Ok(recipe.checked()?)
     }
 
-    /// What looks for contradictions in datasets, remembered beside measured overlaps; `None` where it is not to.
+    /// The quick check of datasets, cached beside measured overlaps; `None` with `--no-check`.
     pub(super) fn checks(&self) -> Option<SceneChecks> {
         let folder = self.cache.clone().or_else(OverlapCache::users_folder);
         let folder = folder.filter(|_| !self.no_cache);

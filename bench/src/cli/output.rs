@@ -24,7 +24,7 @@ pub(super) fn json(value: &impl Serialize) -> anyhow::Result<()> {
     line(serde_json::to_string_pretty(value)?)
 }
 
-/// A message whose settings of pictures are written as the options that a command has for them.
+/// Rewrites settings of pictures in a message (`alpha=`) as command-line options (`--alpha `).
 pub(super) fn as_options(message: &impl ToString) -> String {
     let keys = ["alpha", "color", "orientation", "exr"].into_iter();
     keys.fold(message.to_string(), |text, key| {

@@ -161,7 +161,7 @@ impl Keys {
         }
     }
 
-    /// Which files a pair is; `None` where one cannot be read.
+    /// Hashes of a pair's files; `None` if one cannot be read.
     pub(super) fn pair_files(&self, planned: &ResolvedPair) -> Option<PairFiles> {
         Some(PairFiles {
             source: self.hashes.short(planned.source).ok()?,
@@ -169,8 +169,11 @@ impl Keys {
         })
     }
 
-    /// Refuses results of other files than those that are there now: `fix` says what to do. Views that are not open are
-    /// not compared, nor failures.
+    /// Compares the files behind stored units with those on disk now. Views of datasets that are not open and failed units
+    /// are skipped.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NotKept`] for the first unit made from other files; `fix` completes the sentence.
     pub(super) fn check_files<'u>(
         &self,
         folder: &RunFolder,

@@ -15,7 +15,7 @@ const SIGNIFICANCE: f64 = 3.0;
 const SIGNIFICANCE_FREE: f64 = 2.0;
 /// Share of the photograph's variance that an explanation has to explain.
 const EXPLAINED: f64 = 0.5;
-/// Mean squared error that is none, levels²: what rounding and truncating to 8 bit leave.
+/// Mean squared error below which pictures count as equal, levels²: rounding against truncation to 8 bit.
 const ROUNDING: f64 = 1.0;
 
 /// The part of a photograph with the largest contrast, at the photograph's own resolution: what is wrong by half a pixel or
@@ -62,7 +62,7 @@ fn contrast(photograph: &RgbImage, region: Region) -> u64 {
     sum
 }
 
-/// Sums over pixels of one channel: what squared errors and regressions are made of.
+/// Moments of one channel over pixels, enough for squared errors and regressions.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     n: f64,
@@ -111,7 +111,7 @@ impl Sums {
 #[derive(Debug, Clone, Copy, Default)]
 struct Errors {
     error: f64,
-    /// What is left where brightness and contrast are free: holes and a wrong exposure are none of it.
+    /// Squared error after the best fit of brightness and contrast, so that holes and exposure do not count.
     residual: f64,
     variance: f64,
 }
@@ -135,7 +135,7 @@ impl Errors {
 /// How a rendering compares with a part of a photograph.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
-    /// Of equal parts of it, in the same order for every picture of its size.
+    /// One per block of the picture, row by row; equal sizes give equal blocks.
     blocks: Vec<[Sums; 3]>,
     total: [Sums; 3],
 }

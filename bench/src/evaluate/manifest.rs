@@ -278,10 +278,10 @@ pub struct MethodRecord {
     pub privilege: Privilege,
     /// Hash of the code that makes its pictures.
     pub sources: String,
-    /// What may be wrong with how it is set up, one sentence each.
+    /// Warnings about the method's options, one sentence each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// What speaks against the way that its predictions were read, each kind once.
+    /// Warnings about how its predictions were read, each kind once.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }

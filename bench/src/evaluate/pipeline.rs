@@ -111,14 +111,14 @@ impl RunOptions {
 pub(super) struct Job<'a> {
     /// In the order of their ids.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
-    /// Sources whose files of Gaussians are read otherwise, too.
+    /// Sources for which other readings of their Gaussians are tried.
     pub(super) checked: BTreeSet<String>,
     pub(super) methods: &'a [Box<dyn Method>],
     pub(super) scoring: &'a Scoring,
     pub(super) renderer: &'a SharedRenderer,
     pub(super) keys: &'a Keys,
     pub(super) options: RunOptions,
-    /// Time since a moment of its own.
+    /// Monotonic time; only differences matter. Tests plant their own.
     pub(super) clock: fn() -> Duration,
     /// The part of a plan that it is, where that has several: their logs lie apart.
     pub(super) shard: Shard,
@@ -309,7 +309,7 @@ fn prepare_all<'a>(
     }
 }
 
-/// What a prediction shows of its source, and what speaks against the way that it was read.
+/// The source check of a prediction: measured values and warnings.
 struct SourceFacts {
     extras: BTreeMap<String, f64>,
     warnings: BTreeMap<String, String>,
@@ -733,7 +733,7 @@ impl<'a> PairWork<'_, 'a> {
         }))
     }
 
-    /// What a step gives, and the wall seconds that it takes.
+    /// Runs a step; its value and its wall time, s.
     fn timed<T>(&self, step: impl FnOnce() -> T) -> (T, f64) {
         let started = (self.job.clock)();
         let value = step();
@@ -743,7 +743,7 @@ impl<'a> PairWork<'_, 'a> {
         )
     }
 
-    /// What a prediction shows of its source, and what speaks against the way that its file was read.
+    /// Checks a prediction against its own source: measured values and warnings.
     fn check_source(
         &self,
         method: &dyn Method,

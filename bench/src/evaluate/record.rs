@@ -91,12 +91,12 @@ pub struct Record {
     /// The scale that was chosen among several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<ChosenScale>,
-    /// Which files the pair is; `None` where they could not be read, or of a version that did not say.
+    /// Hashes of the pair's files; `None` if unreadable, or in results of older versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub files: Option<PairFiles>,
     /// What the method reports about this prediction (`mean_alpha`, `hole_share`, …).
     pub extras: BTreeMap<String, f64>,
-    /// What speaks against the way that its prediction was read, by what it is about.
+    /// Warnings about how its prediction was read, by topic.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub warnings: BTreeMap<String, String>,
 }
@@ -127,7 +127,7 @@ pub struct ChosenScale {
     pub tried: usize,
 }
 
-/// The first view that two results were made from different files of, as a sentence; failures do not count.
+/// Describes the first view for which two successful results used different files; `None` if there is none.
 pub(crate) fn file_difference<'a>(records: impl IntoIterator<Item = &'a Record>) -> Option<String> {
     let mut known: BTreeMap<(&str, &str, &str), (&str, &Record)> = BTreeMap::new();
     for record in records {

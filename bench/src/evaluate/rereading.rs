@@ -24,7 +24,7 @@ const WORTH_A_LOOK: f64 = 0.25;
 const NOT_WORSE: f64 = 1.1;
 /// The same where Gaussians are moved by half a pixel, which other views have to confirm.
 const BETTER: f64 = 0.97;
-/// Settings that can be wrong at once.
+/// Settings that may be wrong at the same time.
 const ROUNDS: usize = 3;
 /// Axes that files come in: OpenGL's, which are a turn about x, turns about y and z, Unity's, and z up.
 const AXES: [&str; 6] = ["rdf", "rub", "ldb", "luf", "ruf", "rfu"];
@@ -246,7 +246,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// By their centres and their largest standard deviation, generously.
+    /// Bounds each Gaussian by its centre and largest standard deviation; overestimates.
     pub(super) fn of(gaussians: &Gaussians, camera_from_file: DAffine3, k: &Intrinsics) -> Self {
         let linear = camera_from_file.matrix3;
         let stretch = [linear.x_axis, linear.y_axis, linear.z_axis].map(DVec3::length);

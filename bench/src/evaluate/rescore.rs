@@ -131,7 +131,7 @@ pub fn score_shard(
     Ok(counts)
 }
 
-/// What becomes of kept pictures whose files are others now: an old prediction has no score against a new photograph.
+/// Advice for kept pictures whose input files have changed: an old prediction is not scored against a new photograph.
 const EVALUATE_AGAIN: &str = "`run` with the same options evaluates it again";
 
 /// A manifest as it would be if its metrics were these.

@@ -57,7 +57,8 @@ impl Evaluation {
             ));
         }
         let pairs = self.pairs()?;
-        let plan = folder.plan()?.with(self.block(&pairs));
+        let block = self.block(&pairs);
+        let plan = folder.plan()?.with(block.clone());
         if self.common_region && plan.pairs().len() != pairs.len() {
             return Err(refused(
                 out,
@@ -66,7 +67,7 @@ impl Evaluation {
             ));
         }
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
-        self.begin(&folder, &plan, &keys, observer)?;
+        self.begin(&folder, &plan, block, &keys, observer)?;
         let checked = checked_sources(&pairs);
         let job = self.job(pairs, checked, &keys, options, Shard::WHOLE);
         let counts = run_pipeline(&job, &folder, observer)?;
@@ -105,7 +106,8 @@ impl Evaluation {
             ));
         }
         let folder = RunFolder::create(out)?;
-        let plan = folder.plan()?.with(self.block(&self.pairs()?));
+        let block = self.block(&self.pairs()?);
+        let plan = folder.plan()?.with(block.clone());
         if plan.blocks.len() > 1 {
             return Err(refused(
                 out,
@@ -119,7 +121,7 @@ impl Evaluation {
             ..plan
         };
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
-        self.begin(&folder, &plan, &keys, observer)?;
+        self.begin(&folder, &plan, block, &keys, observer)?;
         Ok(estimate)
     }
 
@@ -220,6 +222,7 @@ impl Evaluation {
         &self,
         folder: &RunFolder,
         plan: &RunPlan,
+        block: PlanBlock,
         keys: &Keys,
         observer: &dyn Observer,
     ) -> Result<(), EvaluateError> {
@@ -230,7 +233,6 @@ impl Evaluation {
             let (extended, replaced) = before.extended(manifest, out.to_owned())?;
             manifest = extended;
             // Units of this run are brought up to date; those of others have to be of the same files.
-            let block = self.block(&self.pairs()?);
             let own = RunPlan::default().with(block);
             let own = own.units();
             let (units, _) = folder.units()?;

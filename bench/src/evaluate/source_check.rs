@@ -338,7 +338,7 @@ fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
 
-/// What is odd about the Gaussians behind a record, by what it is about.
+/// Warnings about the Gaussians behind a record, by topic.
 pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
     let extra = |name: &str| record.extras.get(name).copied();
     let source = &record.source;

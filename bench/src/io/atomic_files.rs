@@ -195,8 +195,8 @@ impl Write for PartialFile {
     }
 }
 
-/// Removes files in the making whose process is gone: those that are not locked. Once a folder and process; where the
-/// file system has no locks, nothing.
+/// Removes unlocked partial files, whose process is gone. Runs once per folder and process; does nothing on file systems
+/// without locks.
 fn remove_abandoned(folder: &Path) {
     static SEEN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let is_new = |seen: &mut BTreeSet<PathBuf>| match fs::canonicalize(folder) {

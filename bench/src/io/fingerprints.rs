@@ -218,7 +218,7 @@ version = \"0.3.7\"
         "sharp/src",
     ];
 
-    /// Files there that decide none: they plan, store, name, describe or measure time.
+    /// Files in those folders that decide no result: they plan, store, name, describe or measure time.
     const UNDECIDING: [&str; 40] = [
         "bench/src/evaluate/aggregation.rs",
         "bench/src/evaluate/bundle.rs",

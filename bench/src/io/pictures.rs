@@ -45,7 +45,7 @@ pub const EXTENSIONS: [&str; 11] = [
     "jfif",
 ];
 
-/// How a picture that someone hands in is read.
+/// Rules for reading a picture that the user supplies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reading {
     pub rules: PictureRules,
@@ -53,7 +53,7 @@ pub struct Reading {
     pub exr: Option<ExrTransfer>,
 }
 
-/// A picture as read, and what a reader of its scores has to know: a sentence each that names the setting.
+/// A picture, with a note for each conversion that affects scores; each names its setting.
 #[derive(Debug)]
 pub struct ReadPicture {
     pub picture: Picture,

@@ -13,7 +13,7 @@ use crate::io::hash::{HashedFile, sha256_hex};
 /// One file, once its hash is known; locked while that is being computed.
 type HashSlot = Arc<Mutex<Option<HashedFile>>>;
 
-/// Of views without files, by the address of their content, which is kept so that it stays theirs.
+/// Hashes of procedural views by the address of their content; the `Arc` keeps the address from being reused.
 type ProceduralHashes = BTreeMap<usize, (Arc<dyn ViewContent>, String)>;
 
 /// Hashes of files, remembered for as long as this lives. A file that changes meanwhile keeps its hash;
@@ -79,7 +79,7 @@ impl ViewHashes {
         Ok(hash)
     }
 
-    /// The photograph of a view that is made when it is asked for.
+    /// Hash of a procedural view's photograph, which is rendered once.
     fn procedural(&self, view: &View) -> Result<String, DatasetError> {
         let address = Arc::as_ptr(&view.content).addr();
         if let Some((_, known)) = lock(&self.procedural).get(&address) {

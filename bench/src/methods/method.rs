@@ -137,7 +137,7 @@ pub struct PicturePrediction {
     pub resized_from: Option<(u32, u32)>,
     /// What the method reports about it; each becomes a column.
     pub extras: BTreeMap<String, f64>,
-    /// What was done to its file that nobody asked for, one sentence each with the setting that decides it.
+    /// Conversions of its file that were not asked for, one sentence each with the setting.
     pub notes: Vec<String>,
 }
 
@@ -290,7 +290,7 @@ pub trait Method: Send + Sync {
         Privilege::None
     }
 
-    /// What may be wrong with how it is set up, one sentence each, without the label.
+    /// Warnings about the method's options, one sentence each, without its label.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }

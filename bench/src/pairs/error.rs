@@ -45,7 +45,7 @@ pub enum PairError {
     Recipe(String),
     #[error(transparent)]
     Network(#[from] NetworkError),
-    /// By a signal or the time budget.
+    /// A signal or the time budget ended it.
     #[error(
         "the pair list was not finished; overlaps measured so far are kept where there is a cache, and the same \
          command continues from there"

@@ -1,4 +1,4 @@
-//! What scenes contradict, remembered by the content of the views that were looked at.
+//! The quick check of scenes at the start of a run, cached by the content of the views it looks at.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ const SCENES: usize = 64;
 /// Most scenes of a dataset that a warning names.
 const NAMED: usize = 3;
 
-/// Looks for what scenes contradict. A file that cannot be used is as good as none, and so is one that cannot be written.
+/// Checks scenes for contradictions, with cached results. Cache files that cannot be read or written are ignored.
 #[derive(Debug, Default)]
 pub struct SceneChecks {
     folder: Option<PathBuf>,

@@ -1,17 +1,18 @@
-//! What other people's code computes under the names of our metrics: for telling where a number is from, never a column.
+//! Values that other people's code computes under the names of our metrics. They identify a published number and are never
+//! a column.
 //!
 //! Each form is that of a public package at its defaults. They are computed plainly: only `metrics --find` asks for them.
 
 use image::{Rgb, Rgb32FImage};
 use sharp_metrics::{Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, resize};
 
-/// A form with its value.
+/// One such computation and its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OtherForm {
     /// As in `piq.DISTS`.
     pub name: &'static str,
     pub family: Family,
-    /// How it differs, and whose it is.
+    /// How it differs from ours, and whose code computes it.
     pub convention: &'static str,
     pub value: f64,
 }
@@ -169,7 +170,7 @@ fn score(
     scores.into_iter().next()?.1.ok()
 }
 
-/// 10 log₁₀ (1 / mse).
+/// PSNR of single-channel pictures, dB; `None` if they are equal.
 fn luma_psnr([a, b]: &[Planes; 2]) -> Option<f64> {
     let squares = a.values.iter().flatten().zip(b.values.iter().flatten());
     let squares = squares.map(|(a, b)| (a - b) * (a - b));

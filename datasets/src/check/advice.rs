@@ -1,4 +1,4 @@
-//! What was found to fit better, in words, with the setting that mends it.
+//! Sentences about a reading that fits better, with the setting that selects it.
 
 use super::explained::Explained;
 use super::fit::Change;

@@ -27,7 +27,7 @@ const LEAST_ERRORS: f64 = 3.0;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
 
-/// What another reading changes.
+/// The change that another reading makes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Change {
     /// The poses' translations, times this, fit the depth.
@@ -41,7 +41,7 @@ pub(super) enum Change {
     Convention(&'static str),
     /// Pictures belong to other poses, in words.
     Order(String),
-    /// Pictures are turned otherwise by their EXIF orientation, which both fits the camera; the setting that does so.
+    /// Pictures read under the other EXIF orientation rule, which fits the camera as well; the setting that selects it.
     Turned(&'static str),
 }
 
@@ -177,7 +177,7 @@ impl<'a> Neighbours<'a> {
         })
     }
 
-    /// What contradicts itself, in words.
+    /// Describes a contradiction, if there is one.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
         match self.better() {
@@ -233,7 +233,8 @@ impl<'a> Neighbours<'a> {
             .collect()
     }
 
-    /// As if picture i had the pose of view `pose_of(i)`, and with `depth_by_pose` its depth; `None` where it would have none.
+    /// Explains the carries as if picture i had the pose of view `pose_of(i)`, and with `depth_by_pose` its depth, too. `None`
+    /// for a carry whose pictures would have no pose, or one and the same.
     fn in_order(
         &self,
         reading: &Reading,
@@ -306,28 +307,26 @@ impl<'a> Neighbours<'a> {
     /// Other assignments of pictures to poses.
     fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
         let starts = self.carries.iter().map(|(a, _)| *a).collect();
-        let orders = orders(self.views, starts).into_iter();
-        // Depth may be named by the frame or by the picture; a scan's is the pose's.
+        // Depth may belong to the frame or to the picture; a scan's belongs to the pose.
         let by_pose: &[bool] = if self.depth_by_pose {
             &[true]
         } else {
             &[false, true]
         };
-        let orders = orders.flat_map(|(text, pose_of)| {
-            let pose_of = std::rc::Rc::new(pose_of);
-            by_pose
-                .iter()
-                .map(move |by_pose| (text.clone(), std::rc::Rc::clone(&pose_of), *by_pose))
-        });
-        let measured = orders.filter_map(|(text, pose_of, by_pose)| {
-            let explained = self.in_order(&Reading::AS_READ, self.stride, &**pose_of, by_pose);
-            // Pictures that would be without a pose are as they are.
-            let given = explained.iter().filter(|one| one.is_some()).count();
-            let all = explained.into_iter().zip(as_read);
-            let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
-            (2 * given >= all.len()).then_some((Change::Order(text), all))
-        });
-        measured.collect()
+        let mut measured = Vec::new();
+        for (text, pose_of) in orders(self.views, starts) {
+            for by_pose in by_pose {
+                let explained = self.in_order(&Reading::AS_READ, self.stride, &*pose_of, *by_pose);
+                // Pictures that would be without a pose are as they are.
+                let given = explained.iter().filter(|one| one.is_some()).count();
+                let all = explained.into_iter().zip(as_read);
+                let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
+                if 2 * given >= all.len() {
+                    measured.push((Change::Order(text.clone()), all));
+                }
+            }
+        }
+        measured
     }
 }
 

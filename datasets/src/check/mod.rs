@@ -135,7 +135,7 @@ fn without_pairs(spec: &DatasetSpec, scene: &Scene) -> Option<String> {
     })
 }
 
-/// How much of a scene is looked at for what contradicts itself.
+/// How much of a scene the check looks at.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Effort {
     /// Pairs of neighbouring views.
@@ -167,8 +167,8 @@ pub fn looked_at(scene: &Scene) -> BTreeSet<usize> {
     }
 }
 
-/// What of a scene contradicts itself or is implausible, from a few of its views: sentences that name the cause and what
-/// mends it. Empty for a proper scene.
+/// Contradictions and implausible values in a few views of a scene, one sentence each with cause and remedy. Empty for a
+/// proper scene.
 pub fn contradictions(scene: &Scene, units: Units) -> Vec<String> {
     look(scene, units, QUICK).contradictions
 }

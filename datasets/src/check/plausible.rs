@@ -5,8 +5,8 @@ use crate::View;
 
 /// Focal lengths of cameras, in widths of the picture.
 const FOCAL: (f64, f64) = (0.2, 20.0);
-/// How far a principal point may lie from the middle, in widths of the picture: a quarter, where half of the right one lies,
-/// less what rounding takes away.
+/// Largest distance of the principal point from the centre, in picture widths. A centred point that was halved lies at a
+/// quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
 /// Cameras that no photograph has; a sentence with the first for each way in which they are wrong.

@@ -17,14 +17,14 @@ pub(super) struct Scored {
     pub(super) prediction: PathBuf,
     pub(super) target: PathBuf,
     pub(super) mask: Option<PathBuf>,
-    /// What was done to the pictures as they were read.
+    /// Notes on how the pictures were read, one sentence each.
     pub(super) notes: Vec<String>,
     /// Width and height of the prediction where it was resized.
     pub(super) resized_from: Option<(u32, u32)>,
     /// Of prediction and target as scored: `8 bit` or `f32`.
     pub(super) depths: [&'static str; 2],
     pub(super) scores: KeyedScores,
-    /// What other code computes under these names, where a number is sought.
+    /// Values by other people's code; computed for `--find` only.
     pub(super) others: Vec<OtherForm>,
     pub(super) terms: Vec<(MetricKey, Terms)>,
     /// Key, files and scale of each map.

@@ -203,7 +203,7 @@ impl ScoredPairs<'_> {
             .collect()
     }
 
-    /// Means over the pairs of what other code computes, where every pair has it.
+    /// Mean over the pairs of each form of other code; forms that a pair lacks are left out.
     fn other_means(&self) -> Vec<OtherForm> {
         let first = self.scored.first().map_or(&[][..], |pair| &pair.others);
         let mean = |form: &OtherForm| {

@@ -25,7 +25,7 @@ const GRACE: Duration = Duration::from_secs(5);
 /// How long is waited for the rest of what an ended program wrote.
 const LAST_OUTPUT: Duration = Duration::from_millis(500);
 
-/// How often a program that owes an answer is looked at: it may have ended while a child of it holds its output open.
+/// Polling interval while waiting for an answer: a program may have exited while its child keeps the pipe open.
 const LOOK: Duration = Duration::from_millis(50);
 
 #[derive(Debug, PartialEq, Eq)]

@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 /// What a command line names.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct NamedFiles {
-    /// Files that are there, those that patterns match and those of Python's modules (`-m`) included.
+    /// Existing files, including matches of patterns and sources of Python modules (`-m`).
     pub(super) found: Vec<PathBuf>,
-    /// Words that look like files and are not there.
+    /// Words that look like files but do not exist.
     pub(super) absent: Vec<String>,
-    /// Words behind which there are files that are not looked for: folders of weights, and what only the shell can put in.
+    /// Words that may name further files, which are not hashed: folders of weights, command substitutions, braces.
     pub(super) unseen: Vec<String>,
 }
 
-/// Endings by which a word that is no file is taken for the name of one.
+/// Extensions that mark a word as a file name even if no such file exists.
 const ENDINGS: [&str; 19] = [
     "bin",
     "cfg",
@@ -144,7 +144,7 @@ enum Word {
         text: String,
         /// False where a variable in it has no value.
         is_whole: bool,
-        /// True where a command puts something in.
+        /// True if it contains a command substitution.
         is_opaque: bool,
     },
     /// The end of a command: `&&`, `|`, `;`, a line end.

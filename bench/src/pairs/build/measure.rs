@@ -50,7 +50,7 @@ impl<'a> Measuring<'a> {
         }
     }
 
-    /// Whether something has become known that was not.
+    /// True if anything was measured.
     pub(super) fn has_learnt(&self) -> bool {
         self.learnt.get()
     }

@@ -24,14 +24,14 @@ pub(super) struct SceneWork<'a> {
     build: &'a mut PairBuild,
     known: SceneOverlaps,
     key: Option<String>,
-    /// Whether something is known that the cache lacks, and when it was last brought up to date.
+    /// Whether the cache is out of date, and when it was last written.
     unkept: bool,
     kept: Instant,
-    /// Views with the problems that are noted.
+    /// Problems already reported, by view.
     noted: BTreeSet<(usize, String)>,
 }
 
-/// How much measuring may be lost to a kill.
+/// Interval between cache writes; a kill loses at most this much measuring.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
 impl<'a> SceneWork<'a> {
@@ -63,7 +63,7 @@ impl<'a> SceneWork<'a> {
         }
     }
 
-    /// Measures what is not known, and notes what could not be read.
+    /// Measures what is missing and reports unreadable depth.
     fn measuring(&mut self, work: impl Fn(&Measuring, &mut SceneOverlaps) -> Vec<DepthFailure>) {
         let measuring = Measuring::new(self.scene, self.options, self.context);
         for (view, error) in work(&measuring, &mut self.known) {

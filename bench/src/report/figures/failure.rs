@@ -54,7 +54,7 @@ pub fn sheet(comparison: &SheetContent<'_>, depth: Option<&Path>) -> Result<Shee
     })
 }
 
-/// Depth of the rendering that was scored, or of the dataset, and whose it is.
+/// Depth of the scored rendering, or else of the dataset, with a caption that says which.
 fn of_run(
     comparison: &SheetContent<'_>,
     chosen: &ChosenPair<'_>,

@@ -174,7 +174,7 @@ pub fn figure(
     draw(&title, &caption, &legend, &drawn, Some(style)).map(Some)
 }
 
-/// Where the times of some of the methods shown are from.
+/// Explains where the times come from; `by_speed` lists the methods measured by `speed`.
 fn caption(by_speed: &[&str], shown: usize) -> String {
     const IN_RUN: &str = "median wall seconds of inference and rendering of a pair as the run kept them, while the pair \
                           before was being scored; an inference that several pairs share counts whole for each";
