@@ -1,7 +1,7 @@
 //! How a file of Gaussians is read, as arguments.
 
 use clap::Args;
-use sharp::ply::{ColorSpace, Reading};
+use sharp::ply::{ColorSpace, StoredForm};
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReadingArgs {
@@ -14,8 +14,8 @@ pub(crate) struct ReadingArgs {
 }
 
 impl ReadingArgs {
-    pub(crate) fn reading(&self) -> Reading {
-        let mut reading = Reading::from(self.color_space);
+    pub(crate) fn reading(&self) -> StoredForm {
+        let mut reading = StoredForm::from(self.color_space);
         for (key, value) in &self.read {
             // Each was tried when it was parsed.
             let _ = reading.set(key, value);
@@ -26,9 +26,9 @@ impl ReadingArgs {
 
 fn setting(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or("KEY=VALUE is needed")?;
-    match Reading::default().set(key, value) {
+    match StoredForm::default().set(key, value) {
         Ok(true) => Ok((key.to_owned(), value.to_owned())),
-        Ok(false) => Err(format!("unknown; known: {}", Reading::KEYS.join(", "))),
+        Ok(false) => Err(format!("unknown; known: {}", StoredForm::KEYS.join(", "))),
         Err(error) => Err(error.to_string()),
     }
 }

@@ -134,7 +134,7 @@ impl Errors {
 
 /// How a rendering compares with a part of a photograph.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Fit {
+pub(super) struct Likeness {
     /// One per block of the picture, row by row; equal sizes give equal blocks.
     blocks: Vec<[Sums; 3]>,
     total: [Sums; 3],
@@ -143,7 +143,7 @@ pub(super) struct Fit {
 /// Blocks along each side.
 const BLOCKS: u32 = 6;
 
-impl Fit {
+impl Likeness {
     /// Of a part of a photograph and a picture of that part.
     pub(super) fn of(photograph: &RgbImage, region: Region, picture: &RgbImage) -> Self {
         let mut blocks = vec![[Sums::default(); 3]; (BLOCKS * BLOCKS) as usize];
@@ -281,9 +281,9 @@ mod tests {
         })
     }
 
-    fn fit(picture: &RgbImage) -> Fit {
+    fn fit(picture: &RgbImage) -> Likeness {
         let photograph = photograph(0);
-        Fit::of(&photograph, Region::whole(photograph.dimensions()), picture)
+        Likeness::of(&photograph, Region::whole(photograph.dimensions()), picture)
     }
 
     #[test]
@@ -312,7 +312,7 @@ mod tests {
         assert!(fit(&black).is_unrelated());
         assert!(!fit(&photograph(3)).is_unrelated());
         let flat = |level: u8| RgbImage::from_pixel(64, 48, Rgb([level; 3]));
-        let near = Fit::of(&flat(120), Region::whole((64, 48)), &flat(124));
+        let near = Likeness::of(&flat(120), Region::whole((64, 48)), &flat(124));
         assert!(!near.is_unrelated());
     }
 

@@ -10,7 +10,7 @@ use sharp::ply::{
 use sharp::random::mix;
 use sharp::render::RenderError;
 
-use super::likeness::Fit;
+use super::likeness::Likeness;
 use crate::methods::file_reading::{Axes, FileReading, FileSpace, Placement};
 use crate::pairs::PosedCamera;
 use crate::rendering::SharedRenderer;
@@ -54,7 +54,7 @@ impl Trial<'_> {
         &self,
         gaussians: &Gaussians,
         camera_from_file: DAffine3,
-    ) -> Result<Option<Fit>, RenderError> {
+    ) -> Result<Option<Likeness>, RenderError> {
         let mut seen = Seen::of(gaussians, camera_from_file, &self.intrinsics());
         if seen.members.is_empty() || seen.layers > MOST_LAYERS {
             return Ok(None);
@@ -66,7 +66,7 @@ impl Trial<'_> {
         let intrinsics = self.intrinsics();
         let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;
         let picture = self.renderer.picture(&output);
-        Ok(Some(Fit::of(self.photograph, self.region, &picture)))
+        Ok(Some(Likeness::of(self.photograph, self.region, &picture)))
     }
 
     /// The reading that explains the photograph best, where it does so significantly better than the one that `as_read` shows:
@@ -76,9 +76,9 @@ impl Trial<'_> {
         &self,
         gaussians: &Gaussians,
         reading: &FileReading,
-        as_read: &Fit,
+        as_read: &Likeness,
         neighbours: &[Trial<'_>],
-    ) -> Result<Option<(FileReading, Fit)>, RenderError> {
+    ) -> Result<Option<(FileReading, Likeness)>, RenderError> {
         let mut best = (*reading, as_read.clone());
         for _ in 0..ROUNDS {
             let (before, fit_before) = &best;
@@ -128,7 +128,7 @@ impl Trial<'_> {
             };
             let fit_elsewhere = of_others(before)?;
             let all_before = fit_before.joined(&fit_elsewhere);
-            let mut chosen: Option<(FileReading, Fit, Fit)> = None;
+            let mut chosen: Option<(FileReading, Likeness, Likeness)> = None;
             for (candidate, fit) in better {
                 let elsewhere = of_others(&candidate)?;
                 let all = fit.joined(&elsewhere);
@@ -159,12 +159,12 @@ impl Trial<'_> {
         gaussians: &Gaussians,
         placement: Placement,
         elsewhere: &[Trial<'_>],
-    ) -> Result<Fit, RenderError> {
-        let mut joined = Fit::default();
+    ) -> Result<Likeness, RenderError> {
+        let mut joined = Likeness::default();
         for other in elsewhere {
             let other_from_own = self.source.to(other.source).to_affine();
             let placed = other_from_own * placement.camera_from_file(self.source);
-            let nothing = || Fit::of_nothing(other.photograph, other.region);
+            let nothing = || Likeness::of_nothing(other.photograph, other.region);
             let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
             joined = joined.joined(&fit);
         }

@@ -13,7 +13,7 @@ use sharp::render::RenderError;
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
-use super::likeness::{Fit, window};
+use super::likeness::{Likeness, window};
 use super::record::Record;
 use super::render::{placed, surface_depth};
 use super::rereading::{Seen, Trial};
@@ -172,7 +172,7 @@ pub(super) fn doubts_about(
         region.width,
         region.height,
     );
-    let as_read = Fit::of(photograph, region, &part.to_image());
+    let as_read = Likeness::of(photograph, region, &part.to_image());
     let of_part = match (region.width, region.height) == photograph.dimensions() {
         true => String::new(),
         false => format!("{}x{} pixels of ", region.width, region.height),
@@ -292,9 +292,9 @@ fn other_view<'a>(
     prediction: &GaussianPrediction,
     reading: &FileReading,
     others: &[Trial<'a>],
-    as_read: &Fit,
-) -> Result<Option<(&'a PosedCamera, Fit)>, RenderError> {
-    let mut best: Option<(&PosedCamera, Fit)> = None;
+    as_read: &Likeness,
+) -> Result<Option<(&'a PosedCamera, Likeness)>, RenderError> {
+    let mut best: Option<(&PosedCamera, Likeness)> = None;
     if reading.placement.space == FileSpace::World {
         return Ok(best);
     }

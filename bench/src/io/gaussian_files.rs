@@ -9,7 +9,7 @@ use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, TensorView};
 use sharp::camera::{CameraError, Intrinsics, affine_from_row_major};
 use sharp::gaussians::{Gaussians, LengthMismatch};
-use sharp::ply::{self, Harmonics, PlyError, PlyReason, Reading, Suspicion};
+use sharp::ply::{self, Harmonics, PlyError, PlyReason, StoredForm, Suspicion};
 use sharp_checkpoint::{Checkpoint, CheckpointError};
 
 use super::atomic_files::{FileError, write_atomic};
@@ -21,7 +21,7 @@ pub struct GaussianFile {
     pub gaussians: Gaussians,
     pub camera: Option<(Intrinsics, DAffine3)>,
     /// How its numbers were read.
-    pub reading: Reading,
+    pub reading: StoredForm,
     /// What speaks against that.
     pub doubts: Vec<Suspicion>,
 }
@@ -70,7 +70,10 @@ pub enum GaussianFileError {
 /// Reads `.ply` (with or without the release's extra elements) or `.safetensors` (`means` [N, 3], `quats_wxyz` [N, 4],
 /// `scales` `[N, 3]`, `opacities` `[N]`, `colors_linear` `[N, 3]`), whatever the case of the extension. `reading` is how
 /// numbers are read that are stored otherwise, and how a PLY's colours are encoded where it does not say.
-pub fn read(path: &Path, reading: impl Into<Reading>) -> Result<GaussianFile, GaussianFileError> {
+pub fn read(
+    path: &Path,
+    reading: impl Into<StoredForm>,
+) -> Result<GaussianFile, GaussianFileError> {
     let reading = reading.into();
     let extension = path.extension().unwrap_or_default().to_string_lossy();
     match extension.to_ascii_lowercase().as_str() {

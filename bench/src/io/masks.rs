@@ -6,7 +6,7 @@ use sharp_metrics::Mask;
 
 use sharp::image_file::{ExrTransfer, PictureRules};
 
-use crate::io::pictures::{self, ReadError, ReadPicture, Reading};
+use crate::io::pictures::{self, PictureReading, ReadError, ReadPicture};
 
 /// Why a file cannot be used as a mask; names the file.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,7 @@ pub struct ReadMask {
 /// # Errors
 /// When the file cannot be read, has colours, or holds 0 and 1 where 0 and 255 were meant.
 pub fn read(path: &Path) -> Result<ReadMask, MaskError> {
-    let as_stored = Reading {
+    let as_stored = PictureReading {
         rules: PictureRules::AS_STORED,
         exr: Some(ExrTransfer::Srgb),
     };

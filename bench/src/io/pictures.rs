@@ -47,7 +47,7 @@ pub const EXTENSIONS: [&str; 11] = [
 
 /// Rules for reading a picture that the user supplies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Reading {
+pub struct PictureReading {
     pub rules: PictureRules,
     /// `None`: an EXR that does not say its transfer is an error.
     pub exr: Option<ExrTransfer>,
@@ -73,7 +73,7 @@ pub fn is_picture(path: &Path) -> bool {
 /// # Errors
 /// As [`read_as`].
 pub fn read(path: &Path) -> Result<Picture, ReadError> {
-    Ok(read_as(path, &Reading::default())?.picture)
+    Ok(read_as(path, &PictureReading::default())?.picture)
 }
 
 /// Reads a picture: pictures of [`image_file`] as 8 bit, `.exr`, `.npy` and `.safetensors` as floats [H, W, 3] of
@@ -83,7 +83,7 @@ pub fn read(path: &Path) -> Result<Picture, ReadError> {
 /// # Errors
 /// Names the file and the reason: unreadable, not a picture, wrong shape, values not finite or outside 0..1, or something
 /// that `reading` has to decide.
-pub fn read_as(path: &Path, reading: &Reading) -> Result<ReadPicture, ReadError> {
+pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, ReadError> {
     if path.is_dir() {
         let inside = files::what_lies_in(path);
         return Err(malformed(
@@ -205,7 +205,7 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-fn read_exr(path: &Path, reading: &Reading) -> Result<Rgb32FImage, ReadError> {
+fn read_exr(path: &Path, reading: &PictureReading) -> Result<Rgb32FImage, ReadError> {
     let (LinearPicture { mut rgb, alpha }, is_ours) = read_rgba(path)?;
     let transfer = match (is_ours, reading.exr) {
         (true, _) => ExrTransfer::Linear,

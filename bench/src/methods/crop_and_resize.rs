@@ -12,7 +12,7 @@ use sharp_metrics::Picture;
 use sharp_metrics::resize::{ResizeKernel, resize};
 
 use super::method::{MethodError, PicturePrediction};
-use crate::io::pictures::{self, ReadError, Reading, to_rgb8};
+use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
 use crate::scoring::Region;
 
 /// Which part of the target a method's pictures show.
@@ -35,7 +35,7 @@ pub(super) enum CropRule {
 pub(super) struct FitRules {
     kernel: Option<ResizeKernel>,
     crop: CropRule,
-    reading: Reading,
+    reading: PictureReading,
 }
 
 impl FitRules {
@@ -47,14 +47,14 @@ impl FitRules {
                 .map(parse_crop)
                 .transpose()?
                 .unwrap_or_default(),
-            reading: Reading {
+            reading: PictureReading {
                 rules: PictureRules::parse(&option)?,
                 exr: parsed("exr", &option)?,
             },
         })
     }
 
-    pub(super) fn reading(&self) -> &Reading {
+    pub(super) fn reading(&self) -> &PictureReading {
         &self.reading
     }
 
@@ -74,7 +74,7 @@ impl FitRules {
             let value = format!("{} [{}]", kernel.name(), kernel.describe());
             settings.insert("resize".to_owned(), value);
         }
-        let Reading { rules, exr } = self.reading;
+        let PictureReading { rules, exr } = self.reading;
         let given = rules.given().chain(exr.map(|exr| ("exr", exr.name())));
         settings.extend(given.map(|(key, value)| (key.to_owned(), value.to_owned())));
         let crop = match self.crop {

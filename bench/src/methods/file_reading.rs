@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 use sharp::camera::{Intrinsics, target_camera_from_source_ndc};
-use sharp::ply::Reading;
+use sharp::ply::StoredForm;
 
 use crate::pairs::PosedCamera;
 
@@ -87,7 +87,7 @@ impl Default for Placement {
 /// How a file is read.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FileReading {
-    pub stored: Reading,
+    pub stored: StoredForm,
     pub placement: Placement,
 }
 
@@ -116,14 +116,14 @@ impl FileReading {
     /// That of arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
         Self {
-            stored: Reading::default().of_arrays(),
+            stored: StoredForm::default().of_arrays(),
             placement: Placement::default(),
         }
     }
 
     /// Names of all settings.
     pub fn keys() -> impl Iterator<Item = &'static str> {
-        Reading::KEYS.into_iter().chain(Self::PLACEMENT_KEYS)
+        StoredForm::KEYS.into_iter().chain(Self::PLACEMENT_KEYS)
     }
 
     /// Sets one of [`Self::keys`]; other keys are left alone. The error says which values there are.

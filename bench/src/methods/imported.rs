@@ -18,7 +18,7 @@ use crate::scoring::Region;
 /// Reads a folder of predicted pictures.
 ///
 /// The sub-folders follow the pair id: `DIR/dataset/scene/source__target.png`. `alpha=`, `color=`, `orientation=` and
-/// `exr=` say how a picture is read that is not opaque, upright sRGB ([`Reading`](crate::io::pictures::Reading)); every picture is quantised to 8 bit by rounding like every other prediction.
+/// `exr=` say how a picture is read that is not opaque, upright sRGB ([`PictureReading`](crate::io::pictures::PictureReading)); every picture is quantised to 8 bit by rounding like every other prediction.
 ///
 /// A picture whose size is not the target's is an error unless `resize=KERNEL` names how a smaller one of the same
 /// aspect is resized up, or `crop=` says which part of the target it shows: `x:y:w:h` in pixels of the target,

@@ -287,20 +287,20 @@ impl Planes {
 const RADIUS: usize = 5;
 
 /// Local similarities of all channels, and their part without luminance.
-struct Similarity {
+struct SsimMaps {
     ssim: Vec<f64>,
     contrast: Vec<f64>,
 }
 
 /// SSIM over the windows inside the pictures; `None` where there is none.
-fn similarity(a: &Planes, b: &Planes) -> Option<Similarity> {
+fn similarity(a: &Planes, b: &Planes) -> Option<SsimMaps> {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
     let size = (a.width, a.height);
     if a.width.min(a.height) <= 2 * RADIUS {
         return None;
     }
-    let mut found = Similarity {
+    let mut found = SsimMaps {
         ssim: Vec::new(),
         contrast: Vec::new(),
     };

@@ -3,7 +3,7 @@
 //! any kind.
 //!
 //! Stored values are encoded: scales as natural logarithms, opacities as logits, colours as the
-//! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`. [`Reading`] says where a file's are stored otherwise.
+//! constant term of spherical harmonics, `(c − ½) / √(1 / 4π)`. [`StoredForm`] says where a file's are stored otherwise.
 
 mod marks;
 mod read;
@@ -23,7 +23,7 @@ use table::TableError;
 pub use marks::foreign_format;
 pub use read::{check_stored, from_bytes, load};
 pub use reading::{
-    Harmonics, Marks, Reading, StoredChannels, StoredColors, StoredOpacity, StoredQuaternions,
+    Harmonics, Marks, StoredChannels, StoredColors, StoredForm, StoredOpacity, StoredQuaternions,
     StoredScales, UnknownReading,
 };
 pub use suspicions::{Suspicion, enormous_scale, suspicions};
@@ -92,7 +92,7 @@ pub struct GaussianScene {
     /// Whether one of those is not zero, so that colours depend on where one looks from.
     pub is_view_dependent: bool,
     /// How the numbers were read.
-    pub reading: Reading,
+    pub reading: StoredForm,
     /// What speaks against that.
     pub doubts: Vec<Suspicion>,
 }
@@ -108,7 +108,7 @@ impl GaussianScene {
             version: None,
             color_coefficients: 0,
             is_view_dependent: false,
-            reading: Reading::default(),
+            reading: StoredForm::default(),
             doubts: Vec::new(),
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::marks::{foreign_format, has_logit_colors, other_form, other_rule};
-use super::reading::{Marks, Reading, StoredColors, StoredOpacity, StoredScales};
+use super::reading::{Marks, StoredColors, StoredForm, StoredOpacity, StoredScales};
 use super::suspicions::{Suspicion, suspicions};
 use super::table::{Body, Element, Header, TableError};
 use super::{ColorSpace, GaussianScene, PlyError, PlyReason, VERTEX};
@@ -24,7 +24,7 @@ use crate::gaussians::Gaussians;
 /// [`PlyError`] with the path and the reason; [`PlyReason::ColorSpaceUnknown`] where neither says;
 /// [`PlyReason::Foreign`], [`PlyReason::OtherForm`] and [`PlyReason::OtherRule`] for files whose
 /// numbers would be misread.
-pub fn load(path: &Path, reading: impl Into<Reading>) -> Result<GaussianScene, PlyError> {
+pub fn load(path: &Path, reading: impl Into<StoredForm>) -> Result<GaussianScene, PlyError> {
     let read = || {
         let bytes = crate::files::read(path)?;
         from_bytes(&bytes, reading).map_err(|reason| match reason {
@@ -43,8 +43,8 @@ pub fn load(path: &Path, reading: impl Into<Reading>) -> Result<GaussianScene, P
 ///
 /// # Errors
 /// [`PlyReason`].
-pub fn from_bytes(bytes: &[u8], given: impl Into<Reading>) -> Result<GaussianScene, PlyReason> {
-    let given: Reading = given.into();
+pub fn from_bytes(bytes: &[u8], given: impl Into<StoredForm>) -> Result<GaussianScene, PlyReason> {
+    let given: StoredForm = given.into();
     let (header, mut body) = Header::parse(bytes)?;
     let mut doubts = Vec::new();
     let surplus = body.surplus(&header);
@@ -94,7 +94,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<Reading>) -> Result<GaussianSce
         (Some(stated), Some(given)) if stated != given => {
             return Err(PlyReason::ColorSpaceContradicted { stated, given });
         }
-        (stated, given_space) => Reading {
+        (stated, given_space) => StoredForm {
             color_space: stated.or(given_space),
             ..given
         },
@@ -125,7 +125,7 @@ pub fn from_bytes(bytes: &[u8], given: impl Into<Reading>) -> Result<GaussianSce
 ///
 /// # Errors
 /// [`PlyReason::Impossible`].
-pub fn check_stored(stored: &Gaussians, reading: &Reading) -> Result<(), PlyReason> {
+pub fn check_stored(stored: &Gaussians, reading: &StoredForm) -> Result<(), PlyReason> {
     let impossible = |what, value: f32, advice| PlyReason::Impossible {
         what,
         value,
@@ -194,7 +194,7 @@ fn gaussians(
     body: &mut Body<'_>,
     header: &Header,
     element: &Element,
-    given: &Reading,
+    given: &StoredForm,
 ) -> Result<Vertices, PlyReason> {
     let mut names = VERTEX;
     if given.colors == Some(StoredColors::Rgb255) && element.number("f_dc_0").is_none() {

@@ -107,7 +107,7 @@ setting!(
 
 /// How a file's numbers are read; what is `None` is read as its format has it. A value that is given is not doubted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Reading {
+pub struct StoredForm {
     pub color_space: Option<ColorSpace>,
     pub opacity: Option<StoredOpacity>,
     pub scales: Option<StoredScales>,
@@ -118,7 +118,7 @@ pub struct Reading {
     pub marks: Option<Marks>,
 }
 
-impl From<Option<ColorSpace>> for Reading {
+impl From<Option<ColorSpace>> for StoredForm {
     fn from(color_space: Option<ColorSpace>) -> Self {
         Self {
             color_space,
@@ -127,7 +127,7 @@ impl From<Option<ColorSpace>> for Reading {
     }
 }
 
-impl Reading {
+impl StoredForm {
     /// Names of all settings.
     pub const KEYS: [&'static str; 8] = [
         "color_space",
@@ -260,7 +260,7 @@ impl Reading {
     }
 }
 
-impl Reading {
+impl StoredForm {
     /// What [`Self::decode`] made the Gaussians of, but for rounding.
     pub fn encode(&self, gaussians: &mut Gaussians) {
         for opacity in &mut gaussians.opacities {

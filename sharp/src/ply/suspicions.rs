@@ -5,7 +5,7 @@
 //! cannot be told from numbers: files of real scenes have any of the four components as the largest.
 
 use super::reading::{
-    Reading, StoredColors, StoredOpacity, StoredQuaternions, StoredScales, logistic,
+    StoredColors, StoredForm, StoredOpacity, StoredQuaternions, StoredScales, logistic,
 };
 use crate::gaussians::Gaussians;
 
@@ -32,7 +32,7 @@ impl Suspicion {
 
 /// Doubts about numbers as they are stored, of settings that were not given. `format` is the whole reading, with what
 /// the format has where nothing was given.
-pub fn suspicions(stored: &Gaussians, given: &Reading, format: &Reading) -> Vec<Suspicion> {
+pub fn suspicions(stored: &Gaussians, given: &StoredForm, format: &StoredForm) -> Vec<Suspicion> {
     let finite: Vec<usize> = (0..stored.len()).filter(|&k| stored.is_finite(k)).collect();
     if finite.len() < LEAST {
         return Vec::new();
@@ -194,7 +194,7 @@ pub fn enormous_scale(gaussians: &Gaussians) -> Option<f32> {
 }
 
 /// True where a rotation would show: deviations that differ by more than a twentieth.
-fn is_stretched(stored: [f32; 3], format: &Reading) -> bool {
+fn is_stretched(stored: [f32; 3], format: &StoredForm) -> bool {
     let [x, y, z] = match format.scales {
         Some(StoredScales::Log) => stored.map(f32::exp),
         _ => stored,

@@ -27,7 +27,7 @@ use super::output::Terminal;
 use super::{Outcome, output};
 use crate::io::atomic_files::{check_writable, write_atomic};
 use crate::io::observer::Observer;
-use crate::io::pictures::Reading;
+use crate::io::pictures::PictureReading;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
 use crate::pictures::methods_text::MethodsText;
@@ -188,8 +188,8 @@ pub(super) fn demand_explicit(
 }
 
 impl MetricsArgs {
-    fn reading(&self) -> Reading {
-        Reading {
+    fn reading(&self) -> PictureReading {
+        PictureReading {
             rules: PictureRules {
                 alpha: self.alpha,
                 color: self.color,

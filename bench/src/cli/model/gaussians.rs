@@ -6,7 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde::Serialize;
 use sharp::gaussians::Gaussians;
 use sharp::ply::{
-    ColorSpace, GaussianScene, Harmonics, PlyForm, PlyReason, Reading, load, to_bytes,
+    ColorSpace, GaussianScene, Harmonics, PlyForm, PlyReason, StoredForm, load, to_bytes,
 };
 
 use crate::cli::reading_args::ReadingArgs;
@@ -201,12 +201,12 @@ fn describe(scene: &GaussianScene) -> Info {
     }
 }
 
-fn info(ply: &Path, reading: Reading, json: bool) -> anyhow::Result<Outcome> {
+fn info(ply: &Path, reading: StoredForm, json: bool) -> anyhow::Result<Outcome> {
     let scene = match load(ply, reading) {
         // Nothing that is shown depends on colours.
         Err(error) if matches!(error.reason, PlyReason::ColorSpaceUnknown) => {
             let color_space = Some(ColorSpace::Linear);
-            let reading = Reading {
+            let reading = StoredForm {
                 color_space,
                 ..reading
             };
