@@ -1,5 +1,6 @@
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,6 +167,14 @@ def test_progress_and_warnings(tmp_path):
     seen = []
     run(copy, tmp_path / "r", progress=lambda *told: seen.append(told))
     assert seen and all(len(told) == 3 for told in seen)
+
+
+def test_contradictions_of_a_dataset_are_warnings(tmp_path):
+    swapped = Path(__file__).parent.parent / "cases/X63-stereo-swapped/st"
+    with pytest.warns(UserWarning, match="left and right are exchanged"):
+        sb.pairs(f"stereo={swapped}")
+    with pytest.warns(UserWarning, match="left and right are exchanged"):
+        sb.evaluate(copy, f"stereo={swapped}", tmp_path / "r", metrics="psnr")
 
 
 def test_the_program_within_the_package():

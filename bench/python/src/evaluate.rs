@@ -24,7 +24,7 @@ use sharp_metrics::{Picture, Selection, Weights};
 use crate::arrays;
 use crate::errors::{failed, refused};
 use crate::gaussians::{Gaussians, rendered};
-use crate::pairs::{Warnings, cache};
+use crate::pairs::{Warnings, cache, scene_checks};
 use crate::views::Camera;
 
 /// The view that a method starts from.
@@ -326,6 +326,7 @@ pub(crate) fn evaluate(
         let datasets = OpenDataset::open_all(&asked.datasets, None)?;
         let mut request = Request::new(datasets, all, scoring);
         request.limit = asked.limit;
+        request.checks = Some(scene_checks());
         request.pairs = match asked.pairs {
             Some(list) => PairOrigin::Given(list),
             None => PairOrigin::Built {

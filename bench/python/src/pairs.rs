@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use sharp_bench::io::observer::Observer;
 use sharp_bench::pairs::pair_list::COLUMNS;
-use sharp_bench::pairs::{OpenDataset, OverlapCache, Pair, PairList, PairOptions, PairRecipe};
+use sharp_bench::pairs::{
+    OpenDataset, OverlapCache, Pair, PairList, PairOptions, PairRecipe, SceneChecks,
+};
 
 use crate::errors::{failed, refused};
 use crate::table::{Column, Table};
@@ -44,6 +46,10 @@ pub(crate) fn cache() -> Option<OverlapCache> {
     OverlapCache::users_folder().map(OverlapCache::in_folder)
 }
 
+pub(crate) fn scene_checks() -> SceneChecks {
+    SceneChecks::new(OverlapCache::users_folder())
+}
+
 /// The pairs of datasets, with warnings; written to a file where one is named.
 #[pyfunction]
 #[pyo3(signature = (specs, scenes, options, out))]
@@ -57,7 +63,10 @@ pub(crate) fn pairs(
     let options: PairOptions = options.parse().map_err(refused)?;
     let warnings = Warnings::default();
     let built = py.detach(|| -> anyhow::Result<_> {
-        let datasets = OpenDataset::open_all(&specs, scenes.as_deref())?;
+        let mut datasets = OpenDataset::open_all(&specs, scenes.as_deref())?;
+        for dataset in &mut datasets {
+            scene_checks().look_at(dataset, &warnings);
+        }
         let built = PairRecipe::new(options).build(&datasets, cache().as_ref(), &warnings)?;
         let list = built.list(out.clone().unwrap_or_default());
         if out.is_some() {

@@ -220,7 +220,6 @@ impl OverlapArgs {
     pub(super) fn checks(&self) -> Option<SceneChecks> {
         let folder = self.cache.clone().or_else(OverlapCache::users_folder);
         let folder = folder.filter(|_| !self.no_cache);
-        let folder = folder.map(|folder| folder.join("checks"));
         (!self.no_check).then(|| SceneChecks::new(folder))
     }
 

@@ -317,7 +317,10 @@ fn read_file(path: &Path) -> Result<Bundle, EvaluateError> {
     let unreadable = |reason: String| unreadable(path, reason);
     let mut members = Members::open(path)?;
     let head = members.head()?;
-    let manifest: Manifest = members.json("manifest.json")?;
+    let mut manifest: Manifest = members.json("manifest.json")?;
+    if head.format == 1 {
+        manifest.restate_target_convention();
+    }
     manifest.check_metrics().map_err(&unreadable)?;
     let missing = members.json("missing.json")?;
     let listed = members.bytes("pairs.csv", MAX_MEMBER)?;

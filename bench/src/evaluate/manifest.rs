@@ -304,6 +304,18 @@ impl Manifest {
         self.scoring.insert(AGGREGATION.to_owned(), text);
     }
 
+    /// For bundles of format 1, which were scored before colour profiles were converted: pictures in sRGB score the
+    /// same, so their convention is today's, and a note on each dataset names the pictures that do not.
+    pub(super) fn restate_target_convention(&mut self) {
+        self.scoring
+            .insert(TARGET.to_owned(), TARGET_CONVENTION.to_owned());
+        for dataset in &mut self.datasets {
+            let note = "scored before colour profiles were converted to sRGB: scores of pictures with another profile \
+                        are of the unconverted picture";
+            dataset.notes.push(note.to_owned());
+        }
+    }
+
     /// Whether a unit counts: not one of a method or dataset that has since been given another meaning.
     pub(super) fn counted_slots(&self) -> impl Fn(&Slot) -> bool + '_ {
         let methods = self.methods.iter();
@@ -476,6 +488,9 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
         .collect()
 }
 
+const TARGET: &str = "target";
+const TARGET_CONVENTION: &str = "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so";
+
 /// The convention that says what means are means of.
 const AGGREGATION: &str = "aggregation";
 
@@ -501,10 +516,7 @@ pub(super) fn scoring_conventions(
                 }
             },
         ),
-        (
-            "target",
-            "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so",
-        ),
+        (TARGET, TARGET_CONVENTION),
         ("decoder", crate::io::fingerprints::DECODERS),
         (
             "resolution",

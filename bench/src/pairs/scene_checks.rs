@@ -35,10 +35,10 @@ struct Found {
 }
 
 impl SceneChecks {
-    /// Remembers in a folder, which need not exist, or not at all.
-    pub fn new(folder: Option<PathBuf>) -> Self {
+    /// Caches results beside measured overlaps, in a folder that need not exist; `None` caches nothing.
+    pub fn new(overlaps: Option<PathBuf>) -> Self {
         Self {
-            folder,
+            folder: overlaps.map(|folder| folder.join("checks")),
             ..Self::default()
         }
     }
