@@ -59,7 +59,7 @@ impl LpipsNet {
     }
 }
 
-/// How an LPIPS treats its input and its normalisation.
+/// The input range and normalisation of an LPIPS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LpipsVariant {
     /// As published: pictures scaled to −1..1, ε = 1e-10 added to the norm.
@@ -136,7 +136,7 @@ impl Metric {
     }
 }
 
-/// Which pixels count.
+/// The pixels that are scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MetricRegion {

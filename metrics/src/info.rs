@@ -1,4 +1,4 @@
-//! What a metric column is, as one value that tables, manifests, help and papers print alike.
+//! The description of a metric column: one value that tables, manifests, help and papers all print.
 
 use std::fmt;
 
@@ -245,7 +245,7 @@ fn own_weights(metric: Metric) -> Option<OwnWeights> {
     })
 }
 
-/// How a metric is computed. Which code computes the same is said only of the published features.
+/// One sentence on how a metric is computed. Equivalent public code is named only for the published features.
 fn convention(key: MetricKey, unpublished: bool) -> String {
     let same = |text: &'static str| if unpublished { UNPUBLISHED } else { text };
     let base = match key.metric() {
@@ -386,7 +386,7 @@ fn lpips_net(net: LpipsNet) -> &'static str {
     }
 }
 
-/// What a variant does, and which public code does the same.
+/// A variant in words, and public code that computes the same.
 fn lpips_variant(variant: LpipsVariant) -> (&'static str, &'static str) {
     match variant {
         LpipsVariant::Official => (

@@ -14,7 +14,7 @@ use crate::picture::{Mask, Normalization, Picture};
 use crate::simd::with_widest_vectors;
 use crate::unavailable::Unavailable;
 
-/// Where the constant that guards the division by a feature vector's length stands.
+/// Position of the constant that guards the division by a feature vector's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Epsilon {
     /// `f / (√Σf² + 1e-10)`, as published.
@@ -35,7 +35,7 @@ impl Epsilon {
     }
 }
 
-/// What the pictures' values are before the network's own normalisation.
+/// Range of the pictures' values before the network's own normalisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum InputRange {
     /// −1..1, as the network expects.

@@ -3,7 +3,7 @@
 use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
-/// Where in the picture a metric finds the two pictures alike or different.
+/// A metric's value at each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreMap {
     /// The metric's local values, one a pixel.
@@ -21,7 +21,7 @@ pub(crate) struct TapMap {
     pub(crate) values: Vec<f32>,
 }
 
-/// Where an output pixel lies between two input pixels: the first, the second, the second's share.
+/// An output pixel between two input pixels: the first, the second, the second's weight.
 type Position = (usize, usize, f64);
 
 /// Bilinear positions with pixel centres at halves (PyTorch's `align_corners=False`).

@@ -1,4 +1,4 @@
-//! How a scorer computes: where, and with which kernels.
+//! Device and kernels of a scorer.
 
 use std::fmt;
 use std::num::NonZeroUsize;
@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sharp_kernels::{Algorithm, InstructionSet, Simd};
 
-/// How the networks are computed. All but `strip_rows` change values, in the last digits of f32.
+/// Options of the networks' computation. All but `strip_rows` change values, in the last digits of f32.
 #[derive(Debug, Clone, Copy)]
 pub struct ScorerOptions {
     /// Where; the next two count on the CPU's kernels only.

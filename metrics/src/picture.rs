@@ -11,7 +11,7 @@ pub enum Picture {
     RgbF32(Rgb32FImage),
 }
 
-/// What is wrong with the pixels of a picture.
+/// A fault in the pixels of a picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     #[error("the picture is {width}x{height}: it has no pixel")]
@@ -150,7 +150,7 @@ impl Picture {
     }
 }
 
-/// What a network does to each channel before its first layer: `factor × value + offset` of a value
+/// A network's normalisation of each channel before its first layer: `factor × value + offset` of a value
 /// in 0..1, computed in f64 and rounded once.
 #[derive(Debug, Clone)]
 pub(crate) struct Normalization {
@@ -219,7 +219,7 @@ impl From<Rgb32FImage> for Picture {
     }
 }
 
-/// Which pixels count; row-major, top row first.
+/// The pixels that are scored; row-major, top row first.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     width: u32,

@@ -22,7 +22,7 @@ pub struct Scorer {
     options: ScorerOptions,
 }
 
-/// What the value of a learned metric is made of, layer by layer.
+/// The contribution of each layer to the value of a learned metric.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Terms {
     /// The value of LPIPS is the sum of these, one a layer.
@@ -299,7 +299,7 @@ fn terms_of(keys: &[MetricKey], learned: &Learned) -> AllTerms {
     keys.iter().filter_map(terms).collect()
 }
 
-/// Whether a prediction can be compared with a target that is sound itself.
+/// Refuses a prediction that cannot be compared with a sound target.
 fn check(prediction: &Picture, target: &Picture, mask: Option<&Mask>) -> Result<(), ScoreError> {
     prediction.check().map_err(ScoreError::Prediction)?;
     let (prediction, target) = (prediction.dimensions(), target.dimensions());

@@ -5,7 +5,7 @@
 
 use glam::{DAffine3, DMat3, DMat4, DVec2, DVec3};
 
-/// What is wrong with a camera.
+/// A fault in a camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// An entry is NaN or infinite.
@@ -283,8 +283,8 @@ pub fn baseline_m(a_from_world: &RigidTransform, b_from_world: &RigidTransform) 
         .distance(b_from_world.camera_center())
 }
 
-/// Where the harness places Gaussians predicted from a source photograph: the affine map from the
-/// source's normalised space straight into the target's camera space, `E_t E_s⁻¹ K_s⁻¹` of the
+/// Places Gaussians predicted from a source photograph: the affine map from the source's normalised
+/// space straight into the target's camera space, `E_t E_s⁻¹ K_s⁻¹` of the
 /// paper's `P = K_t E_t E_s⁻¹ K_s⁻¹` (K_s as [`Intrinsics::ndc_from_camera`]). No SVD, no loss.
 pub fn target_camera_from_source_ndc(
     source: &Intrinsics,

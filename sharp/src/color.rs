@@ -30,7 +30,7 @@ pub fn srgb_from_linear(x: f32) -> f32 {
     }
 }
 
-/// How a 0..1 value becomes one of 256 levels.
+/// Rule that turns a 0..1 value into one of 256 levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quantization {
     /// To the nearest level: what scoring uses.

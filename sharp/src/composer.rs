@@ -14,13 +14,13 @@ use crate::color::linear_from_srgb;
 use crate::gaussians::Gaussians;
 use crate::initializer::BaseGaussians;
 
-/// How strongly deltas act where it is not 1, as in the release.
+/// Factors of the deltas, as in the release; those not listed are 1.
 const XY_FACTOR: f32 = 1e-3;
 const INVERSE_DEPTH_FACTOR: f32 = 1e-3;
 const COLOR_FACTOR: f32 = 0.1;
 /// Largest multiple of the base scale; the smallest is 0.
 const MAX_SCALE: f64 = 10.0;
-/// Of the scale's logistic curve, so that its slope is 1 where its value is.
+/// Steepness of the scale's logistic curve, chosen so that its slope is 1 where its value is 1.
 const SCALE_SLOPE: f64 = MAX_SCALE / (MAX_SCALE - 1.0);
 
 /// Deltas a Gaussian: x, y, inverse depth; three scales; quaternion w, x, y, z; r, g, b; opacity.

@@ -13,7 +13,7 @@ type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 /// 1 inside, 0 outside; of the target's size.
 pub type FrustumMask = ImageBuffer<Luma<u8>, Vec<u8>>;
 
-/// What an infinite depth (sky) means.
+/// Treatment of infinite depth (sky).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum InfiniteDepth {
     /// No depth: outside.
@@ -23,7 +23,7 @@ pub enum InfiniteDepth {
     Direction,
 }
 
-/// How the mask is made.
+/// Options of the mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrustumMaskOptions {
     /// Half the width and height of the source's field of view in normalised coordinates, in which the
@@ -61,7 +61,7 @@ pub fn frustum_mask(
     warp.mask(depth, options.infinite_depth, |p| p.z > 0.0 && within(p))
 }
 
-/// The same where the pixel's centre lands at 0 ≤ u < width and 0 ≤ v < height of the source, both counted from the
+/// The mask of the pixels whose centre lands at 0 ≤ u < width and 0 ≤ v < height of the source, both counted from the
 /// centre of its first pixel: the mask of UniSHARP's evaluation.
 pub fn source_bounds_mask(
     depth: &DepthMap,

@@ -122,7 +122,7 @@ fn check_length(
     })
 }
 
-/// What to do with depth values that are not finite and positive.
+/// Treatment of depth values that are not finite and positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InvalidDepth {
     /// A predictor never yields them: they are an error.

@@ -17,7 +17,7 @@ pub fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
     corrected
 }
 
-/// Of side B against side A.
+/// The outcome for side B, relative to side A.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     Better,
@@ -28,8 +28,8 @@ pub enum Verdict {
     Inconclusive,
 }
 
-/// What is claimed of a mean difference. Significance is asked of the corrected p; a difference can be significant and yet
-/// be smaller than `practical`, the magnitude up to which it matters to nobody.
+/// The claim that a mean difference supports. Significance uses the corrected p. A difference can be significant and
+/// still too small to matter: `practical` is the largest magnitude that does not.
 pub fn verdict(
     inference: Option<&Inference>,
     p_corrected: Option<f64>,

@@ -50,8 +50,8 @@ pub fn t_critical(alpha: f64, degrees_of_freedom: f64) -> f64 {
     root(-20.0, 40.0, |log| tail(log).ln() - alpha.ln()).exp()
 }
 
-/// How many standard errors the truth has to lie from zero for the two-sided t test at level `alpha` to see it with
-/// probability `power`: the noncentrality at which |T| exceeds its critical value that often.
+/// The true mean, in standard errors, that the two-sided t test at level `alpha` detects with probability `power`: the
+/// noncentrality at which |T| exceeds its critical value that often.
 pub fn detectable_shift(power: f64, alpha: f64, degrees_of_freedom: f64) -> f64 {
     let nu = degrees_of_freedom;
     let critical = t_critical(alpha, nu);

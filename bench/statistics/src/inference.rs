@@ -1,4 +1,4 @@
-//! Which method speaks for which sample.
+//! Chooses the method of inference for a sample, and applies it.
 
 use std::num::NonZeroU32;
 use std::ops::Range;
@@ -19,7 +19,7 @@ pub const POWER: f64 = 0.8;
 /// Effective clusters from which a dataset counts as one of many.
 pub const MANY_CLUSTERS: f64 = 30.0;
 
-/// How often, and from which seed.
+/// Number of resamples, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Resampling {
     /// Each resample has a stream of its own, so that neither threads nor their number change a result.
@@ -54,7 +54,7 @@ impl Resampling {
     }
 }
 
-/// What decided interval and p.
+/// The method that gave the interval and p.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Procedure {
     /// Student's t of the mean over the cluster jackknife's standard error.
@@ -65,7 +65,7 @@ pub enum Procedure {
     SignFlips,
 }
 
-/// What the differences say about their mean.
+/// The mean of the differences, with its interval and p.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inference {
     /// The mean of the datasets' means.
@@ -167,8 +167,8 @@ impl Inference {
     }
 }
 
-/// Of the mean of the datasets' means, with its degrees of freedom: variances of independent estimates add up, and so do
-/// theirs (Satterthwaite, Biometrics Bulletin 2, 1946).
+/// Standard error of the mean of the datasets' means, and its degrees of freedom. Variances of independent estimates add
+/// up; degrees of freedom combine by Satterthwaite's rule (Biometrics Bulletin 2, 1946).
 fn standard_error(datasets: &[&Clusters]) -> (f64, f64) {
     let number = datasets.len() as f64;
     let jackknives: Vec<_> = datasets.iter().map(|d| Jackknife::new(d)).collect();
@@ -180,8 +180,8 @@ fn standard_error(datasets: &[&Clusters]) -> (f64, f64) {
     (variance.sqrt() / number, degrees_of_freedom)
 }
 
-/// Of sign flips where the clusters of each dataset all differ by the same: only if every sign is kept, or every one
-/// flipped, is the mean as far from zero.
+/// The p of sign flips where all clusters of a dataset have the same difference: only keeping every sign, or flipping
+/// every one, gives a mean as far from zero.
 fn p_without_spread(datasets: &[&Clusters]) -> Result<f64, NoInference> {
     let moved = || datasets.iter().filter(|d| !d.all_equal());
     if moved().any(|d| d.mean() > 0.0) && moved().any(|d| d.mean() < 0.0) {

@@ -37,7 +37,7 @@ impl Jackknife {
 /// The level at which Student's distribution is fitted to the exact one.
 const FITTED_AT: f64 = 0.05;
 
-/// As documented at [`Jackknife::degrees_of_freedom`].
+/// See [`Jackknife::degrees_of_freedom`].
 fn degrees_of_freedom(sample: &Clusters) -> f64 {
     let clusters = sample.clusters();
     let equal = clusters.len() as f64 - 1.0;
@@ -61,8 +61,8 @@ fn degrees_of_freedom(sample: &Clusters) -> f64 {
 /// From here on Student's distribution is the normal one.
 const MOST_DEGREES: f64 = 1e6;
 
-/// Of the clusters' means: that of clusters plus that of pairs over their number n, both estimated by the analysis of variance
-/// of unweighted means; one for all if neither shows.
+/// Variances of the clusters' means: the variance between clusters plus that between pairs divided by their number n,
+/// both estimated by the analysis of variance of unweighted means. All are 1 if both estimates are zero.
 fn estimated_variances(sample: &Clusters) -> Vec<f64> {
     let clusters = sample.clusters();
     let n = clusters.len() as f64;

@@ -1,12 +1,12 @@
-//! What paired differences say, when pairs of one cluster depend on each other.
+//! Inference on paired differences when pairs of one cluster depend on each other.
 //!
 //! Pure numbers: the scores of two sides, paired, with the cluster of each pair (for pictures, the physical scene that they
 //! show) and grouped by dataset. The answer is a mean difference with its 95 % interval, a p value, the smallest difference
-//! that could have been found, and a verdict. Knows no metric and no dataset.
+//! that could have been detected, and a verdict. Independent of metrics and datasets.
 //!
 //! # The rule
-//! Clusters are the sample, never pairs: what decides is how many there are, and how unlike in size. One dataset's mean is over
-//! its pairs, that of several is the mean of their means.
+//! Clusters are the sample, never pairs: their number and how much their sizes differ decide the method. The mean of one
+//! dataset is over its pairs, that of several is the mean of their means.
 //!
 //! | sample | interval and p |
 //! |---|---|
@@ -36,9 +36,9 @@
 //!   standard error by as much.
 //! * **Several datasets** are the t's in any number: sign flips would take the difference between datasets for noise.
 //!
-//! How often all this errs, in simulations, is tabled in `reports/statistics.md`.
+//! `reports/statistics.md` has the error rates of all this in simulations.
 //!
-//! # What comes in
+//! # Special cases
 //! | input | answer |
 //! |---|---|
 //! | all pairs equal | mean 0, p 1, interval 0..0, verdict none, also with one cluster |
@@ -46,7 +46,7 @@
 //! | both scores infinite, of one sign | a difference of zero |
 //! | one score infinite | mean infinite, no interval, no p: nothing is left out silently |
 //! | NaN | mean NaN, no interval, no p |
-//! | a pair that one side lacks | not part of the sample: the caller leaves it out and counts it |
+//! | a pair that is missing on one side | not part of the sample: the caller leaves it out and counts it |
 //! | one pair, one scene | the mean, no interval, no p |
 //!
 //! # Random numbers

@@ -27,7 +27,7 @@ pub(crate) fn integrate(length: f64, f: impl Fn(f64) -> f64) -> f64 {
     length * parts.sum::<f64>()
 }
 
-/// Where `f` changes sign between `low` and `high`: false position with Illinois' halving (Dowell and Jarratt, 1971), to
+/// The point where `f` changes sign between `low` and `high`: false position with Illinois' halving (Dowell and Jarratt, 1971), to
 /// 13 digits. Without a change of sign it is the end where `f` is closer to zero.
 pub(crate) fn root(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let (mut a, mut b) = (low, high);

@@ -8,7 +8,7 @@ use crate::inference::Resampling;
 /// More clusters than this are sampled, not enumerated: 2¹³ patterns.
 pub(crate) const MOST_ENUMERATED: usize = 14;
 
-/// Whether the clusters' signs could as well be others: exact if each cluster's sum of (difference − true mean) is as
+/// Sign-flip test of the clusters' differences: exact if each cluster's sum of (difference − true mean) is as
 /// likely as its negative, whatever the clusters' sizes and spreads (Fisher 1935; Romano, "On the behavior of
 /// randomization tests without a group invariance assumption", JASA 1990, for means that are not symmetric).
 #[derive(Debug, Clone, PartialEq)]

@@ -11,7 +11,7 @@ use super::architecture::{LayerSpec, layer_specs, smallest_side};
 use super::rows::MapSize;
 use crate::weights::{Backbone, Tensors};
 
-/// Which kernels run a network.
+/// The kernels that run a network.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Kernels {
     pub(crate) simd: Simd,

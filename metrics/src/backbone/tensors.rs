@@ -1,6 +1,6 @@
-//! The networks by candle tensors, on a GPU or, as the reference of that, on the CPU.
+//! The networks on candle tensors, on a GPU or, as its reference, on the CPU.
 //!
-//! As [`stream`](super::stream()) on the kernels: row strips, each layer holding what its next rows need, so that
+//! Like [`stream`](super::stream()) on the kernels: row strips, each layer holding what its next rows need, so that
 //! memory does not grow with the picture's height. Each picture is a batch of its own: how a device sums may depend on
 //! the size of a batch, and a score must not depend on what else is scored. Features leave the device as f32; what
 //! follows them is the same code in f64 as for the kernels.
@@ -30,7 +30,7 @@ struct TensorLayer {
     tap: Option<usize>,
 }
 
-/// What is computed from the windows.
+/// The operation on each window.
 #[derive(Debug, Clone)]
 enum Op {
     /// Convolution, bias, ReLU.
@@ -50,7 +50,7 @@ struct ConvWeights {
     bias: Tensor,
 }
 
-/// Which inputs an output is computed from, the same along rows and columns.
+/// The inputs of each output, the same along rows and columns.
 #[derive(Debug, Clone, Copy)]
 struct Window {
     size: usize,

@@ -9,7 +9,7 @@ pub(super) const QUANTITIES: usize = 5;
 /// The least variance of dm_pix: f32's ε squared.
 const LEAST_VARIANCE: f64 = f32::EPSILON as f64 * f32::EPSILON as f64;
 
-/// What the similarity is formed with.
+/// Constants of the similarity.
 #[derive(Clone, Copy)]
 pub(super) struct Constants {
     /// (0.01 L)².
@@ -49,7 +49,7 @@ fn filter_along_x_body(input: &[f64], half: &[f64], channels: usize, out: &mut [
     }
 }
 
-/// The same along y for the quantities, and the similarity that follows from them.
+/// Filters the quantities along y and forms the similarity from them.
 pub(super) fn filter_along_y(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]) {
     with_widest_vectors!(filter_along_y_body(rows, half, constants, out):
         fn(rows: &[&[f64]], half: &[f64], constants: Constants, out: &mut [f64]));

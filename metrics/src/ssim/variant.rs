@@ -3,7 +3,7 @@
 use super::filter::QUANTITIES;
 use crate::unavailable::Unavailable;
 
-/// Which SSIM: each name stands for one [`SsimForm`] that public code computes.
+/// A variant of SSIM: each name stands for one [`SsimForm`] that public code computes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SsimVariant {
     Gauss11Valid,
@@ -21,7 +21,7 @@ pub enum SsimVariant {
     Gauss11ValidWholeWindow,
 }
 
-/// What an SSIM is made of.
+/// The choices that define an SSIM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SsimForm {
     pub window: SsimWindow,
@@ -46,7 +46,7 @@ pub enum SsimWindow {
     Uniform7,
 }
 
-/// What happens where the window reaches beyond the picture.
+/// Treatment of windows that reach beyond the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SsimBorder {
     /// Such windows do not count: the map is smaller than the picture by a radius on each side.
@@ -57,7 +57,7 @@ pub enum SsimBorder {
     Reflect,
 }
 
-/// How variances and covariances follow from the window's moments.
+/// Estimator of variances and covariances from the window's moments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SsimCovariance {
     Population,

@@ -41,7 +41,7 @@ pub(crate) fn linear_weights(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsErro
     linear(net, &file)
 }
 
-/// The same of LPIPS v0.0.
+/// The linear weights of LPIPS v0.0, by layer.
 pub(crate) fn linear_weights_v0(net: LpipsNet) -> Result<Vec<Vec<f32>>, WeightsError> {
     let file = match net {
         LpipsNet::Alex => LPIPS_ALEX_V0,

@@ -138,7 +138,7 @@ impl FromStr for Backbone {
     }
 }
 
-/// Where a network's weights come from; shown as the file, as `built in` or as `deterministic:SALT`.
+/// Source of a network's weights; displays as the file, as `built in` or as `deterministic:SALT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum WeightsSource {
     File(PathBuf),
@@ -158,7 +158,7 @@ impl fmt::Display for WeightsSource {
     }
 }
 
-/// Where the weights of each network come from.
+/// The source of each network's weights.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Weights {
     sources: BTreeMap<Backbone, WeightsSource>,

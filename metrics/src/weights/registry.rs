@@ -1,4 +1,4 @@
-//! Where torchvision's weights are published, and where they are found on this machine.
+//! Addresses of torchvision's published weights, and the places on this machine where they are looked for.
 
 use std::borrow::Cow;
 use std::ops::RangeInclusive;
@@ -62,7 +62,7 @@ impl Published {
     }
 }
 
-/// Where to fetch the file of a publisher's address: there, or under the same name below
+/// The address to fetch a published file from: the publisher's, or the same file name below
 /// `SHARP_BENCH_MIRROR`, if that is set.
 pub fn mirrored(address: &str) -> String {
     let mirror = std::env::var("SHARP_BENCH_MIRROR").unwrap_or_default();
@@ -81,8 +81,8 @@ pub fn cache_folder() -> Option<PathBuf> {
     given.or_else(|| user_cache().map(|cache| cache.join("weights")))
 }
 
-/// Where this program keeps what it can fetch or compute again: `sharp-bench` in `XDG_CACHE_HOME` if
-/// that is set, else where the system keeps caches; `None` where the environment does not tell.
+/// The folder for what can be fetched or computed again: `sharp-bench` in `XDG_CACHE_HOME` if that is
+/// set, else in the system's folder of caches; `None` where the environment names neither.
 pub fn user_cache() -> Option<PathBuf> {
     let systems = || {
         if cfg!(windows) {
@@ -99,7 +99,7 @@ pub fn user_cache() -> Option<PathBuf> {
     Some(base.join("sharp-bench"))
 }
 
-/// Where torch keeps what it downloads, by its own rule on every system: `TORCH_HOME`, else `torch` in
+/// The folder of torch's downloads, by its own rule on every system: `TORCH_HOME`, else `torch` in
 /// `XDG_CACHE_HOME`, else `~/.cache/torch`.
 pub fn torch_hub() -> Option<PathBuf> {
     torch_hub_by(variable)
@@ -117,16 +117,16 @@ fn variable(name: &str) -> Option<PathBuf> {
     value.map(PathBuf::from)
 }
 
-/// Where a program's own files lie that is none by itself.
+/// The folder of bundled files, where this code runs inside another program.
 static OWN_FOLDER: OnceLock<PathBuf> = OnceLock::new();
 
-/// Where the files lie that travel with the program, instead of beside the executable: for a library that something else
-/// runs. The first call counts, before any weights are looked for.
+/// Sets the folder of the files that are bundled with the program, in place of the executable's own: for a library inside
+/// another program. Only the first call has an effect; call it before any weights are looked for.
 pub fn lies_in(folder: impl Into<PathBuf>) {
     OWN_FOLDER.get_or_init(|| folder.into());
 }
 
-/// Where the files lie that travel with the program: [as was said](lies_in), else beside the executable.
+/// The folder of the files that are bundled with the program: [as set](lies_in), else the executable's.
 pub fn own_folder() -> Option<PathBuf> {
     let beside = || Some(std::env::current_exe().ok()?.parent()?.to_owned());
     OWN_FOLDER.get().cloned().or_else(beside)

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use crate::error::Fault;
 use crate::hash::hex;
 
-/// What a table of contents and tensors are read from.
+/// A source of bytes for a table of contents and for tensors.
 pub(crate) trait Bytes {
     /// Length when it was opened.
     fn len(&self) -> usize;

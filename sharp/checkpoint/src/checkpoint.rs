@@ -144,7 +144,7 @@ fn read(file: &(impl Bytes + ?Sized)) -> Result<Read, Fault> {
     }
 }
 
-/// What a file that is no checkpoint often is.
+/// Names the likely kind of a file that is not a checkpoint, by its first bytes.
 fn guess(start: &[u8]) -> &'static str {
     let text = start.trim_ascii_start();
     if start.is_empty() {

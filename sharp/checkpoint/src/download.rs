@@ -28,7 +28,7 @@ pub enum DownloadError {
     },
 }
 
-/// How far a transfer has come.
+/// Progress of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Bytes there, those of earlier attempts included.
@@ -195,7 +195,7 @@ impl Download {
     }
 }
 
-/// Where the server's name for the version that `part` belongs to is kept.
+/// The file that keeps the server's version tag of the partial file `part`.
 fn tag_file(part: &Path) -> PathBuf {
     let mut name = part.as_os_str().to_owned();
     name.push(".etag");

@@ -1,8 +1,8 @@
 //! Checkpoints: PyTorch's `.pt` / `.pth` (zip files and the older bare pickles) and `.safetensors`.
 //!
-//! Of a file, the table of contents is read and checked against its length, and a tensor only
-//! when it is asked for. Pickles are run by an interpreter that knows just what a state dict
-//! needs: nothing is called, and what else a file names is passed over unless a tensor needs it.
+//! The table of contents is read and checked against the file's length; a tensor is read only when
+//! it is asked for. Pickles are run by an interpreter that knows only what a state dict needs:
+//! nothing is called, and other names in the file are ignored unless a tensor needs them.
 //! Nothing allocates more than a small multiple of the file's own length.
 //!
 //! # Contents

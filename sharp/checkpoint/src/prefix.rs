@@ -1,4 +1,4 @@
-//! What wrappers put before and into the names of the tensors that they wrap.
+//! Prefixes that wrappers such as `DataParallel` add to tensor names.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -78,7 +78,7 @@ impl fmt::Display for DType {
     }
 }
 
-/// Where a tensor lies in the file. Built only by [`TensorLayout::new`], which checks every bound.
+/// Place of a tensor in the file. Built only by [`TensorLayout::new`], which checks every bound.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct TensorLayout {
     pub(crate) dtype: DType,

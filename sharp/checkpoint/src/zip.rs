@@ -21,7 +21,7 @@ const LOCATOR_LEN: usize = 20;
 const CENTRAL_LEN: usize = 46;
 const LOCAL_LEN: usize = 30;
 
-/// Where an entry's data lies.
+/// Place of an entry's data.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum ZipEntry {
     /// Uncompressed, at these bytes of the file.

@@ -56,7 +56,7 @@ impl FromStr for InstructionSet {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Simd(InstructionSet);
 
-/// What this process computes with, from the first time that somebody asks or pins.
+/// The instruction set of this process, fixed by the first query or pin.
 static IN_USE: OnceLock<Simd> = OnceLock::new();
 
 /// Why a process cannot be pinned to an instruction set.

@@ -1,4 +1,4 @@
-//! What the tests of several modules share.
+//! Helpers shared by the tests of several modules.
 
 /// Reproducible values, nearly normal: sums of four uniform ones, of variance 1.
 pub(crate) fn noise(seed: u64, len: usize) -> Vec<f32> {

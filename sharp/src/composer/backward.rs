@@ -81,7 +81,7 @@ pub fn backward(
     Ok(out)
 }
 
-/// What one Gaussian is composed of.
+/// Inputs of one Gaussian.
 struct Block {
     x: f64,
     y: f64,

@@ -74,7 +74,7 @@ impl NormResidualBlock {
     }
 }
 
-/// What the network sees of a depth, metres.
+/// The network's input for a depth in metres.
 pub(super) fn inverse_depth(depth: f32) -> f32 {
     1.0 / depth.max(MIN_DEPTH)
 }

@@ -7,7 +7,7 @@ use super::params::Parameter;
 use super::training::TrainableNetwork;
 use super::{ModelConfig, ModelError};
 
-/// What it is called where a checkpoint is named.
+/// Its name in place of a checkpoint's path.
 pub const NAME: &str = "mini";
 
 /// Name of the file of its weights.
@@ -31,12 +31,12 @@ pub fn weights_sha256() -> &'static str {
     line.split(' ').next().unwrap_or_default()
 }
 
-/// Where its weights lie in these sources.
+/// The folder of its weights in this repository.
 pub fn source_folder() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/mini"))
 }
 
-/// What it is, in half a sentence.
+/// A short description.
 ///
 /// # Errors
 /// As [`config`].

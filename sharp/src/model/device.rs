@@ -1,4 +1,4 @@
-//! Where the network runs.
+//! Devices that run the network.
 
 use candle_core::Device;
 

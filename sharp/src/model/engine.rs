@@ -1,4 +1,4 @@
-//! What computes: our kernels on the CPU, or tensors on any device.
+//! Compute engines: own kernels on the CPU, or candle tensors on any device.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,4 +1,4 @@
-//! What can go wrong around the network.
+//! Errors of the network.
 
 use std::path::PathBuf;
 

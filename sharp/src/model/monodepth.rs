@@ -16,7 +16,7 @@ pub(super) struct Monodepth {
     head: DisparityHead,
 }
 
-/// What the rest of the network needs of the depth network.
+/// Outputs of the depth network that the rest of the network uses.
 pub(super) struct MonodepthOutput {
     pub(super) features: [Map; 5],
     /// `[2, R, R]`, ≥ 0: inverse depth for a focal length of one image width. The layers are not

@@ -1,4 +1,4 @@
-//! Which network, and what its predictions depend on.
+//! A network and everything that its predictions depend on.
 
 use std::path::PathBuf;
 

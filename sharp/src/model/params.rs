@@ -1,4 +1,4 @@
-//! What a network needs, and where its weights come from.
+//! Parameters of a network and the source of their values.
 //!
 //! Modules declare their parameters by name and shape while they are built, and fetch the values
 //! when they run. On the CPU each layer's weights are packed just before their one use in a

@@ -37,7 +37,7 @@ pub fn planes_of<T: Copy>(rgb: &[T], value: impl Fn(T) -> f32) -> Vec<f32> {
     out
 }
 
-/// What the network says about an image.
+/// The network's outputs for an image.
 #[derive(Debug, Clone)]
 pub struct NetworkOutput {
     /// Layer by layer, row by row, in normalised space: x/z and y/z over [−1, 1] across the image,

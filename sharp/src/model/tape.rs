@@ -1,4 +1,4 @@
-//! What a forward pass on the kernels leaves behind so that gradients can go back through it.
+//! The record of a forward pass on the kernels from which gradients are computed.
 //!
 //! Every layer that gradients have to pass adds a node: how the gradient of its output becomes those of
 //! its inputs and parameters. Nodes are in order of computation, so that backwards each comes after

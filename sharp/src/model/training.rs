@@ -27,7 +27,7 @@ pub struct TrainableNetwork {
     parameters: Vec<Parameter>,
 }
 
-/// What a pass sees.
+/// Inputs of a pass.
 #[derive(Debug, Clone, Copy)]
 pub struct TrainingInput<'a> {
     pub image: Planes<'a>,
@@ -45,7 +45,7 @@ pub struct TrainingInput<'a> {
     pub depth_only: bool,
 }
 
-/// What a pass made, with the way back. R is the internal resolution.
+/// Outputs of a pass, with the tape for gradients. R is the internal resolution.
 pub struct TrainingPass {
     /// In the composer's space: x/z and y/z over [−1, 1] across the image, z in metres.
     pub gaussians: Gaussians,
@@ -69,7 +69,7 @@ pub struct TrainingPass {
     side: usize,
 }
 
-/// Where gradients enter and leave the tape.
+/// The tape's nodes at which gradients enter and leave.
 struct Nodes {
     disparity: Option<Node>,
     alignment: Option<AlignmentNodes>,

@@ -4,7 +4,7 @@ use super::{CpuRenderer, RenderError, Renderer};
 use std::fmt;
 use std::str::FromStr;
 
-/// Who renders. Written `cpu`, `wgpu`, `wgpu:NAME` or `auto`.
+/// Rendering backend. Written `cpu`, `wgpu`, `wgpu:NAME` or `auto`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Backend {
     /// [`CpuRenderer`]. The default, and what scores are made with unless someone asks otherwise.

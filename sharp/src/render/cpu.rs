@@ -26,7 +26,7 @@ pub struct CpuRenderer {
 /// several rounds of bins.
 const PAIR_LIMIT: u64 = 1 << 25;
 
-/// What a thread needs for a bin.
+/// Buffers of a thread for one bin.
 #[derive(Debug, Default)]
 pub(super) struct BinScratch {
     /// Of the bin's Gaussians, front to back.

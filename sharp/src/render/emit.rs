@@ -15,7 +15,7 @@ pub(super) const BIN: usize = 64;
 /// Gaussians a task takes at once.
 const CHUNK: usize = 32_768;
 
-/// How the image is cut into bins, row by row.
+/// Division of the image into bins, row by row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BinGrid {
     pub(super) columns: usize,
@@ -42,7 +42,7 @@ impl BinGrid {
     }
 }
 
-/// How many Gaussians of each chunk reach each bin.
+/// Number of Gaussians of each chunk that reach each bin.
 pub(super) struct Counts(Vec<Vec<u32>>);
 
 /// Counts, on the threads of the current pool.

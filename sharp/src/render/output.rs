@@ -1,4 +1,4 @@
-//! What a renderer returns.
+//! Output of a renderer.
 
 /// One rendered view: linear light, before background, encoding and quantisation.
 ///

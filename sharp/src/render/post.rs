@@ -5,7 +5,7 @@ use crate::color::{Quantization, quantize, srgb_from_linear};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use rayon::prelude::*;
 
-/// What lies behind the Gaussians, linear light.
+/// Colour behind the Gaussians, linear light.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Background {
     /// Adds nothing. The release's and the scored default.
@@ -28,7 +28,7 @@ impl Background {
     }
 }
 
-/// As records name it: `black`, `white`, or linear RGB.
+/// `black`, `white`, or linear RGB; the form in records.
 impl std::fmt::Display for Background {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {

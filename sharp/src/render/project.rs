@@ -28,7 +28,7 @@ pub(super) struct Splat {
     pub(super) color: [f32; 3],
 }
 
-/// Where a Gaussian can reach 1/255 and how deep it lies: all that sorting into tiles needs.
+/// The pixels where a Gaussian can reach 1/255, and its depth: all that sorting into tiles needs.
 ///
 /// Pixels from `x0` to `x1` and `y0` to `y1`, both included; empty when `x0 > x1`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,7 +55,7 @@ impl Footprint {
     }
 }
 
-/// What the pass writes; kept between frames so that their memory is.
+/// Outputs of the pass; kept between frames to reuse their memory.
 #[derive(Debug, Default)]
 pub(super) struct Projected {
     pub(super) splats: Vec<Splat>,
@@ -71,9 +71,9 @@ const BLOCK: usize = 128;
 
 /// An opacity or an alpha below this leaves no trace.
 pub(super) const ALPHA_MIN: f32 = 1.0 / 255.0;
-/// How far gsplat lets a Gaussian reach, standard deviations; above `sqrt(2 ln 255) = 3.329`.
+/// Largest extent of a Gaussian in gsplat, standard deviations; above `sqrt(2 ln 255) = 3.329`.
 const MAX_EXTENT: f64 = 3.33;
-/// How far beyond the field of view the Jacobian may be taken, half fields of view.
+/// Largest distance beyond the field of view at which the Jacobian is taken, in half fields of view.
 const JACOBIAN_MARGIN: f64 = 0.3;
 /// Widens the box beyond what rounding in `raster` could make reach 1/255: relative, and pixels.
 const BOX_MARGIN: (f64, f64) = (1e-4, 1e-4);

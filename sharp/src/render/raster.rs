@@ -72,7 +72,7 @@ pub(super) fn reaching(
     );
 }
 
-/// What a block accumulated: red, green, blue, depth, transmittance.
+/// Accumulated values of a block: red, green, blue, depth, transmittance.
 type Pixels = [[f32; 16]; 5];
 
 /// The centres of a block's pixels, x and y.
@@ -90,7 +90,7 @@ pub(super) fn centers<L: Lanes>((x, y): (usize, usize)) -> [L; 2] {
     ]
 }
 
-/// How a Gaussian covers a block: the definition of α that forward and backward share.
+/// Coverage of a block by a Gaussian: the definition of α that forward and backward share.
 pub(super) struct Coverage<L> {
     /// Mean minus pixel centre.
     pub(super) dx: L,
@@ -125,7 +125,7 @@ impl<L: Lanes> Coverage<L> {
     }
 }
 
-/// What a Gaussian does to a block's light.
+/// Effect of a Gaussian on a block's light.
 pub(super) struct Absorption<L: Lanes> {
     hit: L::Mask,
     /// The light behind it.

@@ -1,4 +1,4 @@
-//! What every backend does, and how it can fail.
+//! The interface of all backends, and their errors.
 
 use super::{RenderOutput, RenderView};
 use crate::gaussians::{Gaussians, LengthMismatch};

@@ -76,7 +76,7 @@ impl Default for Trajectory {
     }
 }
 
-/// How deep a scene is: quantiles of the z of all centres in front of the camera, metres.
+/// Depth range of a scene: quantiles of the z of all centres in front of the camera, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthRange {
     /// The 0.001 quantile.

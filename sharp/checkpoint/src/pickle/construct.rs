@@ -1,4 +1,4 @@
-//! What the known constructors make of their arguments.
+//! The known constructors: from arguments to values.
 
 use crate::error::{Fault, malformed};
 

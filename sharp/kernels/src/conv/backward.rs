@@ -150,7 +150,7 @@ pub fn weight_gradient(
     out
 }
 
-/// What some output rows add to the weights' gradient, `[tap][in][out]`.
+/// The contribution of some output rows to the weights' gradient, `[tap][in][out]`.
 ///
 /// A product over pixels: with zeros around the image, the input under a tap is the input shifted by
 /// a constant, so channels lie as rows in memory and each tap reads them from another place.

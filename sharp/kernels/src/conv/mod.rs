@@ -50,7 +50,7 @@ impl ConvSpec {
     }
 }
 
-/// How a convolution is computed; `direct` or `winograd` as text.
+/// Algorithm of a convolution; displays as `direct` or `winograd`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Algorithm {
@@ -72,7 +72,7 @@ impl fmt::Display for Algorithm {
     }
 }
 
-/// What is fused into a convolution.
+/// Operations fused into a convolution.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ConvOptions<'a> {
     /// The input is rectified as it is read.

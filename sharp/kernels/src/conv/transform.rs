@@ -98,8 +98,8 @@ fn output_1d<const FMA: bool>(m: [&[f32; LANES]; 6]) -> [ChannelLanes; 4] {
     out
 }
 
-/// Where the transformed tiles of a task lie: place by place, in each run of [`KC`] channels
-/// after run, in each tile after tile.
+/// Memory layout of the transformed tiles of a task: places outermost, then runs of [`KC`] channels,
+/// then tiles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InputLayout {
     /// Distance of tiles.
@@ -163,7 +163,7 @@ fn input_body<const FMA: bool>(
     }
 }
 
-/// What the output transform needs beside the products.
+/// Inputs of the output transform besides the products.
 pub(super) struct OutputTile<'a> {
     /// Padded to a multiple of [`LANES`].
     pub(super) bias: &'a [f32],

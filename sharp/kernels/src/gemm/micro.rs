@@ -81,7 +81,7 @@ impl MicroTile {
 /// 4 × 8 without fused multiply-add.
 ///
 /// # Safety
-/// As [`Micro`].
+/// See [`Micro`].
 unsafe fn portable<const STRIDE: usize>(
     k: usize,
     a: *const f32,

@@ -18,7 +18,7 @@ use micro::MicroTile;
 
 use crate::workspace::{SharedOut, Workspace};
 
-/// What happens to a product `A B + bias` before it is stored.
+/// Operation on a product `A B + bias` before it is stored.
 #[derive(Debug, Clone, Copy)]
 pub enum Epilogue<'a> {
     None,
@@ -42,7 +42,7 @@ const MOST_COLUMNS: usize = 2048;
 /// Columns of a task that are worth splitting off to keep all threads busy.
 const FEWEST_COLUMNS: usize = 128;
 
-/// How a product is cut into tasks: equal numbers of whole tiles. Only speed depends on it.
+/// Division of a product into tasks of equal numbers of whole tiles. It affects only speed.
 pub(crate) struct Tasks {
     rows: TaskCut,
     panels: TaskCut,

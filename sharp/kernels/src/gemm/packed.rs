@@ -6,8 +6,8 @@ use crate::workspace::Aligned;
 
 /// A `k` × `n` matrix (the weights), packed for one instruction set, with a bias per column.
 ///
-/// In runs of at most `KC` rows; in each run, panel after panel of `nr` columns; in each
-/// panel row after row. Columns are padded with zeros to whole panels.
+/// Laid out in runs of at most `KC` rows, each run in panels of `nr` columns, each panel row by row.
+/// Columns are padded with zeros to whole panels.
 #[derive(Debug, Clone)]
 pub struct PackedMatrix {
     simd: Simd,
@@ -146,7 +146,7 @@ pub(crate) fn pack_into(
     }
 }
 
-/// As [`pack_into`], for a matrix whose columns are at hand, each of the same length.
+/// Like [`pack_into`], for a matrix given by columns of equal length.
 pub(crate) fn pack_transposed<'a>(
     data: &mut [f32],
     nr: usize,
@@ -165,7 +165,7 @@ pub(crate) fn pack_transposed<'a>(
     }
 }
 
-/// As [`pack_into`], for a matrix whose rows are at hand: `row(k)` has `n` elements.
+/// Like [`pack_into`], for a matrix given by rows: `row(k)` has `n` elements.
 pub(crate) fn pack_rows<'a>(
     data: &mut [f32],
     nr: usize,

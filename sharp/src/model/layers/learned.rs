@@ -1,4 +1,4 @@
-//! What a layer's parameters get on the way back.
+//! Gradients of a layer's parameters.
 
 use sharp_kernels::NormGradient;
 use sharp_kernels::conv::backward::bias_gradient;
@@ -7,7 +7,7 @@ use crate::model::engine::Runtime;
 use crate::model::params::Parameter;
 use crate::model::tape::Gradients;
 
-/// Which parameters of a layer want gradients.
+/// Parameters of a layer that need gradients.
 pub(in crate::model) struct Learned {
     pub(in crate::model) weight: Option<String>,
     pub(in crate::model) bias: Option<String>,

@@ -8,7 +8,7 @@ use crate::model::observer::{StageObserver, StageValue};
 use crate::model::predictor::{Planes, Predictor};
 use crate::model::{ModelError, config::LAYERS};
 
-/// How far one stage is from its recording.
+/// Difference between one stage and its recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageComparison {
     /// Name as in the recording.

@@ -85,7 +85,7 @@ impl Shape {
     }
 }
 
-/// What a transformer yields, one map `[dim, side, side]` an image.
+/// Outputs of a transformer, one map `[dim, side, side]` an image.
 pub(super) struct Features {
     /// Outputs of the tapped blocks, not normalised.
     pub(super) taps: Vec<Vec<Map>>,

@@ -9,7 +9,7 @@ pub struct GpuAdapter {
     info: wgpu::AdapterInfo,
 }
 
-/// What an adapter is made of, best first.
+/// Kind of an adapter, best first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
     /// A GPU with memory of its own.

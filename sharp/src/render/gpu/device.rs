@@ -5,7 +5,7 @@ use super::GpuAdapter;
 use super::memory::{GpuBuffer, Memory};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-/// What a sub-frame's largest binding may take even where the adapter grants more: keeps a picture
+/// Limit of a sub-frame's largest binding even where the adapter grants more: keeps a picture
 /// of any size to about half a gigabyte of device memory.
 const WINDOW: u64 = 128 << 20;
 
@@ -23,7 +23,7 @@ pub(super) struct Gpu {
     fault: Arc<Mutex<Option<DeviceFault>>>,
 }
 
-/// In order of severity.
+/// Least to most severe.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum DeviceFault {
     Other(String),

@@ -1,4 +1,4 @@
-//! What host and shaders agree on byte for byte. A test compares names and offsets with the WGSL.
+//! Structures shared by host and shaders, byte for byte. A test compares names and offsets with the WGSL.
 
 use super::super::Dropped;
 use super::super::project::ViewConstants;
@@ -114,7 +114,7 @@ shared! {
     }
 }
 
-/// How many Gaussians `project` dropped: the order of the reasons in `project.wgsl`.
+/// Numbers of Gaussians that `project` dropped, in the order of the reasons in `project.wgsl`.
 pub(super) type DroppedCounts = [u32; 8];
 
 pub(super) fn dropped(counts: DroppedCounts) -> Dropped {

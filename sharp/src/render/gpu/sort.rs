@@ -12,7 +12,7 @@ const RADIX_BLOCK: u32 = 4096;
 /// Entries in a block of the scan.
 const SCAN_BLOCK: u32 = 1024;
 
-/// What a scan needs besides its data: the sums of its blocks, of their blocks, ….
+/// Buffers of a scan besides its data: the sums of its blocks, of their blocks, ….
 pub(super) struct Scan {
     levels: Vec<GpuBuffer>,
 }
