@@ -10,7 +10,7 @@ use crate::format::picture;
 use crate::lens::Lens;
 use crate::{DatasetError, DatasetSpec, mask};
 
-/// What becomes of pictures whose size is not their camera's.
+/// Treatment of pictures whose size is not their camera's.
 pub(crate) const CAMERA_SIZE: Setting = Setting::choice(
     "camera-size",
     "pictures of another size than their camera is for",
@@ -120,7 +120,7 @@ pub(crate) fn check_size(
     })
 }
 
-/// Whether one factor leads from one size to the other, where both of the new sides were rounded
+/// True if one factor leads from one size to the other, where both of the new sides were rounded
 /// to whole pixels in the same way: down, or to the nearest.
 fn is_same_ratio(from: PixelSize, to: PixelSize) -> bool {
     let ([w, h], [v, u]) = (

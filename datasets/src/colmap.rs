@@ -67,7 +67,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
     ..DatasetEntry::OWN
 };
 
-/// Where a model may lie, seen from a scene's folder.
+/// Possible places of a model, relative to a scene's folder.
 const MODELS: [&str; 6] = [
     "sparse/0",
     "sparse",

@@ -15,7 +15,7 @@ use crate::scan_depth::{ScanFile, points_seen_by};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSpec, DepthMap, files};
 
-/// Where a view's depth comes from.
+/// Source of a view's depth.
 #[derive(Debug)]
 pub(crate) enum ViewDepth {
     /// A disparity map of one of a rectified pair's views, and the pixels of one stored unit: 1, or
@@ -93,7 +93,7 @@ impl ViewDepth {
     }
 }
 
-/// What turns disparity into depth: `Z = baseline · f / (d + doffs)`.
+/// Conversion from disparity to depth: `Z = baseline · f / (d + doffs)`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct StereoGeometry {
     /// Focal length, pixels.
@@ -150,7 +150,7 @@ impl StereoGeometry {
     }
 }
 
-/// What the values of a stored depth map are.
+/// Meaning of the values of a stored depth map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DepthKind {
     Z,
@@ -178,7 +178,7 @@ impl DepthKind {
     }
 }
 
-/// How a stored depth map is encoded, and with it how it follows its picture to the pinhole camera.
+/// Encoding of a stored depth map, which also decides how it is resampled to the pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum DepthEncoding {
     /// A self-describing file; one unit is this many metres, or one over this many for reciprocals. 65535 in a

@@ -1,4 +1,4 @@
-//! What a dataset is: one entry each, kept beside its reader and listed here.
+//! One entry per dataset, kept next to its reader and listed here.
 
 use serde::Serialize;
 
@@ -112,7 +112,7 @@ impl DatasetEntry {
     }
 }
 
-/// What the paper chooses a dataset's pairs by.
+/// The paper's rule for choosing a dataset's pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PaperOverlap {
     /// Nothing: each stereo scene is one pair.
@@ -223,7 +223,7 @@ pub(crate) const fn proxy(value: &'static str, meaning: &'static str) -> Setting
     }
 }
 
-/// How pictures are read, in every format that has files. Only what is given is a reading of a dataset.
+/// Settings for reading pictures, in every format that has files. Only settings that are given count as readings of a dataset.
 pub static PICTURES: [Setting; 3] = [
     Setting::choice(
         "alpha",
@@ -260,7 +260,7 @@ pub static PICTURES: [Setting; 3] = [
     ),
 ];
 
-/// Whether files outside the dataset's folder may be named.
+/// Permission to name files outside the dataset's folder.
 pub(crate) const OUTSIDE: Setting = Setting::choice(
     "outside",
     "files that `..`, an absolute path or a symbolic link puts outside the folder",

@@ -8,7 +8,7 @@ use crate::files::{self, Root, folded};
 use crate::left_out::first_few;
 use crate::scene_builder::is_picture_extension;
 
-/// What pictures' names end in, lower case, lossless formats first.
+/// Extensions of pictures, lower case, lossless formats first.
 const PICTURES: [&str; 8] = ["png", "tif", "tiff", "bmp", "webp", "jpg", "jpeg", "jfif"];
 
 /// [`folded`] stems of a folder's files, and the files that have them, in natural order.

@@ -280,7 +280,7 @@ pub fn parse<T>(
     parse(&read(path)?).map_err(|error| DatasetError::format(path, error))
 }
 
-/// As [`parse`], from text.
+/// Like [`parse`], from text.
 ///
 /// # Errors
 /// As [`read_text`]; [`DatasetError::Format`].

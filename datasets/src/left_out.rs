@@ -1,4 +1,4 @@
-//! What a reader left out, and why.
+//! Scenes that a reader left out, and the reasons.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, Scene};
 
-/// What a reader found: scenes in natural order, and those that are there and were not read.
+/// Scenes in natural order, and those that exist but were not read.
 #[derive(Debug, Default)]
 pub struct FoundScenes {
     pub scenes: Vec<Scene>,

@@ -8,7 +8,7 @@ use crate::DatasetError;
 use crate::format::picture;
 use crate::undistort::Undistortion;
 
-/// Which level of a mask marks the pixels that are kept; every other level excludes them.
+/// The level of a mask that marks the pixels to keep; every other level excludes them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Keep {
     /// 255.

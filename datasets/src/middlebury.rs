@@ -144,8 +144,8 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
 
 const PICTURES: [&str; 2] = ["im0.png", "im1.png"];
 
-/// Whether a folder has a file of a scene, though perhaps in another format or with a name in capitals: such a scene is
-/// left out by name, not overlooked.
+/// True if a folder has a file of a scene, even in another format or with a name in capitals: such a scene is left out by
+/// name, not overlooked.
 fn has_part(folder: &Path) -> bool {
     let names = files::list(folder).unwrap_or_default().into_iter();
     names
@@ -219,7 +219,7 @@ fn find_disparity(
     Ok(None)
 }
 
-/// Whether MiddEval3's training set has a scene of that name.
+/// True if MiddEval3's training set has a scene of that name.
 fn is_training15(id: &str) -> bool {
     const NAMES: [&str; 15] = [
         "Adirondack",

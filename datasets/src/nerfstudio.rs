@@ -116,7 +116,7 @@ fn open(spec: &DatasetSpec) -> Result<FoundScenes, DatasetError> {
     spec.conclude(found, expected, search.unsearched)
 }
 
-/// Which of a folder's files was read, where there is more than the usual one.
+/// Names the file that was read, where a folder has several candidates.
 fn choice_note<'a>(
     folder: &Path,
     read: &str,

@@ -1,4 +1,4 @@
-//! What the files of a scene's pictures and masks say of themselves, a line for each that matters.
+//! Notes on a scene's pictures and masks from their own files, one line each.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ const MASKS: usize = 4;
 /// Masks that leave less are in doubt: most exclude a person, a sky, a logo.
 const LEAST_LEFT: f64 = 0.2;
 
-/// That masks lie beside the pictures and are not read; `hint` says how they would be.
+/// Notes masks that lie next to the pictures and are not read; `hint` says how to read them.
 pub(crate) fn unread_masks(folder: &Path, hint: &str) -> Option<String> {
     let folder = ["masks", "mask"]
         .map(|name| folder.join(name))

@@ -1,4 +1,4 @@
-//! What readers do on the way from files to pixels, with one note a scene for each.
+//! Processing from files to pixels, with one note per scene for each kind.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use sharp::camera::Intrinsics;
 use crate::left_out::first_few;
 use crate::{Pairing, Scene, View};
 
-/// What becomes of one view's files on the way to its pixels.
+/// Processing of one view's files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Processing {
     /// How the photograph was resampled; `None` where it is taken as stored.
@@ -20,7 +20,7 @@ pub struct Processing {
     pub depth_by_pose: bool,
 }
 
-/// How a photograph became that of a pinhole camera.
+/// Conversion of a photograph to a pinhole camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Undistorted {
     /// COLMAP's name of the lens model.
@@ -29,13 +29,13 @@ pub struct Undistorted {
     pub camera: &'static str,
 }
 
-/// How many views lack depth.
+/// Number of views without depth.
 pub(crate) fn without_depth(views: &[View]) -> usize {
     let lacking = views.iter().filter(|v| v.content.processing().lacks_depth);
     lacking.count()
 }
 
-/// What was done to the pixels of a scene and which views lack what others have, a line each.
+/// Processing of a scene's pixels, and views without data that others have, one line each.
 pub(crate) fn notes(scene: &Scene) -> Vec<String> {
     let all = scene.views.len();
     let mut notes = Vec::new();

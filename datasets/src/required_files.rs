@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::View;
 
-/// What a file is needed for.
+/// Purpose of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FileRole {

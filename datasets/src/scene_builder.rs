@@ -157,7 +157,7 @@ impl<'a> SceneBuilder<'a> {
     }
 }
 
-/// Which pinhole camera a picture with lens distortion is resampled to.
+/// The pinhole camera that a picture with lens distortion is resampled to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pinhole {
     /// The widest that shows nothing beyond the stored picture.

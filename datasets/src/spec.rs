@@ -230,7 +230,7 @@ pub fn open(spec: &DatasetSpec) -> Result<Vec<Scene>, DatasetError> {
     open_each(spec)?.all()
 }
 
-/// As [`open`], with each scene that cannot be read, or that a setting rules out, beside the others.
+/// Like [`open`], but also lists scenes that cannot be read or that a setting rules out.
 ///
 /// # Errors
 /// When there is no scene at all, or the dataset's own lists cannot be read.

@@ -249,7 +249,7 @@ fn mirror(i: i64, size: i64) -> u32 {
     u32::try_from(i.min(period - i).min(size - 1)).unwrap_or(0)
 }
 
-/// Whether every point of the pinhole picture's border lies inside the stored picture.
+/// True if every point of the pinhole picture's border lies inside the stored picture.
 fn shows_only_the_picture(lens: &Lens, pinhole: &Intrinsics) -> bool {
     let (w, h) = (f64::from(pinhole.width), f64::from(pinhole.height));
     (0..=256).all(|i| {

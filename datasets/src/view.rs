@@ -1,4 +1,4 @@
-//! What every reader produces: scenes of posed views whose pixels are loaded on demand.
+//! Scenes of posed views whose pixels are loaded on demand: the output of every reader.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::required_files::FileRole;
 /// finite and positive.
 pub type DepthMap = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// What the file of a photograph says of itself.
+/// Facts from the file of a photograph.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundPicture {
     pub header: Header,
@@ -100,7 +100,7 @@ pub struct View {
     pub content: Arc<dyn ViewContent>,
 }
 
-/// How the views of a scene form pairs.
+/// Rule by which the views of a scene form pairs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Pairing {
     /// Exactly one pair: the paper's stereo protocol, left to right.

@@ -10,7 +10,7 @@ use crate::io::hash::{file_sha256, sha256_hex};
 
 pub(super) type Hashes = BTreeMap<String, String>;
 
-/// What a description says of itself, read back to see whether its files are done.
+/// The head of a description, read back to see whether its files are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
     /// Hash of everything that the files depend on.

@@ -23,7 +23,7 @@ use crate::pairs::description::{FORMAT, PairDescription};
 use crate::pairs::pair_id::path_of;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// What is written besides the source's picture and the cameras, and how the datasets were read.
+/// Files written besides the source's picture and the cameras, and the settings the datasets were read with.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ExportOptions {
     /// `target.png`: the ground truth.
@@ -82,7 +82,7 @@ pub fn export(
     })
 }
 
-/// What became of the pairs of one source.
+/// Counts of the pairs of one source.
 #[derive(Default)]
 struct ExportedGroup {
     written: usize,

@@ -1,7 +1,7 @@
 //! A page that draws Gaussians in a browser: one file that opens from disk and loads nothing.
 //!
-//! WebGPU runs the renderer's own shaders ([`sharp_shaders::PASSES`]); `screen.wgsl` brings the result onto the screen.
-//! Where there is no WebGPU, pictures that were rendered with the page take its place.
+//! WebGPU runs the renderer's own shaders ([`sharp_shaders::PASSES`]); `screen.wgsl` draws the result on the screen.
+//! Browsers without WebGPU show pictures that were rendered when the page was written.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -35,10 +35,10 @@ const SCREEN: (&str, &str) = (
 );
 /// Pictures of a path at most.
 const PICTURES: usize = 12;
-/// What an earlier page is known by.
+/// Identifies an earlier page.
 const MARK: &str = "<meta name=\"generator\" content=\"sharp-bench viewer\">";
 
-/// What a page shows.
+/// Contents of a page.
 pub struct Viewer<'a> {
     pub title: &'a str,
     pub scene: &'a Gaussians,

@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-/// How names of files in the making begin.
+/// Prefix of files that are being written.
 const PARTIAL: &str = ".partial-";
 
-/// How names of folders begin that live no longer than a process.
+/// Prefix of folders that are removed when their process ends.
 const SCRATCH: &str = ".scratch-";
 
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +44,7 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     file.commit()
 }
 
-/// As [`write_atomic`], but without waiting for the disk: for many small files that can be made again. A reader, or a
+/// Like [`write_atomic`], but without waiting for the disk: for many small files that can be made again. A reader, or a
 /// restart after a kill, sees all of it or nothing; after a loss of power it may be empty.
 pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     let mut file = PartialFile::create(path)?;
@@ -55,13 +55,13 @@ pub fn write_replaceable(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     Ok(())
 }
 
-/// As [`write_atomic`], but over nothing except an earlier file of the same kind, which has `mark` in it.
+/// Like [`write_atomic`], but replaces only an earlier file of the same kind, which contains `mark`.
 pub fn write_over_own(path: &Path, bytes: &[u8], mark: &str) -> Result<(), FileError> {
     write_all_over_own(&[(path, bytes, mark)]).map(drop)
 }
 
-/// As [`write_over_own`], of several files, each with its mark. All names are looked at before the first file is written, so
-/// that a refusal leaves nothing half done. The paths are handed back.
+/// Like [`write_over_own`] for several files, each with its mark. All names are checked before the first file is written,
+/// so that a refusal leaves nothing half done. Returns the paths.
 pub fn write_all_over_own(
     files: &[(impl AsRef<Path>, impl AsRef<[u8]>, &str)],
 ) -> Result<Vec<PathBuf>, FileError> {
@@ -75,7 +75,7 @@ pub fn write_all_over_own(
     written.collect()
 }
 
-/// As [`write_atomic`], but over nothing except a file with the same bytes: for forms of others, which bear no mark of ours.
+/// Like [`write_atomic`], but replaces only a file with the same bytes: for formats of others, which contain no mark of ours.
 pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     refuse_others(path, |there| there == bytes)?;
     write_atomic(path, bytes)

@@ -132,7 +132,7 @@ pub fn read(
     }
 }
 
-/// What a file or folder is that holds Gaussians in a form that is not read, with what converts it.
+/// Names a format of Gaussians that is not read, with what converts it.
 pub fn foreign(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_string_lossy();
     if path.join("meta.json").is_file() {

@@ -27,7 +27,7 @@ pub struct HashedFile {
     stamp: Mutex<Option<FileStamp>>,
 }
 
-/// What changes with a file's content, unless someone takes pains.
+/// Facts that change with a file's content, unless someone restores them on purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FileStamp {
     len: u64,

@@ -25,8 +25,8 @@ pub fn monotonic() -> Duration {
     START.get_or_init(Instant::now).elapsed()
 }
 
-/// What times can be compared on: the processor and how many threads work on it, `AMD EPYC 7R13, 8 threads`. `None` where
-/// the system does not say.
+/// The processor and number of threads, `AMD EPYC 7R13, 8 threads`: times are comparable where it is the same. `None`
+/// where the system does not say.
 pub fn cpu_and_threads() -> Option<String> {
     static CPU: OnceLock<Option<String>> = OnceLock::new();
     let cpu = CPU.get_or_init(|| {

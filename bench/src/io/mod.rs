@@ -1,12 +1,12 @@
-//! What goes to disk and comes back: whole files, hashes, pictures, renderings, Gaussians, checkpoints.
+//! Files: atomic writes, hashes, pictures, renderings, Gaussians, checkpoints.
 //!
 //! * [`atomic_files`]: files that are written whole or not at all; [`hash`]: sha256 of bytes and files.
 //! * [`fingerprints`]: hashes of the sources and dependencies that decide a result, by stage.
 //! * [`observer`]: how the library reports warnings and progress without printing.
 //! * [`pictures`]: pictures in PNG, JPEG, EXR and float arrays; [`rendering_files`]: renderings as PNG, EXR, safetensors.
 //! * [`gaussian_files`]: Gaussians as PLY or safetensors; [`masks`]: masks as files.
-//! * [`movie`]: pictures in a row as GIF and MP4.
-//! * [`checkpoint`]: SHARP's official checkpoint: where it is, whether it is still the same file, how to get it.
+//! * [`movie`]: sequences of pictures as GIF and MP4.
+//! * [`checkpoint`]: SHARP's official checkpoint: finding it, recognising it, fetching it.
 //! * [`machine`]: what this process runs on, and how much memory it has used; [`text`]: text from outside, made harmless; `calendar`: days
 //!   and minutes.
 

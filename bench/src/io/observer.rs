@@ -1,4 +1,4 @@
-//! How long-running work reports what it does. The library never prints; the command line draws bars and writes lines.
+//! Progress and warnings of long-running work. The library never prints; the command line draws bars and writes lines.
 
 /// Receives warnings and progress. Every method does nothing unless overridden, and may be called from any thread.
 pub trait Observer: Sync {

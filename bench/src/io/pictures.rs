@@ -30,7 +30,7 @@ pub enum ReadError {
     Values { path: PathBuf, source: PictureError },
 }
 
-/// What a picture's name may end in, lower case.
+/// Extensions of pictures, lower case.
 pub const EXTENSIONS: [&str; 11] = [
     "png",
     "jpg",

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-/// What a terminal or a page obeys instead of showing it: control characters, and the marks that turn the direction of
-/// what follows.
+/// True for characters that a terminal or page interprets instead of showing: control characters and marks that change
+/// the direction of text.
 fn is_obeyed(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
@@ -15,7 +15,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_obeyed(c) && c != '\n' && c != '\t')
 }
 
-/// The same for one line: line ends and tabs too.
+/// Escapes line ends and tabs as well, for text that has to stay on one line.
 pub fn visible_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_obeyed)
 }

@@ -1,4 +1,4 @@
-//! What a view is made of, as a hash. A file that many views share (a laser scan, a list of cameras) is read once.
+//! Hashes of the files that a view is read from. A file that many views share (a laser scan, a list of cameras) is read once.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

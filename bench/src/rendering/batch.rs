@@ -110,7 +110,7 @@ impl BatchRenderer {
     }
 }
 
-/// What ended a batch.
+/// Reason that a batch ended early.
 enum Stop<E> {
     Render(RenderError),
     Done(E),

@@ -1,7 +1,7 @@
-//! Who renders, and what happens when a device fails.
+//! Rendering backends, and recovery when a device fails.
 //!
-//! * [`batch`]: one scene uploaded once, many views, and the CPU to take over from a device that fails.
-//! * [`shared`]: the one renderer of a run, where nothing takes over: a backend never changes within a run.
+//! * [`batch`]: one scene uploaded once, many views, and a fallback to the CPU when the device fails.
+//! * [`shared`]: the one renderer of a run, without a fallback: a backend never changes within a run.
 
 pub mod batch;
 pub mod shared;

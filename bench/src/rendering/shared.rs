@@ -11,8 +11,8 @@ use sharp::render::{
     Backend, Background, CpuRenderer, LoadedScene, RenderError, RenderOutput, RenderView, Renderer,
 };
 
-/// What decides a rendering's pixels besides its backend. The paper states none of it; the defaults are the release's,
-/// but for rounding, where it truncates.
+/// The settings that decide a rendering's pixels besides its backend. The paper states none of them; the defaults are the
+/// release's, except that 8-bit values are rounded where the release truncates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderSettings {
     /// Added to both diagonal entries of projected covariances, px².

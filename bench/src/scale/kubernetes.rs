@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
 
-/// How Kubernetes runs a plan.
+/// Options of the Kubernetes files for a plan.
 #[derive(Debug, Clone)]
 pub struct Kubernetes {
     /// What every scheduler is told.
@@ -21,13 +21,13 @@ pub struct Kubernetes {
     pub out: PathBuf,
 }
 
-/// Of a Job whose indices fail each for itself.
+/// Kubernetes' limit for a Job whose indices fail independently.
 const MOST_SHARDS: usize = 100_000;
 
 /// Writes `job.yaml` and `merge.yaml`.
 ///
 /// # Errors
-/// As [`super::slurm()`].
+/// See [`super::slurm()`].
 pub fn kubernetes(request: &Kubernetes) -> Result<Vec<PathBuf>, ScaleError> {
     let Kubernetes { shards, out, .. } = request;
     if !shards.plan.starts_with(&request.mount) {

@@ -15,7 +15,7 @@ use crate::io::hash::sha256_hex;
 pub use kubernetes::{Kubernetes, kubernetes};
 pub use slurm::{Slurm, slurm};
 
-/// What every scheduler is told.
+/// Options of all schedulers.
 #[derive(Debug, Clone)]
 pub struct Shards {
     /// The run folder of the plan; absolute, as the nodes see it.
@@ -66,7 +66,7 @@ pub enum ScaleError {
     },
 }
 
-/// What our files have in their first lines.
+/// Marks our files, in their first lines.
 const MARK: &str = "sharp-bench scale";
 
 /// A template and the values that come into it.
@@ -124,7 +124,7 @@ fn write(out: &Path, files: Vec<(String, String)>) -> Result<Vec<PathBuf>, Scale
     Ok(written)
 }
 
-/// What the plan estimated, and a name for its jobs.
+/// The plan's estimate, and a name for its jobs.
 fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
     let plan = RunFolder::open(&shards.plan).map_err(EvaluateError::from)?;
     let plan = plan.plan()?;
@@ -146,7 +146,7 @@ fn planned(shards: &Shards) -> Result<(Estimate, String), ScaleError> {
     Ok((estimate, format!("sharp-{name}-{}", &place[..8])))
 }
 
-/// As a shell takes it, whatever is in it.
+/// Quotes a text for a shell.
 fn quoted(what: &'static str, text: &str) -> Result<String, ScaleError> {
     if text.contains(char::is_control) {
         return Err(ScaleError::Refused {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::{ScaleError, Shards, arguments, fill, memory_mib, planned, quoted_path, write};
 use crate::evaluate::estimate::{Estimate, StageCost};
 
-/// How Slurm runs a plan.
+/// Options of the Slurm scripts for a plan.
 #[derive(Debug, Clone)]
 pub struct Slurm {
     /// What every scheduler is told.

@@ -1,4 +1,4 @@
-//! What predictions of a target are scored against.
+//! The ground truth that predictions of a target are scored against.
 
 use std::borrow::Cow;
 
@@ -17,7 +17,7 @@ pub struct GroundTruth {
     valid: Option<Mask>,
 }
 
-/// What else decides which pixels of a pair count.
+/// Further restrictions of the pixels of a pair that are scored.
 #[derive(Debug, Default)]
 pub(crate) struct PairMasks {
     /// For metrics `@frustum`.
@@ -209,7 +209,7 @@ impl GroundTruth {
     }
 }
 
-/// What of the truth is compared with a picture.
+/// The part of the truth that a picture is compared with.
 struct Shown<'a> {
     truth: Picture,
     /// The pixels that count, and the colour that both pictures take in all others.

@@ -1,4 +1,4 @@
-//! What a protocol may change about how pictures are scored, besides the metrics.
+//! Scoring rules that a protocol may change, besides the metrics.
 
 use std::fmt;
 

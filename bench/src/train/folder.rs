@@ -75,7 +75,7 @@ impl TrainingFolder {
     }
 }
 
-/// Whether a step was made. Without one, a wrong path in the configuration has used nothing up.
+/// True once a step was made. Before that, a wrong path in the configuration has cost nothing.
 fn has_begun(root: &Path) -> bool {
     let log = read_text(&root.join("log.csv")).unwrap_or_default();
     log.lines().count() > 1 || root.join("checkpoints").exists()

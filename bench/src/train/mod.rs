@@ -34,7 +34,7 @@ use crate::io::atomic_files::write_json;
 use crate::io::checkpoint::bundled_weights;
 use crate::io::observer::Observer;
 
-/// What is to be trained.
+/// A training.
 pub struct TrainRequest<'a> {
     /// The configuration, a TOML file.
     pub config: &'a Path,
@@ -48,7 +48,7 @@ pub struct TrainRequest<'a> {
     pub export_f16: Option<&'a Path>,
 }
 
-/// What came of it.
+/// Outcome of a training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trained {
     pub ended: Ended,

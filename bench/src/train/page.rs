@@ -1,4 +1,4 @@
-//! How a training goes, as one page that opens from disk: curves from its logs, samples from its last validation.
+//! Progress of a training as one page that opens from disk: curves from its logs, samples from its last validation.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -145,7 +145,7 @@ pub(super) fn write(
     Ok(path)
 }
 
-/// What is minimised, each of its terms, the norm of its gradient and the learning rate, a panel each.
+/// The loss, each of its terms, the norm of its gradient and the learning rate, one panel each.
 fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
     if count == 0 {
         return Ok(None);
@@ -183,7 +183,7 @@ fn losses(log: &Log, count: usize) -> Result<Option<Figure>, TrainError> {
     Ok(Some(figure("Losses", caption, &[], &panels)?))
 }
 
-/// What was measured of validated weights, a panel a measure.
+/// Validation scores, one panel per metric.
 fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, TrainError> {
     let mut measures: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     let values = log.places()?.into_iter().zip(log.values(2)?);
@@ -234,7 +234,7 @@ fn validated(log: &Log, steps: &BTreeMap<Place, f64>) -> Result<Option<Figure>, 
     Ok(Some(figure("Validation", caption, &[], &panels)?))
 }
 
-/// Of each stage that has a step: its number, steps, median seconds a step, hours.
+/// One row per stage that has a step: its number, steps, median seconds per step, hours.
 fn stages(log: &Log) -> Result<Vec<[String; 4]>, TrainError> {
     let mut seconds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     for ((stage, _), taken) in log.places()?.into_iter().zip(log.values(2)?) {

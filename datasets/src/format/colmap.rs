@@ -72,7 +72,7 @@ fn kind(folder: &Path) -> &'static str {
     if only_text { "txt" } else { "bin" }
 }
 
-/// How many pictures a model has.
+/// Number of pictures of a model.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -80,13 +80,13 @@ pub(crate) fn picture_count(folder: &Path) -> Result<usize, DatasetError> {
     Ok(read_images(folder, kind(folder))?.1.len())
 }
 
-/// As [`read_model`], refusing files that lead out of the dataset's folder.
+/// Like [`read_model`], but refuses files outside the dataset's folder.
 pub(crate) fn read_model_in(root: &Root, folder: &Path) -> Result<Model, DatasetError> {
     check_inside(root, folder)?;
     read_model(folder)
 }
 
-/// As [`read_cameras`], refusing files that lead out of the dataset's folder.
+/// Like [`read_cameras`], but refuses files outside the dataset's folder.
 pub(crate) fn read_cameras_in(
     root: &Root,
     folder: &Path,
@@ -133,7 +133,7 @@ fn read_images(folder: &Path, kind: &str) -> Result<(PathBuf, Vec<ColmapImage>),
     Ok((file, images))
 }
 
-/// What lies beside a model as files of the other kind, and whether it contradicts it.
+/// Notes on files of the other kind next to a model, and whether they contradict it.
 fn unread_notes(folder: &Path, model: &Model, kind: &str) -> Vec<String> {
     let (read, unread, other) = match kind {
         "bin" => ("binary", "text", "txt"),

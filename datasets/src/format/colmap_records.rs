@@ -1,4 +1,4 @@
-//! What a COLMAP model is made of, as stored.
+//! Records of a COLMAP model, as stored.
 
 use glam::{DMat3, DQuat, DVec3};
 use sharp::camera::RigidTransform;

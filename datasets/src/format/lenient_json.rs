@@ -14,7 +14,7 @@ pub fn parse(text: &str) -> Result<Value, FormatError> {
     serde_json::from_str(&strict(text)).map_err(|e| invalid!("not JSON: {e}"))
 }
 
-/// The same document in strict JSON, of the same length up to the replaced words.
+/// The document in strict JSON, of the same length up to the replaced words.
 fn strict(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text.trim_start_matches('\u{feff}');

@@ -101,8 +101,8 @@ pub fn read_map(path: &Path) -> Result<FloatMap, DatasetError> {
     read_map_if(path, &|_| Ok(()))
 }
 
-/// As [`read_map`], once `accepts` has seen width and height in the header: a small compressed file
-/// may hold a map that takes all memory.
+/// Like [`read_map`], after `accepts` has checked width and height in the header: a small compressed
+/// file may hold a map that takes all memory.
 ///
 /// # Errors
 /// As [`read_map`], and what `accepts` says.

@@ -115,7 +115,7 @@ fn unpacked(bytes: &[u8], most: u64) -> Result<Vec<u8>, FormatError> {
     Ok(array)
 }
 
-/// What an array's header says, and what follows it.
+/// An array's header, and the bytes after it.
 struct NpyHeader<'a> {
     kind: String,
     fortran: bool,
@@ -215,7 +215,7 @@ fn row_major(shape: &[usize], values: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// What follows `'key':` in the header's Python dictionary.
+/// The text after `'key':` in the header's Python dictionary.
 fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     let at = header
         .find(&format!("'{key}'"))
@@ -304,7 +304,7 @@ pub fn write(path: &Path, map: &FloatMap) -> Result<(), DatasetError> {
     std::fs::write(path, to_bytes(map)).map_err(|e| DatasetError::io(path, e))
 }
 
-/// What [`write()`] writes.
+/// The bytes that [`write()`] writes.
 pub fn to_bytes(map: &FloatMap) -> Vec<u8> {
     let mut bytes = header("<f4", map).into_bytes();
     bytes.splice(0..0, preamble(bytes.len()));

@@ -44,7 +44,7 @@ pub fn read_mask(path: &Path) -> Result<GrayImage, DatasetError> {
     }
 }
 
-/// What a photograph's header says, without decoding its pixels.
+/// A photograph's header, without decoding its pixels.
 ///
 /// # Errors
 /// As [`read`], as far as the header shows.

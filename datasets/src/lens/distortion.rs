@@ -1,4 +1,4 @@
-//! What lenses do to a ray, model by model.
+//! Lens distortion, model by model.
 //!
 //! With u = X/Z, v = Y/Z and r² = u² + v², each model maps (u, v) to distorted coordinates, which
 //! fx, fy, cx, cy turn into pixels. The formulas are those of OpenCV (`calib3d`) and COLMAP
@@ -6,7 +6,7 @@
 
 use glam::{DMat2, DVec2};
 
-/// What a lens does to normalised coordinates.
+/// Distortion of normalised coordinates by a lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Distortion {
     /// Nothing: a pinhole camera.

@@ -1,4 +1,4 @@
-//! Which of a scene's photographs are read, and the cameras of the depth beside them.
+//! Chooses a scene's photographs, and finds the cameras of their depth.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use crate::format::transforms::{self, Transforms};
 use crate::lens::Lens;
 use crate::scene_builder::frame_id;
 
-/// Where a scene's photographs, their masks and their cameras are.
+/// Paths of a scene's photographs, masks and cameras.
 pub(super) struct DslrPhotographs {
     pub(super) json: PathBuf,
     pub(super) file: Transforms,

@@ -1,4 +1,4 @@
-//! Which objects a bundle of rays can meet: lists that pass over others and never change an answer.
+//! Lists of the objects that a bundle of rays can meet: they skip others and never change a result.
 
 use glam::DVec3;
 
@@ -45,7 +45,7 @@ impl Wedge {
     }
 }
 
-/// What may stand between a point and the sun: a grid across the sun's direction, with the objects
+/// Objects that may stand between a point and the sun: a grid across the sun's direction, with the objects
 /// that lie before each cell.
 #[derive(Debug)]
 pub(super) struct SunGrid {
@@ -112,7 +112,7 @@ impl SunGrid {
     }
 }
 
-/// What may stand between a point and a lamp: the directions from the lamp, on a cube around it.
+/// Objects that may stand between a point and a lamp: the directions from the lamp, on a cube around it.
 #[derive(Debug)]
 pub(super) struct LampCube {
     lamp: DVec3,

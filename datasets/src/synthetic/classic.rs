@@ -1,4 +1,4 @@
-//! What stands where in the classic scene.
+//! Objects of the classic scene.
 
 use glam::{DMat3, DVec3};
 use sharp::random::SplitMix64;

@@ -6,7 +6,7 @@ use sharp::random::SplitMix64;
 use super::paint::fractal_noise;
 use super::texture;
 
-/// What lights a scene, in linear light.
+/// Lights of a scene, in linear light.
 #[derive(Debug, Clone)]
 pub(super) struct Light {
     /// The direction, of unit length, that most of the light from everywhere comes from.
@@ -33,7 +33,7 @@ pub(super) struct Lamp {
     pub(super) power: DVec3,
 }
 
-/// What is behind everything.
+/// The background.
 #[derive(Debug, Clone)]
 pub(super) enum Sky {
     Classic {

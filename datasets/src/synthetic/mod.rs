@@ -113,7 +113,7 @@ pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
 /// was seen in training.
 pub const TRAINING_SEEDS: RangeInclusive<u64> = 1_000..=899_999;
 
-/// What a seed decides about.
+/// The choices that a seed makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WorldKind {
     /// The places and colours of the objects of one layout.
@@ -123,7 +123,7 @@ pub enum WorldKind {
     Varied,
 }
 
-/// What determines a procedural scene.
+/// Parameters that determine a procedural scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyntheticOptions {
     pub seed: u64,

@@ -1,4 +1,4 @@
-//! How the surfaces of varied scenes are painted: many patterns, faded out where they are finer than
+//! Painting of the surfaces of varied scenes: many patterns, faded out where they are finer than
 //! a pixel. Linear light; cheaper than the classic textures.
 
 use glam::DVec3;
@@ -7,7 +7,7 @@ use sharp::random::{SplitMix64, mix, unit};
 use super::arithmetic::floor;
 use super::shapes::Meeting;
 
-/// What a surface is made of, which decides its colours.
+/// Material of a surface, which decides its colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tone {
     Any,

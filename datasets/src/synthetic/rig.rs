@@ -7,7 +7,7 @@ use super::arithmetic::unit_circle;
 
 const RINGS: usize = 3;
 
-/// Where the cameras stand, what they look at, and their lens.
+/// Positions, viewing directions and lens of the cameras.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rig {
     /// Radius of the outer ring, metres.

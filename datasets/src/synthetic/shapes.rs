@@ -32,7 +32,7 @@ pub(super) enum SurfaceShape {
     },
 }
 
-/// Where a ray meets a shape.
+/// Intersection of a ray with a shape.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Meeting {
     /// In units of the ray's direction vector, > 0.

@@ -11,7 +11,7 @@ use super::world::World;
 use super::{SyntheticScene, view_of};
 use crate::{DatasetError, DatasetSpec, Pairing, Scene};
 
-/// How far the target's camera of an occlusion sweep stands to the right, metres.
+/// Distance of an occlusion sweep's target camera to the right of the source, metres.
 const OCCLUSION_BASELINE_M: f64 = 0.1;
 /// Beyond these hardly anything of the source is left in the picture, metres and degrees.
 const FARTHEST_MOVE: f64 = 10.0;
@@ -19,7 +19,7 @@ const FARTHEST_TURN: f64 = 90.0;
 /// More would stand in each other's place.
 const MOST_POSTS: f64 = 15.0;
 
-/// What grows, and by how much a step.
+/// The quantity that grows, and its step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SweepKind {
     TranslationM(f64),

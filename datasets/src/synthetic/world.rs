@@ -20,7 +20,7 @@ pub(super) struct Object {
     casts: bool,
 }
 
-/// How an object is coloured.
+/// Colouring of an object.
 #[derive(Debug)]
 pub(super) enum Surface {
     Classic(Texture),

@@ -1,4 +1,4 @@
-//! Which pictures a scene has, and which block of its log belongs to which of them.
+//! Matches a scene's pictures with the blocks of its log.
 //!
 //! A missing picture, or one too many, must not shift the poses of all that follow: pictures are
 //! matched by their numbers, and by their order only where every block has its picture.
@@ -228,7 +228,7 @@ impl ByBlock<'_> {
     }
 }
 
-/// Whether a folder holds pictures that are named by numbers, as an image set's are.
+/// True if a folder holds pictures named by numbers, as those of an image set are.
 pub(super) fn has_pictures(folder: &Path) -> bool {
     let pictures = pictures_in(folder).unwrap_or_default();
     let is_number = |path: &PathBuf| {

@@ -105,7 +105,7 @@ pub struct StageConfig {
     pub max_baseline_m: f64,
 }
 
-/// What is learnt from.
+/// Training data.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub enum TrainingData {
@@ -142,7 +142,7 @@ fn one() -> usize {
     1
 }
 
-/// How far the cameras of the paper's synthetic data stand apart at most.
+/// Largest baseline of the paper's synthetic data.
 fn max_baseline_m() -> f64 {
     0.6
 }
@@ -187,7 +187,7 @@ impl Default for TrainingConfig {
     }
 }
 
-/// How a file names a network.
+/// A network as named in a file.
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum NetworkChoice {

@@ -1,4 +1,4 @@
-//! What a stage learns from, as the configuration says.
+//! Training examples of a stage, as configured.
 
 use std::path::Path;
 

@@ -19,7 +19,7 @@ pub enum LogError {
     Other { path: PathBuf, reason: String },
 }
 
-/// What is written of one step.
+/// One step's line of the log.
 #[derive(Debug, Clone, Copy)]
 pub struct StepRecord {
     /// After the step.

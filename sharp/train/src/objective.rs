@@ -1,5 +1,5 @@
-//! What one example costs: every loss of the paper on one pass of the network, and the gradient that
-//! goes back into it.
+//! The objective of one example: every loss of the paper on one pass of the network, and the gradient
+//! with respect to the network's outputs.
 //!
 //! Pixel gradients of a view are gathered and taken through the renderer at once, so that nothing of a
 //! view is kept when the next is rendered (the paper's graph surgery, carried to all losses).
@@ -23,7 +23,7 @@ use crate::losses::{
     linear_from_srgb_gradient,
 };
 
-/// What the network is given and what its Gaussians are held against.
+/// Inputs of the network, and the truth that its Gaussians are compared with.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Example<'a> {
     pub source: &'a TrainingView,
@@ -32,7 +32,7 @@ pub(crate) struct Example<'a> {
     pub seed: u64,
 }
 
-/// What an example costs.
+/// Losses of an example.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Cost {
     /// Before their weights, in the order of [`TERMS`]; 0 for what has no weight.

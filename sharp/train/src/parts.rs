@@ -1,4 +1,4 @@
-//! Which of the network's parts learn (paper, implementation details; the release's
+//! The parts of the network that are trained (paper, implementation details; the release's
 //! `set_requires_grad_`).
 
 use serde::Deserialize;

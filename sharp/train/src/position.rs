@@ -1,4 +1,4 @@
-//! Where a training stands.
+//! Position within a training.
 
 use std::fmt;
 

@@ -38,7 +38,7 @@ use crate::optimizer::{ParameterState, clip_norm};
 use crate::position::{Position, Stage};
 use crate::stopped;
 
-/// What a caller observes and controls.
+/// A caller's view and control of a training.
 pub trait Watcher {
     /// Called after every step.
     fn stepped(&mut self, record: &StepRecord, steps: u64);
@@ -62,7 +62,7 @@ pub trait Watcher {
     fn stop(&self) -> bool;
 }
 
-/// How a training ended.
+/// Reason that a training ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
     Complete,

@@ -1,5 +1,5 @@
-//! How far each metric moves when a picture is shifted a little, and how far when it is replaced by its mean colour:
-//! the paper's case for DISTS and LPIPS.
+//! The change of each metric when a picture is shifted a little, and when it is replaced by its mean colour: the
+//! paper's case for DISTS and LPIPS.
 //!
 //! A shift moves a window over the picture, so that nothing is filled in at a border and nothing wraps around: the
 //! reference is the window at the picture's start, a shifted picture the window so many pixels further on, and the
@@ -8,8 +8,8 @@
 //!
 //! * [`shift`]: windows, shifts and the mean image.
 //! * [`experiment`]: all comparisons of a picture, scored.
-//! * [`table`]: them as a table, with the paper's own beside it.
-//! * [`figure`]: them as plots.
+//! * [`table`]: the scores as a table, next to the paper's own.
+//! * [`figure`]: the scores as plots.
 //! * [`strip`]: the pictures side by side.
 
 pub mod experiment;

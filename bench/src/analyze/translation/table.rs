@@ -43,7 +43,7 @@ pub fn table(experiment: &Experiment, name: &str) -> Table {
     }
 }
 
-/// What the paper published, in a table of its own: other picture, conventions unstated.
+/// The paper's numbers, in a table of their own: they are of another picture, with unstated conventions.
 pub fn published() -> Option<Table> {
     let mut table = paper::published("metrics_comparison")?.table(&[0]);
     table.name = "translation-published".to_owned();

@@ -1,4 +1,4 @@
-//! What is known about the official checkpoint before it is there.
+//! Facts about the official checkpoint that are known without the file.
 
 use std::ops::RangeInclusive;
 
@@ -13,7 +13,7 @@ pub const LICENCE_NAME: &str = "Apple Machine Learning Research Model License Ag
 
 pub const LICENCE_ADDRESS: &str = "https://github.com/apple/ml-sharp/blob/main/LICENSE_MODEL";
 
-/// What it allows, in short; the text decides.
+/// Summary of its licence; the licence's text decides.
 pub const LICENCE_SUMMARY: &str = "use for research only: no commercial use, no product development, no part in a \
                                    commercial product or service; this also holds for models derived from it";
 
@@ -36,7 +36,7 @@ pub struct Release {
 /// f32 values of the release's state dict.
 const PARAMETERS: u64 = 702_305_169;
 
-/// What names, shapes and alignment of a thousand tensors may add to them.
+/// Upper bound of what names, shapes and alignment of a thousand tensors add.
 const OVERHEAD: u64 = 16 << 20;
 
 impl Release {

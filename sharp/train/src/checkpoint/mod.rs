@@ -24,7 +24,7 @@ use crate::position::{Position, Stage};
 const STAGE: &str = "stage";
 const STEP: &str = "step";
 const CONFIG: &str = "config_sha256";
-/// What names of tensors begin with.
+/// Prefix of tensor names.
 const VALUES: &str = "values.";
 const FIRST: &str = "first_moment.";
 const SECOND: &str = "second_moment.";
@@ -57,7 +57,7 @@ pub enum StateError {
     },
 }
 
-/// How weights are stored.
+/// Precision of stored weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
     F32,
@@ -251,7 +251,7 @@ impl TrainingState {
     }
 }
 
-/// Whether a training can resume from values of a kind: finite, and a mean of squares not negative.
+/// Refuses values that a training cannot resume from: not finite, or a negative mean of squares.
 fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(), StateError> {
     let is_good = |value: &f32| value.is_finite() && (kind != SECOND || *value >= 0.0);
     match values.iter().find(|value| !is_good(value)) {
@@ -264,7 +264,7 @@ fn check_values(path: &Path, kind: &str, name: &str, values: &[f32]) -> Result<(
     }
 }
 
-/// Where the training stands that a file is the state of.
+/// Position of the training whose state a file is.
 fn position_of(file: &Checkpoint) -> Result<Position, StateError> {
     let number = |key: &'static str| {
         let number = header(file, key)?.parse::<u64>().ok();

@@ -1,4 +1,4 @@
-//! What may be wrong with training data.
+//! Errors of training data.
 
 use std::path::{Path, PathBuf};
 

@@ -1,14 +1,14 @@
-//! What a network is trained on: pairs of views with depth, and photographs without.
+//! Training data: pairs of views with depth, and photographs without.
 //!
 //! Sample k of a training follows from the training's seed and k alone, so that a resumed training
-//! sees what it would have seen.
+//! continues with the same samples.
 //!
-//! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: what training asks for.
+//! * [`Sample`], [`TrainingView`], [`Photograph`], [`Source`]: the interface to training.
 //! * [`ProceduralSamples`]: scenes made on the fly from seeds.
 //! * [`PosedSamples`]: anyone's posed pictures with depth, by the readers of `sharp-datasets`.
 //! * [`FolderPhotographs`], [`ProceduralPhotographs`]: pictures alone.
 //! * [`Prefetcher`]: samples made in the background, in order.
-//! * [`DataError`]: what may be wrong.
+//! * [`DataError`]: why data cannot be used.
 
 mod error;
 mod photographs;

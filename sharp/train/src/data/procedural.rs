@@ -83,8 +83,8 @@ pub(super) fn pair(
     Ok(Sample { id, source, target })
 }
 
-/// Whether one of a dataset's scenes is procedural and of a seed that networks are trained on: what
-/// is measured on it is not held out.
+/// True if one of a dataset's scenes is procedural and of a seed that networks are trained on: it is
+/// not held out.
 ///
 /// # Errors
 /// [`DatasetError::Spec`] when the dataset is procedural and its seeds are none.

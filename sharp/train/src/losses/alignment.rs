@@ -77,7 +77,7 @@ fn reduced(map: &[f64], finer: Grid, grid: Grid, pooling: ScalePooling) -> Vec<f
     sum_over(grid.width * grid.height, |p| (0.0, one(p))).gradient
 }
 
-/// What the gradient `of` a map `above` is for pixel `p` of the `finer` map that it was reduced from.
+/// Gradient for pixel `p` of the `finer` map, from the gradient `of` the map `above` that was reduced from it.
 fn pulled(of: &[f64], above: Grid, finer: Grid, p: usize, pooling: ScalePooling) -> f64 {
     let (x, y) = (p % finer.width, p / finer.width);
     if x / 2 >= above.width || y / 2 >= above.height {

@@ -1,4 +1,4 @@
-//! What the paper publishes as weights, and what it leaves open.
+//! The loss weights that the paper publishes, and options for what it leaves open.
 
 use super::perceptual::PerceptualOptions;
 use serde::{Deserialize, Serialize};
@@ -244,7 +244,7 @@ pub enum MaskNormalization {
     MaskedPixels,
 }
 
-/// How a map is differentiated; zero across its edges.
+/// Differentiation of a map; zero across its edges.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Difference {

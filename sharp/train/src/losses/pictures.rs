@@ -69,7 +69,7 @@ pub fn alpha(alpha: &[f32], mask: Option<&[bool]>, options: &LossOptions) -> Los
 
 /// E_p |1/D̄₁ − 1/D| with respect to D̄₁, the predicted first layer after alignment; metres.
 ///
-/// Of the true depth +∞ has the inverse 0, and 0 is unknown: such pixels count as equal. `nearest`
+/// True depth of +∞ has the inverse 0; 0 is unknown, and such pixels count as equal. `nearest`
 /// is the depth, metres, that [`InverseDepthUnits::Normalized`] brings to 1.
 ///
 /// # Panics

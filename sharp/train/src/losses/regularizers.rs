@@ -27,7 +27,7 @@ pub fn tv(depth: &[f32], width: usize) -> Loss<f32> {
     })
 }
 
-/// What [`grad`] gives.
+/// Output of [`grad`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct GradOutput {
     /// With respect to the opacities.

@@ -1,4 +1,4 @@
-//! What the tests of the losses share.
+//! Helpers shared by the tests of the losses.
 
 use sharp::random::SplitMix64;
 

@@ -1,6 +1,6 @@
 use crate::losses::TERMS;
 
-/// Of an example, or the sum over a step's.
+/// Losses of an example, or their sum over a step.
 #[derive(Default)]
 pub(super) struct StepSum {
     pub(super) terms: [f64; TERMS.len()],

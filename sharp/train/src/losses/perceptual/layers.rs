@@ -1,4 +1,4 @@
-//! What the frozen networks are made of.
+//! Layers of the frozen networks.
 
 use super::conv::{FeatureMap, FrozenConv};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ pub(super) trait Layer: Send + Sync {
     fn trace<'a>(&'a self, x: &FeatureMap, workspace: &mut Workspace) -> (FeatureMap, Pull<'a>);
 }
 
-/// Which units of a rectified map are active.
+/// Active units of a rectified map.
 struct Gate(Vec<bool>);
 
 impl Gate {

@@ -30,7 +30,7 @@ use sharp_kernels::{Simd, Workspace};
 use sharp_metrics::{Weights, WeightsError};
 use std::path::PathBuf;
 
-/// Of which views the loss is taken: the equation has the novel one, the paper's remark on memory both.
+/// Views that the loss is computed on: the equation has the novel one, the paper's remark on memory both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualViews {
@@ -38,7 +38,7 @@ pub enum PerceptualViews {
     Both,
 }
 
-/// Where the mask of the novel view acts.
+/// Use of the novel view's mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PerceptualMask {
@@ -48,7 +48,7 @@ pub enum PerceptualMask {
     Features,
 }
 
-/// How pictures are compared; the weights within the loss are the published.
+/// Options of the comparison; the weights within the loss are the published ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PerceptualOptions {

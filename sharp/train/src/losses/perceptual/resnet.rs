@@ -41,7 +41,7 @@ impl Spec {
     }
 }
 
-/// Of a block: three convolutions, and that of the shortcut.
+/// A block: three convolutions and the shortcut's.
 struct BlockSpec {
     convs: [Spec; 3],
     shortcut: Option<Spec>,
