@@ -1,4 +1,4 @@
-//! From results to what a report is made of.
+//! Builds a report's input from results.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ pub fn report(
     written(&input, &pictures, out)
 }
 
-/// Writes the report of two runs against each other, joined.
+/// Writes the report of two joined runs, one compared with the other.
 ///
 /// # Errors
 /// As [`report`].
@@ -97,7 +97,7 @@ pub fn tables(results: &Results) -> Result<String, ReportError> {
     text_tables(&input(results, &NoPictures, PublishedNumbers::Never))
 }
 
-/// The same for a page, each a `figure`.
+/// The tables as HTML for a page, each a `figure`.
 ///
 /// # Errors
 /// As [`tables`].
@@ -123,7 +123,7 @@ pub fn scenes(manifest: &Manifest, observer: &dyn Observer) -> Vec<Scene> {
     scenes
 }
 
-/// What a report on some results is made of.
+/// A report's input for some results.
 pub(crate) fn input<'a>(
     results: &'a Results,
     pictures: &'a dyn ReportPictures,
@@ -171,7 +171,7 @@ pub(crate) fn input<'a>(
     }
 }
 
-/// What a dataset is and how much of it was read.
+/// The dataset in words, with its numbers of scenes and views.
 fn description(dataset: &DatasetRecord, what: &str) -> String {
     let only = dataset.only_scenes.as_ref();
     format!(
@@ -221,7 +221,7 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
     }
 }
 
-/// What the bundled network is, where a method runs it.
+/// Description of the bundled network, if a method runs it.
 pub(super) fn bundled_network(identity: &MethodIdentity) -> Option<String> {
     let checkpoint = identity.settings.get("checkpoint")?;
     let is_bundled = identity.kind == "sharp" && checkpoint == bundled::weights_sha256();
@@ -256,7 +256,7 @@ pub(super) fn proxies(
     proxies
 }
 
-/// What methods report about their predictions.
+/// Columns of the values that methods report about their predictions.
 fn extras() -> Vec<Column> {
     let extras = [
         (

@@ -1,4 +1,4 @@
-//! The records of a run as a grid: datasets, their pairs, and for each pair what each method did.
+//! The records of a run as a grid: datasets, their pairs, and each method's record of each pair.
 
 use std::collections::{BTreeMap, BTreeSet};
 

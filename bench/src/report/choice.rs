@@ -1,4 +1,4 @@
-//! Which pairs a page shows where it cannot show all.
+//! Chooses the pairs of a page that cannot show all.
 
 use sharp_metrics::Direction;
 

@@ -1,4 +1,4 @@
-//! What can go wrong while a report is made.
+//! Errors of a report.
 
 use crate::evaluate::EvaluateError;
 use crate::io::atomic_files::FileError;

@@ -1,4 +1,4 @@
-//! What a prediction got wrong, as a picture: mean absolute error over the channels, in false colour.
+//! Error of a prediction as a picture: mean absolute error over the channels, in false colour.
 //!
 //! The colours are matplotlib's *inferno* (S. van der Walt and N. Smith, CC0), through the sixth-degree polynomials
 //! that M. Zucker fitted to it (CC0): equal steps of error look like equal steps, and it stays ordered in grey.
@@ -123,8 +123,8 @@ pub(super) fn averaged(
     })
 }
 
-/// Where a prediction's error grew against another's, vermilion, and where it shrank, blue; grey is no difference, `max` the
-/// ends of the scale. Otherwise as [`picture`].
+/// Difference of two predictions' errors: vermilion where the error grew, blue where it shrank, grey where it is equal;
+/// `max` is at the ends of the scale. Otherwise like [`picture`].
 ///
 /// # Errors
 /// When the sizes differ.

@@ -22,16 +22,16 @@ pub(super) const PAIRS_IN_FILE: usize = 24;
 pub(super) const ERROR_MAX: f32 = 0.5;
 /// Change of the absolute error at both ends of its scale.
 pub(super) const CHANGE_MAX: f32 = 0.2;
-/// Little can be told from smaller pictures: a file shows fewer pairs instead.
+/// Smaller pictures show too little: a file shows fewer pairs instead.
 const MIN_SIDE: u32 = 240;
 /// A folder shows all pairs.
 const MIN_SIDE_IN_FOLDER: u32 = 96;
 /// Pairs of each dataset by which the size of all pictures is chosen.
 const PROBES: usize = 5;
-/// Of the bytes allowed; what those pairs take is not quite what all take.
+/// Share of the allowed bytes to aim at: the bytes are estimated from a few pairs.
 const FILLED: f64 = 0.9;
 
-/// What a picture of a pair shows. Those of a prediction come after those of its two views.
+/// Kind of a picture of a pair. Pictures of predictions come after those of the two views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PictureKind {
     Source,
@@ -190,16 +190,16 @@ impl<'a> Gallery<'a> {
     }
 }
 
-/// Of a picture, relative to the page. A view that stands in many pairs is one file.
+/// Path of a picture relative to the page. A view of several pairs is one file.
 pub(super) fn file_name(picture: &Thumbnail) -> String {
     format!("{THUMBNAILS}/{}.jpg", &sha256_hex(&picture.jpeg)[..16])
 }
 
-/// The folder of pictures beside the page.
+/// The folder of pictures next to the page.
 pub(super) const THUMBNAILS: &str = "thumbs";
 
 /// The longest side with which the pictures of all pairs are likely to take the bytes allowed, by those of a few pairs of
-/// each dataset. Bytes grow roughly with the area: a second and a third look mend what is rough about it.
+/// each dataset. Bytes grow roughly with the area; a second and a third estimate correct the rest.
 fn side<'a>(
     chosen: &[(usize, &'a PairBoard<'a>)],
     layout: Layout,
@@ -238,7 +238,7 @@ fn side<'a>(
     side
 }
 
-/// Position of the method that a method stands against.
+/// Position of the method that a method is compared with.
 pub(super) fn against(input: &ReportInput<'_>, board: &Board<'_>, method: usize) -> Option<usize> {
     let label = &board.methods.get(method)?.label;
     let mut against = input.comparison.as_ref()?.against.iter();

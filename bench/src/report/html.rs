@@ -39,7 +39,7 @@ pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Failures listed in the page at most.
 const FAILURES: usize = 200;
 
-/// What the page shows; rendered by [`Template::render`].
+/// Contents of the page; rendered by [`Template::render`].
 #[derive(Template)]
 #[template(path = "report.html")]
 pub struct Page<'a> {
@@ -170,7 +170,7 @@ pub(crate) fn without_tags(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
 
-/// From a folder to a file, up to a folder of both that is not the root of the file system.
+/// Relative path from a folder to a file; `None` if they share no folder but the root of the file system.
 fn relative(file: &Path, folder: &Path) -> Option<String> {
     let common = file.components().zip(folder.components());
     let common = common.take_while(|(a, b)| a == b);
@@ -192,7 +192,7 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
     Some(up.chain(down).collect::<Vec<_>>().join("/"))
 }
 
-/// A part of an address, percent-encoded but for what every browser takes as it is.
+/// Percent-encodes a part of an address, except characters that every browser accepts.
 fn encoded(part: &str) -> String {
     let bytes = part.bytes().map(|byte| match byte {
         b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => {
@@ -203,7 +203,7 @@ fn encoded(part: &str) -> String {
     bytes.collect()
 }
 
-/// The same drawing with the page's own colours for paper, ink and grid, so that it is readable in the dark.
+/// A drawing in the page's own colours for paper, ink and grid, so that it is readable in the dark theme.
 pub(crate) fn themed(svg: &str) -> String {
     let mut out = svg.to_owned();
     for (ink, variable) in [

@@ -1,4 +1,4 @@
-//! What a report is made of: plain values, so that any command can fill them.
+//! Input of a report: plain values, so that any command can fill them.
 
 use std::collections::BTreeMap;
 
@@ -264,7 +264,7 @@ pub struct FactGroup {
     pub facts: Vec<(String, String)>,
 }
 
-/// Which of the paper's numbers stand beside ours.
+/// Choice of the paper's numbers to show next to ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum PublishedNumbers {
     /// None.
@@ -287,7 +287,7 @@ pub struct ReportOptions {
     pub public: bool,
 }
 
-/// Where a page's pictures are.
+/// Place of a page's pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
@@ -314,7 +314,7 @@ impl Layout {
     }
 }
 
-/// How large the pictures of a page may be.
+/// Limits on the pictures of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PictureBudget {
     /// Of all together, as they are stored; they shrink to fit.
@@ -323,7 +323,7 @@ pub struct PictureBudget {
     pub side: u32,
 }
 
-/// What a report says about two runs besides their numbers. Differences are those of B against A.
+/// Texts of a report on two runs besides their numbers. Differences are B minus A.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ReportComparison {
     /// How to read the tables.
@@ -340,7 +340,7 @@ pub struct ReportComparison {
     pub files: Vec<(String, Vec<u8>)>,
 }
 
-/// All that a report shows.
+/// Everything that a report shows.
 #[derive(Clone)]
 pub struct ReportInput<'a> {
     pub title: String,

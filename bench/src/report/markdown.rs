@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::html::Page;
 use super::tables::markdown::{escape, markdown};
 
-/// GitHub-flavoured Markdown of what the page shows, without its pairs. `plots` are titles and paths of PNGs relative to
+/// The page as GitHub-flavoured Markdown, without its pairs. `plots` are titles and paths of PNGs relative to
 /// the report, with `/`.
 pub fn report(page: &Page<'_>, plots: &[(String, String)]) -> String {
     let mut out = format!(

@@ -1,4 +1,4 @@
-//! How the numbers of a run came about, as a paper should say it.
+//! A paragraph for a paper on how the numbers of a run were computed.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ use crate::methods::Privilege;
 use crate::pictures::methods_text::{MethodsText, short};
 use crate::report::ReportDataset;
 
-/// Whom to cite for a dataset, by format.
+/// Citation of a dataset, by format.
 const CITED: [(&str, &str); 6] = [
     ("middlebury", "scharstein2014high"),
     ("booster", "zamaramirez2024booster"),
@@ -32,7 +32,7 @@ const CONVENTIONS: [(&str, &str); 5] = [
     ("frustum mask", "View-frustum mask"),
 ];
 
-/// Datasets with their pairs, conventions, metrics, and what is known to differ from the SHARP paper.
+/// Datasets with their pairs, conventions, metrics, and known differences from the SHARP paper.
 pub fn methods_text(results: &Results) -> MethodsText {
     let Results {
         manifest, records, ..
@@ -100,7 +100,7 @@ fn frames(manifest: &Manifest) -> Vec<String> {
     framed.collect()
 }
 
-/// How many pairs of which datasets, and of which list.
+/// Number of pairs of each dataset, and their list.
 fn datasets(manifest: &Manifest, records: &[Record]) -> String {
     let named = manifest.datasets.iter().map(|dataset| {
         let of_dataset = records
@@ -149,7 +149,7 @@ fn failures(records: &[Record]) -> Option<String> {
     })
 }
 
-/// What was done to predictions before they were scored, and what methods knew.
+/// Processing of predictions before scoring, and the privileges of methods.
 fn predictions(manifest: &Manifest, records: &[Record]) -> Vec<String> {
     let mut sentences = Vec::new();
     let mut say = |labels: BTreeSet<&str>, what: &str| {

@@ -3,18 +3,18 @@
 //! Means are recomputed from the raw records each time; nothing averaged is ever averaged again.
 //! The same input gives the same bytes: no clock, no random number, no order of a hash map.
 //!
-//! * [`assemble`]: from results to a report.
-//! * [`input`]: what a report is made of, as plain values; [`error`]: what can go wrong.
+//! * [`assemble`]: a report from results.
+//! * [`input`]: the input of a report, as plain values; [`error`]: errors.
 //! * [`board`]: the run as a grid of pairs × methods; [`statistics`]: mean, spread and coverage of a cell.
 //! * [`tables`]: the paper's form in Markdown, CSV, LaTeX, HTML and plain text.
-//! * [`paper`]: the numbers that the paper published, beside ours, never ranked with them; [`explain`]: why the two differ.
+//! * [`paper`]: the paper's published numbers next to ours, never ranked with them; [`explain`]: why the two differ.
 //! * [`plots`]: baseline against metric, histogram of baselines; SVG, PNG and PDF.
-//! * [`pictures`]: where a report's pictures come from; [`error_map`]: what a prediction got wrong, in false
-//!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
-//!   picks some where it cannot show all.
-//! * [`sweep`]: scores against how far the camera moved, as a study; [`figures`]: the other figures of a paper.
-//! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper.
-//! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
+//! * [`pictures`]: source of a report's pictures; [`error_map`]: error of a prediction in false colour;
+//!   [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows; `choice`: picks some where it
+//!   cannot show all.
+//! * [`sweep`]: scores against camera motion, as a study; [`figures`]: the other figures of a paper.
+//! * [`speed`]: run time and compute; [`mod@methods_text`]: a paragraph for a paper on how the numbers were computed.
+//! * [`html`]: the page; `page_data`: the data for its script; [`markdown`]: the page as text; [`mod@write`]: writes a folder.
 
 pub mod assemble;
 pub mod board;

@@ -1,4 +1,4 @@
-//! What the page's script shows of the pairs: data, from which it makes the cards that are looked at.
+//! Data of the pairs, from which the page's script builds the cards that are in view.
 
 use serde_json::{Value, json};
 
@@ -113,7 +113,7 @@ fn score(record: &Record, metric: &Column) -> Value {
     }
 }
 
-/// What a method reports about its prediction: `[label, as it is shown]`.
+/// Values that a method reports about its prediction: `[label, text]`.
 fn extras(columns: &[Column], record: &Record) -> Value {
     let reported = record.reported();
     let extras = columns.iter().filter_map(|column| {
@@ -134,7 +134,7 @@ fn facts_of(facts: &Record) -> Vec<String> {
     facts.into_iter().flatten().collect()
 }
 
-/// By how much B is worse on a pair, by metric; nothing where the page does not compare.
+/// The amount by which B is worse on a pair, by metric; `None` where the page is not a comparison.
 fn losses(page: &Page<'_>, facts: &Record) -> Option<Vec<Option<f64>>> {
     let of_pair = page.input.comparison.as_ref()?.losses.get(&facts.pair_id)?;
     let metrics = page.metrics.iter();

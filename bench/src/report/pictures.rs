@@ -17,8 +17,8 @@ use crate::io::text::without_folders;
 
 use super::error::MissingPicture;
 
-/// Where the pictures of a record come from: sRGB, 8 bit. Called from several threads, and only for what the gallery
-/// shows; of a few pairs more than once, to choose how large pictures can be.
+/// Source of a record's pictures: sRGB, 8 bit. Called from several threads, and only for pictures that the gallery shows;
+/// for a few pairs more than once, to choose the size of pictures.
 pub trait ReportPictures: Sync {
     /// The photograph that the method was given.
     ///
@@ -95,7 +95,7 @@ pub trait ReportPictures: Sync {
     }
 }
 
-/// The same pictures as the public may see them: not those of some datasets, and no file of this machine.
+/// Pictures for the public: without those of datasets whose terms forbid it, and without paths of this machine.
 pub(super) struct PublicPictures<'a> {
     pub(super) pictures: &'a dyn ReportPictures,
     /// Whose pictures are withheld, by name.
@@ -203,7 +203,7 @@ pub fn fitted((width, height): (u32, u32), side: u32) -> (u32, u32) {
     (scaled(width), scaled(height))
 }
 
-/// The picture at its [`fitted`] size. Pixels are averaged, so that what is shown is what was scored.
+/// The picture at its [`fitted`] size, by averaging pixels.
 pub fn reduced<P: Pixel + 'static>(
     picture: &ImageBuffer<P, Vec<P::Subpixel>>,
     side: u32,

@@ -4,7 +4,7 @@ use crate::evaluate::record::{Record, Score, Status};
 
 use super::board::DatasetBoard;
 
-/// What a table cell knows.
+/// Statistics of a table cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CellStatistics {
     /// Pairs with a number.

@@ -1,4 +1,4 @@
-//! What belongs to a view besides its photograph, as pictures: which pixels are scored, depth, coverage.
+//! Maps of a view as pictures: scored pixels, depth, coverage.
 
 use image::{GrayImage, ImageBuffer, Luma, Rgb, RgbImage};
 use sharp::render::turbo;

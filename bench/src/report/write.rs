@@ -1,4 +1,4 @@
-//! All of a report into a folder.
+//! Writes a report into a folder.
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -25,7 +25,7 @@ use super::plots::{Figure, baselines};
 use super::tables::text::text;
 use super::tables::{Table, build, csv, latex, markdown as markdown_table, remarks};
 
-/// What was written.
+/// Files of a report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReportFiles {
     /// The page to open.
@@ -40,13 +40,13 @@ pub struct ReportFiles {
     pub not_scored: Vec<PathBuf>,
 }
 
-/// The names of a report's files, so that the next one can take away what it no longer has.
+/// Lists a report's files, so that the next one can remove those that it no longer has.
 const LIST: &str = "files.txt";
 
 const PAGE: &str = "index.html";
 const MARKDOWN: &str = "report.md";
 
-/// What stands in every page of ours, of any version.
+/// Identifies our pages, of any version.
 const MARK: &str = "<p class=\"eyebrow\">sharp-bench report</p>";
 
 /// Folders that a report makes in its own.
@@ -68,7 +68,7 @@ pub fn write_report(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, 
     }
 }
 
-/// Writes it without what is for this machine alone: its paths, and pictures whose terms forbid it.
+/// Writes a report without paths of this machine and without pictures whose terms forbid publication.
 fn write_public(input: &ReportInput<'_>, out: &Path) -> Result<ReportFiles, ReportError> {
     let records: Vec<Record> = input.records.iter().map(public_record).collect();
     let mut public = ReportInput {
@@ -225,7 +225,7 @@ pub fn mean_tables(input: &ReportInput<'_>) -> Result<Vec<Table>, ReportError> {
     Ok(score_tables(input, &board).1)
 }
 
-/// The same for a terminal.
+/// The tables as text for a terminal.
 ///
 /// # Errors
 /// As [`mean_tables`].
@@ -307,7 +307,7 @@ fn listed_earlier(list: &Path) -> Vec<String> {
     text.lines().filter(ours).map(str::to_owned).collect()
 }
 
-/// How much was measured here of what the paper's tables are about.
+/// Number of pairs measured here of the paper's datasets.
 fn pairs_here(board: &Board<'_>) -> Option<String> {
     let datasets = board.datasets.iter();
     let of_paper = datasets.filter(|d| paper::column(&d.dataset).is_some());

@@ -14,7 +14,7 @@ use crate::report::tables::rank::rounded;
 /// Values that differ by less are one value, computed in another order.
 const SAME: f64 = 1e-9;
 
-/// Which pairs count.
+/// The pairs that are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SceneReading {
     All,
@@ -22,7 +22,7 @@ pub enum SceneReading {
     OneAPlace,
 }
 
-/// How the numbers of pairs become one.
+/// Rule for averaging pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Averaging {
     Of(Aggregation),
@@ -48,7 +48,7 @@ pub struct ReadingValue {
     pub n: usize,
 }
 
-/// What the readings say about a published number.
+/// Verdict of the readings on a published number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Agreement {
@@ -232,7 +232,7 @@ pub(super) fn cell(
     .judged()
 }
 
-/// By place, the first of its scenes.
+/// The first scene of each place.
 fn first_scenes<'a>(records: &[(usize, &'a Record)]) -> BTreeMap<&'a str, &'a str> {
     let mut first: BTreeMap<&str, &str> = BTreeMap::new();
     for (_, record) in records {

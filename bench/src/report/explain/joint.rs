@@ -1,4 +1,4 @@
-//! One reading for all metrics of a dataset: what a paper that scored them together could have done.
+//! One reading for all metrics of a dataset, as a paper that scored them together would have used.
 
 use sharp_metrics::MetricKey;
 use sharp_metrics::identity::MetricRegion;

@@ -1,5 +1,5 @@
-//! Why a number differs from the published one: every reading of the protocol that kept predictions allow, and how far each
-//! is from what the paper printed.
+//! Why a number differs from the published one: every reading of the protocol that the kept predictions allow, and its
+//! distance from the printed number.
 //!
 //! * [`cells`]: the readings of a cell and a verdict; [`joint`]: one reading for all metrics of a dataset.
 //! * [`text`]: both for a terminal, as Markdown and as CSV.
@@ -29,7 +29,7 @@ use joint::{JointReading, joint_readings};
 /// Readings that lack a score for one reason and are named.
 const NAMED: usize = 4;
 
-/// A row of a table of the paper and what the predictions of a method give under other readings.
+/// A row of a table of the paper, and the scores of a method's predictions under other readings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explanation {
     /// By dataset, then in the order of the table's metrics.

@@ -73,7 +73,7 @@ impl Explanation {
             .collect()
     }
 
-    /// For a terminal.
+    /// Text for a terminal.
     pub fn text(&self) -> String {
         let mut parts: Vec<String> = self.grids().iter().map(TextGrid::text).collect();
         let absent = self.absent.iter().map(|text| format!("  {text}\n"));
@@ -153,7 +153,7 @@ pub fn terminal(runs: &[ExplainedRun]) -> String {
     parts.collect::<Vec<_>>().join("\n")
 }
 
-/// Stands in what was written before.
+/// Identifies an earlier file.
 const MARK: &str = "<!-- sharp-bench explain -->";
 const CSV_MARK: &str = "dataset,metric,key,picture";
 
@@ -189,7 +189,7 @@ pub fn write_explanations(runs: &[ExplainedRun], out: &Path) -> Result<Vec<PathB
     )
 }
 
-/// Which readings print the published number.
+/// The readings that print the published number.
 fn candidates(cell: &CellExplanation) -> Option<String> {
     if !matches!(cell.verdict, Agreement::Equal | Agreement::Ambiguous) {
         return None;

@@ -1,8 +1,8 @@
-//! Which figures there are.
+//! The list of figures.
 
 use serde::Serialize;
 
-/// A figure of the paper and what makes it.
+/// A figure of the paper and the command that makes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct FigureEntry {
     pub name: &'static str,

@@ -1,4 +1,4 @@
-//! Which pairs a figure shows.
+//! Chooses the pairs of a figure.
 
 use std::num::NonZeroUsize;
 
@@ -7,7 +7,7 @@ use crate::report::choice::by_badness;
 use crate::report::error::ReportError;
 use crate::report::input::Column;
 
-/// Of each dataset.
+/// Rule for choosing pairs of each dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Choice {
     /// Pairs of median difficulty: by the mean over the ranked methods of the first metric
@@ -19,7 +19,7 @@ pub enum Choice {
     Best,
 }
 
-/// Those of these ids, or so many of each dataset.
+/// Pairs by id, or a number of pairs of each dataset.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PairsChoice {
     /// A pair by its id in pairs.csv; repeatable
@@ -44,7 +44,7 @@ pub struct PathChoice {
     pub count: NonZeroUsize,
 }
 
-/// One of each dataset.
+/// One pair of each dataset.
 impl Default for PairsChoice {
     fn default() -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Where a method fails, and whether depth is why: input, view and inverse depth side by side.
+//! Failures of a method and their depth: input, view and inverse depth side by side.
 
 use std::path::Path;
 

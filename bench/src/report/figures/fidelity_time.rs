@@ -1,4 +1,4 @@
-//! Scores against what a pair takes.
+//! Scores against seconds per pair.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -25,7 +25,7 @@ pub type Seconds = BTreeMap<String, BTreeMap<String, f64>>;
 /// A method by its position, its median seconds and its mean score.
 type Placed = (usize, f64, f64);
 
-/// What the predictions of some results took; nothing of bundles, which hold no times.
+/// Seconds of the predictions of some results; none for bundles, which hold no times.
 ///
 /// # Errors
 /// When a folder cannot be read.
@@ -41,7 +41,7 @@ pub fn seconds(results: &Results) -> Result<Seconds, EvaluateError> {
     Ok(all)
 }
 
-/// What `speed` measured: seconds of inference, upload and rendering together, by method and dataset.
+/// Measurements of `speed`: seconds of inference, upload and rendering together, by method and dataset.
 #[derive(Debug, Clone, Default)]
 pub struct SpeedSeconds(BTreeMap<(String, String), f64>);
 

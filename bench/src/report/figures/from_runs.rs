@@ -1,4 +1,4 @@
-//! From results to a plot or a sheet, as it is asked for.
+//! Plots and sheets from results.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ use crate::report::plots::style::FigureStyle;
 use crate::report::plots::{Figure, baselines};
 use crate::scoring::Region;
 
-/// What a sheet shows of its pairs.
+/// Contents of a sheet for its pairs.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct SheetOptions {
     /// Methods to show, in this order; all that are ranked without it
@@ -47,7 +47,7 @@ fn region(text: &str) -> Result<Region, &'static str> {
     }
 }
 
-/// What is in the rows and columns of a sheet of pictures.
+/// Rows and columns of a sheet of pictures.
 #[derive(Debug, Clone)]
 pub enum SheetKind {
     /// Input, predictions and truth, a row a pair.
@@ -122,7 +122,7 @@ pub fn baselines(results: &Results, style: &FigureStyle) -> Result<Option<Figure
     baselines::histogram(&board, Some(style))
 }
 
-/// A metric against seconds a pair, those of `speed` where it has some; `None` where no method has both.
+/// A metric against seconds per pair, from `speed` where it measured the method; `None` where no method has both.
 ///
 /// # Errors
 /// As [`baselines`](baselines()), and when there is no such metric or a folder cannot be read.

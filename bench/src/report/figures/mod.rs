@@ -1,8 +1,8 @@
 //! Figures of a paper from runs, in print.
 //!
-//! * [`catalogue`]: which there are, what each shows and needs; [`from_runs`]: from results to a plot or a sheet.
+//! * [`catalogue`]: the list of figures, with what each shows and needs; [`from_runs`]: plots and sheets from results.
 //! * [`sheet`]: pictures in rows and columns with text below and parts of them enlarged; [`qualitative`]: predictions side by
-//!   side, as rows or as columns; [`choice`]: of which pairs; [`failure`]: view and inverse depth; [`uncertainty`]: depth
+//!   side, as rows or as columns; [`choice`]: the pairs to show; [`failure`]: view and inverse depth; [`uncertainty`]: depth
 //!   against that of the mirrored picture.
 //! * [`fidelity_time`]: scores against seconds a pair.
 

@@ -9,7 +9,7 @@ use crate::report::input::Column;
 use crate::report::pictures::ReportPictures;
 use crate::scoring::Region;
 
-/// What is shown.
+/// Contents of the sheet.
 pub struct SheetContent<'a> {
     pub board: &'a Board<'a>,
     pub pairs: Vec<ChosenPair<'a>>,
@@ -139,7 +139,7 @@ impl SheetContent<'_> {
     }
 }
 
-/// What a tile shows, for remarks.
+/// Name of a tile, for messages.
 pub(super) fn named(chosen: &ChosenPair<'_>, what: &str) -> String {
     format!("{}, {what}", chosen.pair.facts.pair_id)
 }

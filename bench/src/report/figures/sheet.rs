@@ -304,7 +304,7 @@ fn stacked(tile: &DrawnTile, gap: u32) -> u32 {
     picture.height() + parts.unwrap_or(0)
 }
 
-/// Where a tile's text begins: below the row's pictures, or in the place of one that is not there.
+/// Top of a tile's text: below the row's pictures, or in place of a missing picture.
 fn text_top(tile: &DrawnTile, pictures: u32) -> u32 {
     match tile.pictures.is_empty() {
         true => 0,

@@ -1,5 +1,5 @@
-//! How far depth depends on which way round a picture is: the relative absolute difference |d − m| / d of a depth map d and
-//! that of the mirrored picture, mirrored back, m.
+//! Change of depth when the picture is mirrored: the relative absolute difference |d − m| / d of a depth map d and the
+//! depth map m of the mirrored picture, mirrored back.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use crate::pairs::depth::given::read_metres;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::report::error::ReportError;
 
-/// From here on a difference has the brightest colour.
+/// Smallest difference that has the brightest colour.
 const BRIGHTEST: f32 = 0.5;
 
 /// Depth of a picture and of the mirrored picture, the latter as it was predicted; of one size.

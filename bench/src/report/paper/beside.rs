@@ -1,4 +1,4 @@
-//! The paper's tables that belong beside a run's.
+//! Chooses the paper's tables to show next to a run's.
 
 use sharp_metrics::Family;
 

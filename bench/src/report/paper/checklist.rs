@@ -1,4 +1,4 @@
-//! What keeps measured numbers from being comparable with published ones digit by digit.
+//! Conditions for measured numbers to be comparable with published ones digit by digit.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ use super::published::{MadeBy, PublishedTable};
 /// Pairs that the paper evaluates of a multi-view dataset at most.
 const PAPERS_LIMIT: usize = 512;
 
-/// A table of the paper and the rows beside it.
+/// A table of the paper and the rows to compare with it.
 pub(super) struct ChecklistInput<'a> {
     pub(super) paper: &'a PublishedTable,
     pub(super) manifest: &'a Manifest,
@@ -37,7 +37,7 @@ impl ChecklistInput<'_> {
     }
 }
 
-/// Each condition, met or not, with what is known.
+/// Each condition, whether it is met, and the evidence.
 pub(super) fn checklist(compared: &ChecklistInput<'_>) -> Vec<Condition> {
     let measured = compared
         .board
@@ -157,7 +157,7 @@ fn pairs(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition
     })
 }
 
-/// How a dataset was read and its pairs chosen.
+/// Condition on the reading of a dataset and the choice of its pairs.
 fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condition {
     let title = title(dataset);
     let record = compared.record(dataset);
@@ -184,7 +184,7 @@ fn readings(compared: &ChecklistInput<'_>, dataset: &DatasetBoard<'_>) -> Condit
     ))
 }
 
-/// Which variant a column holds, and what the paper says of it.
+/// Condition on the variant of a column's metric.
 fn identity(column: &Column) -> Condition {
     let features = column.stand_in.as_ref().map(|features| {
         format!(" Its features are not the published ones ({features}): no published number is comparable.")
@@ -241,7 +241,7 @@ fn aggregation(compared: &ChecklistInput<'_>) -> Condition {
     )
 }
 
-/// Whether rows knew as much of the true depth as the paper's.
+/// Condition on the rows' knowledge of the true depth.
 fn privilege(compared: &ChecklistInput<'_>) -> Condition {
     let wants = compared.paper.made_by == MadeBy::PrivilegedRun;
     let otherwise = |method: &&MethodRecord| (method.privilege != Privilege::None) != wants;

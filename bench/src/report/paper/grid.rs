@@ -16,7 +16,7 @@ use super::column;
 use super::published::PublishedTable;
 use super::rows::{OwnRow, OwnRows, RowError};
 
-/// Which rows and columns a table of the paper has besides the published ones.
+/// Rows and columns of a table of the paper besides the published ones.
 #[derive(Debug, Clone, Default)]
 pub struct Beside {
     pub rows: Vec<OwnRow>,
@@ -38,7 +38,7 @@ pub fn paper_table(paper: &PublishedTable, beside: &Beside) -> Result<Table, Row
     with_rows(paper, OwnRows::read(paper, &beside.rows)?, beside)
 }
 
-/// As [`paper_table`], of rows that were read.
+/// Like [`paper_table`], with rows that were read before.
 pub(super) fn with_rows(
     paper: &PublishedTable,
     rows: OwnRows,
@@ -144,7 +144,7 @@ fn below(mut published: Table, own: Table) -> Table {
     table
 }
 
-/// The variant of each metric of the paper that stands in its column.
+/// The variant of each of the paper's metrics that fills its column.
 fn columns(
     paper: &PublishedTable,
     board: &Board<'_>,
@@ -195,7 +195,7 @@ fn columns(
     columns.collect()
 }
 
-/// The datasets in the paper's order, an empty one for each that no row has, and then those that the paper lacks.
+/// The datasets in the paper's order, empty ones where no row has the dataset, then those that are not in the paper.
 fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, RowError> {
     let mut by_column: Vec<Vec<DatasetBoard<'a>>> =
         paper.datasets.iter().map(|_| Vec::new()).collect();
@@ -231,7 +231,7 @@ fn placed<'a>(paper: &PublishedTable, board: Board<'a>) -> Result<Board<'a>, Row
     })
 }
 
-/// A cell with what it is about, as it is written.
+/// A cell with its row, dataset and metric, as written to a file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Number<'a> {
     pub row: &'a str,

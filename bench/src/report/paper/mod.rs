@@ -1,12 +1,12 @@
-//! The numbers that the SHARP paper published, and rows of one's own beside them.
+//! The published numbers of the SHARP paper, and the user's own rows next to them.
 //!
 //! The paper names neither the LPIPS backbone nor the SSIM window nor the resize kernel, and its pair lists
-//! are not published. So its numbers carry the identity `[unstated]` and are never ranked together with numbers measured
-//! here.
+//! are not published. Its numbers therefore carry the identity `[unstated]` and are never ranked together with numbers
+//! measured here.
 //!
-//! * [`mod@published`]: every published number; [`mod@beside`]: those that belong beside a run.
-//! * [`rows`]: where rows of one's own are from; [`grid`]: both in one table; [`checklist`]: what keeps the two from
-//!   being comparable; [`files`]: all of it as files.
+//! * [`mod@published`]: every published number; [`mod@beside`]: those to show next to a run.
+//! * [`rows`]: the user's own rows; [`grid`]: both in one table; [`checklist`]: conditions for the two to be comparable;
+//!   [`files`]: all of it as files.
 
 pub mod beside;
 pub mod checklist;

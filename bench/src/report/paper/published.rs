@@ -15,7 +15,7 @@ const NUMBERS: &str = include_str!("../../../data/paper_tables.csv");
 /// The method that the paper calls the strongest before its own.
 const STRONGEST: &str = "Gen3C";
 
-/// What rows of one's own are made of.
+/// Kind of data that the user's own rows are computed from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MadeBy {
     /// Scores of a run.
@@ -360,7 +360,7 @@ fn decimals(printed: &str) -> usize {
     digits.bytes().take_while(u8::is_ascii_digit).count()
 }
 
-/// What a printed number says: `0.097`, or parameters in millions (`2.33B` is 2330).
+/// Value of a printed number: `0.097`, or parameters in millions (`2.33B` is 2330).
 pub fn number(printed: &str) -> Option<f64> {
     let plain = printed.trim_end_matches('*');
     match (plain.strip_suffix('M'), plain.strip_suffix('B')) {
@@ -418,7 +418,7 @@ pub(crate) fn metric(family: Family) -> Column {
     }
 }
 
-/// By what shares SHARP lowers a metric of a table against another row: the smallest and the largest over the datasets.
+/// Relative reduction of a metric by SHARP against another row of a table: the smallest and largest over the datasets.
 pub fn gains(table: &PublishedTable, against: &str, metric: &str) -> Option<(f64, f64)> {
     let gains = table.datasets.iter().filter_map(|dataset| {
         let ours = table.number("SHARP (ours)", dataset, metric)?;

@@ -1,4 +1,4 @@
-//! Where rows of one's own in a table of the paper are from.
+//! Sources of the user's own rows in a table of the paper.
 
 use std::collections::BTreeSet;
 use std::convert::Infallible;
@@ -16,7 +16,7 @@ use crate::report::tables::{Cell, Origin, Row};
 use super::column;
 use super::published::{MadeBy, PublishedTable};
 
-/// What numbers are from, `SOURCE[:METHOD]`.
+/// Source of a row's numbers, `SOURCE[:METHOD]`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RowSource {
     /// A run folder or bundle, or the file that a table is made of.
@@ -182,7 +182,7 @@ fn scores(rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     Ok(OwnRows::Scores(Box::new(join_results(read)?)))
 }
 
-/// A row for each comparison of what `analyze translation --out` wrote.
+/// A row for each comparison in the output of `analyze translation --out`.
 fn translations(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowError> {
     let mut columns: Vec<Column> = Vec::new();
     let mut measured = Vec::new();
@@ -285,7 +285,7 @@ fn checkpoints(paper: &PublishedTable, rows: &[OwnRow]) -> Result<OwnRows, RowEr
     })
 }
 
-/// A line of what `speed --out` wrote.
+/// A line of `speed.csv`.
 #[derive(Deserialize)]
 struct SpeedLine {
     method: String,

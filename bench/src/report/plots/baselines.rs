@@ -1,5 +1,5 @@
 //! The baselines of the pairs: against a metric, in the form of the paper's motion-range figure, and their histogram.
-//! One panel a dataset.
+//! One panel per dataset.
 
 use crate::evaluate::record::Status;
 use crate::io::counts::counted;

@@ -9,7 +9,7 @@ use crate::report::statistics;
 
 use super::scale::Step;
 
-/// How an axis is cut into bins.
+/// Division of an axis into bins.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Binning {
     /// Of a round width, at most so many.
@@ -22,7 +22,7 @@ pub enum Binning {
     Edges(Vec<f64>),
 }
 
-/// Given edges lie within this, so that what is computed with them stays finite.
+/// Limit of given edges, so that values computed from them stay finite.
 const FARTHEST_EDGE: f64 = 1e15;
 
 impl FromStr for Binning {
@@ -110,10 +110,10 @@ impl Binning {
     }
 }
 
-/// A place this share of a bin's width below an edge is at it: camera centres, and what is computed from them, are rounded.
+/// Values this fraction of a bin's width below an edge count as on it: camera centres and values from them are rounded.
 const ROUNDING: f64 = 1e-9;
 
-/// From this multiple of a step on, floating-point numbers hardly tell it from the next one.
+/// Largest multiple of a step that floating-point numbers reliably tell from the next.
 const LAST_STEP: u64 = 1 << 50;
 
 impl Cuts {

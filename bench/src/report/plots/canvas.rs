@@ -79,7 +79,7 @@ pub const GRID: Ink = Ink::opaque(0xE1, 0xE5, 0xEA);
 /// Background.
 pub const PAPER: Ink = Ink::opaque(0xFF, 0xFF, 0xFF);
 
-/// Which part of the text is at its point.
+/// Anchor of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     Start,
@@ -87,7 +87,7 @@ pub enum Anchor {
     End,
 }
 
-/// How text looks.
+/// Style of text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lettering {
     /// Font size, units.
@@ -103,7 +103,7 @@ pub struct Lettering {
 /// Points in units, CSS pixels at [`Medium::SCREEN`]; y down.
 pub type Point = (f64, f64);
 
-/// What plots draw on.
+/// A drawing surface.
 pub trait Surface {
     /// An open line.
     fn line(&mut self, points: &[Point], width: f64, ink: Ink);

@@ -1,4 +1,4 @@
-//! Means of bins as lines, and what they vary by as a shade. Neither bridges an empty bin.
+//! Means of bins as lines, with a shaded band for their spread. Neither bridges an empty bin.
 
 use super::bins::{Bin, neighbours};
 use super::canvas::{Point, Surface};
@@ -6,7 +6,7 @@ use super::palette::{Style, stroke};
 use super::panels::{PlotArea, PlotAxis, point};
 use crate::report::input::Column;
 
-/// A bin with what its shade covers, from low to high; none without.
+/// A bin with the range of its band, low to high, if it has one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Banded {
     pub bin: Bin,

@@ -12,7 +12,7 @@ pub const COLOURS: [Ink; 6] = [
     Ink::opaque(0x56, 0xB4, 0xE9),
 ];
 
-/// How a method looks in every plot of a run.
+/// Colour and marker of a method in every plot of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Style {
     /// Line and marker.
@@ -48,7 +48,7 @@ pub fn style(index: usize) -> Style {
     style_of(&COLOURS, index)
 }
 
-/// The same in colours of one's own; the text's without any.
+/// The style in the user's own colours; in the text's colour if there are none.
 pub fn style_of(colours: &[Ink], index: usize) -> Style {
     let turns = colours.len().max(1);
     Style {

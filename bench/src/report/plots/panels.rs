@@ -31,7 +31,7 @@ const ROOM: f64 = 0.8;
 const PRINT_ROOM: f64 = 0.96;
 /// A panel in print is no narrower as long as the figure is wide enough for one.
 const NARROWEST: f64 = 170.0;
-/// In a narrower one, the numbers of an axis run into each other.
+/// Smallest width of a panel: in a narrower one, the numbers of an axis overlap.
 const LEAST: f64 = 130.0;
 /// Height of the strip of counts, and the size of its numbers.
 const COUNT_STRIP: f64 = 30.0;
@@ -92,7 +92,7 @@ impl PlotAxis {
     }
 }
 
-/// What stands around a panel.
+/// Texts and axes around a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PanelFrame {
     /// Over the panel, left.
@@ -116,7 +116,7 @@ pub struct BinCount {
     pub n: (usize, usize),
 }
 
-/// Where the data of a panel goes.
+/// Area of a panel's data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlotArea {
     pub x: Scale,
@@ -149,7 +149,7 @@ pub fn figure(
     draw(title, caption, legend, panels, None)
 }
 
-/// The same in print where a style is given; its caption is left out where the style says so.
+/// Draws a figure, in print if a style is given; the caption is left out if the style says so.
 ///
 /// # Errors
 /// When the drawing library refuses, or the style has no room for a panel.
@@ -454,7 +454,7 @@ fn legend_row(row: &[LegendEntry]) -> f64 {
     lines.unwrap_or(1).max(1) as f64 * LEGEND_LINE + LEGEND_GAP
 }
 
-/// From the middle of a capital to its baseline.
+/// Distance from the middle of a capital to its baseline.
 fn middle(size: f64) -> f64 {
     size * CAP_HEIGHT / 2.0
 }

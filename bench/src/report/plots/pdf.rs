@@ -122,7 +122,7 @@ fn state(alpha: u32) -> String {
     format!("A{alpha}")
 }
 
-/// Coordinates to a hundredth; what is not finite or far outside stays far outside.
+/// Coordinates rounded to a hundredth; values that are not finite or far outside stay far outside.
 fn placed((x, y): Point) -> (f32, f32) {
     let number = |v: f64| {
         let v = if v.is_nan() { 0.0 } else { v.clamp(-1e5, 1e5) };

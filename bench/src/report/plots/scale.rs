@@ -1,7 +1,7 @@
 //! Round steps for ticks and bins, exact in decimal.
 
 /// A step of `mantissa × 10^exponent`. Its multiples are the floating-point numbers nearest to the decimals, so
-/// that 3 × 0.1 is 0.3 and a sample of 0.3 lies at the edge and not beside it.
+/// that 3 × 0.1 is 0.3 and a sample of 0.3 lies exactly on the edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
     mantissa: i64,

@@ -1,4 +1,4 @@
-//! How large figures are and in which colours they are drawn: by default for the screen, in print as a file says.
+//! Size and colours of figures: by default for the screen, for print as set in a file.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use super::palette::{COLOURS, Style, style_of};
 const LABEL_UNITS: f64 = 12.5;
 const MM_PER_INCH: f64 = 25.4;
 
-/// From a drawing's units to what is seen.
+/// Conversion from a drawing's units to printed sizes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Medium {
     /// CSS pixels (1/96 inch) per unit.

@@ -168,7 +168,7 @@ pub fn wrapped(text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> 
     lines
 }
 
-/// At most `most` of these lines. A longer text lacks its middle, where an ellipsis stands: labels differ at their ends.
+/// Wraps a text into at most `most` lines. A longer text has an ellipsis in its middle: labels differ at their ends.
 pub fn wrapped_to(most: usize, text: &str, size: f64, weight: Weight, room: f64) -> Vec<String> {
     let lines = wrapped(text, size, weight, room);
     if lines.len() <= most {

@@ -1,4 +1,4 @@
-//! What a form of compute reporting asks for, from the times that runs kept.
+//! Hardware and hours for forms of compute reporting, from the times in run folders.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
-//! Run time as the paper tabulates it, and what a paper says of the compute behind its numbers.
+//! Run time as tabulated in the paper, and a summary of the compute behind a paper's numbers.
 //!
-//! * [`spread`]: median and spread of some rounds; [`tables`]: methods by datasets, and what explains the times;
-//!   [`compute`]: hardware and hours of runs, from the times that they kept.
+//! * [`spread`]: median and spread of rounds; [`tables`]: methods by datasets, and details of the times; [`compute`]:
+//!   hardware and hours of runs, from the times in their folders.
 
 pub mod compute;
 pub mod spread;
@@ -15,7 +15,7 @@ use crate::evaluate::Manifest;
 use crate::evaluate::speed::{Speed, SpeedOptions};
 use crate::io::atomic_files::{FileError, write_all_over_own};
 
-/// What was measured anew.
+/// New measurements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     pub speeds: Vec<Speed>,
@@ -26,7 +26,7 @@ pub struct Measured {
     pub machine: Option<String>,
 }
 
-/// What `speed` knows.
+/// Everything that `speed` reports.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SpeedReport {
     pub measured: Option<Measured>,
@@ -34,7 +34,7 @@ pub struct SpeedReport {
     pub compute: Option<TextGrid>,
 }
 
-/// What stands in each of our files, so that nothing else is written over.
+/// Marks our files, so that no other file is overwritten.
 const MARK: &str = "sharp-bench speed";
 
 impl SpeedReport {

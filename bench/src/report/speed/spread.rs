@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// Of some numbers.
+/// Median and spread of some numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
     pub n: usize,

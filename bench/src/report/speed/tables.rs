@@ -151,7 +151,7 @@ fn remarks(measured: &Measured) -> Vec<String> {
     remarks
 }
 
-/// Spread, memory, and what the renderer had to draw.
+/// Spread, memory, and the renderer's load.
 pub fn details(measured: &Measured) -> TextGrid {
     let heads = [
         "Method",
@@ -229,7 +229,7 @@ fn spread(secs: &[f64]) -> GridCell {
     }
 }
 
-/// One line a quantity, at full precision; `quantity` is `inference_secs`, `load_secs`, `render_secs`, `peak_bytes`,
+/// One line per quantity, at full precision; `quantity` is `inference_secs`, `load_secs`, `render_secs`, `peak_bytes`,
 /// `gaussians`, `visible`, `tiles` or `picture_tiles`.
 pub fn csv(measured: &Measured) -> String {
     let mut out = format!("{CSV_HEAD}\n");

@@ -1,4 +1,4 @@
-//! From which place on a quantity is above zero, and how sure that is.
+//! The place from which a quantity is above zero, with an interval.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ pub struct Crossing {
     pub clusters: usize,
 }
 
-/// A sample of what may be above zero.
+/// A sample of the quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<'a> {
     pub x: f64,
@@ -71,7 +71,7 @@ impl Crossing {
     }
 }
 
-/// As documented at [`Crossing`]; bins without a mean are empty.
+/// See [`Crossing`]; bins without a mean are empty.
 fn place(bins: &[Bin], means: &[Option<f64>]) -> f64 {
     let known = bins.iter().zip(means);
     let known: Vec<(&Bin, f64)> = known

@@ -146,7 +146,7 @@ fn horizontal(x: Motion, panel: &SweepPanel, metric: usize) -> PlotAxis {
     PlotAxis::over(x.label(), low, high, 6)
 }
 
-/// Of every bin the fewest and the most samples that a line has there.
+/// The smallest and largest number of samples of a line in each bin.
 fn counts(panel: &SweepPanel, metric: usize) -> Vec<BinCount> {
     let mut counts: Vec<(i64, BinCount)> = Vec::new();
     for bin in bins_of(panel, metric).map(|bin| &bin.banded.bin) {
@@ -167,7 +167,7 @@ fn counts(panel: &SweepPanel, metric: usize) -> Vec<BinCount> {
     counts.into_iter().map(|(_, count)| count).collect()
 }
 
-/// What the plot of a metric shows, in sentences.
+/// Caption of a metric's plot.
 fn caption(sweep: &Sweep, metric: usize, column: &Column) -> String {
     let spec = &sweep.spec;
     let band = match spec.band {

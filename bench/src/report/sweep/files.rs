@@ -12,7 +12,7 @@ use crate::report::input::slug;
 use crate::report::plots::canvas;
 use crate::report::plots::style::FigureStyle;
 
-/// What became of a folder.
+/// Files written to a folder.
 #[derive(Debug)]
 pub struct SweepFiles {
     pub written: Vec<PathBuf>,
@@ -57,8 +57,7 @@ pub fn write(
     Ok(SweepFiles { written, removed })
 }
 
-/// What an earlier sweep may have left besides its tables, with its mark: plots of the metrics that its table has, and
-/// crossings.
+/// Files of an earlier sweep besides its tables, with their marks: plots of the metrics in its table, and crossings.
 fn earlier(out: &Path, stem: &str) -> BTreeMap<PathBuf, &'static str> {
     let named = |end: &str| out.join(format!("{stem}{end}"));
     let table = sharp::files::read(&named(".csv")).unwrap_or_default();

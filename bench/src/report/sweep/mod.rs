@@ -1,10 +1,9 @@
-//! Scores against how far the camera moved: a study over the pairs of runs.
+//! Scores against camera motion: a study over the pairs of runs.
 //!
-//! * [`motion`]: what is on the horizontal axis; [`spec`]: what is asked for.
-//! * [`study`]: means of bins by dataset and method, with intervals over scenes; [`crossing`]: from which distance on a method
-//!   falls behind another, or is beyond a threshold.
-//! * [`figure`]: the plots; [`table`]: the numbers behind them as CSV and LaTeX; [`files`]: all of it
-//!   into a folder.
+//! * [`motion`]: the horizontal axis; [`spec`]: the options.
+//! * [`study`]: means of bins by dataset and method, with intervals over scenes; [`crossing`]: the distance from which a method
+//!   is worse than another, or beyond a threshold.
+//! * [`figure`]: the plots; [`table`]: their numbers as CSV and LaTeX; [`files`]: writes a folder.
 
 pub mod crossing;
 pub mod figure;

@@ -1,4 +1,4 @@
-//! How far apart the two views of a pair are.
+//! Distances between the two views of a pair.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! What is asked of a sweep.
+//! Options of a sweep.
 
 use std::str::FromStr;
 
@@ -7,7 +7,7 @@ use sharp_metrics::MetricKey;
 use super::Motion;
 use crate::report::plots::bins::Binning;
 
-/// What the shade around a mean is.
+/// Meaning of the shaded band around a mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Band {
     /// One sample standard deviation of the pairs, as the paper draws it
@@ -19,7 +19,7 @@ pub enum Band {
     None,
 }
 
-/// What panels are told apart by.
+/// Criterion that divides lines into panels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Split {
     /// A panel a dataset, a line a method, as in the paper

@@ -1,4 +1,4 @@
-//! Means of bins by dataset and method, with what is known of them.
+//! Means of bins by dataset and method, with their intervals.
 
 use std::collections::BTreeSet;
 
@@ -66,7 +66,7 @@ pub struct SweepBin {
     pub interval: Option<(f64, f64)>,
 }
 
-/// From where on a method is worse than asked for.
+/// Place from which a method is worse than a limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundCrossing {
     pub dataset: String,
@@ -78,7 +78,7 @@ pub struct FoundCrossing {
     pub found: Crossing,
 }
 
-/// What is asked of a method.
+/// Limit on a method.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CrossingRule {
     /// Not to be worse than this method, pair by pair, in the mean.

@@ -15,15 +15,15 @@ use crate::report::tables::latex::{escape, noted};
 /// The columns of the table of bins.
 pub(super) const COLUMNS: &str =
     "dataset,method,split,metric,x,x_low,x_high,n,mean,sd,ci_low,ci_high";
-/// And of that of crossings.
+/// Header of the table of crossings.
 pub(super) const CROSSINGS: &str =
     "dataset,method,split,metric,rule,x,ci_low,ci_high,clusters,resamples,seed";
 
 /// The first line of the LaTeX.
 pub(super) const MARK: &str = "% by sharp-bench sweep";
 
-/// One row a bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation, `ci_low` and
-/// `ci_high` bound the mean at 95 % over clusters; what is not known is empty.
+/// One row per bin at full precision. `x` is the mean place of its pairs; `sd` is their sample standard deviation, `ci_low` and
+/// `ci_high` bound the mean at 95 % over clusters; unknown values are empty.
 ///
 /// # Errors
 /// Those of the CSV writer, which only writes to memory here.
@@ -56,7 +56,7 @@ pub fn csv(sweep: &Sweep) -> Result<Vec<u8>, ::csv::Error> {
     out.into_inner().map_err(|error| error.into_error().into())
 }
 
-/// One row a crossing; `-inf` is already so in the first bin, `inf` not so in the last.
+/// One row per crossing; `-inf` if it is passed already in the first bin, `inf` if it is not reached in the last.
 ///
 /// # Errors
 /// Those of the CSV writer, which only writes to memory here.

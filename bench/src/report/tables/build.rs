@@ -42,8 +42,7 @@ pub fn of_scores(board: &Board<'_>, metrics: &[Column]) -> Vec<Table> {
     tables
 }
 
-/// What the methods report about their own predictions, for those that report anything; nothing is ranked.
-/// `None` if nobody does.
+/// The values that methods report about their own predictions, unranked; `None` if no method reports any.
 pub fn of_extras(board: &Board<'_>, extras: &[Column]) -> Option<Table> {
     let reports = |method: usize, extra: &Column| {
         let mut records = board.datasets.iter().flat_map(|d| d.records_of(method));

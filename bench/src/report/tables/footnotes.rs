@@ -11,7 +11,7 @@ use crate::report::statistics::{CellStatistics, mean};
 
 use super::shown;
 
-/// What a reader must know about the columns of a dataset of the paper that was not read or paired as in the paper.
+/// Footnote on a dataset of the paper that was not read or paired as in the paper.
 pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     if dataset.proxies.is_empty() || paper::column(dataset).is_none() {
         return None;
@@ -24,7 +24,7 @@ pub(super) fn proxy_mark(dataset: &ReportDataset) -> Option<String> {
     ))
 }
 
-/// What a reader must know about numbers that rest on other features than the published ones.
+/// Footnote on metrics computed from other features than the published ones.
 pub(super) fn feature_mark(column: &Column) -> Option<String> {
     let features = column.stand_in.as_ref()?;
     Some(format!(
@@ -92,7 +92,7 @@ pub(super) fn prediction_marks(
     marks
 }
 
-/// What a reader must know about a cell besides its number.
+/// Footnotes on a cell.
 pub(super) fn cell_notes(
     method: &str,
     dataset: &ReportDataset,

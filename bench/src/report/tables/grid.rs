@@ -1,4 +1,4 @@
-//! Rows and columns of text and numbers, for what is not methods by datasets.
+//! Tables of text and numbers in any shape other than methods by datasets.
 
 use std::fmt::Write as _;
 
@@ -17,7 +17,7 @@ pub struct TextGrid {
     pub remarks: Vec<String>,
 }
 
-/// What stands in a place of a [`TextGrid`].
+/// A cell of a [`TextGrid`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GridCell {
     pub text: String,

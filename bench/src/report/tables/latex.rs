@@ -7,7 +7,7 @@ use super::{Cell, Table, letter, letters, spans};
 use crate::io::text::visible_line;
 use crate::report::input::Column;
 
-/// What a document needs before its tables. The colours are the paper's.
+/// Preamble for a document with these tables. The colours are the paper's.
 pub const PREAMBLE: &str = "\
 \\usepackage{booktabs,graphicx,amssymb}
 \\usepackage[table]{xcolor}
@@ -170,7 +170,7 @@ fn rich(note: &str) -> String {
     spans.collect()
 }
 
-/// Text that LaTeX prints as it is, in OT1 as in T1; what pdflatex has no glyph for by its number, as [`noted`] explains.
+/// Escapes text for LaTeX, in OT1 and T1. Characters without a glyph in pdflatex are written by number; see [`noted`].
 pub fn escape(text: &str) -> String {
     let text = visible_line(text);
     let mut out = String::with_capacity(text.len());
@@ -220,7 +220,7 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// How the number of a character begins that stands in its place.
+/// Start of the number that is written in place of a character.
 const STAND_IN: &str = "{[U+";
 
 /// The fragment with a comment on the numbers that stand in it for characters, if there are any.

@@ -1,10 +1,9 @@
 //! Tables in the paper's form: methods as rows, datasets as column groups, metrics as columns within.
 //!
-//! * [`rank`]: who is best, second and third; [`build`]: tables from a [`Board`](super::board::Board).
-//! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: the same table for different readers.
+//! * [`rank`]: best, second and third of a column; [`build`]: tables from a [`Board`](super::board::Board).
+//! * [`csv`], [`html`], [`latex`], [`markdown`], [`text`]: writers.
 //! * [`grid`]: a table of any other shape.
-//! * `footnotes`: what a reader must know about a cell or a column besides its numbers; `remarks`: the same about a
-//!   whole table.
+//! * `footnotes`: notes on a cell or a column; `remarks`: notes on a whole table.
 //!
 //! Every cell says how many pairs it covers, and a cell without a number says why.
 
@@ -52,7 +51,7 @@ pub struct Condition {
     pub text: String,
 }
 
-/// Where the numbers of a row are from. Rows of unlike origin are never ranked together.
+/// Origin of a row's numbers. Rows of different origins are never ranked together.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Origin {
     /// Computed by this harness.
@@ -96,7 +95,7 @@ pub struct Row {
     pub cells: Vec<Cell>,
 }
 
-/// One number and what it rests on.
+/// One number with its coverage and notes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cell {
     /// Full precision; `None`: there is no number, and a footnote says why.

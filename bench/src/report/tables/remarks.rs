@@ -1,4 +1,4 @@
-//! What a reader must know about a whole table: metrics that it lacks, and baselines that methods do not surpass.
+//! Notes on a whole table: missing metrics, and baselines that methods do not surpass.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -66,7 +66,7 @@ struct Entrant<'a> {
     facts: &'a ReportMethod,
 }
 
-/// For each dataset, where a baseline is ahead of every method that is none, and where it is ahead of a method with
+/// For each dataset, metrics in which a baseline beats every method that is not a baseline, or beats a method with
 /// holes. `table` has a row for each method of the board.
 pub(super) fn of_baselines(board: &Board<'_>, table: &Table) -> Vec<String> {
     let names = Column::names(&table.columns);
