@@ -1,4 +1,4 @@
-//! How the numbers of pairs become the number of a dataset.
+//! Means over the pairs of a dataset.
 
 use std::collections::BTreeMap;
 use std::fmt;

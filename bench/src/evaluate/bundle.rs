@@ -1,9 +1,9 @@
 //! The scores of a run in one file, small enough to be sent, published or committed as a baseline.
 //!
 //! A ZIP archive: `bundle.json` (version and digest), `manifest.json`, `pairs.csv` (the evaluated pairs alone),
-//! `units.jsonl` (what became of each unit), `missing.json`, and `scores.bin`, a column per metric of the manifest: all
-//! first bytes of its numbers (f64, big endian), then all second bytes, and so on, which packs better than number by
-//! number. Without pictures, timings, and what methods report about their predictions. Equal results are equal bytes.
+//! `units.jsonl` (the status of each unit), `missing.json`, and `scores.bin`, a column per metric of the manifest: all
+//! first bytes of its numbers (f64, big endian), then all second bytes, and so on, which compresses better than number by
+//! number. It has no pictures, timings, or values that methods report. Equal results give equal bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read, Write};
@@ -31,7 +31,7 @@ const MAX_MEMBER: u64 = 1 << 28;
 /// Stands for a score that a unit does not have. No arithmetic makes this NaN.
 const ABSENT: u64 = u64::MAX;
 
-/// What a bundle says of itself, read without the rest of it.
+/// Head of a bundle, readable without the rest.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Head {
     format: u32,
@@ -41,7 +41,7 @@ pub(crate) struct Head {
     pub(crate) occasion: Option<Occasion>,
 }
 
-/// What only those who ran it can say of a run: which state of their work it is of.
+/// Facts about a run that only its author knows: label, commit and date.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Occasion {
     pub label: String,
@@ -52,7 +52,7 @@ pub struct Occasion {
     pub date: String,
 }
 
-/// What a bundle holds.
+/// Contents of a bundle.
 #[derive(Debug, Clone)]
 pub struct Bundle {
     pub results: Results,
@@ -61,7 +61,7 @@ pub struct Bundle {
     pub occasion: Option<Occasion>,
 }
 
-/// A unit without its scores and what the pair list says of its pair.
+/// A unit without its scores and without the facts in the pair list.
 #[derive(Serialize, Deserialize)]
 struct UnitLine {
     /// Position in `pairs.csv`.
@@ -243,7 +243,7 @@ fn unavailable(record: &Record) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Hash of what a bundle of a format holds of manifest and records.
+/// Digest of manifest and records, as defined by the bundle's format.
 fn digest(format: u32, manifest: &Manifest, records: &[Record]) -> serde_json::Result<String> {
     let mut hasher = StableHasher::default();
     if format > 1 {

@@ -1,4 +1,4 @@
-//! What an evaluation would cost, measured on a few of its pairs.
+//! Estimated cost of an evaluation, measured on a few of its pairs.
 
 use std::path::Path;
 use std::time::Instant;
@@ -50,7 +50,7 @@ pub struct Estimate {
     pub score: StageCost,
 }
 
-/// What a stage would cost.
+/// Estimated cost of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct StageCost {
     /// Time of all cores together, s.

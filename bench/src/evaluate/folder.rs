@@ -369,7 +369,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
     Ok(paths)
 }
 
-/// What stands in the lock of a run folder.
+/// Contents of the lock file of a run folder.
 const MARK: &str = "sharp-bench run\n";
 
 /// The folders that runs write into.

@@ -1,4 +1,4 @@
-//! How much of a picture Gaussians cover: what sorting and blending them costs.
+//! Coverage of a picture by Gaussians, which decides the cost of sorting and blending them.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -9,7 +9,7 @@ use sharp::render::RenderView;
 const TILE: f64 = 16.0;
 /// Below this alpha a Gaussian is not blended.
 const LEAST_ALPHA: f64 = 1.0 / 255.0;
-/// How far beyond the picture the projection is linearised at most, in its sides.
+/// Largest distance beyond the picture at which the projection is linearised, as a fraction of its sides.
 const MARGIN: f64 = 0.15;
 
 /// Tiles of 16 × 16 pixels that the boxes of the Gaussians touch, counted once for each Gaussian, and tiles of the picture.
@@ -33,7 +33,7 @@ pub(super) fn covered_tiles(gaussians: &Gaussians, view: &RenderView) -> (u64, u
     (covered.sum(), (tiles[0] * tiles[1]) as u64)
 }
 
-/// From where to where a Gaussian reaches, in x and y, pixels; `None` of one that is not drawn.
+/// Extent of a Gaussian in x and y, pixels; `None` if it is not drawn.
 fn reach(gaussians: &Gaussians, at: usize, view: &RenderView) -> Option<[(f64, f64); 2]> {
     let k = view.intrinsics;
     let mean = DVec3::from_array(gaussians.means[at].map(f64::from));

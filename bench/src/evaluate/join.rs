@@ -62,7 +62,7 @@ pub fn join(folders: &[Named]) -> Result<Results, EvaluateError> {
     join_under(folders, None)
 }
 
-/// As [`join`], with the means of all of them taken alike where that is asked for.
+/// Like [`join`], with one aggregation for all of them if it is given.
 ///
 /// # Errors
 /// As [`join`].
@@ -83,7 +83,7 @@ pub fn join_under(
     join_results(read?)
 }
 
-/// As [`join`], of results that were read already.
+/// Like [`join`], for results in memory.
 ///
 /// # Errors
 /// When two of them contradict each other.
@@ -304,7 +304,7 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
     Ok(a)
 }
 
-/// One record of two of the same unit. The error names what differs.
+/// Joins two records of one unit. The error names the difference.
 fn joined_records(mut a: Record, b: Record) -> Result<Record, String> {
     let bits = |v: Option<f64>| v.map(f64::to_bits);
     let facts = [

@@ -34,7 +34,7 @@ pub(super) struct Keys {
     renderer: RendererRecord,
 }
 
-/// The keys of what makes a unit's picture.
+/// Keys of the stages that make a unit's picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct PictureKeys {
     pub(super) predict: String,

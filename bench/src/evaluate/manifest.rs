@@ -1,4 +1,4 @@
-//! `manifest.json`: what was run and under which conventions, said once for all results of a folder.
+//! `manifest.json`: the run and its conventions, once for all results of a folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -100,7 +100,7 @@ pub struct RendererRecord {
     pub quantization: String,
 }
 
-/// What folders did that do not say.
+/// The rule of folders that do not record it.
 fn rounded() -> String {
     Quantization::Round.to_string()
 }
@@ -491,14 +491,14 @@ pub(super) fn metric_records(scoring: &Scoring) -> Vec<MetricRecord> {
 const TARGET: &str = "target";
 const TARGET_CONVENTION: &str = "sRGB, 8 bit, as decoded; converted from other colour profiles, undistorted or masked where the dataset's notes say so";
 
-/// The convention that says what means are means of.
+/// Key of the convention on means.
 const AGGREGATION: &str = "aggregation";
 
 fn aggregation_convention(aggregation: Aggregation) -> String {
     format!("{aggregation}; a mean that holds inf is inf")
 }
 
-/// What decides how predictions become scored pictures, in words; `renderings` is how those become 8 bit.
+/// Conventions that turn predictions into scored pictures, in words; `renderings` is the rounding of renderings to 8 bit.
 pub(super) fn scoring_conventions(
     renderings: Quantization,
     rules: ScoringRules,

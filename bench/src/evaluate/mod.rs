@@ -1,4 +1,4 @@
-//! The evaluation core: what is evaluated, by which stages, and the folder that keeps its results.
+//! The evaluation core: requests, stages, and the run folder that keeps results.
 //!
 //! ```
 //! use sharp_bench::evaluate::{EvaluateError, Request, RunOptions, prepare};
@@ -13,17 +13,16 @@
 //! }
 //! ```
 //!
-//! * [`mod@prepare`]: a request made ready; [`pipeline`]: its units predicted, rendered and scored; `estimate`: what that
-//!   would cost; [`mod@speed`]: what inference and rendering take, apart, of Gaussians whose `footprint` explains it.
-//! * [`plan`]: which pairs by which methods; [`shard`]: a process's part of it; `run`: all of it, or such a part, done;
-//!   [`status`]: how far it is.
-//! * `keys`: what each stage depends on; `render`, `score`: the later two stages; `gaussian_store`,
-//!   `prediction_file`: predictions of sources, made once; [`source_check`]: whether they show their source.
-//! * [`record`]: one result; [`mod@unit`]: the same with its keys, as it is stored; [`folder`]: the run folder;
-//!   [`manifest`]: what its results share.
-//! * [`aggregation`]: what a mean is a mean of.
-//! * [`results`]: a folder as records and tables; [`bundle`]: the same in one file; [`mod@join`]: several folders as one; [`mod@rescore`]: kept predictions
-//!   scored again; [`readings`]: the same under other readings of the protocol, kept nowhere.
+//! * [`mod@prepare`]: from a request to an evaluation; [`pipeline`]: predicts, renders and scores its units; `estimate`: its
+//!   cost; [`mod@speed`]: times of inference and rendering; `footprint`: coverage by Gaussians, which explains them.
+//! * [`plan`]: pairs by methods; [`shard`]: a process's part of a plan; `run`: runs a plan or a shard; [`status`]: progress.
+//! * `keys`: inputs of each stage, hashed; `render`, `score`: the later two stages; `gaussian_store`, `prediction_file`:
+//!   predictions of sources, made once; [`source_check`]: compares Gaussians with their source photograph.
+//! * [`record`]: one result; [`mod@unit`]: a result with its keys, as stored; [`folder`]: the run folder; [`manifest`]: facts
+//!   that all its results share.
+//! * [`aggregation`]: means over pairs.
+//! * [`results`]: a folder as records and tables; [`bundle`]: results in one file; [`mod@join`]: several folders as one;
+//!   [`mod@rescore`]: scores kept predictions again; [`readings`]: scores them under other readings of a protocol.
 
 pub mod aggregation;
 pub mod bundle;

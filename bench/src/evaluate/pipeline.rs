@@ -38,7 +38,7 @@ use crate::pairs::pair_list::ResolvedPair;
 use crate::rendering::SharedRenderer;
 use crate::scoring::Scoring;
 
-/// Which stages of a run are done.
+/// Stages of a run to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Stages {
     /// All of them
@@ -61,7 +61,7 @@ impl Stages {
     }
 }
 
-/// Which pictures stay in the run folder.
+/// Pictures that are kept in the run folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Keep {
     /// All of them, as 8-bit PNG
@@ -73,10 +73,10 @@ pub enum Keep {
     None,
 }
 
-/// What [`RunOptions::memory_limit_bytes`] is unless it is set.
+/// Default of [`RunOptions::memory_limit_bytes`].
 pub const MEMORY_LIMIT_BYTES: u64 = 2 << 30;
 
-/// How a plan is run. No value depends on it.
+/// Options that change no result.
 #[derive(Debug, Clone, Copy)]
 pub struct RunOptions {
     /// Which stages are done.
@@ -107,7 +107,7 @@ impl RunOptions {
     }
 }
 
-/// What a pipeline works on.
+/// Input of a pipeline.
 pub(super) struct Job<'a> {
     /// In the order of their ids.
     pub(super) pairs: Vec<ResolvedPair<'a>>,
@@ -124,7 +124,7 @@ pub(super) struct Job<'a> {
     pub(super) shard: Shard,
 }
 
-/// What happened to the units of a run.
+/// Counts of a run's units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct UnitCounts {
     /// Units of the plan.
@@ -155,7 +155,7 @@ impl UnitCounts {
     }
 }
 
-/// A unit as it comes from the predicting to the scoring thread.
+/// A unit on its way from the predicting to the scoring thread.
 enum Prepared {
     /// Nothing is left to do, or it failed.
     Done(Box<Unit>, Reuse),
@@ -315,7 +315,7 @@ struct SourceFacts {
     warnings: BTreeMap<String, String>,
 }
 
-/// What the pairs of one source share: they follow each other, because pairs come sorted.
+/// Data shared by the pairs of one source, which are adjacent because pairs are sorted.
 struct Sources<'a> {
     gaussians: GaussianStore,
     photograph: Option<(&'a View, RgbImage)>,
@@ -399,7 +399,7 @@ struct Made {
     inference: Option<String>,
 }
 
-/// One pair on the predicting thread.
+/// Work on one pair in the predicting thread.
 struct PairWork<'j, 'a> {
     job: &'j Job<'a>,
     observer: &'j dyn Observer,

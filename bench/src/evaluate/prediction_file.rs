@@ -37,8 +37,8 @@ struct Said {
     warnings: BTreeMap<String, String>,
 }
 
-/// Writes a prediction with everything that rendering it needs: arrays as `gaussians` takes them, its space, its depth
-/// layer, how it was read, what the method reported, the seconds it took, and a checksum.
+/// Writes a prediction with everything needed to render it: arrays as `gaussians` takes them, its space, its depth
+/// layer, its reading, the method's extras, the seconds it took, and a checksum.
 pub(super) fn write_prediction(
     path: &Path,
     prediction: &GaussianPrediction,
@@ -78,7 +78,7 @@ pub(super) fn write_prediction(
     write_arrays(path, &arrays, Some(metadata))
 }
 
-/// Reads what [`write_prediction`] wrote: the prediction, and the seconds it took.
+/// Reads a file of [`write_prediction`]: the prediction, and the seconds it took.
 ///
 /// # Errors
 /// When the file cannot be read, or is not whole.

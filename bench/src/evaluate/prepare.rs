@@ -1,4 +1,4 @@
-//! An evaluation: what is to be evaluated, prepared from datasets, pairs, methods and metrics, and run into a folder.
+//! Prepares an evaluation from datasets, pairs, methods and metrics.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ use crate::pairs::{
 use crate::rendering::{RenderSettings, SharedRenderer};
 use crate::scoring::Scoring;
 
-/// Where the pairs come from.
+/// Source of the pairs.
 #[derive(Debug)]
 pub enum PairOrigin {
     /// Built from the datasets.
@@ -51,7 +51,7 @@ pub enum PairOrigin {
     Planned(PathBuf),
 }
 
-/// What is to be evaluated.
+/// Input of [`prepare`].
 pub struct Request {
     /// Opened datasets.
     pub datasets: Vec<OpenDataset>,
@@ -107,7 +107,7 @@ impl Request {
     }
 }
 
-/// Everything that decides what is evaluated.
+/// An evaluation, ready to run.
 pub struct Evaluation {
     pub(super) datasets: Vec<OpenDataset>,
     only_scenes: Option<String>,
@@ -127,7 +127,7 @@ pub struct Evaluation {
     pub(super) clock: fn() -> Duration,
 }
 
-/// What a folder holds of an evaluation.
+/// Progress of an evaluation in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct RunStatus {
     /// Units of the plan.
@@ -229,7 +229,7 @@ pub fn prepare(mut request: Request, observer: &dyn Observer) -> Result<Evaluati
     Ok(evaluation)
 }
 
-/// Pairs must not be chosen by what is judged on them.
+/// Refuses pairs that were chosen by a method that is evaluated on them.
 fn check_independence(
     choices: &BTreeMap<String, PairProvenance>,
     methods: &[Box<dyn Method>],
@@ -250,8 +250,8 @@ fn check_independence(
     Ok(())
 }
 
-/// A list that was made from other photographs is evaluated all the same, and said to be so. One of other poses is refused:
-/// its baselines and rotations, by which results are sorted, plotted and chosen, are not those of what is evaluated.
+/// Warns of a list made from other photographs, and refuses one made from other poses: results are sorted, plotted and
+/// chosen by its baselines and rotations, which would not be those of the evaluated views.
 fn check_files(
     list: &PairList,
     scenes: &[Scene],

@@ -26,7 +26,7 @@ use crate::scoring::{Region, Scoring};
 /// Alpha below which a colour is divided by this instead, as in UniSHARP's trainer.
 const LEAST_ALPHA: f32 = 1e-4;
 
-/// How a prediction becomes the picture that is scored.
+/// Conversion of a prediction to the picture that is scored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PictureReading {
     /// The kept picture, as the run scored it.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::scoring::Region;
 
-/// What became of a unit.
+/// Outcome of a unit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Status {
@@ -101,8 +101,8 @@ pub struct Record {
     pub warnings: BTreeMap<String, String>,
 }
 
-/// The files of a pair: 16 hexadecimal digits a view, over its camera, photograph, mask and depth. Results of a pair stand
-/// beside each other only where these are equal.
+/// Hashes of a pair's files: 16 hexadecimal digits per view, over its camera, photograph, mask and depth. Results of a
+/// pair are shown together only if these are equal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct PairFiles {
     pub source: String,

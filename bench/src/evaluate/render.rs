@@ -66,7 +66,7 @@ pub(super) fn surface_depth(output: &RenderOutput) -> DepthMap {
     depth
 }
 
-/// From a space of the source to the target's camera space.
+/// Transform from a space of the source to the target's camera space.
 pub(super) fn placed(space: GaussianSpace, source: &PosedCamera, target: &PosedCamera) -> DAffine3 {
     let target_from_source = source.to(target);
     match space {

@@ -78,8 +78,8 @@ pub fn rescore(
     Ok((counts, results))
 }
 
-/// Scores the kept pictures of a shard of a plan, beside others: needs the datasets and no method. Writes units, and
-/// neither manifest nor tables.
+/// Scores the kept pictures of a shard of a plan, while other processes do theirs: needs the datasets and no method.
+/// Writes units, and neither manifest nor tables.
 ///
 /// # Errors
 /// When metrics or what computes them are not those of the plan; as [`rescore`].
@@ -353,7 +353,7 @@ pub(super) fn score_common_region(
     Ok(())
 }
 
-/// Keeps the picture that is scored, which is what reports show.
+/// Keeps the scored part of a picture, which reports show.
 fn keep_cut(folder: &RunFolder, item: &mut Unscored) -> Result<(), EvaluateError> {
     let Slot {
         method, pair_id, ..
@@ -372,7 +372,7 @@ enum Cut {
     Picture(Box<Unscored>),
 }
 
-/// A unit reduced to a part of what it shows. `size` is the target's.
+/// A unit cropped to a region. `size` is the target's.
 fn cut(folder: &RunFolder, unit: &Unit, common: Region, size: (u32, u32)) -> Cut {
     let mut unit = unit.clone();
     if unit.record.status != Status::Ok {

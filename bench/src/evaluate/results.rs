@@ -17,7 +17,7 @@ use crate::io::text::csv_cell;
 use crate::methods::MOST_EXTRAS;
 use crate::pairs::{Pair, PairList};
 
-/// What a run folder holds.
+/// The results of a run folder.
 #[derive(Debug, Clone)]
 pub struct Results {
     /// What was run.
@@ -201,7 +201,7 @@ fn changed(folder: &RunFolder, what: &str) -> EvaluateError {
     }
 }
 
-/// Where the units that tables show are: with a common region, those that were scored on it.
+/// Folder of the units that tables show: with a common region, those that were scored on it.
 pub(super) fn units_folder(folder: &RunFolder, manifest: &Manifest) -> RunFolder {
     match manifest.common_region {
         true => folder.common_region(),
@@ -304,7 +304,7 @@ impl Results {
     }
 }
 
-/// What the predictions of a method took, by pair; nothing of a bundle, which holds no times, and of failures.
+/// Times of a method's predictions, by pair; empty for a bundle, which holds no times, and without failures.
 ///
 /// # Errors
 /// When the folder cannot be read.
@@ -366,9 +366,8 @@ pub fn number(value: f64) -> String {
     finite_or_text::text(value).map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then what records report
-/// (`mean_alpha`, …) by name, and last the reason of a failure. A score that is not available, like any unknown value,
-/// is an empty cell.
+/// The table as CSV: [`FIXED_COLUMNS`], then a column per metric key in the given order, then the records' extras
+/// (`mean_alpha`, …) by name, and last the reason of a failure. Unavailable scores and unknown values are empty cells.
 ///
 /// # Errors
 /// Those of the CSV writer, which only writes to memory here.

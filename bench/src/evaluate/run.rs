@@ -174,7 +174,7 @@ impl Evaluation {
             ));
         }
         self.check_files(root, &pairs)?;
-        // They are of before, and `merge` writes them when all is there.
+        // Stale; `merge` writes them again once all shards are done.
         folder.remove_tables()?;
         let keys = Keys::new(&self.datasets, &RendererRecord::of(&self.renderer));
         let missing = (own.len() - pairs.len()) * self.methods.len();
@@ -264,7 +264,7 @@ impl Evaluation {
     }
 }
 
-/// Why what a process would compute is not what was planned.
+/// The difference between a plan and what this process would compute, if any.
 pub(super) fn difference(
     planned: &Manifest,
     now: Manifest,

@@ -115,8 +115,8 @@ pub(super) fn missing<'s>(
         .collect()
 }
 
-/// How the memory that may be used is shared, bytes. What is not shared out is for what cannot be less: the networks of
-/// the metrics, the truth, and a picture while it is rendered.
+/// Shares of the memory limit, bytes. The rest is for fixed needs: the networks of the metrics, the truth, and a picture
+/// while it is rendered.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MemoryShares {
     /// Gaussians of a source.
@@ -284,7 +284,7 @@ pub(super) fn empty_record(planned: &ResolvedPair, method: &str) -> Record {
     }
 }
 
-/// How a record says that only a part of the target is scored; `None` for all of it.
+/// The crop to record when only a part of the target is scored; `None` for all of it.
 pub(super) fn crop(region: Option<Region>, target: (u32, u32)) -> Option<Crop> {
     let region = region.filter(|region| *region != Region::whole(target))?;
     Some(Crop {

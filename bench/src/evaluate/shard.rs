@@ -4,9 +4,9 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
-/// One of several equal shares of a plan; the shares of one number are disjoint and cover it.
+/// One of several equal shares of a plan; the shares of one count are disjoint and cover it.
 ///
-/// Whatever is done is done by unit, so that a plan may go on under another number of shards.
+/// Units are done one by one, so that a plan can be continued with another number of shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     /// From 1.
@@ -71,7 +71,7 @@ impl Shard {
     }
 }
 
-/// What pairs of one source have in common: ids encode underscores that would form a second separator.
+/// The part of a pair's id that names its source: ids encode underscores that would form a second separator.
 fn source(pair_id: &str) -> &str {
     pair_id.split("__").next().unwrap_or(pair_id)
 }

@@ -1,4 +1,4 @@
-//! What inference and rendering take, measured apart and with nothing else at work.
+//! Times of inference and rendering, measured separately with nothing else running.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -18,7 +18,7 @@ use crate::methods::{
 use crate::pairs::PosedCamera;
 use crate::pairs::pair_list::ResolvedPair;
 
-/// How often each pair is measured.
+/// Number of rounds per pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct SpeedOptions {
     /// Of each method on each dataset: rounds on its first pair that are not counted.
@@ -63,7 +63,7 @@ pub struct Splats {
     pub picture_tiles: u64,
 }
 
-/// What a method is measured by, of one pair.
+/// One measured round of a method on a pair.
 enum Round {
     /// Inference alone.
     Picture,

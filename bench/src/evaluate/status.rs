@@ -1,4 +1,4 @@
-//! How far a run is, read from its folder alone: on any machine that sees it, while others write.
+//! Progress of a run, read from its folder alone: on any machine that sees it, while others write.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -31,7 +31,7 @@ pub struct RunProgress {
     pub damaged: usize,
 }
 
-/// How far back the pace is measured.
+/// Period over which the pace is measured.
 const WINDOW: Duration = Duration::from_secs(600);
 
 impl RunProgress {
@@ -96,7 +96,7 @@ impl RunProgress {
     }
 }
 
-/// The shards of so many that have units without a result, or with a failure where those are to be tried again.
+/// The shards, out of a given number, with units that have no result, or a failure if failures are to be retried.
 ///
 /// # Errors
 /// As [`RunProgress::read`], and when there cannot be so many.
@@ -133,7 +133,7 @@ fn read(folder: &RunFolder) -> Result<(RunPlan, Current), EvaluateError> {
     Ok((plan, current))
 }
 
-/// How many units ended in the window before the last one, and the seconds between them; nothing where that is long ago.
+/// Number of units that ended within the window, and the seconds between first and last; `None` if that is long ago.
 fn pace(mut times: Vec<SystemTime>) -> Option<(usize, f64)> {
     times.sort();
     let last = *times.last()?;

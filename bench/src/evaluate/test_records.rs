@@ -13,7 +13,7 @@ use crate::methods::{Closure, Method, MethodError, SourceView, TargetCamera};
 use crate::pairs::OpenDataset;
 use crate::scoring::Scoring;
 
-/// Of a procedural scene `D_1`, a method `m` and some metrics.
+/// A manifest of a procedural scene `D_1`, a method `m` and some metrics.
 pub(crate) fn manifest(metrics: &str) -> Manifest {
     let datasets = ["D_1:synthetic=size=16x12,views=4".to_owned()];
     let black = |_: &SourceView, target: &TargetCamera| -> Result<_, MethodError> {

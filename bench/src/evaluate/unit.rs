@@ -14,7 +14,7 @@ use crate::io::text::reason_line;
 use crate::methods::spec::check_label;
 use crate::pairs::pair_id::PairName;
 
-/// What a unit's file holds.
+/// Contents of a unit's file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Unit {
     /// [`super::manifest::FORMAT`] of the writer.
@@ -35,7 +35,7 @@ pub struct Unit {
     pub timing: Timing,
 }
 
-/// Which unit a file is: equal slots are the same unit, whatever became of it.
+/// Identity of a unit: equal slots are the same unit, whatever its result.
 #[derive(
     Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
 )]
@@ -74,7 +74,7 @@ pub struct ScoredPicture {
     pub float_sha256: Option<String>,
 }
 
-/// The value of a metric with what it was computed from.
+/// A score with the key of its inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StoredScore {
     /// Hash of metric, picture, truth and region.
@@ -85,7 +85,7 @@ pub struct StoredScore {
     pub score: Score,
 }
 
-/// What a unit took, and where.
+/// Times of a unit, and the machine.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Timing {
     /// Wall time of the inference behind the picture, while an earlier pair was being scored: of the source for methods

@@ -1,8 +1,8 @@
-//! From a foreign picture to one that can be scored: the paper's rules for what is smaller or cropped.
+//! Crops and resizes foreign pictures for scoring, by the paper's rules for smaller and cropped predictions.
 //!
-//! Scores are taken at the target's full resolution. A smaller prediction of the same aspect is resized up, by a kernel
-//! that is named; a cropped one is compared with the equally cropped target, and its record says so. Nothing is padded
-//! and nothing is reduced.
+//! Scores are taken at the target's full resolution. A smaller prediction of the same aspect is resized up, by a named
+//! kernel; a cropped one is compared with the equally cropped target, and its record says so. Nothing is padded or
+//! reduced.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +15,7 @@ use super::method::{MethodError, PicturePrediction};
 use crate::io::pictures::{self, PictureReading, ReadError, to_rgb8};
 use crate::scoring::Region;
 
-/// Which part of the target a method's pictures show.
+/// The part of the target that a method's pictures show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum CropRule {
     #[default]
@@ -30,7 +30,7 @@ pub(super) enum CropRule {
     Sidecar,
 }
 
-/// How a method's pictures become scored ones.
+/// Conversion of a method's pictures to scored ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct FitRules {
     kernel: Option<ResizeKernel>,

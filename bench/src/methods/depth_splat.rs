@@ -1,5 +1,4 @@
-//! The dataset's own depth, splatted: what SHARP's representation can do when depth is perfect and nothing is
-//! learned.
+//! The dataset's own depth, splatted: the quality of SHARP's representation with perfect depth and no learning.
 
 use std::collections::BTreeMap;
 

@@ -15,7 +15,7 @@ use crate::io::gaussian_files::{GaussianFile, foreign};
 use crate::io::{fingerprints, gaussian_files};
 use crate::pairs::pair_id::path_of;
 
-/// The extras of a file that count what the renderer drops, and what is wrong with those.
+/// Extras that count Gaussians that the renderer drops, with the reasons in words.
 pub const UNUSABLE: [(&str, &str); 2] = [
     ("not_finite", "hold values that are not finite"),
     ("zero_quaternions", "have a quaternion of zero"),

@@ -1,4 +1,4 @@
-//! From specs on the command line to method instances.
+//! The kinds of methods, and instances from specs.
 
 use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;

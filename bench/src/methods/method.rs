@@ -1,7 +1,6 @@
-//! What a method is, what it is given and what it returns.
+//! The interface of methods: input and output.
 //!
-//! A method sees the source and the *camera* of the target. The target's photograph cannot be reached from what it is
-//! given:
+//! A method sees the source and the *camera* of the target. It has no access to the target's photograph:
 //!
 //! ```compile_fail,E0599
 //! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
@@ -11,7 +10,7 @@
 //! }
 //! ```
 //!
-//! The source's photograph can:
+//! It has access to the source's:
 //!
 //! ```
 //! use sharp_bench::methods::{MethodError, PicturePrediction, SourceView, TargetCamera};
@@ -153,7 +152,7 @@ impl From<RgbImage> for PicturePrediction {
     }
 }
 
-/// The same view at one of several scales of the scene.
+/// A prediction at one of several scales of the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     pub scale: f64,

@@ -1,12 +1,12 @@
 //! Methods predict a target view from a source view.
 //!
-//! * [`method`]: the traits, what a method is given and what it returns.
-//! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: from specs to instances.
+//! * [`method`]: the traits, with their input and output.
+//! * [`spec`]: an instance on the command line, `KIND[:key=value,…]`; [`kinds`]: builds instances from specs.
 //! * [`trivial`]: `target`, `copy` and `mean`, the ends of the scale.
 //! * [`depth_splat`]: the dataset's depth, splatted by SHARP's own initializer and composer.
 //! * [`sharp`]: the SHARP network.
 //! * [`gaussians`]: Gaussians that someone else's method predicted; [`file_reading`]: how their files are read.
-//! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: what becomes of cropped and smaller
+//! * [`imported`]: pictures that someone else's method made; `crop_and_resize`: rules for cropped and smaller
 //!   ones; [`scale_sweep`]: pictures at several scales.
 //! * [`command`]: someone's program, asked pair by pair.
 
@@ -33,5 +33,5 @@ pub use method::{
 pub use scale_sweep::sweep_scales;
 pub use spec::{MethodSpec, SpecError};
 
-/// What a method reports about its predictions, at most: each name is a column of tables.
+/// Limit of the names that a method reports about its predictions: each is a column of tables.
 pub const MOST_EXTRAS: usize = 32;

@@ -32,7 +32,7 @@ pub enum MatchError {
     },
 }
 
-/// What two pictures must share to be a pair.
+/// The part of their names that two pictures of a pair share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum MatchBy {
     /// The file name without its extension: `a.png` and `a.jpg` match
@@ -103,7 +103,7 @@ pub fn partner(
     found.ok_or_else(|| unmatched(picture.to_owned(), folder, by))
 }
 
-/// What a picture shares with its partner, accents composed.
+/// The part of its name that a picture shares with its partner, with composed accents.
 pub fn shared_part(path: &Path, by: MatchBy) -> String {
     let part = match by {
         MatchBy::Stem => path.file_stem(),

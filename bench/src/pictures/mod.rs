@@ -1,9 +1,9 @@
 //! Two pictures or two folders of them: the work of the command `metrics`.
 //!
-//! * [`matching`]: which picture is compared with which.
-//! * [`maps`]: where in a picture a metric finds a difference.
+//! * [`matching`]: pairs pictures of two folders.
+//! * [`maps`]: maps of a metric over a picture.
 //! * [`keyed_scores`]: scores for JSON and CSV.
-//! * [`other_forms`]: what other people's code computes under the names of our metrics.
+//! * [`other_forms`]: values that other people's code computes under the names of our metrics.
 //! * [`methods_text`]: which metrics these are, as a paper should say it.
 
 pub mod keyed_scores;

@@ -1,8 +1,8 @@
-//! What becomes of scores from run to run.
+//! Scores from run to run.
 //!
-//! * [`compare`]: two runs pair by pair; what changed, where, and whether chance could have done it.
+//! * [`compare`]: two runs pair by pair: changes, their parts and their significance.
 //! * [`gate`]: limits on such changes, for continuous integration.
-//! * [`history`]: runs over time, and which of them changed what.
+//! * [`history`]: runs over time, with their change points.
 
 pub mod compare;
 pub mod gate;

@@ -1,13 +1,13 @@
-//! The log of a program: what it writes to standard error, whose middle is left out where it is long.
+//! The log of a program: its standard error, without the middle where it is long.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Of a long log, bytes that stay of its beginning, and of its end.
+/// Bytes kept of a long log's beginning, and of its end.
 const KEPT: u64 = 2 << 20;
 
-/// Bytes at which a log is cut; more than what stays, so that little of it is copied.
+/// Size at which a log is cut; larger than what is kept, so that little is copied.
 const LONGEST: u64 = 4 * KEPT;
 
 /// A file that is appended to, of at most [`LONGEST`] bytes.

@@ -1,8 +1,8 @@
 //! Someone's program as a method: one long-lived process, one line of JSON for a pair, one for its answer.
 //!
-//! * `protocol`: what is said.
+//! * `protocol`: requests and answers.
 //! * `words`: the files that its command line names.
-//! * `process`: the process: lines with a deadline, its end; `log`: what it writes to standard error, within bounds.
+//! * `process`: starting it, reading lines with a deadline, ending it; `log`: its standard error, within bounds.
 
 mod log;
 mod process;
@@ -57,7 +57,7 @@ pub struct Command {
     state: Mutex<State>,
 }
 
-/// What lives as long as the run.
+/// State that lives as long as the run.
 #[derive(Debug, Default)]
 struct State {
     process: Option<Process>,

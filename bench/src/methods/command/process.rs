@@ -1,7 +1,7 @@
-//! The process behind the method: started by the shell, asked line by line, ended for sure.
+//! The process of the method: started by the shell, asked line by line, and always ended.
 //!
 //! By hand: crates for process groups (`process-wrap`) wrap what std's `process_group` does already and leave out
-//! deadlines for lines and what happens when we are killed, which is what most of this file is about.
+//! deadlines for lines and the case that this process is killed, which is most of this file.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
@@ -19,10 +19,10 @@ const LONGEST_LINE: u64 = 1 << 20;
 /// Lines that are read ahead of being asked for: a program that writes more than it is asked has to wait.
 const LINES_AHEAD: usize = 2;
 
-/// How long a program may take to end after its input has ended.
+/// Time that a program has to end after its input has ended.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// How long is waited for the rest of what an ended program wrote.
+/// Time to wait for the remaining output of a program that ended.
 const LAST_OUTPUT: Duration = Duration::from_millis(500);
 
 /// Polling interval while waiting for an answer: a program may have exited while its child keeps the pipe open.

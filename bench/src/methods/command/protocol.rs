@@ -1,8 +1,8 @@
-//! What is said to the program and what it may answer: one line of JSON each.
+//! Requests to the program and its answers: one line of JSON each.
 //!
 //! Request: `{"protocol":1,"pair_id":…,"source_picture":…,"write_to":…,"pair":{…}}`. The paths are absolute;
-//! `source_picture` is a PNG, `pair` is what `pairs export` writes as `pair.json`, `write_to` is where a PNG is
-//! expected. With `depth=privileged` there is also `source_depth`, the source's true z-depth as `.npy`.
+//! `source_picture` is a PNG, `pair` is the `pair.json` of `pairs export`, `write_to` is the path for its PNG.
+//! With `depth=privileged` there is also `source_depth`, the source's true z-depth as `.npy`.
 //!
 //! Answer: `{"pair_id":…}` when the picture lies there, and on request `"picture":PATH` when it lies elsewhere (.png,
 //! .jpg, .exr, .npy), `"extras":{NAME:NUMBER}` for columns of the scores; `{"pair_id":…,"error":REASON}` when the
@@ -25,7 +25,7 @@ pub(super) struct SourceFiles {
     pub(super) depth: Option<PathBuf>,
 }
 
-/// Version of what is said; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
+/// Version of the protocol; also in the program's environment as `SHARP_BENCH_PROTOCOL`.
 pub(super) const VERSION: u32 = 1;
 
 #[derive(Debug, Serialize)]
@@ -106,7 +106,7 @@ impl Answer {
     }
 }
 
-/// What to say of a line on standard output that answers nothing.
+/// Error for a line on standard output that is not an answer.
 pub(super) fn no_answer(line: &str) -> String {
     format!(
         "standard output is for answers alone, and this is none (print it to standard error): {}",

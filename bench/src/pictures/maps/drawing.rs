@@ -1,4 +1,4 @@
-//! A map in false colours, beside the bar that says which value each colour is.
+//! A map in false colours, with a colour bar.
 //!
 //! The colours (inferno) have equal steps of lightness for equal steps of value, so they stay in order in grey and
 //! under every form of colour blindness. Dark is alike, bright is different, in every map.
@@ -13,7 +13,7 @@ use crate::report::plots::text::{CAP_HEIGHT, Weight, width, wrapped, write};
 
 /// Small maps are enlarged, each pixel to a square, until their longer side has this many pixels.
 const SMALLEST_SIDE: u32 = 480;
-/// Where the metric has no value.
+/// Colour of pixels without a value.
 const NO_VALUE: Rgb<u8> = Rgb([0xB8, 0xBE, 0xC6]);
 const PAPER: Rgb<u8> = Rgb([255; 3]);
 
@@ -35,8 +35,7 @@ struct Layout {
     caption: Vec<String>,
 }
 
-/// The map at its own resolution (or enlarged), its key above, the colour bar beside and the reading instructions
-/// below it.
+/// The map at its own resolution or enlarged, with its key above, the colour bar at its side and an explanation below.
 pub fn drawing(map: &LocalMap) -> RgbImage {
     let ticks = Ticks::of(map);
     let layout = Layout::of(map, &ticks);

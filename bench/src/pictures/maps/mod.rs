@@ -1,4 +1,4 @@
-//! Where in a picture a metric finds a difference: maps as PNG in false colours and as EXR for numbers.
+//! Maps of a metric over a picture, as PNG in false colours and as EXR for numbers.
 
 mod drawing;
 
@@ -15,7 +15,7 @@ pub use self::drawing::drawing;
 /// One value a pixel; NaN where the metric has none.
 pub type Values = ImageBuffer<Luma<f32>, Vec<f32>>;
 
-/// What the two ends of the colours stand for. The dark end is always "alike", the bright one "different".
+/// Values at the two ends of the colours. The dark end always means "alike", the bright one "different".
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColourScale {
     pub alike: f64,
@@ -131,7 +131,7 @@ impl LocalMap {
     }
 }
 
-/// Where a map lies on disk.
+/// Paths of a map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapFiles {
     /// In false colours with a colour bar.

@@ -1,5 +1,5 @@
-//! What kind of a target's pixels a change is in, by the depth of both views: what the source shows, what it hides, what
-//! lies outside it, what is close to a depth edge.
+//! A change by class of the target's pixels, from the depth of both views: visible in the source, hidden, outside it, or
+//! close to a depth edge.
 //!
 //! PSNR is that of a class's pixels, SSIM and LPIPS the mean of their maps over them: a window or a network's receptive
 //! field reaches across the border of a class. DISTS has no map and is left out.
@@ -23,15 +23,15 @@ use crate::pairs::valid_depth::is_valid_depth;
 use crate::report::assemble::RunPictures;
 use crate::scoring::{GroundTruth, Region, Scoring};
 
-/// Depths that differ by more are two surfaces: what overlap takes too.
+/// Relative difference above which two depths are two surfaces, as for overlap.
 const RELATIVE: f64 = 0.05;
 /// Pixels around a depth edge that belong to it.
 const EDGE_RADIUS: i64 = 3;
 /// A class with a smaller share of a pair's scored pixels has no scores there.
 const LEAST_SHARE: f64 = 0.001;
 
-/// Where a pixel of the target lies for a method that saw the source alone. Each pixel is of the first class that fits, in
-/// this order.
+/// Class of a target pixel for a method that sees only the source. Each pixel has the first class that fits, in this
+/// order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelClass {
     /// At most three pixels from one whose depth differs from a neighbour's by more than 5 % of the nearer.
@@ -139,7 +139,7 @@ pub struct Anatomy {
     pub notes: Vec<String>,
 }
 
-/// What a pair says of a class.
+/// Scores of a class in a pair.
 struct ClassScores<'a> {
     class: PixelClass,
     share: f64,
@@ -309,7 +309,7 @@ fn posed(view: &View) -> Result<PosedDepth, String> {
     PosedDepth::of_view(view, depth).map_err(|error| error.to_string())
 }
 
-/// Of each class, the scored pixels of a region.
+/// For each class, its scored pixels in a region.
 fn masks(
     classes: &[PixelClass],
     image: &RgbImage,

@@ -1,7 +1,7 @@
-//! Where a change is: the pairs of each dataset by scene, and by bins of how far the camera moved.
+//! A change by parts: the pairs of each dataset by scene, and by bins of camera motion.
 //!
-//! Descriptive: intervals are those of the part alone, at 95 %, and are not corrected for how many parts there are. Whether
-//! a change is significant is the business of the [rows](super::ScoreChange).
+//! Descriptive: 95 % intervals are for each part alone, without correction for the number of parts. Significance is
+//! decided in the [rows](super::ScoreChange).
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use crate::report::sweep::Motion;
 /// Bins of a quantity at most.
 const BINS: usize = 5;
 
-/// What pairs are told apart by.
+/// Criterion that divides pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Division {
@@ -56,8 +56,8 @@ impl Division {
     }
 }
 
-/// Part of a dataset's pairs or of their pixels, with one metric of two methods. Differences are B − A; what is not finite is
-/// null.
+/// Part of a dataset's pairs or of their pixels, with one metric of two methods. Differences are B − A; values that are not
+/// finite are null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stratum {
     pub dataset: String,
@@ -141,7 +141,7 @@ impl RunComparison {
     }
 }
 
-/// None of them empty.
+/// The parts that are not empty.
 pub(super) fn parts<'c, 'a>(
     by: Division,
     changes: &[&'c PairChange<'a>],

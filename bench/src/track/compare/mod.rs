@@ -1,4 +1,4 @@
-//! Two runs, or two methods of one, pair by pair: what changed, and whether chance could have done it.
+//! Compares two runs, or two methods of one run, pair by pair, with the significance of each change.
 
 pub mod anatomy;
 pub mod breakdown;
@@ -49,7 +49,7 @@ pub enum CompareError {
     Anatomy(String),
 }
 
-/// How much of a change matters to nobody, by family of metrics, in the metric's unit.
+/// Largest change that does not matter in practice, by family of metrics, in the metric's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Practical(BTreeMap<Family, f64>);
 
@@ -76,7 +76,8 @@ impl Practical {
     }
 }
 
-/// One metric of two methods on one dataset. Differences are B − A; what is not finite, or not known, is null.
+/// One metric of two methods on one dataset. Differences are B − A; unknown values and values that are not finite are
+/// null.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScoreChange {
     /// Its name, or [`ALL`].
@@ -143,7 +144,7 @@ pub(super) fn word<S: serde::Serializer>(
     serializer.serialize_str(verdict_word(*verdict))
 }
 
-/// A method of A and the one of B that stands against it.
+/// A method of A and the method of B to compare with it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Against {
     /// Label in run A.
@@ -154,7 +155,7 @@ pub struct Against {
     pub joined: [String; 2],
 }
 
-/// What two runs say against each other.
+/// A comparison of two runs.
 #[derive(Debug, Clone)]
 pub struct RunComparison {
     /// Run folders or bundles.
@@ -245,7 +246,7 @@ pub fn compare(
     compare_results([(a, of_a), (b, of_b)], methods, practical)
 }
 
-/// As [`compare`], of results that were read already; paths are for errors only.
+/// Like [`compare`], for results in memory; paths are used only in errors.
 ///
 /// # Errors
 /// As [`compare`], without the first.
@@ -293,7 +294,7 @@ pub fn compare_results(
     Ok(comparison)
 }
 
-/// Of two methods, with notes. The error is a difference that forbids it.
+/// Rows of two methods, with notes. The error is a difference that makes them incomparable.
 fn rows(
     comparison: &RunComparison,
     against: &Against,
@@ -450,7 +451,7 @@ fn of_method<'a>(results: &'a Results, label: &str) -> BTreeMap<&'a str, &'a Rec
         .collect()
 }
 
-/// Those of the plan, whether done or not.
+/// Pairs of the plan, done or not.
 fn planned_pairs<'a>(results: &'a Results, label: &str) -> BTreeSet<&'a str> {
     let missing = results.missing.iter().filter(|(_, method)| method == label);
     let missing = missing.map(|(pair_id, _)| pair_id.as_str());

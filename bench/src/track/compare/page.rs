@@ -1,4 +1,4 @@
-//! A comparison as a folder: the report of both runs with what changed, where, and in which pairs.
+//! A comparison as a folder: the report of both runs with the changes, by part and by pair.
 
 use std::collections::BTreeMap;
 use std::path::Path;

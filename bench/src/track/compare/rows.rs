@@ -1,4 +1,4 @@
-//! The rows of a metric: one a dataset, one over all; and what they are made of.
+//! The rows of a metric: one per dataset and one over all, and their samples.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,4 +1,4 @@
-//! A comparison as tables for people: what changed, and where.
+//! A comparison as tables: the changes, and their parts.
 
 use std::collections::BTreeMap;
 
@@ -127,7 +127,7 @@ impl RunComparison {
     }
 }
 
-/// Of changes in the order of [`RunComparison::changes`], up to `count` of the largest losses and as many of the largest gains.
+/// Up to `count` of the largest losses and as many of the largest gains, in the order of [`RunComparison::changes`].
 pub(super) fn most_changed<'c, 'a>(
     changes: &'c [PairChange<'a>],
     count: usize,
@@ -226,7 +226,7 @@ fn stratum_cells(stratum: &Stratum, decimals: usize) -> Vec<GridCell> {
     .collect()
 }
 
-/// What a row of numbers does not say.
+/// Notes on a row.
 fn remarks(row: &ScoreChange) -> Vec<String> {
     let mut remarks = Vec::new();
     let dataset = &row.dataset;

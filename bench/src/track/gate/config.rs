@@ -1,4 +1,4 @@
-//! What a gate forbids: limits as people write them, on the command line and in `gate.toml`.
+//! Limits of a gate, as written on the command line and in `gate.toml`.
 //!
 //! ```text
 //! lpips > +0.005              on each dataset and over all: fires when B − A is above it, and significant
@@ -99,7 +99,7 @@ impl fmt::Display for MetricName {
     }
 }
 
-/// What a limit bounds, and where.
+/// The quantity and the part of the data that a limit bounds.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scope {
     /// Each dataset, and all of them together.
@@ -146,7 +146,7 @@ impl Resource {
     }
 }
 
-/// How much worse B may be than A.
+/// Largest amount by which B may be worse than A.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Limit {

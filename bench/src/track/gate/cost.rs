@@ -1,4 +1,4 @@
-//! Limits on what predictions cost, which say nothing across unlike devices.
+//! Limits on the cost of predictions, which are meaningless across different devices.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -92,7 +92,7 @@ impl Judge<'_> {
     }
 }
 
-/// Of A and of B: seconds of a pair on the mean of those that both have, or MiB.
+/// Costs of A and B: mean seconds per pair over the pairs that both have, or MiB.
 fn costs(cost: Resource, sides: &[BTreeMap<String, Timing>; 2]) -> Option<[f64; 2]> {
     let [a, b] = sides;
     let both = || a.iter().filter_map(|(pair, a)| Some([a, b.get(pair)?]));

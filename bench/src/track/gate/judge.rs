@@ -60,7 +60,7 @@ pub(super) struct Judge<'a> {
     pub(super) subjects: Vec<Option<Subject<'a>>>,
 }
 
-/// What a limit on a metric is about.
+/// Subject of a limit on a metric.
 #[derive(Clone, Copy)]
 pub(super) struct Subject<'a> {
     limit: &'a Limit,

@@ -1,10 +1,10 @@
-//! Whether run B may take the place of run A: limits that fire when a score is worse by more than they allow *and* chance is
-//! an unlikely reason, when single scenes are, when pairs lost their scores, or when predictions cost more.
+//! Decides whether run B may replace run A: limits fire when a score is worse by more than allowed *and* chance is an
+//! unlikely reason, when single scenes are worse, when pairs lost their scores, or when predictions cost more.
 //!
 //! * [`config`]: limits as people write them; [`output`]: tables, JUnit XML and Markdown.
-//! * `judge`: what fires; `cost`: the same of time and memory.
+//! * `judge`: limits on scores; `cost`: limits on time and memory.
 //!
-//! What cannot be judged never passes silently; `bench/docs/gate.md` has the table.
+//! Limits that cannot be judged never pass silently; `bench/docs/gate.md` has the table.
 
 pub mod config;
 mod cost;
@@ -35,7 +35,7 @@ pub enum GateError {
     Limits(String),
 }
 
-/// What came of a check, and of all of them; the graver the later.
+/// Outcome of one check, or of all; least to most severe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckState {
@@ -101,7 +101,7 @@ pub struct WorsePair {
     pub loss: f64,
 }
 
-/// What a gate says.
+/// Result of a gate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GateReport {
     pub a: PathBuf,

@@ -1,4 +1,4 @@
-//! What a gate says: tables for people, JUnit XML for a build server, Markdown for a comment on a pull request.
+//! Output of a gate: tables, JUnit XML for a build server, Markdown for a comment on a pull request.
 
 use std::fmt::Write as _;
 

@@ -34,7 +34,7 @@ pub const COLUMNS: [&str; 23] = [
     "p",
 ];
 
-/// Comma-separated values with a header, series by series. Numbers round-trip; what is not known is empty.
+/// Comma-separated values with a header, series by series. Numbers round-trip; unknown values are empty.
 pub fn csv(history: &History) -> Vec<u8> {
     let mut writer = ::csv::Writer::from_writer(Vec::new());
     // Writing into memory cannot fail.

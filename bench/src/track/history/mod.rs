@@ -56,7 +56,7 @@ struct Entry {
     bundle: Bundle,
 }
 
-/// What became of a run that was to be added.
+/// Outcome of adding a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Added {
     /// The entry that holds it.
@@ -104,7 +104,7 @@ impl History {
     }
 }
 
-/// What to say of a run: the label is the name of its folder or file unless another is given, the date is now.
+/// Metadata of a run: the label is the name of its folder or file unless another is given, the date is now.
 ///
 /// # Errors
 /// [`HistoryError::Occasion`].
@@ -278,7 +278,7 @@ fn names(dir: &Path) -> Result<(BTreeSet<u32>, Option<String>), FileError> {
     Ok((numbers, foreign))
 }
 
-/// A link is no entry: what it leads to may change.
+/// A link is not an entry: its target may change.
 fn entry_file(dir: &Path, number: u32) -> Result<PathBuf, FileError> {
     let path = entry_path(dir, number);
     let kind = fs::symlink_metadata(&path).map_err(FileError::new(&path, "read"))?;

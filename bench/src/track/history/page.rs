@@ -138,7 +138,7 @@ fn points(series: &[Series]) -> impl Iterator<Item = &Point> {
     series.iter().flat_map(|series| &series.points)
 }
 
-/// From half an entry before the first one to half an entry behind the last.
+/// Axis from half an entry before the first entry to half an entry after the last.
 fn horizontal(history: &History) -> PlotAxis {
     let number = |entry: Option<&(u32, Occasion)>| entry.map_or(1.0, |(n, _)| f64::from(*n));
     let (first, last) = (

@@ -1,9 +1,9 @@
-//! What scores do from entry to entry, and which entry changed them.
+//! Scores from entry to entry, and the entries that changed them.
 //!
-//! # Which entries are compared
+//! # Entries that are compared
 //! An entry continues a series from the latest earlier entry that it can be [compared](crate::track::compare) with on that
-//! dataset under that metric, with the same photographs. Where that is not the entry before it, the series is broken there, and
-//! the reason is kept; an entry comparable with none begins a part of its own.
+//! dataset under that metric, with the same photographs. If that is not the entry before it, the series is broken there, and
+//! the reason is kept; an entry that is comparable with none starts a new part.
 //!
 //! # Change points
 //! Both rules are the test of `compare`, on the same pairs, at 0.05 after Holm's correction over the datasets that are compared:
@@ -77,7 +77,7 @@ pub struct Point {
     pub change: Option<Mark>,
 }
 
-/// What makes an entry a change point.
+/// Rule by which an entry is a change point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mark {
     /// Better or worse.
@@ -115,7 +115,7 @@ struct Stretch {
     reference: Arc<Entry>,
 }
 
-/// All series, as entries come. Of earlier entries only those are kept that a later one may be compared with.
+/// All series, updated entry by entry. Only entries that a later one may be compared with are kept.
 #[derive(Debug, Default)]
 pub(super) struct Trend(Vec<Growing>);
 
@@ -275,7 +275,7 @@ struct MethodMetric<'a> {
     metric: &'a MetricRecord,
 }
 
-/// What two entries say against each other.
+/// Comparison of two entries.
 #[derive(Default)]
 struct Compared {
     rows: Vec<ScoreChange>,
