@@ -4,6 +4,7 @@
 //! The command line calls what is public here and no more.
 //!
 //! * [`io`]: what goes to disk and comes back.
+//! * [`config`]: what a run is told.
 //! * [`pairs`]: which pairs are evaluated, and the geometry that decides it.
 //! * [`rendering`]: which backend renders, and what happens when its device fails.
 //! * [`scoring`]: predictions against the truth.
@@ -21,6 +22,7 @@
 
 pub mod analyze;
 pub mod cli;
+pub mod config;
 pub mod evaluate;
 pub mod export;
 pub mod io;

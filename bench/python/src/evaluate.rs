@@ -25,7 +25,8 @@ use crate::arrays;
 use crate::errors::{failed, refused};
 use crate::gaussians::{Gaussians, rendered};
 use crate::pairs::{Warnings, cache, scene_checks};
-use crate::views::Camera;
+
+use crate::views::{Camera, configs};
 
 /// The view that a method starts from.
 #[pyclass(frozen, module = "sharp_bench")]
@@ -323,7 +324,7 @@ pub(crate) fn evaluate(
         let mut all: Vec<Box<dyn Method>> = vec![Box::new(own)];
         all.extend(methods::build(&specs, None)?);
         let scoring = Scoring::new(&selection, &Weights::at_hand())?;
-        let datasets = OpenDataset::open_all(&asked.datasets, None)?;
+        let datasets = OpenDataset::open_all(&configs(&asked.datasets)?, None)?;
         let mut request = Request::new(datasets, all, scoring);
         request.limit = asked.limit;
         request.checks = Some(scene_checks());

@@ -11,6 +11,7 @@ use sharp_bench::pairs::{
 
 use crate::errors::{failed, refused};
 use crate::table::{Column, Table};
+use crate::views::configs;
 
 /// Collects what the user should know.
 #[derive(Default)]
@@ -63,7 +64,7 @@ pub(crate) fn pairs(
     let options: PairOptions = options.parse().map_err(refused)?;
     let warnings = Warnings::default();
     let built = py.detach(|| -> anyhow::Result<_> {
-        let mut datasets = OpenDataset::open_all(&specs, scenes.as_deref())?;
+        let mut datasets = OpenDataset::open_all(&configs(&specs)?, scenes.as_deref())?;
         for dataset in &mut datasets {
             scene_checks().look_at(dataset, &warnings);
         }

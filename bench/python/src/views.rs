@@ -4,7 +4,8 @@ use glam::{DMat3, DVec3};
 use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArray3, PyArrayLike2, PyArrayMethods};
 use pyo3::prelude::*;
 use sharp::camera::{Intrinsics, RigidTransform};
-use sharp_bench::pairs::{OpenDataset, PosedCamera};
+use sharp_bench::config::DatasetConfig;
+use sharp_bench::pairs::{OpenDataset, PairError, PosedCamera};
 use sharp_datasets as core;
 
 use crate::arrays;
@@ -210,6 +211,11 @@ impl Dataset {
     }
 }
 
+/// Specs, `[NAME:]FORMAT=PATH[,key=value…]`.
+pub(crate) fn configs(specs: &[String]) -> Result<Vec<DatasetConfig>, PairError> {
+    specs.iter().map(|spec| spec.parse()).collect()
+}
+
 /// Opens datasets.
 #[pyfunction]
 #[pyo3(signature = (specs, scenes=None))]
@@ -219,7 +225,7 @@ pub(crate) fn datasets(
     scenes: Option<String>,
 ) -> PyResult<Vec<Dataset>> {
     let open = py
-        .detach(|| OpenDataset::open_all(&specs, scenes.as_deref()))
+        .detach(|| OpenDataset::open_all(&configs(&specs)?, scenes.as_deref()))
         .map_err(failed)?;
     let scene = |scene: core::Scene| {
         let views = scene
@@ -238,8 +244,8 @@ pub(crate) fn datasets(
         Ok(Dataset {
             notes: dataset.left_out.iter().map(ToString::to_string).collect(),
             name: dataset.name,
-            spec: dataset.spec,
-            format: dataset.format,
+            spec: dataset.config.without_pairs().to_string(),
+            format: dataset.config.spec.entry.format,
             scenes: dataset
                 .scenes
                 .into_iter()

@@ -11,6 +11,7 @@ use sharp_metrics::{Device, Scorer, ScorerOptions, Selection, Unavailable, Weigh
 
 use super::outcome::UsageError;
 use super::output;
+use crate::config::DatasetConfig;
 use crate::evaluate::PairOrigin;
 use crate::io::counts::counted;
 use crate::pairs::frame::Frame;
@@ -120,7 +121,7 @@ pub(super) fn demand_weights(selection: &Selection, scorer: &Scorer) -> anyhow::
 pub(super) struct DatasetArgs {
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", required = true)]
-    pub(super) datasets: Vec<String>,
+    pub(super) datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB")]
     pub(super) scenes: Option<String>,
@@ -133,7 +134,10 @@ impl DatasetArgs {
     }
 
     /// As [`open`](Self::open), of specs that a protocol changed.
-    pub(super) fn open_specs(&self, specs: &[String]) -> Result<Vec<OpenDataset>, PairError> {
+    pub(super) fn open_specs(
+        &self,
+        specs: &[DatasetConfig],
+    ) -> Result<Vec<OpenDataset>, PairError> {
         let datasets = OpenDataset::open_all(specs, self.scenes.as_deref())?;
         for dataset in &datasets {
             for group in &dataset.left_out {

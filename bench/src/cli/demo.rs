@@ -57,8 +57,8 @@ pub(super) fn execute(args: &DemoArgs) -> anyhow::Result<Outcome> {
     super::set_threads(args.threads)?;
     let data = sharp_datasets::bundled::extract(&args.out.join("data"))?;
     let datasets = [
-        format!("Middlebury:middlebury={}", data.display()),
-        SYNTHETIC.to_owned(),
+        format!("Middlebury:middlebury={}", data.display()).parse()?,
+        SYNTHETIC.parse()?,
     ];
     let mut options = PairOptions::default();
     options.sampling.limit = Some(SYNTHETIC_PAIRS);

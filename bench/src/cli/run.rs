@@ -332,7 +332,7 @@ fn dry_run(evaluation: &Evaluation, args: &RunArgs) -> anyhow::Result<Outcome> {
             dataset.name,
             counted(dataset.scenes, "scene"),
             counted(dataset.views, "view"),
-            dataset.spec
+            dataset.spec_text()
         ))?;
     }
     output::line(format!(

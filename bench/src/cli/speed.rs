@@ -13,6 +13,7 @@ use super::output::Terminal;
 use super::rendering_args::RenderingArgs;
 use super::run::build_methods;
 use super::{Outcome, output};
+use crate::config::DatasetConfig;
 use crate::evaluate::speed::SpeedOptions;
 use crate::evaluate::{Request, prepare};
 use crate::io::machine::cpu_and_threads;
@@ -42,7 +43,7 @@ pub(super) struct SpeedArgs {
     methods: Vec<String>,
     /// A dataset to measure on, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC", requires = "methods")]
-    datasets: Vec<String>,
+    datasets: Vec<DatasetConfig>,
     #[command(flatten)]
     pairs: PairArgs,
     /// Pairs of each dataset that are measured, spread over its scenes

@@ -12,6 +12,7 @@ use super::outcome::UsageError;
 use super::output::Terminal;
 use super::run::time;
 use super::{Outcome, output};
+use crate::config::DatasetConfig;
 use crate::evaluate::record::finite_or_text;
 use crate::io::counts::counted;
 use crate::io::hash::file_sha256;
@@ -44,7 +45,7 @@ pub(super) struct TrainArgs {
     /// A dataset to validate on, [NAME:]FORMAT=PATH[,key=value…]; repeatable. Procedural scenes need seeds below 1000 or
     /// from 900000, which no training sees
     #[arg(long, value_name = "SPEC", default_value = ValidationRequest::DATASET)]
-    validation: Vec<String>,
+    validation: Vec<DatasetConfig>,
     /// Pairs to validate on at most, spread over datasets and scenes
     #[arg(long, value_name = "N", default_value_t = ValidationRequest::PAIRS)]
     validation_pairs: usize,

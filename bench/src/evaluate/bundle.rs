@@ -218,7 +218,7 @@ impl Bundle {
     pub fn content_sha256(&self) -> serde_json::Result<String> {
         let mut manifest = self.results.manifest.clone();
         for dataset in &mut manifest.datasets {
-            dataset.spec.clear();
+            dataset.spec = None;
         }
         for method in &mut manifest.methods {
             method.spec.clear();

@@ -28,6 +28,10 @@ pub enum EvaluateError {
         /// What its path is relative to; empty for an absolute one.
         from: String,
     },
+    #[error(
+        "dataset '{0}': the manifest does not tell, in a form that this version reads, where its files lay"
+    )]
+    NoDatasetSpec(String),
     /// A method's options.
     #[error(transparent)]
     Method(#[from] SpecError),

@@ -268,8 +268,8 @@ fn joined_manifests(mut a: Manifest, b: Manifest) -> Result<Manifest, String> {
             Some(before) if before.identity != dataset.identity => {
                 differs(
                     &format!("the reading of dataset '{}'", dataset.name),
-                    &before.spec,
-                    &dataset.spec,
+                    &before.spec_text(),
+                    &dataset.spec_text(),
                 )?;
             }
             Some(before) => {

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,7 @@ use super::aggregation::Aggregation;
 use super::error::EvaluateError;
 use super::keys::method_identity;
 use super::unit::Slot;
+use crate::config::DatasetConfig;
 use crate::io::text::visible_line;
 use crate::methods::{MethodIdentity, Privilege};
 use crate::pairs::dataset::DatasetReading;
@@ -165,8 +166,10 @@ impl fmt::Display for RendererRecord {
 pub struct DatasetRecord {
     /// Its column group in the tables.
     pub name: String,
-    /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
-    pub spec: String,
+    /// As asked for, without pair options; `None` where it is not told, or in a form of another version.
+    #[serde(with = "spec_text")]
+    #[schemars(with = "String")]
+    pub spec: Option<DatasetConfig>,
     /// The reader.
     pub format: String,
     /// Hash of reader and settings; the path is not part of it.
@@ -201,19 +204,29 @@ impl DatasetRecord {
         (!sizes.is_empty()).then(|| format!("{} pixels", sizes.join(" to ")))
     }
 
+    /// The spec as it is given on a command line; empty where it is not told.
+    pub fn spec_text(&self) -> String {
+        self.spec
+            .as_ref()
+            .map(ToString::to_string)
+            .unwrap_or_default()
+    }
+
     /// Opens it again as it was read.
     ///
     /// # Errors
     /// When it cannot be opened from this working directory.
     pub fn open(&self, scenes: Option<&str>) -> Result<OpenDataset, EvaluateError> {
-        OpenDataset::open_recorded(&self.spec, &self.readings, scenes).map_err(|reason| {
-            let path = self.spec.split_once('=').map(|(_, path)| Path::new(path));
+        let Some(config) = &self.spec else {
+            return Err(EvaluateError::NoDatasetSpec(self.name.clone()));
+        };
+        OpenDataset::open_recorded(config, &self.readings, scenes).map_err(|reason| {
             let here = std::env::current_dir();
             EvaluateError::RunDataset {
-                spec: self.spec.clone(),
+                spec: config.to_string(),
                 reason: Box::new(reason),
-                from: match (path, here) {
-                    (Some(path), Ok(here)) if path.is_relative() => format!(
+                from: match here {
+                    Ok(here) if config.spec.path.is_relative() => format!(
                         "; the path was given relative to where `run` was started, and is sought below {}",
                         here.display()
                     ),
@@ -221,6 +234,26 @@ impl DatasetRecord {
                 },
             }
         })
+    }
+}
+
+/// A dataset's spec as its text, empty for `None`.
+mod spec_text {
+    use super::DatasetConfig;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(
+        spec: &Option<DatasetConfig>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        let text = spec.as_ref().map(ToString::to_string);
+        serializer.serialize_str(&text.unwrap_or_default())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Option<DatasetConfig>, D::Error> {
+        Ok(String::deserialize(deserializer)?.parse().ok())
     }
 }
 

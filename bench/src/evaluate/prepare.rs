@@ -327,8 +327,8 @@ impl Evaluation {
     pub fn manifest(&self) -> Result<Manifest, EvaluateError> {
         let dataset = |dataset: &OpenDataset| DatasetRecord {
             name: dataset.name.clone(),
-            spec: dataset.spec.clone(),
-            format: dataset.format.to_owned(),
+            spec: Some(dataset.config.without_pairs()),
+            format: dataset.config.spec.entry.format.to_owned(),
             identity: dataset_identity(dataset),
             only_scenes: self.only_scenes.clone(),
             scenes: dataset.scenes.len(),

@@ -15,7 +15,7 @@ use crate::scoring::Scoring;
 
 /// A manifest of a procedural scene `D_1`, a method `m` and some metrics.
 pub(crate) fn manifest(metrics: &str) -> Manifest {
-    let datasets = ["D_1:synthetic=size=16x12,views=4".to_owned()];
+    let datasets = ["D_1:synthetic=size=16x12,views=4".parse().unwrap()];
     let black = |_: &SourceView, target: &TargetCamera| -> Result<_, MethodError> {
         let (width, height) = target.size();
         Ok(RgbImage::new(width, height).into())

@@ -45,7 +45,7 @@ fn request(methods: Methods, metrics: &str, limit: usize) -> Request {
         limit: Some(limit),
         methods,
         ..Request::new(
-            OpenDataset::open_all(&[DATASET.to_owned()], None).unwrap(),
+            OpenDataset::open_all(&[DATASET.parse().unwrap()], None).unwrap(),
             Vec::new(),
             Scoring::new(&selection, &Weights::deterministic("")).unwrap(),
         )
@@ -487,7 +487,7 @@ fn a_truth_that_could_not_be_read_costs_no_prediction() {
     let evaluate = || {
         let spec = format!("middlebury={}", data.display());
         let request = Request {
-            datasets: OpenDataset::open_all(&[spec], None).unwrap(),
+            datasets: OpenDataset::open_all(&[spec.parse().unwrap()], None).unwrap(),
             ..request(by_spec(&["mean"]), "psnr", 1)
         };
         run_with(&dir.path().join("r"), request, RunOptions::default())
@@ -522,7 +522,7 @@ fn a_file_that_changes_during_the_run_fails_its_unit_and_is_read_anew_afterwards
         };
         let spec = format!("middlebury={}", data.display());
         let request = Request {
-            datasets: OpenDataset::open_all(&[spec], None).unwrap(),
+            datasets: OpenDataset::open_all(&[spec.parse().unwrap()], None).unwrap(),
             ..request(one(Closure::new("r", "", replaces)), "psnr", 1)
         };
         run_with(&dir.path().join("r"), request, RunOptions::default())
@@ -676,8 +676,10 @@ fn prediction_runs_one_pair_ahead_of_scoring_and_no_further() {
 fn pair_options_of_a_dataset_are_its_own() {
     let mut request = request(by_spec(&["copy"]), "psnr", 4);
     let specs = [
-        "A:synthetic=size=48x36,views=20,seed=1,pairs.threshold=0.9".to_owned(),
-        "B:synthetic=size=48x36,views=20,seed=1".to_owned(),
+        "A:synthetic=size=48x36,views=20,seed=1,pairs.threshold=0.9"
+            .parse()
+            .unwrap(),
+        "B:synthetic=size=48x36,views=20,seed=1".parse().unwrap(),
     ];
     request.datasets = OpenDataset::open_all(&specs, None).unwrap();
     let manifest = prepare(request, &Quiet).unwrap().manifest().unwrap();

@@ -29,13 +29,13 @@ pub fn counted_pairs(dataset: &str, counts: &PairCounts) -> String {
 }
 
 /// A sentence for a dataset of which no pair is selected, or whose depth is too sparse for the choices made; `None` where
-/// there is nothing to say. `spec` is the dataset as asked for.
+/// there is nothing to say.
 pub(super) fn advice(
-    name: &str,
-    spec: &str,
+    dataset: &DatasetSpec,
     counts: &PairCounts,
     options: &PairOptions,
 ) -> Option<String> {
+    let name = &dataset.name;
     let sparse = counts.is_sparse() && options.depth.is_ground_truth();
     if counts.selected > 0 {
         return sparse.then(|| {
@@ -48,7 +48,7 @@ pub(super) fn advice(
     let why = if counts.qualified > 0 {
         format!("limit={} selects none", options.sampling.limit.unwrap_or(0))
     } else if counts.views > 0 && counts.with_depth == 0 && counts.too_near + counts.too_far == 0 {
-        without_depth(spec, options)
+        without_depth(dataset, options)
     } else if counts.considered == 0 {
         "no set has two views; sets= and remainder= decide what a set is".to_owned()
     } else if counts.too_near + counts.too_far == counts.considered {
@@ -82,11 +82,8 @@ fn sparseness(counts: &PairCounts) -> String {
 }
 
 /// No view has depth: which side is missing it, and where depth could come from.
-fn without_depth(spec: &str, options: &PairOptions) -> String {
-    let spec = DatasetSpec::parse(spec).ok();
-    let (format, split) = spec
-        .as_ref()
-        .map_or(("", ""), |spec| (spec.entry.format, spec.setting("split")));
+fn without_depth(dataset: &DatasetSpec, options: &PairOptions) -> String {
+    let (format, split) = (dataset.entry.format, dataset.setting("split"));
     if options.depth.is_ground_truth() && format == "scannetpp" && split.starts_with("nvs_test") {
         return format!(
             "no view has depth; split={split} comes without meshes and hides its targets; take split=nvs_sem_val, which \
@@ -118,7 +115,8 @@ mod tests {
             considered: 90,
             ..counts
         };
-        advice("D", spec, &counts, &options.parse().unwrap())
+        let dataset = DatasetSpec::parse(&format!("D:{spec}")).unwrap();
+        advice(&dataset, &counts, &options.parse().unwrap())
     }
 
     fn depth(with_depth: usize, with_sparse_depth: usize) -> PairCounts {
@@ -189,7 +187,8 @@ mod tests {
             views: 1,
             ..depth(1, 0)
         };
-        let no_set = advice("D", "eth3d=/x", &no_set, &PairOptions::default()).unwrap();
+        let eth3d = DatasetSpec::parse("D:eth3d=/x").unwrap();
+        let no_set = advice(&eth3d, &no_set, &PairOptions::default()).unwrap();
         assert!(no_set.contains("no set has two views"), "{no_set}");
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
-use sharp_datasets::{DatasetSpec, Pairing, Scene};
+use sharp_datasets::{Pairing, Scene};
 
 use super::PairError;
 use super::build::{BuildContext, PairBuild, build_pairs};
@@ -216,20 +216,20 @@ pub fn other_readings(
 ) -> Result<Vec<OtherReading>, PairError> {
     let mut readings = Vec::new();
     for dataset in datasets {
-        let spec = DatasetSpec::parse(&dataset.spec)?;
+        let spec = &dataset.config.spec;
         let settings = spec.entry.settings.iter();
         let of_paper = settings.filter(|s| !NO_READINGS.contains(&s.key));
         for setting in of_paper {
             let others = setting.choices.iter().map(|choice| choice.value);
             for value in others.filter(|value| *value != spec.setting(setting.key)) {
-                let mut other = spec.clone();
-                other.settings.insert(setting.key, value.to_owned());
-                let opened = OpenDataset::open_all(&[other.to_string()], only_scenes);
+                let mut config = dataset.config.clone();
+                config.spec.settings.insert(setting.key, value.to_owned());
+                let opened = OpenDataset::open_all(std::slice::from_ref(&config), only_scenes);
                 let opened = opened.map(|mut opened| opened.pop());
                 readings.push(OtherReading {
                     dataset: dataset.name.clone(),
                     change: format!("{}={value}", setting.key),
-                    settings: format!("{} {:?}", other.entry.format, other.settings),
+                    settings: format!("{} {:?}", spec.entry.format, config.spec.settings),
                     scenes: match opened {
                         Ok(opened) => Ok(opened.map_or_else(Vec::new, |found| found.scenes)),
                         Err(error) => Err(error.to_string()),

@@ -1,41 +1,30 @@
 //! Datasets as they were opened, with the pair options given for each.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 
 use globset::{GlobBuilder, GlobMatcher};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sharp_datasets::Scene;
 use sharp_datasets::check::advice::Units;
 use sharp_datasets::left_out::{LeftOutScenes, by_reason};
-use sharp_datasets::{DatasetSpec, Scene};
 
 use super::error::PairError;
-use super::frame::Frame;
+use crate::config::DatasetConfig;
 
 /// The name of what several datasets say together, which no dataset can have.
 pub const ALL_DATASETS: &str = "all";
 
-/// Starts a key of a dataset that is a pair option, so that it cannot collide with a reading.
-const PAIR_OPTION: &str = "pairs.";
-
-/// Starts the setting of a dataset that is a [`Frame`].
-const FRAME: &str = "frame=";
-
 #[derive(Debug, Clone)]
 pub struct OpenDataset {
     pub name: String,
-    /// `[NAME:]FORMAT=PATH[,key=value…]` as given, without pair options.
-    pub spec: String,
-    pub format: &'static str,
-    /// The dataset's folder; `None` for a procedural one.
-    pub root: Option<PathBuf>,
+    /// As asked for.
+    pub config: DatasetConfig,
     /// The reader and its settings, whatever the folder: what decides which views the same files mean.
     pub settings: String,
     /// Readings of the paper that the settings stand for.
     pub readings: Vec<DatasetReading>,
-    /// Pair options of this dataset alone, `key=value` by commas; empty where the common ones hold.
-    pub pair_options: String,
     /// In which units its files are read.
     pub units: Units,
     pub scenes: Vec<Scene>,
@@ -60,10 +49,13 @@ impl OpenDataset {
     ///
     /// # Errors
     /// When a dataset or all of its scenes cannot be read, a name occurs twice, or no scene matches.
-    pub fn open_all(specs: &[String], scenes: Option<&str>) -> Result<Vec<Self>, PairError> {
+    pub fn open_all(
+        configs: &[DatasetConfig],
+        scenes: Option<&str>,
+    ) -> Result<Vec<Self>, PairError> {
         let mut open: Vec<Self> = Vec::new();
-        for text in specs {
-            let dataset = Self::open_recorded(text, &[], scenes)?;
+        for config in configs {
+            let dataset = Self::open_recorded(config, &[], scenes)?;
             let is_taken = open.iter().any(|other| other.name == dataset.name);
             if is_taken || dataset.name == ALL_DATASETS {
                 let reason = match is_taken {
@@ -73,7 +65,7 @@ impl OpenDataset {
                     ),
                 };
                 return Err(PairError::DatasetSpec {
-                    spec: text.clone(),
+                    spec: config.to_string(),
                     reason,
                 });
             }
@@ -91,21 +83,11 @@ impl OpenDataset {
     /// # Errors
     /// As [`Self::open_all`]; that no scene matches is none.
     pub fn open_recorded(
-        text: &str,
+        config: &DatasetConfig,
         recorded: &[DatasetReading],
         scenes: Option<&str>,
     ) -> Result<Self, PairError> {
-        let (plain, pair_options) = split_off(text, PAIR_OPTION);
-        let (of_reader, frames) = split_off(&plain, FRAME);
-        let refused = |reason: String| PairError::DatasetSpec {
-            spec: text.to_owned(),
-            reason,
-        };
-        let frame: Option<Frame> = match frames.is_empty() {
-            true => None,
-            false => Some(frames.parse().map_err(refused)?),
-        };
-        let given = DatasetSpec::parse(&of_reader)?;
+        let given = &config.spec;
         let mut spec = given.clone();
         for reading in recorded.iter().filter(|r| given.setting(&r.key) != r.value) {
             let mut settings = spec.entry.settings.iter();
@@ -137,8 +119,8 @@ impl OpenDataset {
             })
             .collect();
         let mut scenes = scenes;
-        if let Some(frame) = frame {
-            settings += &format!(" {FRAME}{frame}");
+        if let Some(frame) = config.frame {
+            settings += &format!(" frame={frame}");
             readings.push(DatasetReading {
                 key: "frame".to_owned(),
                 value: frame.to_string(),
@@ -147,21 +129,28 @@ impl OpenDataset {
                 open: false,
             });
             for view in scenes.iter_mut().flat_map(|scene| &mut scene.views) {
-                *view = frame.apply(view).map_err(refused)?;
+                let applied = frame.apply(view);
+                *view = applied.map_err(|reason| PairError::DatasetSpec {
+                    spec: config.to_string(),
+                    reason,
+                })?;
             }
         }
         Ok(Self {
-            format: spec.entry.format,
             settings,
             units: Units::of(&spec),
             readings,
-            root: (!spec.path.as_os_str().is_empty()).then(|| spec.path.clone()),
             name: spec.name,
-            spec: plain,
-            pair_options,
+            config: config.clone(),
             scenes,
             left_out,
         })
+    }
+
+    /// The dataset's folder; `None` for a procedural one.
+    pub fn root(&self) -> Option<&Path> {
+        let path = self.config.spec.path.as_path();
+        (!path.as_os_str().is_empty()).then_some(path)
     }
 
     /// The scenes that are broken or incomplete.
@@ -243,16 +232,6 @@ fn scene_matcher(pattern: &str) -> Result<GlobMatcher, PairError> {
     }
 }
 
-/// `eth3d=PATH,pairs.overlap=given` into `eth3d=PATH` and `overlap=given`, where the start is `pairs.`.
-fn split_off(text: &str, start: &str) -> (String, String) {
-    let (options, plain): (Vec<&str>, Vec<&str>) = text
-        .split(',')
-        .partition(|part| part.trim_start().starts_with(start));
-    let bare = |option: &&str| option.trim_start()[start.len()..].to_owned();
-    let options: Vec<String> = options.iter().map(bare).collect();
-    (plain.join(","), options.join(","))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -295,14 +274,16 @@ mod tests {
                 std::fs::copy(format!("{source}/{file}"), target.join(file)).unwrap();
             }
         }
-        let text = format!("M:middlebury={}", dir.path().display());
+        let config = format!("M:middlebury={}", dir.path().display());
+        let config: DatasetConfig = config.parse().unwrap();
         let recorded = |key: &str, value: &str| DatasetReading {
             key: key.to_owned(),
             value: value.to_owned(),
             proxy: false,
             open: false,
         };
-        let open = |readings: &[DatasetReading]| OpenDataset::open_recorded(&text, readings, None);
+        let open =
+            |readings: &[DatasetReading]| OpenDataset::open_recorded(&config, readings, None);
         let now = open(&[]).unwrap();
         // The default of earlier versions, a value and a key that none had.
         let then = open(&[recorded("rectification", "any")]).unwrap();
@@ -311,26 +292,11 @@ mod tests {
         assert_eq!(counts, [(1, 1), (2, 0), (1, 1)]);
         // What was asked for is the same, and with it the identity of results.
         assert_eq!(now.settings, then.settings);
-        assert_eq!(now.spec, then.spec);
-    }
-
-    #[test]
-    fn pair_options_of_a_dataset_are_told_from_its_readings() {
-        let (plain, options) = split_off(
-            "E:eth3d=a/b,pairs.overlap=given,depth=points,pairs.overlap-depth=d",
-            PAIR_OPTION,
-        );
-        assert_eq!(plain, "E:eth3d=a/b,depth=points");
-        assert_eq!(options, "overlap=given,overlap-depth=d");
-        let text = "S:synthetic=size=48x36,views=4,pairs.threshold=0.5".to_owned();
-        let open = OpenDataset::open_all(&[text], None).unwrap();
-        assert_eq!(open[0].spec, "S:synthetic=size=48x36,views=4");
-        assert_eq!(open[0].pair_options, "threshold=0.5");
     }
 
     #[test]
     fn a_frame_is_a_reading_and_part_of_the_identity() {
-        let open = |text: &str| OpenDataset::open_recorded(text, &[], None);
+        let open = |text: &str| OpenDataset::open_recorded(&text.parse()?, &[], None);
         let plain = open("synthetic=size=48x36,views=2").unwrap();
         let text = "S:synthetic=size=48x36,views=2,frame=cover:24x24:area,pairs.order=once";
         let framed = open(text).unwrap();
@@ -343,11 +309,10 @@ mod tests {
         let view = &framed.scenes[0].views[0];
         assert_eq!(view.content.image().unwrap().dimensions(), (24, 24));
         // What a manifest records opens the same.
-        let again = OpenDataset::open_recorded(&framed.spec, &framed.readings, None).unwrap();
+        let recorded = framed.config.without_pairs();
+        let again = OpenDataset::open_recorded(&recorded, &framed.readings, None).unwrap();
         assert_eq!(again.settings, framed.settings);
-        for (frame, reason) in [("cover:64x64:area", "48x36"), ("cover", "WxH")] {
-            let error = open(&format!("synthetic=size=48x36,views=2,frame={frame}")).unwrap_err();
-            assert!(error.to_string().contains(reason), "{error}");
-        }
+        let error = open("synthetic=size=48x36,views=2,frame=cover:64x64:area").unwrap_err();
+        assert!(error.to_string().contains("48x36"), "{error}");
     }
 }

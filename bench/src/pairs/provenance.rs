@@ -10,6 +10,7 @@ use sharp_datasets::entry::{PaperOverlap, entry};
 
 use super::options::PairOptions;
 use super::pair_list::PairList;
+use crate::config::DatasetConfig;
 use crate::io::atomic_files::{FileError, write_json};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -55,13 +56,13 @@ impl ListCompanion {
     pub fn new(
         list: &PairList,
         choices: &BTreeMap<String, PairProvenance>,
-        datasets: &[String],
+        datasets: &[DatasetConfig],
     ) -> Self {
         Self {
             schema: SCHEMA,
             sha256: list.sha256.clone(),
             choices: choices.clone(),
-            datasets: datasets.to_vec(),
+            datasets: datasets.iter().map(ToString::to_string).collect(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         }
     }

@@ -17,6 +17,7 @@ use super::options::{OverlapDepth, PairOptions};
 use super::overlap_cache::OverlapCache;
 use super::pair_list::PairList;
 use super::provenance::{DepthMaps, PairProvenance};
+use crate::config::PairOverrides;
 use crate::io::checkpoint::named_network;
 use crate::io::observer::Observer;
 
@@ -75,7 +76,7 @@ impl PairRecipe {
             self.options.depth = OverlapDepth::Given;
         }
         let depth = self.options.depth;
-        let given = self.takes_maps();
+        let given = depth.takes_maps();
         if given != self.overlap_depth.is_some() {
             let needs = if given { "needs" } else { "does not take" };
             let reason = format!("overlap={depth} {needs} --overlap-depth DIR");
@@ -90,36 +91,29 @@ impl PairRecipe {
 
     /// The recipe of a dataset: this one, changed by the dataset's own pair options.
     pub fn of(&self, dataset: &OpenDataset) -> Result<Self, PairError> {
-        let mut recipe = self.clone();
-        let mut options = Vec::new();
-        for entry in dataset.pair_options.split(',').filter(|e| !e.is_empty()) {
-            match entry.split_once('=') {
-                Some(("overlap-depth", dir)) => recipe.overlap_depth = Some(dir.into()),
-                Some(("overlap-checkpoint", file)) => recipe.overlap_checkpoint = Some(file.into()),
-                Some(("overlap-config", file)) => recipe.overlap_config = Some(file.to_owned()),
-                _ => options.push(entry),
-            }
-        }
+        let own = &dataset.config.pairs;
         let named = |error: PairError| PairError::DatasetSpec {
-            spec: format!("{},{}", dataset.spec, dataset.pair_options),
+            spec: dataset.config.to_string(),
             reason: error.to_string(),
         };
-        recipe.options = recipe.options.with(&options.join(",")).map_err(named)?;
+        let options = self.options.with(&own.options_text()).map_err(named)?;
+        let mut common = self.clone();
         // Files of the common choice are left to the datasets that it holds for.
-        let own = |key: &str| dataset.pair_options.contains(key);
-        if own("overlap=") && !own("overlap-depth=") && !recipe.takes_maps() {
-            recipe.overlap_depth = None;
+        if own.options.contains_key("overlap") {
+            common
+                .overlap_depth
+                .take_if(|_| !options.depth.takes_maps());
+            common
+                .overlap_checkpoint
+                .take_if(|_| options.depth != OverlapDepth::SharpRelease);
         }
-        if own("overlap=") && recipe.options.depth != OverlapDepth::SharpRelease {
-            recipe.overlap_checkpoint = None;
-        }
+        let recipe = Self {
+            options,
+            overlap_depth: own.overlap_depth.clone().or(common.overlap_depth),
+            overlap_checkpoint: own.overlap_checkpoint.clone().or(common.overlap_checkpoint),
+            overlap_config: own.overlap_config.clone().or(common.overlap_config),
+        };
         recipe.checked().map_err(named)
-    }
-
-    /// True if depth maps by anyone decide overlap.
-    fn takes_maps(&self) -> bool {
-        let depth = self.options.depth;
-        matches!(depth, OverlapDepth::Given | OverlapDepth::GivenMetric)
     }
 
     /// Builds the list of opened datasets, each by its own recipe. Files that cannot be read are warnings.
@@ -153,7 +147,7 @@ impl PairRecipe {
             let found = build_pairs(&dataset.scenes, &recipe.options, &context)?;
             before += dataset.scenes.len();
             if let Some(counts) = found.summaries.get(&dataset.name) {
-                let sentence = advice(&dataset.name, &dataset.spec, counts, &recipe.options);
+                let sentence = advice(&dataset.config.spec, counts, &recipe.options);
                 built.advice.extend(sentence);
             }
             built
@@ -204,9 +198,10 @@ impl PairRecipe {
         cache: Option<&OverlapCache>,
         observer: &dyn Observer,
     ) -> Result<Vec<Alternative>, PairError> {
-        if let Some(own) = datasets.iter().find(|d| !d.pair_options.is_empty()) {
+        let of_common = PairOverrides::default();
+        if let Some(own) = datasets.iter().find(|d| d.config.pairs != of_common) {
             return Err(PairError::DatasetSpec {
-                spec: format!("{},{}", own.spec, own.pair_options),
+                spec: own.config.to_string(),
                 reason: "--ambiguity changes one list of choices: give them as --pair-options"
                     .to_owned(),
             });
@@ -282,7 +277,7 @@ fn context<'a>(
     progress: &'a dyn Fn(usize, usize),
 ) -> BuildContext<'a> {
     let roots = datasets.iter();
-    let roots = roots.filter_map(|d| Some((d.name.clone(), d.root.clone()?)));
+    let roots = roots.filter_map(|d| Some((d.name.clone(), d.root()?.to_owned())));
     let settings = datasets.iter();
     let settings = settings.map(|d| (d.name.clone(), d.settings.clone()));
     BuildContext {
@@ -309,7 +304,7 @@ mod tests {
     fn a_dataset_changes_the_common_choices_for_itself() {
         let open = |options: &str| {
             let text = format!("S:synthetic=size=48x36,views=2{options}");
-            OpenDataset::open_all(&[text], None).unwrap().remove(0)
+            OpenDataset::open_recorded(&text.parse().unwrap(), &[], None).unwrap()
         };
         let common = PairRecipe {
             overlap_depth: Some("maps".into()),
@@ -328,7 +323,7 @@ mod tests {
         assert_eq!(own.overlap_depth, Some("mine".into()));
         for wrong in [
             ",pairs.bogus=1",
-            ",pairs.overlap=ground-truth,pairs.overlap-depth=x,pairs.overlap=given",
+            ",pairs.overlap=ground-truth,pairs.overlap-depth=x",
         ] {
             let error = common.of(&open(wrong)).unwrap_err();
             assert!(matches!(error, PairError::DatasetSpec { .. }), "{error}");

@@ -11,6 +11,7 @@ use sharp::color::Quantization;
 use sharp_datasets::error::nearest_of;
 use sharp_metrics::{MetricKey, Selection, SelectionError};
 
+use crate::config::DatasetConfig;
 use crate::evaluate::Aggregation;
 use crate::evaluate::manifest::ProtocolRecord;
 use crate::pairs::PairOptions;
@@ -73,8 +74,7 @@ pub enum Quantised {
 /// What was asked for besides a protocol.
 #[derive(Debug, Clone, Copy)]
 pub struct Asked<'a> {
-    /// Dataset specs, `[NAME:]FORMAT=PATH[,key=value…]`.
-    pub datasets: &'a [String],
+    pub datasets: &'a [DatasetConfig],
     pub has_pair_list: bool,
     pub pair_options: Option<&'a PairOptions>,
     pub metrics: Option<&'a Selection>,
@@ -84,7 +84,7 @@ pub struct Asked<'a> {
 /// What a request becomes under a protocol.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Followed {
-    pub datasets: Vec<String>,
+    pub datasets: Vec<DatasetConfig>,
     /// `None` where the protocol names none and none were asked for.
     pub metrics: Option<Selection>,
     pub quantization: Option<Quantization>,
@@ -142,7 +142,11 @@ impl Protocol {
     pub fn follow(&self, asked: Asked<'_>) -> Result<Followed, ProtocolError> {
         self.check_pairs(asked)?;
         Ok(Followed {
-            datasets: self.composited(self.framed(asked.datasets)?),
+            datasets: asked
+                .datasets
+                .iter()
+                .map(|dataset| self.seen(dataset))
+                .collect::<Result<_, _>>()?,
             metrics: self.selection(asked.metrics)?,
             quantization: self.quantization(asked.quantization)?,
             rules: ScoringRules {
@@ -216,40 +220,29 @@ impl Protocol {
         }
     }
 
-    /// The specs, each with the protocol's frame.
-    fn framed(&self, specs: &[String]) -> Result<Vec<String>, ProtocolError> {
-        let framed = specs.iter().map(|spec| {
-            let mut parts = spec.split(',');
-            let own = parts.find_map(|part| part.trim().strip_prefix("frame="));
-            let seen = match (self.frame, own) {
-                (Some(frame), None) => return Ok(format!("{spec},frame={frame}")),
-                (Some(frame), Some(own)) if own.parse::<Frame>() != frame.parse::<Frame>() => {
-                    format!("sees pictures as frame={frame}")
-                }
-                (None, Some(_)) if !matches!(self.pairs, PairRule::NoSource(_)) => {
-                    "sees pictures as they are".to_owned()
-                }
-                _ => return Ok(spec.clone()),
-            };
-            let own = own.unwrap_or_default();
-            Err(self.contradicted(seen, format!("--dataset …,frame={own}")))
-        });
-        framed.collect()
-    }
-
-    /// The specs, each with the protocol's background where it says none itself.
-    fn composited(&self, specs: Vec<String>) -> Vec<String> {
-        let own = |spec: &str| {
-            spec.split(',')
-                .any(|part| part.trim().starts_with("alpha="))
+    /// The dataset at the protocol's size and, where it says none itself, over the protocol's background.
+    fn seen(&self, dataset: &DatasetConfig) -> Result<DatasetConfig, ProtocolError> {
+        let own = dataset.frame;
+        let of_protocol = self.frame.map(str::parse::<Frame>).and_then(Result::ok);
+        let rule = match (of_protocol, own) {
+            (Some(frame), Some(own)) if own != frame => {
+                Some(format!("sees pictures as frame={frame}"))
+            }
+            (None, Some(_)) if !matches!(self.pairs, PairRule::NoSource(_)) => {
+                Some("sees pictures as they are".to_owned())
+            }
+            _ => None,
         };
-        let specs = specs.into_iter();
-        specs
-            .map(|spec| match self.alpha {
-                Some(alpha) if !own(&spec) => format!("{spec},alpha={alpha}"),
-                _ => spec,
-            })
-            .collect()
+        if let (Some(rule), Some(own)) = (rule, own) {
+            return Err(self.contradicted(rule, format!("--dataset …,frame={own}")));
+        }
+        let mut seen = dataset.clone();
+        seen.frame = own.or(of_protocol);
+        if let Some(alpha) = self.alpha {
+            let settings = &mut seen.spec.settings;
+            settings.entry("alpha").or_insert_with(|| alpha.to_owned());
+        }
+        Ok(seen)
     }
 
     /// The protocol's metrics, then further ones that were asked for.
@@ -297,7 +290,7 @@ impl Protocol {
 mod tests {
     use super::*;
 
-    fn asked(datasets: &[String]) -> Asked<'_> {
+    fn asked(datasets: &[DatasetConfig]) -> Asked<'_> {
         Asked {
             datasets,
             has_pair_list: true,
@@ -322,7 +315,7 @@ mod tests {
                 assert_eq!(parsed.to_string(), *key, "{}", protocol.name);
             }
             let refused = matches!(protocol.pairs, PairRule::Refused(_));
-            let followed = protocol.follow(asked(&["synthetic".to_owned()]));
+            let followed = protocol.follow(asked(&["synthetic".parse().unwrap()]));
             assert_eq!(followed.is_err(), refused, "{}", protocol.name);
         }
         let expected = [
@@ -347,12 +340,12 @@ mod tests {
 
     #[test]
     fn a_protocol_sets_what_it_fixes() {
-        let datasets = ["R:colmap=data".to_owned()];
+        let datasets = ["R:colmap=data".parse().unwrap()];
         let pixelsplat = Protocol::named("pixelsplat").unwrap();
         let followed = pixelsplat.follow(asked(&datasets)).unwrap();
         assert_eq!(
-            followed.datasets,
-            ["R:colmap=data,frame=cover:256x256:lanczos"]
+            followed.datasets[0].to_string(),
+            "R:colmap=data,frame=cover:256x256:lanczos"
         );
         let keys: Vec<String> = followed
             .metrics
@@ -380,17 +373,17 @@ mod tests {
             keys.keys()
                 .any(|k| k.to_string() == "lpips[alex,v0.1,eps=tm]")
         );
-        assert!(seva.datasets[0].contains("576"));
+        assert!(seva.datasets[0].to_string().contains("576"));
     }
 
     #[test]
     fn contradictions_name_both_sides() {
-        let datasets = ["synthetic,frame=width:100:area".to_owned()];
+        let datasets = ["synthetic,frame=width:100:area".parse().unwrap()];
         let said = |name: &str, asked: Asked<'_>| {
             let protocol = Protocol::named(name).unwrap();
             protocol.follow(asked).unwrap_err().to_string()
         };
-        let plain = ["synthetic".to_owned()];
+        let plain = ["synthetic".parse().unwrap()];
         let metrics = Selection::parse("psnr,ssim").unwrap();
         let options: PairOptions = "threshold=0.5".parse().unwrap();
         for (name, asked, parts) in [

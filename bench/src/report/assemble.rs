@@ -150,7 +150,7 @@ pub(crate) fn input<'a>(
             .datasets
             .iter()
             .map(|dataset| ReportDataset {
-                description: description(dataset, &dataset.spec),
+                description: description(dataset, &dataset.spec_text()),
                 format: Some(dataset.format.clone()),
                 proxies: proxies(manifest, dataset, records),
                 common_region: manifest.common_region,

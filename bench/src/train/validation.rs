@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use sharp::files::read_text;
 use sharp::model::{ModelConfig, NetworkSpec};
-use sharp_datasets::DatasetSpec;
 use sharp_train::config::{TrainingConfig, TrainingData};
 use sharp_train::data::shares_training_seeds;
 
 use super::{TrainError, TrainingFolder};
+use crate::config::DatasetConfig;
 use crate::evaluate::record::Status;
 use crate::evaluate::{PairOrigin, Request, Results, RunOptions, prepare};
 use crate::io::atomic_files::FileError;
@@ -29,8 +29,7 @@ use crate::scoring::{Scoring, ScoringRules};
 
 /// What weights are validated on.
 pub struct ValidationRequest {
-    /// Each `[NAME:]FORMAT=PATH[,key=value…]`.
-    pub datasets: Vec<String>,
+    pub datasets: Vec<DatasetConfig>,
     /// Pairs at most, spread over datasets and scenes.
     pub pairs: usize,
     pub scoring: Scoring,
@@ -66,10 +65,10 @@ impl Validation {
         folder: &TrainingFolder,
         observer: &dyn Observer,
     ) -> Result<Self, TrainError> {
-        for text in &request.datasets {
-            if shares_training_seeds(&DatasetSpec::parse(text)?)? {
+        for dataset in &request.datasets {
+            if shares_training_seeds(&dataset.spec)? {
                 return Err(TrainError::NotHeldOut {
-                    spec: text.clone(),
+                    spec: dataset.to_string(),
                     reason:
                         "networks are trained on its seeds; take seeds below 1000 or from 900000"
                             .to_owned(),
@@ -148,14 +147,14 @@ impl Validation {
 /// That no stage learns from what is in front of the cameras of `datasets`.
 fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), TrainError> {
     let refused = |dataset: &OpenDataset, what: String| TrainError::NotHeldOut {
-        spec: dataset.spec.clone(),
+        spec: dataset.config.to_string(),
         reason: format!("this training learns from {what}; name what it does not see"),
     };
-    let root = |dataset: &OpenDataset| dataset.root.as_ref()?.canonicalize().ok();
+    let root = |dataset: &OpenDataset| dataset.root()?.canonicalize().ok();
     if let (1.., TrainingData::Datasets(specs)) = (config.stage1.steps, &config.stage1.data) {
         let mut seen = HashSet::new();
         for spec in specs {
-            let dataset = OpenDataset::open_recorded(spec, &[], None)?;
+            let dataset = OpenDataset::open_recorded(&spec.parse()?, &[], None)?;
             let root = root(&dataset);
             seen.extend(
                 dataset
@@ -164,7 +163,7 @@ fn held_out(datasets: &[OpenDataset], config: &TrainingConfig) -> Result<(), Tra
                     .map(|s| (root.clone(), s.cluster)),
             );
         }
-        for dataset in datasets.iter().filter(|dataset| dataset.root.is_some()) {
+        for dataset in datasets.iter().filter(|dataset| dataset.root().is_some()) {
             let root = root(dataset);
             let mut clusters = dataset.scenes.iter().map(|scene| &scene.cluster);
             if let Some(scene) = clusters.find(|c| seen.contains(&(root.clone(), (*c).clone()))) {

@@ -8,6 +8,7 @@ use serde_json::json;
 use super::super::data_args::DatasetArgs;
 use super::super::outcome::UsageError;
 use super::super::{Outcome, output};
+use crate::config::DatasetConfig;
 use crate::io::atomic_files::{write_new, write_over_own};
 use crate::io::counts::counted;
 use crate::pairs::foreign::{Context, ForeignList, ListForm, TargetSlot};
@@ -40,7 +41,7 @@ pub(super) struct ImportArgs {
     slot: TargetSlot,
     /// A dataset, [NAME:]FORMAT=PATH[,key=value…]; repeatable
     #[arg(long = "dataset", value_name = "SPEC")]
-    datasets: Vec<String>,
+    datasets: Vec<DatasetConfig>,
     /// Only scenes whose id matches; `*` and `?` are wildcards
     #[arg(long, value_name = "GLOB", requires = "datasets")]
     scenes: Option<String>,

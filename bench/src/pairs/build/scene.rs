@@ -1,7 +1,7 @@
 //! The pairs of one scene.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
@@ -218,7 +218,11 @@ impl<'a> SceneWork<'a> {
                 Err(error) => self.problem(i, &error.into()),
             }
         }
-        let root = self.context.roots.get(&self.scene.dataset);
+        let root = self
+            .context
+            .roots
+            .get(&self.scene.dataset)
+            .map(PathBuf::as_path);
         for &(source, target, set) in qualified {
             let overlaps = self.known.overlaps(source, target);
             let depth_of = |i| self.known.depths.get(&i).copied().flatten();
@@ -258,7 +262,7 @@ pub(in crate::pairs) fn row(
     scene: &Scene,
     source: usize,
     target: usize,
-    root: Option<&PathBuf>,
+    root: Option<&Path>,
 ) -> Pair {
     let (s, t) = (&scene.views[source], &scene.views[target]);
     let (from, to) = (&s.camera_from_world, &t.camera_from_world);
@@ -289,7 +293,7 @@ pub(in crate::pairs) fn row(
 }
 
 /// The photograph's file relative to the dataset's folder, with `/` between levels.
-fn relative_file(view: &View, root: Option<&PathBuf>) -> String {
+fn relative_file(view: &View, root: Option<&Path>) -> String {
     let Some(file) = view.content.image_file() else {
         return String::new();
     };

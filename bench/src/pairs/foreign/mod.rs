@@ -232,7 +232,7 @@ impl ForeignList {
                 source_sha256: sha256(s, named),
                 target_sha256: sha256(t, named),
                 selected: true,
-                ..row(scene, source, target, dataset.root.as_ref())
+                ..row(scene, source, target, dataset.root())
             };
             repeated += usize::from(pairs.insert(row.pair_id.clone(), row).is_some());
         }

@@ -67,8 +67,8 @@ fn what_is_read_is_written_byte_for_byte() {
 
 /// One scene of six views, `view_000` on, under a key that lists name by its end.
 fn dataset() -> OpenDataset {
-    let text = "S:synthetic=size=24x18,views=6,scenes=1".to_owned();
-    let mut dataset = OpenDataset::open_all(&[text], None).unwrap().remove(0);
+    let config = "S:synthetic=size=24x18,views=6,scenes=1".parse().unwrap();
+    let mut dataset = OpenDataset::open_recorded(&config, &[], None).unwrap();
     dataset.scenes[0].id = "S/apple".to_owned();
     for (i, view) in dataset.scenes[0].views.iter_mut().enumerate() {
         view.id = format!("view_{i:03}");

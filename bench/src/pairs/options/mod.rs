@@ -90,6 +90,11 @@ impl OverlapDepth {
     pub fn is_ground_truth(self) -> bool {
         self == Self::GroundTruth
     }
+
+    /// True if depth maps by anyone decide overlap.
+    pub fn takes_maps(self) -> bool {
+        matches!(self, Self::Given | Self::GivenMetric)
+    }
 }
 
 impl fmt::Display for OverlapDepth {

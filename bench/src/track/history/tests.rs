@@ -250,7 +250,7 @@ fn where_files_lay_does_not_make_another_run() {
     let folder = Folder::new();
     folder.add(&Run::default());
     let mut moved = Run::default().bundle();
-    moved.results.manifest.datasets[0].spec = "elsewhere".into();
+    moved.results.manifest.datasets[0].spec = Some("synthetic=views=9".parse().unwrap());
     let path = folder.path("moved.zip");
     std::fs::write(&path, moved.bytes().unwrap()).unwrap();
     let said = occasion(&path, Some("x"), None, None).unwrap();

@@ -1,0 +1,198 @@
+//! Datasets as named on a command line or in a file.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use sharp_datasets::DatasetSpec;
+
+use crate::pairs::PairError;
+use crate::pairs::frame::Frame;
+
+/// Starts a key of a dataset that is a pair option, so that it cannot collide with a setting of the reader.
+const PAIR_OPTION: &str = "pairs.";
+
+/// Starts the setting of a dataset that is a [`Frame`].
+const FRAME: &str = "frame=";
+
+/// `[NAME:]FORMAT=PATH[,key=value…]`, where a key is a setting of the reader, `frame`, or `pairs.` and a pair option.
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
+#[schemars(with = "String")]
+#[serde(into = "String", try_from = "String")]
+pub struct DatasetConfig {
+    pub spec: DatasetSpec,
+    /// The size at which its views are seen; their own without it.
+    pub frame: Option<Frame>,
+    pub pairs: PairOverrides,
+}
+
+/// Pair options of one dataset, in place of the common ones.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PairOverrides {
+    /// Texts of [`PairOptions`](crate::pairs::PairOptions), by their keys.
+    pub options: BTreeMap<String, String>,
+    pub overlap_depth: Option<PathBuf>,
+    pub overlap_checkpoint: Option<PathBuf>,
+    pub overlap_config: Option<String>,
+}
+
+impl PairOverrides {
+    /// `key=value` by commas, as [`PairOptions::with`](crate::pairs::PairOptions::with) takes it.
+    pub fn options_text(&self) -> String {
+        self.options().join(",")
+    }
+
+    fn options(&self) -> Vec<String> {
+        let options = self.options.iter();
+        options
+            .map(|(key, value)| format!("{key}={value}"))
+            .collect()
+    }
+
+    /// `key=value`, in a fixed order.
+    fn entries(&self) -> Vec<String> {
+        let mut entries = self.options();
+        let files = [
+            ("overlap-depth", &self.overlap_depth),
+            ("overlap-checkpoint", &self.overlap_checkpoint),
+        ];
+        for (key, file) in files {
+            entries.extend(
+                file.as_ref()
+                    .map(|file| format!("{key}={}", file.display())),
+            );
+        }
+        let config = self.overlap_config.as_ref();
+        entries.extend(config.map(|config| format!("overlap-config={config}")));
+        entries
+    }
+}
+
+impl DatasetConfig {
+    /// Without what decides its pairs alone: what its views are.
+    #[must_use]
+    pub fn without_pairs(&self) -> Self {
+        Self {
+            pairs: PairOverrides::default(),
+            ..self.clone()
+        }
+    }
+}
+
+impl FromStr for DatasetConfig {
+    type Err = PairError;
+
+    fn from_str(text: &str) -> Result<Self, PairError> {
+        let refused = |reason: String| PairError::DatasetSpec {
+            spec: text.to_owned(),
+            reason,
+        };
+        let (mut frame, mut pairs) = (None, PairOverrides::default());
+        let mut of_reader = Vec::new();
+        for part in text.split(',') {
+            let key = part.trim_start();
+            if let Some(value) = key.strip_prefix(FRAME) {
+                let value = value.parse().map_err(refused)?;
+                if frame.replace(value).is_some() {
+                    return Err(refused("'frame' is given twice".to_owned()));
+                }
+            } else if let Some(option) = key.strip_prefix(PAIR_OPTION) {
+                let Some((key, value)) = option.split_once('=') else {
+                    return Err(refused(format!("'{part}' is not key=value")));
+                };
+                let value = value.to_owned();
+                let is_repeated = match key {
+                    "overlap-depth" => pairs.overlap_depth.replace(value.into()).is_some(),
+                    "overlap-checkpoint" => {
+                        pairs.overlap_checkpoint.replace(value.into()).is_some()
+                    }
+                    "overlap-config" => pairs.overlap_config.replace(value).is_some(),
+                    _ => pairs.options.insert(key.to_owned(), value).is_some(),
+                };
+                if is_repeated {
+                    return Err(refused(format!("'{PAIR_OPTION}{key}' is given twice")));
+                }
+            } else {
+                of_reader.push(part);
+            }
+        }
+        Ok(Self {
+            spec: DatasetSpec::parse(&of_reader.join(","))?,
+            frame,
+            pairs,
+        })
+    }
+}
+
+impl fmt::Display for DatasetConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.spec)?;
+        if let Some(frame) = self.frame {
+            write!(f, ",{FRAME}{frame}")?;
+        }
+        for entry in self.pairs.entries() {
+            write!(f, ",{PAIR_OPTION}{entry}")?;
+        }
+        Ok(())
+    }
+}
+
+impl From<DatasetConfig> for String {
+    fn from(dataset: DatasetConfig) -> Self {
+        dataset.to_string()
+    }
+}
+
+impl TryFrom<String> for DatasetConfig {
+    type Error = PairError;
+
+    fn try_from(text: String) -> Result<Self, PairError> {
+        text.parse()
+    }
+}
+
+impl PartialEq for DatasetConfig {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_parsed_is_printed() {
+        for text in [
+            "E:eth3d=a/b,depth=points,pairs.overlap=given,pairs.overlap-depth=d",
+            "synthetic=size=48x36,frame=cover:24x24:area,pairs.order=once",
+            "synthetic",
+        ] {
+            let parsed: DatasetConfig = text.parse().unwrap();
+            assert_eq!(parsed.to_string(), text);
+        }
+        let text = "E:eth3d=a,pairs.overlap=given,depth=points";
+        let parsed: DatasetConfig = text.parse().unwrap();
+        assert_eq!(
+            parsed.to_string(),
+            "E:eth3d=a,depth=points,pairs.overlap=given"
+        );
+        assert_eq!(parsed.without_pairs().to_string(), "E:eth3d=a,depth=points");
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        for (text, part) in [
+            ("synthetic,frame=cover", "WxH"),
+            ("synthetic,frame=width:9:area,frame=width:9:area", "twice"),
+            ("synthetic,pairs.order=once,pairs.order=both", "twice"),
+            ("synthetic,pairs.order", "key=value"),
+            ("synthetic,colour=blue", "no setting 'colour'"),
+        ] {
+            let error = text.parse::<DatasetConfig>().unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+    }
+}
