@@ -102,12 +102,13 @@ impl<'a> Matches<'a> {
         });
         let order = |text| Change::Order(text, Moves::Poses);
         let starts: BTreeSet<usize> = self.matches.iter().map(|found| found.0).collect();
-        let orders = orders(self.views, &starts, &[], Moves::Poses.noun()).into_iter();
+        let seen = || self.cameras.keys().copied();
+        let exchanged = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
+        let exchanged: Vec<(usize, usize)> = exchanged.collect();
+        let orders = orders(self.views, &starts, &exchanged, Moves::Poses.noun()).into_iter();
         let orders = orders
             .map(|(text, pose_of)| (order(text), self.explained(CONVENTIONS[0].take, &*pose_of)));
-        let elsewhere = starts
-            .iter()
-            .filter_map(|first| self.elsewhere(*first, &as_read));
+        let elsewhere = starts.iter().filter_map(|i| self.elsewhere(*i, &as_read));
         let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
         let better = conventions.chain(orders).chain(elsewhere);
         let better =
@@ -156,17 +157,8 @@ impl<'a> Matches<'a> {
         let own = as_read.iter().zip(&best).filter(|(_, best)| best.is_some());
         let own: Vec<Option<bool>> = own.map(|(read, _)| *read).collect();
         let id = |i: usize| &self.views[i].id;
-        let text = match (a, b) {
-            (a, b) if b == first + 1 => format!("{} fits the pose of {}", id(first), id(a)),
-            (a, b) if a == first => format!("{} fits the pose of {}", id(first + 1), id(b)),
-            _ => format!(
-                "{} and {} fit the poses of {} and {}",
-                id(first),
-                id(first + 1),
-                id(a),
-                id(b)
-            ),
-        };
+        let (one, next) = (id(first), id(first + 1));
+        let text = format!("{one} and {next} fit the poses of {} and {}", id(a), id(b));
         (share(&own) <= MOST_AS_READ && share(&best) >= LEAST_ELSEWHERE).then_some((text, best))
     }
 
@@ -177,18 +169,25 @@ impl<'a> Matches<'a> {
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
+        // Frames have their own cameras.
+        let camera = |i: usize| {
+            let (own, other) = (
+                &self.cameras[&i],
+                pose_of(i).and_then(|j| self.cameras.get(&j)),
+            );
+            let is_same_size = |k: &&Intrinsics| (k.width, k.height) == (own.width, own.height);
+            other.filter(is_same_size).unwrap_or(own)
+        };
         let is_explained = |(i, a, b): &(usize, DVec2, DVec2)| {
-            let (one, other) = (pose(*i)?, pose(i + 1)?);
-            let from = ray(&self.cameras[i], *a);
+            let other_from_one = pose(i + 1)?.after(&pose(*i)?.inverse());
             Some(fits(
-                &other.after(&one.inverse()),
-                from,
-                &self.cameras[&(i + 1)],
+                &other_from_one,
+                ray(camera(*i), *a),
+                camera(i + 1),
                 *b,
             ))
         };
-        let matches = self.matches.iter();
-        matches.map(is_explained).collect()
+        self.matches.iter().map(is_explained).collect()
     }
 }
 
@@ -337,16 +336,14 @@ fn matching(
         let last = side.saturating_sub(RADIUS);
         at.saturating_sub(side / 4).max(RADIUS)..(at + side / 4).min(last)
     };
-    let mut found = Vec::new();
-    for y in range(at.1, h) {
-        for x in range(at.0, w) {
-            let other = &patches[((y - RADIUS) * (w - 2 * RADIUS) + x - RADIUS) as usize];
-            let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
-            if alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE) {
-                found.push((alike, (x, y)));
-            }
-        }
-    }
+    let places = range(at.1, h).flat_map(|y| range(at.0, w).map(move |x| (x, y)));
+    let found = places.map(|(x, y)| {
+        let other = &patches[((y - RADIUS) * (w - 2 * RADIUS) + x - RADIUS) as usize];
+        let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
+        (alike, (x, y))
+    });
+    let found = found.filter(|(alike, _)| *alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE));
+    let found: Vec<(f32, (u32, u32))> = found.collect();
     let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
     let is_elsewhere =
         |(_, (x, y)): &&(f32, (u32, u32))| x.abs_diff(place.0).max(y.abs_diff(place.1)) > RADIUS;

@@ -2,6 +2,7 @@
 //! better than what the reader made of them.
 
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
 use sharp::camera::RigidTransform;
@@ -27,14 +28,14 @@ const LEAST_ERRORS: f64 = 3.0;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
 /// Colours that differ by this many times as much refute a reading that depth agrees with.
-const WORSE_COLOURS: f64 = 1.25;
+const WORSE_COLOURS: f64 = 1.02;
 /// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
 const LEAST_LIMITED: f64 = 0.01;
 const ENOUGH_LIMITED: usize = 100;
-/// By how much, relative, such a depth has to differ from what the other view makes of it. Coarser than the steps of depth
-/// maps with more than so many different values.
-const OFF_LIMIT: f64 = 0.01;
-const FINE: usize = 256;
+/// By how much, relative, such a depth has to differ from what the other view makes of it, at least, and in steps of the
+/// depth map at that depth.
+const OFF_LIMIT: f64 = 0.002;
+const OFF_STEPS: f64 = 2.0;
 
 /// The change that another reading makes.
 #[derive(Debug, Clone, PartialEq)]
@@ -367,37 +368,44 @@ impl<'a> Neighbours<'a> {
     /// The largest depth, where depth was cut off at it: both of two neighbouring views have it in places where the other
     /// one's poses make it another.
     fn limited(&self) -> Option<String> {
-        let largest = |samples: &[Sample]| samples.iter().map(|one| one.depth).fold(0.0, f64::max);
+        // The largest depth and the next one.
+        let largest = |samples: &[Sample]| {
+            samples.iter().fold((0.0, 0.0), |(most, next), one| {
+                match one.depth.total_cmp(&most) {
+                    Ordering::Greater => (one.depth, most),
+                    Ordering::Less => (most, f64::max(next, one.depth)),
+                    Ordering::Equal => (most, next),
+                }
+            })
+        };
         let (mut all, mut met, mut off, mut limit) = (0, 0, 0, 0.0);
-        let mut different = BTreeSet::new();
         for (a, b) in &self.carries {
             let ((from, samples), (to, there)) = (&self.small[a], &self.small[b]);
-            different.extend(samples.iter().map(|sample| sample.depth.to_bits()));
             all += samples.len();
-            let most = largest(samples);
-            if most != largest(there) {
+            let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
+            let pose = |i: &usize| self.views[*i].camera_from_world;
+            let to_from = pose(b).after(&pose(a).inverse());
+            // So far away that the views show it in one direction, it may stand for a sky.
+            let moves = to_from.translation.length() * from.camera.fx > most;
+            if most != most_there || !moves {
                 continue;
             }
             limit = most;
-            let pose = |i: &usize| self.views[*i].camera_from_world;
-            let to_from = pose(b).after(&pose(a).inverse());
+            let step = 1.0 - next.max(next_there) / most;
+            let least = OFF_LIMIT.max(OFF_STEPS * step);
             for sample in samples.iter().filter(|sample| sample.depth == most) {
                 let point = to_from.apply(from.camera.unproject(sample.middle(), most));
-                let place = to
-                    .camera
-                    .project(point)
-                    .filter(|at| to.camera.contains(*at));
-                if place
-                    .and_then(|at| to.depth_at(at))
-                    .is_some_and(|(z, _)| z == most)
-                {
+                let place = to.camera.project(point);
+                let place = place.filter(|place| to.camera.contains(*place));
+                let depth = place.and_then(|place| to.depth_at(place));
+                if depth.is_some_and(|(depth, _)| depth == most) {
                     met += 1;
-                    off += usize::from((point.z / most - 1.0).abs() > OFF_LIMIT);
+                    off += usize::from((point.z / most - 1.0).abs() > least);
                 }
             }
         }
         let enough = met >= ENOUGH_LIMITED && met as f64 >= LEAST_LIMITED * all as f64;
-        (enough && 2 * off > met && different.len() > FINE).then(|| {
+        (enough && 2 * off > met).then(|| {
             format!(
                 "depth is cut off at {} m: {:.0} % of {met} places with exactly that depth in two neighbouring views \
                  cannot have it in both; store 0 where depth is not known",

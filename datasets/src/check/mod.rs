@@ -19,6 +19,8 @@ mod orders;
 mod plausible;
 mod search;
 mod small_view;
+#[cfg(test)]
+mod spoiled_tests;
 mod stereo;
 
 use std::collections::BTreeSet;

@@ -25,9 +25,6 @@ pub(super) fn orders(
     noun: &str,
 ) -> Vec<(String, Assignment)> {
     let n = views.len();
-    if n < LEAST_VIEWS {
-        return Vec::new();
-    }
     let shifted = |by: i64, from: usize| {
         move |i: usize| match i < from {
             true => Some(i),
@@ -36,19 +33,6 @@ pub(super) fn orders(
     };
     let id = |i: usize| &views[i].id;
     let mut orders: Vec<(String, Assignment)> = Vec::new();
-    let starts: BTreeSet<usize> = starts.iter().copied().chain([0]).collect();
-    for by in [-2_i64, -1, 1, 2] {
-        let places = if by.abs() == 1 { "" } else { "two places " };
-        let side = if by < 0 { "before" } else { "after" };
-        for &from in &starts {
-            let which = match from {
-                0 => "every picture fits".to_owned(),
-                from => format!("from about {} on every picture fits", id(from)),
-            };
-            let text = format!("{which} the {noun} {places}{side} its own");
-            orders.push((text, Box::new(shifted(by, from))));
-        }
-    }
     for &(a, b) in exchanged {
         let text = format!(
             "{} fits the {noun} of {}, and the other way round",
@@ -61,6 +45,22 @@ pub(super) fn orders(
             i => Some(i),
         };
         orders.push((text, Box::new(exchange)));
+    }
+    if n < LEAST_VIEWS {
+        return orders;
+    }
+    let starts: BTreeSet<usize> = starts.iter().copied().chain([0]).collect();
+    for by in [-2_i64, -1, 1, 2] {
+        let places = if by.abs() == 1 { "" } else { "two places " };
+        let side = if by < 0 { "before" } else { "after" };
+        for &from in &starts {
+            let which = match from {
+                0 => "every picture fits".to_owned(),
+                from => format!("from about {} on every picture fits", id(from)),
+            };
+            let text = format!("{which} the {noun} {places}{side} its own");
+            orders.push((text, Box::new(shifted(by, from))));
+        }
     }
     let backwards = format!("the pictures fit the {noun}s in reverse order");
     orders.push((backwards, Box::new(move |i| Some(n - 1 - i))));
