@@ -16,7 +16,7 @@ use crate::files::{self, Root};
 use crate::format::colmap;
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -138,8 +138,8 @@ fn read_scene(
     let mut scene = SceneBuilder::new(spec, root, model.images_file());
     for image in &model.images {
         let found = scene.finder.picture(&pictures, &image.name)?;
-        let Some((path, mut pose)) = scene.usable(&image.name, found, image.camera_from_world)
-        else {
+        let stated = image.camera_from_world.ok_or(NO_POSE);
+        let Some((path, mut pose)) = scene.usable(&image.name, found, stated) else {
             continue;
         };
         pose.translation *= scale;

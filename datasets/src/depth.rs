@@ -141,7 +141,7 @@ impl StereoGeometry {
                 path,
                 format!(
                     "none of {strange} disparities lies within the picture's width of {widest} \
-                     pixels (wrong byte order or unit?)"
+                     pixels (depth, or a wrong byte order or unit?)"
                 ),
             ));
         }

@@ -13,7 +13,7 @@ use crate::files::Root;
 use crate::format::colmap;
 use crate::left_out::FoundScenes;
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{NO_POSE, Pinhole, PosedFrame, SceneBuilder, frame_id};
 use crate::{DatasetError, DatasetSpec, Scene};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -144,7 +144,7 @@ fn read_scene(
     for image in &model.images {
         let found = scene.finder.picture(&pictures, &image.name)?;
         let Some((path, camera_from_world)) =
-            scene.usable(&image.name, found, image.camera_from_world)
+            scene.usable(&image.name, found, image.camera_from_world.ok_or(NO_POSE))
         else {
             continue;
         };

@@ -17,7 +17,7 @@ use crate::format::transforms::{self, JsonFrame};
 use crate::left_out::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
 use crate::{DatasetError, DatasetSpec, Scene, picture_notes};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -164,7 +164,7 @@ fn read_scene(
         let name = &frame.file_path;
         // Names that leave the folder are refused before anything else is made of them.
         let image = scene.finder.picture(folder, name)?;
-        let pose = frame.world_from_camera.as_ref().ok();
+        let pose = frame.world_from_camera.as_ref().map_err(no_pose);
         let Some((image, world_from_camera)) = scene.usable(name, image, pose) else {
             continue;
         };

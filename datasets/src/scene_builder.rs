@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use sharp::camera::RigidTransform;
+use sharp::camera::{CameraError, RigidTransform};
 use sharp::image_file::PictureRules;
 
 use crate::camera_size::CameraSizes;
@@ -57,15 +57,15 @@ impl<'a> SceneBuilder<'a> {
         &mut self,
         name: &str,
         picture: Option<PathBuf>,
-        pose: Option<P>,
+        pose: Result<P, &'static str>,
     ) -> Option<(PathBuf, P)> {
         let is_new = picture
             .as_ref()
             .is_none_or(|picture| self.seen.insert(picture.clone()));
         match (picture, pose) {
-            (Some(picture), Some(pose)) if is_new => return Some((picture, pose)),
-            (Some(_), Some(_)) => self.leave_out("the picture was listed before", name),
-            (_, None) => self.leave_out("the pose is not finite or not rigid", name),
+            (Some(picture), Ok(pose)) if is_new => return Some((picture, pose)),
+            (Some(_), Ok(_)) => self.leave_out("the picture was listed before", name),
+            (_, Err(reason)) => self.leave_out(reason, name),
             (None, _) => self.leave_out("the picture does not exist", name),
         }
         None
@@ -154,6 +154,19 @@ impl<'a> SceneBuilder<'a> {
             return Err(DatasetError::malformed(list, reason));
         }
         Ok(scene)
+    }
+}
+
+/// Why a frame with a broken pose is left out.
+pub(crate) const NO_POSE: &str = "the pose is not finite or not rigid";
+
+/// Why a frame with such a matrix is left out.
+pub(crate) fn no_pose(error: &CameraError) -> &'static str {
+    match error {
+        CameraError::NotRigid { determinant, .. } if *determinant < 0.0 => {
+            "the pose mirrors space (its determinant is below zero: an axis is negated, or two are exchanged)"
+        }
+        _ => NO_POSE,
     }
 }
 

@@ -17,7 +17,7 @@ use crate::format::{lenient_json, trajectory};
 use crate::left_out::{FoundScenes, LeftOut};
 use crate::lens::{Distortion, Lens};
 use crate::required_files::{PhotographPath, RequiredFile};
-use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, no_pose};
 use crate::{DatasetError, DatasetSpec, Scene, natural_order};
 
 pub(crate) static ENTRY: DatasetEntry = DatasetEntry {
@@ -195,7 +195,7 @@ fn read_scene(
         }
         let id = format!("{:05}", pose.frame);
         let picture = find(&pictures, pose.frame);
-        let world_from_camera = pose.world_from_camera.as_ref().ok();
+        let world_from_camera = pose.world_from_camera.as_ref().map_err(no_pose);
         let Some((image, world_from_camera)) = scene.usable(&id, picture, world_from_camera) else {
             continue;
         };

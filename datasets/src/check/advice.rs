@@ -1,7 +1,8 @@
 //! Sentences about a reading that fits better, with the setting that selects it.
 
 use super::explained::Explained;
-use super::fit::Change;
+use super::fit::{Change, Moves};
+use super::small_view::Part;
 use crate::{DatasetSpec, View};
 
 /// Depths between which scenes lie, metres.
@@ -81,9 +82,20 @@ pub(super) fn sentence(
             format!("the pose convention looks wrong: with {name}: {evidence}")
         }
         Change::Turned(setting) => format!("{setting} fits: {evidence}"),
-        Change::Order(how) => {
+        Change::Flipped(part, how) => {
+            let what = match part {
+                Part::Picture => "pictures",
+                Part::Depth => "depth maps",
+            };
+            format!("the {what} are {how}: {evidence}")
+        }
+        Change::Order(how, moves) => {
+            let (what, correct) = match moves {
+                Moves::Depth => ("depth maps", "the names of the depth maps"),
+                _ => ("poses", "the list of poses"),
+            };
             format!(
-                "pictures and poses are not assigned rightly: {how}: {evidence}; correct the list of poses"
+                "pictures and {what} are not assigned rightly: {how}: {evidence}; correct {correct}"
             )
         }
     }

@@ -8,29 +8,86 @@ pub(super) struct Convention {
     /// The mistake that the reader would have made.
     pub(super) name: &'static str,
     /// The world-to-camera pose under it.
-    pub(super) take: fn(&RigidTransform) -> RigidTransform,
+    pub(super) take: Take,
+}
+
+type Take = fn(&RigidTransform) -> RigidTransform;
+
+const fn of(name: &'static str, take: Take) -> Convention {
+    Convention { name, take }
 }
 
 /// What poses are compared under; the first is what the reader says.
 pub(super) const CONVENTIONS: [Convention; 4] = [
-    Convention {
-        name: "as read",
-        take: |pose| *pose,
-    },
-    Convention {
-        name: "camera-to-world and world-to-camera exchanged",
-        take: RigidTransform::inverse,
-    },
-    Convention {
-        name: "OpenGL's camera axes taken for OpenCV's, or the other way round",
-        take: flip,
-    },
+    of("as read", |pose| *pose),
+    of(
+        "camera-to-world and world-to-camera exchanged",
+        RigidTransform::inverse,
+    ),
+    of(
+        "OpenGL's camera axes taken for OpenCV's, or the other way round",
+        flip,
+    ),
     // The other order, axes first, is the exchange alone but for the world's axes.
-    Convention {
-        name: "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
-        take: |pose| flip(&pose.inverse()),
-    },
+    of(
+        "camera-to-world and world-to-camera exchanged, and OpenGL's camera axes",
+        |pose| flip(&pose.inverse()),
+    ),
 ];
+
+/// Axes that are negated by mistake; no other program's convention.
+pub(super) const MIRRORED: [Convention; 8] = [
+    of(
+        "the cameras' x axis negated (pictures mirrored left to right, or a left-handed system)",
+        |pose| camera_mirrored(pose, X),
+    ),
+    of(
+        "the cameras' y axis negated (pictures upside down, or a left-handed system)",
+        |pose| camera_mirrored(pose, Y),
+    ),
+    of(
+        "the cameras' z axis negated (a left-handed system)",
+        |pose| camera_mirrored(pose, Z),
+    ),
+    of(
+        "the cameras' x and y axes negated (pictures turned by 180 degrees)",
+        |pose| camera_mirrored(pose, -Z),
+    ),
+    of("the translations negated", |pose| {
+        places_mirrored(pose, -DVec3::ONE)
+    }),
+    of("the x of the cameras' places negated", |pose| {
+        places_mirrored(pose, X)
+    }),
+    of("the y of the cameras' places negated", |pose| {
+        places_mirrored(pose, Y)
+    }),
+    of("the z of the cameras' places negated", |pose| {
+        places_mirrored(pose, Z)
+    }),
+];
+
+const X: DVec3 = DVec3::new(-1.0, 1.0, 1.0);
+const Y: DVec3 = DVec3::new(1.0, -1.0, 1.0);
+const Z: DVec3 = DVec3::new(1.0, 1.0, -1.0);
+
+/// The pose of a mirrored camera in a mirrored world.
+fn camera_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
+    let axes = DMat3::from_diagonal(signs);
+    RigidTransform {
+        rotation: axes * pose.rotation * axes,
+        translation: axes * pose.translation,
+    }
+}
+
+/// The camera, turned as it is, in a mirrored place.
+fn places_mirrored(pose: &RigidTransform, signs: DVec3) -> RigidTransform {
+    let place = pose.rotation.transpose() * pose.translation;
+    RigidTransform {
+        translation: pose.rotation * (signs * place),
+        ..*pose
+    }
+}
 
 /// The camera's y and z axes reversed.
 pub(super) fn flip(camera_from_world: &RigidTransform) -> RigidTransform {

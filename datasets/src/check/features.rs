@@ -1,16 +1,17 @@
 //! Without depth: whether features that match between neighbouring views lie on each other's epipolar lines, in front of
 //! both cameras, or whether they would under another reading of the poses.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DVec2, DVec3};
 use sharp::camera::{Intrinsics, RigidTransform};
 
-use super::convention::CONVENTIONS;
-use super::fit::Change;
+use super::convention::{CONVENTIONS, MIRRORED};
+use super::fit::{Change, Moves};
 use super::orders::{neighbours, orders};
 use super::small_view::{Grey, SmallView, ray};
-use super::{Effort, advice};
+use super::{Effort, advice, evenly_spaced};
 use crate::View;
 
 /// Views are reduced to at most this width.
@@ -31,6 +32,12 @@ const LEAST_MATCHES: usize = 30;
 const LEAST_SHARE: f64 = 0.6;
 const LEAST_MORE: f64 = 0.2;
 const LEAST_ERRORS: f64 = 4.0;
+/// Most views of which every two are tried as the poses of two pictures.
+const MOST_TRIED: usize = 48;
+/// Poses of any other views have to explain this share where those of the pictures explain at most that: poses that are
+/// only imprecise explain some, and of many others one may do better.
+const LEAST_ELSEWHERE: f64 = 0.75;
+const MOST_AS_READ: f64 = 0.5;
 
 /// Features that match between neighbouring views.
 pub(super) struct Matches<'a> {
@@ -89,36 +96,70 @@ impl<'a> Matches<'a> {
             return None;
         }
         let as_read = self.explained(CONVENTIONS[0].take, &Some);
-        let conventions = CONVENTIONS[1..].iter().map(|convention| {
+        let conventions = CONVENTIONS[1..].iter().chain(&MIRRORED).map(|convention| {
             let change = Change::Convention(convention.name);
             (change, self.explained(convention.take, &Some))
         });
+        let order = |text| Change::Order(text, Moves::Poses);
         let starts: BTreeSet<usize> = self.matches.iter().map(|found| found.0).collect();
-        let orders = orders(self.views, starts)
-            .into_iter()
-            .map(|(text, pose_of)| {
-                (
-                    Change::Order(text),
-                    self.explained(CONVENTIONS[0].take, &*pose_of),
-                )
-            });
-        let better = conventions
-            .chain(orders)
-            .filter(|(_, other)| is_better(&as_read, other));
-        let (change, other) = better.max_by(|a, b| share(&a.1).total_cmp(&share(&b.1)))?;
-        let evidence = format!(
-            "{:.0} % of {} features that match between neighbouring views lie on their epipolar lines instead of {:.0} %",
-            100.0 * share(&other),
-            as_read.len(),
-            100.0 * share(&as_read)
-        );
+        let seen = || self.cameras.keys().copied();
+        let exchanged = seen().flat_map(|a| seen().filter(move |b| *b > a).map(move |b| (a, b)));
+        let exchanged: Vec<(usize, usize)> = exchanged.collect();
+        let orders = orders(self.views, &starts, &exchanged, Moves::Poses.noun()).into_iter();
+        let orders = orders
+            .map(|(text, pose_of)| (order(text), self.explained(CONVENTIONS[0].take, &*pose_of)));
+        let elsewhere = starts.iter().filter_map(|i| self.elsewhere(*i, &as_read));
+        let elsewhere = elsewhere.map(|(text, explained)| (order(text), explained));
+        let better = conventions.chain(orders).chain(elsewhere);
+        let better =
+            better.filter_map(|(change, other)| Some((change, compared(&as_read, &other)?)));
+        // The first of equals: the simplest.
+        let (change, found) =
+            better.min_by_key(|(_, found)| Reverse(found.after - found.before))?;
         Some(advice::sentence(
             &change,
-            &evidence,
+            &found.evidence(),
             advice::Units::default(),
             1.0,
             self.views,
         ))
+    }
+
+    /// What exchanging the two pictures of a pair explains, in words, if it explains significantly more.
+    pub(super) fn exchanged(&self) -> Option<String> {
+        let as_read = self.explained(CONVENTIONS[0].take, &Some);
+        let other = self.explained(CONVENTIONS[0].take, &|i| Some(1 - i));
+        Some(compared(&as_read, &other)?.evidence())
+    }
+
+    /// The poses of other views that explain most of the matches of a view and the next one.
+    fn elsewhere(
+        &self,
+        first: usize,
+        as_read: &[Option<bool>],
+    ) -> Option<(String, Vec<Option<bool>>)> {
+        let all = 0..self.views.len();
+        let some = evenly_spaced(self.views.len(), MOST_TRIED);
+        let pairs = some.iter().flat_map(|a| some.iter().map(|b| (*a, *b)));
+        let pairs = pairs.chain(all.clone().map(|a| (a, first + 1)));
+        let pairs = pairs.chain(all.map(|b| (first, b)));
+        let explained = pairs.filter(|(a, b)| a != b).map(|(a, b)| {
+            let explained = self.explained(CONVENTIONS[0].take, &|i| match i {
+                i if i == first => Some(a),
+                i if i == first + 1 => Some(b),
+                _ => None,
+            });
+            ((a, b), explained)
+        });
+        let count =
+            |explained: &[Option<bool>]| explained.iter().filter(|one| **one == Some(true)).count();
+        let ((a, b), best) = explained.max_by_key(|(_, explained)| count(explained))?;
+        let own = as_read.iter().zip(&best).filter(|(_, best)| best.is_some());
+        let own: Vec<Option<bool>> = own.map(|(read, _)| *read).collect();
+        let id = |i: usize| &self.views[i].id;
+        let (one, next) = (id(first), id(first + 1));
+        let text = format!("{one} and {next} fit the poses of {} and {}", id(a), id(b));
+        (share(&own) <= MOST_AS_READ && share(&best) >= LEAST_ELSEWHERE).then_some((text, best))
     }
 
     /// Which matches a reading explains; `None` for those of pictures that would be without a pose.
@@ -128,18 +169,25 @@ impl<'a> Matches<'a> {
         pose_of: &dyn Fn(usize) -> Option<usize>,
     ) -> Vec<Option<bool>> {
         let pose = |i: usize| Some(take(&self.views.get(pose_of(i)?)?.camera_from_world));
+        // Frames have their own cameras.
+        let camera = |i: usize| {
+            let (own, other) = (
+                &self.cameras[&i],
+                pose_of(i).and_then(|j| self.cameras.get(&j)),
+            );
+            let is_same_size = |k: &&Intrinsics| (k.width, k.height) == (own.width, own.height);
+            other.filter(is_same_size).unwrap_or(own)
+        };
         let is_explained = |(i, a, b): &(usize, DVec2, DVec2)| {
-            let (one, other) = (pose(*i)?, pose(i + 1)?);
-            let from = ray(&self.cameras[i], *a);
+            let other_from_one = pose(i + 1)?.after(&pose(*i)?.inverse());
             Some(fits(
-                &other.after(&one.inverse()),
-                from,
-                &self.cameras[&(i + 1)],
+                &other_from_one,
+                ray(camera(*i), *a),
+                camera(i + 1),
                 *b,
             ))
         };
-        let matches = self.matches.iter();
-        matches.map(is_explained).collect()
+        self.matches.iter().map(is_explained).collect()
     }
 }
 
@@ -148,7 +196,27 @@ fn share(explained: &[Option<bool>]) -> f64 {
     given.clone().filter(|one| **one).count() as f64 / given.count().max(1) as f64
 }
 
-fn is_better(as_read: &[Option<bool>], other: &[Option<bool>]) -> bool {
+/// Matches that two readings explain or not: how many there are, and how many each explains.
+struct Compared {
+    matches: usize,
+    before: usize,
+    after: usize,
+}
+
+impl Compared {
+    fn evidence(&self) -> String {
+        let percent = |count: usize| 100.0 * count as f64 / self.matches as f64;
+        format!(
+            "{:.0} % of {} features that match between neighbouring views lie on their epipolar lines instead of {:.0} %",
+            percent(self.after),
+            self.matches,
+            percent(self.before)
+        )
+    }
+}
+
+/// `None` unless the other reading explains significantly more.
+fn compared(as_read: &[Option<bool>], other: &[Option<bool>]) -> Option<Compared> {
     let both = as_read
         .iter()
         .zip(other)
@@ -160,10 +228,15 @@ fn is_better(as_read: &[Option<bool>], other: &[Option<bool>]) -> bool {
         count((true, false)),
         count((true, true)),
     );
-    both.len() >= LEAST_MATCHES
+    let is_better = both.len() >= LEAST_MATCHES
         && gained + kept >= LEAST_SHARE * both.len() as f64
         && gained - lost >= LEAST_MORE * both.len() as f64
-        && gained - lost >= LEAST_ERRORS * (gained + lost).sqrt()
+        && gained - lost >= LEAST_ERRORS * (gained + lost).sqrt();
+    is_better.then(|| Compared {
+        matches: both.len(),
+        before: (lost + kept) as usize,
+        after: (gained + kept) as usize,
+    })
 }
 
 /// Whether a place of the second view may show a point on a ray of the first.
@@ -263,16 +336,14 @@ fn matching(
         let last = side.saturating_sub(RADIUS);
         at.saturating_sub(side / 4).max(RADIUS)..(at + side / 4).min(last)
     };
-    let mut found = Vec::new();
-    for y in range(at.1, h) {
-        for x in range(at.0, w) {
-            let other = &patches[((y - RADIUS) * (w - 2 * RADIUS) + x - RADIUS) as usize];
-            let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
-            if alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE) {
-                found.push((alike, (x, y)));
-            }
-        }
-    }
+    let places = range(at.1, h).flat_map(|y| range(at.0, w).map(move |x| (x, y)));
+    let found = places.map(|(x, y)| {
+        let other = &patches[((y - RADIUS) * (w - 2 * RADIUS) + x - RADIUS) as usize];
+        let alike: f32 = wanted.iter().zip(other).map(|(a, b)| a * b).sum();
+        (alike, (x, y))
+    });
+    let found = found.filter(|(alike, _)| *alike > LEAST_ALIKE - (1.0 - LEAST_ALIKE));
+    let found: Vec<(f32, (u32, u32))> = found.collect();
     let (best, place) = found.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
     let is_elsewhere =
         |(_, (x, y)): &&(f32, (u32, u32))| x.abs_diff(place.0).max(y.abs_diff(place.1)) > RADIUS;

@@ -2,17 +2,18 @@
 //! better than what the reader made of them.
 
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
 use sharp::camera::RigidTransform;
 
 use super::advice::{self, Units};
 use super::consistency::{Consistency, Fit};
-use super::convention::CONVENTIONS;
+use super::convention::{CONVENTIONS, MIRRORED};
 use super::explained::{DepthIs, ENOUGH, Explained, Reading};
 use super::orders::{neighbours, orders};
 use super::search::{is_worth_a_word, least};
-use super::small_view::{Sample, SmallView, WIDEST};
+use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use super::{Effort, plausible};
 use crate::View;
 
@@ -26,6 +27,15 @@ const LEAST_SHARE: f64 = 0.75;
 const LEAST_ERRORS: f64 = 3.0;
 /// Fewer samples of a part of a picture say nothing about that part.
 const ENOUGH_IN_TILE: usize = 8;
+/// Colours that differ by this many times as much refute a reading that depth agrees with.
+const WORSE_COLOURS: f64 = 1.02;
+/// Depths at the largest value, of all: fewer, or fewer than so many, are no sign of a limit.
+const LEAST_LIMITED: f64 = 0.01;
+const ENOUGH_LIMITED: usize = 100;
+/// By how much, relative, such a depth has to differ from what the other view makes of it, at least, and in steps of the
+/// depth map at that depth.
+const OFF_LIMIT: f64 = 0.002;
+const OFF_STEPS: f64 = 2.0;
 
 /// The change that another reading makes.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,10 +47,12 @@ pub(super) enum Change {
     RayLength,
     /// Depth is the reciprocal of what is stored; the poses' translations, times this, fit the reciprocals.
     Inverse(f64),
-    /// The poses are of another convention, named as in [`CONVENTIONS`].
+    /// The poses are of another convention, named as in [`CONVENTIONS`] or [`MIRRORED`].
     Convention(&'static str),
-    /// Pictures belong to other poses, in words.
-    Order(String),
+    /// What moves belongs to other pictures, in words.
+    Order(String, Moves),
+    /// Pictures or depth maps are turned, in words.
+    Flipped(Part, &'static str),
     /// Pictures read under the other EXIF orientation rule, which fits the camera as well; the setting that selects it.
     Turned(&'static str),
 }
@@ -50,6 +62,24 @@ impl Change {
         match self {
             Self::Scale(_) | Self::Focal(_) => LEAST_GAIN_OF_FACTORS,
             _ => LEAST_GAIN,
+        }
+    }
+}
+
+/// What another assignment gives to a picture; the rest stays as it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Moves {
+    Poses,
+    PosesAndDepth,
+    Depth,
+}
+
+impl Moves {
+    /// What is assigned to pictures.
+    pub(super) fn noun(self) -> &'static str {
+        match self {
+            Self::Depth => "depth map",
+            _ => "pose",
         }
     }
 }
@@ -73,6 +103,7 @@ pub(super) struct Neighbours<'a> {
     /// From a view to its neighbour, and back.
     carries: Vec<(usize, usize)>,
     stride: usize,
+    thorough: bool,
 }
 
 impl<'a> Neighbours<'a> {
@@ -113,6 +144,7 @@ impl<'a> Neighbours<'a> {
             around,
             carries,
             stride: most.div_ceil(effort.samples).max(1),
+            thorough: effort.thorough,
         })
     }
 
@@ -131,7 +163,7 @@ impl<'a> Neighbours<'a> {
         let mut fitted = |reading: &Reading, change: Change| {
             all.push((change, self.explained(reading, self.stride)));
         };
-        for convention in &CONVENTIONS[1..] {
+        for convention in CONVENTIONS[1..].iter().chain(&MIRRORED) {
             let reading = Reading {
                 take: convention.take,
                 ..Reading::AS_READ
@@ -166,9 +198,10 @@ impl<'a> Neighbours<'a> {
         fitted(&ray, Change::RayLength);
         all.extend(self.orders(&as_read));
         all.extend(self.turned());
-        let better = all
-            .into_iter()
-            .filter(|(change, other)| is_better(&as_read, other, change.least_gain()));
+        all.extend(self.flipped());
+        let better = all.into_iter().filter(|(change, other)| {
+            is_better(&as_read, other, change.least_gain()) && !is_refuted(&as_read, other)
+        });
         let best = better.min_by(|(_, a), (_, b)| mean_loss(a).total_cmp(&mean_loss(b)));
         best.map(|(change, explained)| Better {
             change,
@@ -180,6 +213,9 @@ impl<'a> Neighbours<'a> {
     /// Describes a contradiction, if there is one.
     pub(super) fn contradictions(&self, units: Units) -> Option<String> {
         let median_m = self.median_depth();
+        if let Some(limited) = self.limited() {
+            return Some(limited);
+        }
         match self.better() {
             Some(better) => {
                 let evidence = advice::evidence(&better.as_read, &better.explained);
@@ -227,60 +263,75 @@ impl<'a> Neighbours<'a> {
     }
 
     fn explained(&self, reading: &Reading, stride: usize) -> Vec<Explained> {
-        self.in_order(reading, stride, &Some, self.depth_by_pose)
-            .into_iter()
-            .flatten()
-            .collect()
-    }
-
-    /// Explains the carries as if picture i had the pose of view `pose_of(i)`, and with `depth_by_pose` its depth, too. `None`
-    /// for a carry whose pictures would have no pose, or one and the same.
-    fn in_order(
-        &self,
-        reading: &Reading,
-        stride: usize,
-        pose_of: &dyn Fn(usize) -> Option<usize>,
-        depth_by_pose: bool,
-    ) -> Vec<Option<Explained>> {
-        let pose = |i: usize| -> Option<&RigidTransform> {
-            Some(&self.views.get(pose_of(i)?)?.camera_from_world)
-        };
-        let shown = |i: usize| -> Option<Cow<'_, (SmallView, Vec<Sample>)>> {
-            let of = &self.small[&i];
-            if !depth_by_pose || pose_of(i)? == i {
-                return Some(Cow::Borrowed(of));
-            }
-            let own = self.small.get(&pose_of(i)?).map(|(view, _)| view);
-            let view =
-                of.0.with_depth_of(own.or_else(|| self.around.get(&pose_of(i)?))?)?;
-            let samples = view.samples().collect();
-            Some(Cow::Owned((view, samples)))
-        };
         let carries = self.carries.iter().map(|(a, b)| {
-            let poses = (pose(*a)?, pose(*b)?);
-            // One place with one depth agrees with itself.
-            if depth_by_pose && pose_of(*a) == pose_of(*b) {
-                return None;
-            }
-            let (a, b) = (shown(*a)?, shown(*b)?);
-            Some(Explained::new((&a.0, &a.1), &b.0, poses, reading, stride))
+            let ((from, samples), (to, _)) = (&self.small[a], &self.small[b]);
+            let poses = (
+                &self.views[*a].camera_from_world,
+                &self.views[*b].camera_from_world,
+            );
+            Explained::new((from, samples), to, poses, reading, stride)
         });
         carries.collect()
     }
 
-    /// With pictures under the other reading of their EXIF orientation, where that fits their cameras, too.
-    fn turned(&self) -> Option<(Change, Vec<Explained>)> {
-        let mut setting = None;
-        let small = self.small.iter().map(|(i, (read, samples))| {
-            let content = &self.views[*i].content;
-            let other = content.image_otherwise_turned().ok().flatten();
-            let other = other.and_then(|(picture, found)| {
-                setting = Some(found);
-                let view = SmallView::of(&self.views[*i], picture, true, WIDEST)?;
+    /// Explains the carries as if picture i had what `moves` of view `of(i)`. `None` for a carry whose pictures would have
+    /// none, or one and the same.
+    fn in_order(
+        &self,
+        as_read: &[Explained],
+        of: &dyn Fn(usize) -> Option<usize>,
+        moves: Moves,
+    ) -> Vec<Option<Explained>> {
+        let pose = |i: usize| -> Option<&RigidTransform> {
+            let from = if moves == Moves::Depth { i } else { of(i)? };
+            Some(&self.views.get(from)?.camera_from_world)
+        };
+        let shown = |i: usize| -> Option<Cow<'_, (SmallView, Vec<Sample>)>> {
+            let read = &self.small[&i];
+            let from = of(i)?;
+            if moves == Moves::Poses || from == i {
+                return Some(Cow::Borrowed(read));
+            }
+            let own = self.small.get(&from).map(|(view, _)| view);
+            let view = read
+                .0
+                .with_depth_of(own.or_else(|| self.around.get(&from))?)?;
+            let samples = view.samples().collect();
+            Some(Cow::Owned((view, samples)))
+        };
+        let carries = self.carries.iter().zip(as_read).map(|((a, b), read)| {
+            let from = (of(*a)?, of(*b)?);
+            if from == (*a, *b) {
+                return Some(*read);
+            }
+            let poses = (pose(*a)?, pose(*b)?);
+            // One place with one depth agrees with itself.
+            if from.0 == from.1 {
+                return None;
+            }
+            let (a, b) = (shown(*a)?, shown(*b)?);
+            Some(Explained::new(
+                (&a.0, &a.1),
+                &b.0,
+                poses,
+                &Reading::AS_READ,
+                self.stride,
+            ))
+        });
+        carries.collect()
+    }
+
+    /// Explains the carries with other pictures or depth of the views.
+    fn with(
+        &self,
+        other: &mut dyn FnMut(usize, &SmallView) -> Option<SmallView>,
+    ) -> Vec<Explained> {
+        let small = self.small.iter().map(|(i, read)| {
+            let other = other(*i, &read.0).map(|view| {
                 let samples = view.samples().collect();
-                Some((view, samples))
+                (view, samples)
             });
-            (*i, other.unwrap_or_else(|| (read.clone(), samples.clone())))
+            (*i, other.unwrap_or_else(|| read.clone()))
         });
         let other = Self {
             small: small.collect(),
@@ -288,8 +339,80 @@ impl<'a> Neighbours<'a> {
             carries: self.carries.clone(),
             ..*self
         };
-        let explained = setting.map(|_| other.explained(&Reading::AS_READ, self.stride));
-        Some((Change::Turned(setting?), explained?))
+        other.explained(&Reading::AS_READ, self.stride)
+    }
+
+    /// With pictures under the other reading of their EXIF orientation, where that fits their cameras, too.
+    fn turned(&self) -> Option<(Change, Vec<Explained>)> {
+        let mut setting = None;
+        let explained = self.with(&mut |i, _| {
+            let content = &self.views[i].content;
+            let (picture, found) = content.image_otherwise_turned().ok().flatten()?;
+            setting = Some(found);
+            SmallView::of(&self.views[i], picture, true, WIDEST)
+        });
+        Some((Change::Turned(setting?), explained))
+    }
+
+    /// With pictures or depth maps turned.
+    fn flipped(&self) -> impl Iterator<Item = (Change, Vec<Explained>)> {
+        let parts = [Part::Picture, Part::Depth].into_iter();
+        let parts = parts.filter(|part| *part == Part::Picture || !self.depth_by_pose);
+        let all = parts.flat_map(|part| FLIPS.map(|(flip, how)| (part, flip, how)));
+        all.map(|(part, flip, how)| {
+            let explained = self.with(&mut |_, view| Some(view.flipped(flip, part)));
+            (Change::Flipped(part, how), explained)
+        })
+    }
+
+    /// The largest depth, where depth was cut off at it: both of two neighbouring views have it in places where the other
+    /// one's poses make it another.
+    fn limited(&self) -> Option<String> {
+        // The largest depth and the next one.
+        let largest = |samples: &[Sample]| {
+            samples.iter().fold((0.0, 0.0), |(most, next), one| {
+                match one.depth.total_cmp(&most) {
+                    Ordering::Greater => (one.depth, most),
+                    Ordering::Less => (most, f64::max(next, one.depth)),
+                    Ordering::Equal => (most, next),
+                }
+            })
+        };
+        let (mut all, mut met, mut off, mut limit) = (0, 0, 0, 0.0);
+        for (a, b) in &self.carries {
+            let ((from, samples), (to, there)) = (&self.small[a], &self.small[b]);
+            all += samples.len();
+            let ((most, next), (most_there, next_there)) = (largest(samples), largest(there));
+            let pose = |i: &usize| self.views[*i].camera_from_world;
+            let to_from = pose(b).after(&pose(a).inverse());
+            // So far away that the views show it in one direction, it may stand for a sky.
+            let moves = to_from.translation.length() * from.camera.fx > most;
+            if most != most_there || !moves {
+                continue;
+            }
+            limit = most;
+            let step = 1.0 - next.max(next_there) / most;
+            let least = OFF_LIMIT.max(OFF_STEPS * step);
+            for sample in samples.iter().filter(|sample| sample.depth == most) {
+                let point = to_from.apply(from.camera.unproject(sample.middle(), most));
+                let place = to.camera.project(point);
+                let place = place.filter(|place| to.camera.contains(*place));
+                let depth = place.and_then(|place| to.depth_at(place));
+                if depth.is_some_and(|(depth, _)| depth == most) {
+                    met += 1;
+                    off += usize::from((point.z / most - 1.0).abs() > least);
+                }
+            }
+        }
+        let enough = met >= ENOUGH_LIMITED && met as f64 >= LEAST_LIMITED * all as f64;
+        (enough && 2 * off > met).then(|| {
+            format!(
+                "depth is cut off at {} m: {:.0} % of {met} places with exactly that depth in two neighbouring views \
+                 cannot have it in both; store 0 where depth is not known",
+                advice::number(limit),
+                100.0 * off as f64 / met as f64
+            )
+        })
     }
 
     /// The factor with the least loss.
@@ -306,27 +429,41 @@ impl<'a> Neighbours<'a> {
 
     /// Other assignments of pictures to poses.
     fn orders(&self, as_read: &[Explained]) -> Vec<(Change, Vec<Explained>)> {
-        let starts = self.carries.iter().map(|(a, _)| *a).collect();
+        let starts: BTreeSet<usize> = self.carries.iter().map(|(a, _)| *a).collect();
         // Depth may belong to the frame or to the picture; a scan's belongs to the pose.
-        let by_pose: &[bool] = if self.depth_by_pose {
-            &[true]
+        let moves: &[Moves] = if self.depth_by_pose {
+            &[Moves::PosesAndDepth]
         } else {
-            &[false, true]
+            &[Moves::Poses, Moves::PosesAndDepth, Moves::Depth]
         };
         let mut measured = Vec::new();
-        for (text, pose_of) in orders(self.views, starts) {
-            for by_pose in by_pose {
-                let explained = self.in_order(&Reading::AS_READ, self.stride, &*pose_of, *by_pose);
+        for &moves in moves {
+            let exchanged = self.exchanges();
+            for (text, of) in orders(self.views, &starts, &exchanged, moves.noun()) {
+                let explained = self.in_order(as_read, &*of, moves);
                 // Pictures that would be without a pose are as they are.
                 let given = explained.iter().filter(|one| one.is_some()).count();
                 let all = explained.into_iter().zip(as_read);
                 let all: Vec<Explained> = all.map(|(one, read)| one.unwrap_or(*read)).collect();
                 if 2 * given >= all.len() {
-                    measured.push((Change::Order(text.clone()), all));
+                    measured.push((Change::Order(text, moves), all));
                 }
             }
         }
         measured
+    }
+
+    /// Two views of which at least one is carried and both are read.
+    fn exchanges(&self) -> Vec<(usize, usize)> {
+        if !self.thorough {
+            return Vec::new();
+        }
+        let small = self.small.keys().copied();
+        let others = |a: usize| {
+            let carried = self.small.keys().filter(move |b| **b > a);
+            carried.chain(self.around.keys()).map(move |b| (a, *b))
+        };
+        small.flat_map(others).collect()
     }
 }
 
@@ -349,6 +486,14 @@ pub(super) fn mean_loss(all: &[Explained]) -> f64 {
         return 1.0;
     }
     all.iter().map(Explained::loss).sum::<f64>() / landed as f64
+}
+
+/// Whether another reading, though depth may agree, carries as many colours to worse ones.
+fn is_refuted(as_read: &[Explained], other: &[Explained]) -> bool {
+    let (before, after) = (forward(as_read), forward(other));
+    let levels = before.colour_levels().zip(after.colour_levels());
+    10 * before.compared >= 3 * after.compared
+        && levels.is_some_and(|(before, after)| after > WORSE_COLOURS * before)
 }
 
 /// Whether another reading explains the same pairs significantly better.
@@ -463,11 +608,11 @@ mod tests {
             ),
             (
                 |v| poses(v, |i| 8 - i),
-                &|c| matches!(c, Change::Order(how) if how.contains("reverse")),
+                &|c| matches!(c, Change::Order(how, _) if how.contains("reverse")),
             ),
             (
                 |v| poses(v, |i| (i + 1).min(8)),
-                &|c| matches!(c, Change::Order(how) if how == "every picture fits the pose before its own"),
+                &|c| matches!(c, Change::Order(how, _) if how == "every picture fits the pose before its own"),
             ),
             (
                 |v| {

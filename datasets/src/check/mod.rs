@@ -19,6 +19,8 @@ mod orders;
 mod plausible;
 mod search;
 mod small_view;
+#[cfg(test)]
+mod spoiled_tests;
 mod stereo;
 
 use std::collections::BTreeSet;
@@ -190,10 +192,17 @@ fn look(scene: &Scene, units: Units, effort: Effort) -> Look {
     };
     let mut note = None;
     contradictions.extend(match (&scene.pairing, &neighbours) {
-        (Pairing::Stereo { source, target }, _) => {
-            stereo::contradictions((&scene.views[*source], &scene.views[*target]))
+        (Pairing::Stereo { .. }, _) => {
+            let (contradiction, said) = stereo::contradictions(&scene.views, effort);
+            note = said;
+            contradiction
         }
-        (_, Some(neighbours)) => neighbours.contradictions(units),
+        (_, Some(neighbours)) => neighbours.contradictions(units).or_else(|| {
+            // Of pictures that no reading assigns to their poses.
+            effort
+                .thorough
+                .then(|| Matches::new(&scene.views, effort).contradiction())?
+        }),
         (_, None) => {
             let matches = Matches::new(&scene.views, effort);
             note = Some(matches.note());

@@ -8,21 +8,23 @@ use crate::View;
 /// Of fewer views any assignment to poses may fit.
 const LEAST_VIEWS: usize = 5;
 
-/// Which view's pose a picture has, if any.
-pub(super) type PoseOf = Box<dyn Fn(usize) -> Option<usize>>;
+/// Which view a picture takes something of, if any.
+pub(super) type Assignment = Box<dyn Fn(usize) -> Option<usize>>;
 
 /// The first views of the pairs of neighbours that are looked at.
 pub(super) fn neighbours(views: usize, effort: Effort) -> impl Iterator<Item = usize> {
     evenly_spaced(views.saturating_sub(1), effort.pairs).into_iter()
 }
 
-/// Assignments that come of mistakes, in words: shifts from one of some views on, the reverse order, and the order of spelling
-/// for that of numbers.
-pub(super) fn orders(views: &[View], mut starts: BTreeSet<usize>) -> Vec<(String, PoseOf)> {
+/// Assignments that come of mistakes, in words: shifts from one of some views on, the reverse order, the order of spelling
+/// for that of numbers, and exchanges of two. `noun` is what is assigned to the pictures.
+pub(super) fn orders(
+    views: &[View],
+    starts: &BTreeSet<usize>,
+    exchanged: &[(usize, usize)],
+    noun: &str,
+) -> Vec<(String, Assignment)> {
     let n = views.len();
-    if n < LEAST_VIEWS {
-        return Vec::new();
-    }
     let shifted = |by: i64, from: usize| {
         move |i: usize| match i < from {
             true => Some(i),
@@ -30,8 +32,24 @@ pub(super) fn orders(views: &[View], mut starts: BTreeSet<usize>) -> Vec<(String
         }
     };
     let id = |i: usize| &views[i].id;
-    let mut orders: Vec<(String, PoseOf)> = Vec::new();
-    starts.insert(0);
+    let mut orders: Vec<(String, Assignment)> = Vec::new();
+    for &(a, b) in exchanged {
+        let text = format!(
+            "{} fits the {noun} of {}, and the other way round",
+            id(a),
+            id(b)
+        );
+        let exchange = move |i: usize| match i {
+            i if i == a => Some(b),
+            i if i == b => Some(a),
+            i => Some(i),
+        };
+        orders.push((text, Box::new(exchange)));
+    }
+    if n < LEAST_VIEWS {
+        return orders;
+    }
+    let starts: BTreeSet<usize> = starts.iter().copied().chain([0]).collect();
     for by in [-2_i64, -1, 1, 2] {
         let places = if by.abs() == 1 { "" } else { "two places " };
         let side = if by < 0 { "before" } else { "after" };
@@ -40,21 +58,26 @@ pub(super) fn orders(views: &[View], mut starts: BTreeSet<usize>) -> Vec<(String
                 0 => "every picture fits".to_owned(),
                 from => format!("from about {} on every picture fits", id(from)),
             };
-            let text = format!("{which} the pose {places}{side} its own");
+            let text = format!("{which} the {noun} {places}{side} its own");
             orders.push((text, Box::new(shifted(by, from))));
         }
     }
-    let backwards = "the pictures fit the poses in reverse order".to_owned();
+    let backwards = format!("the pictures fit the {noun}s in reverse order");
     orders.push((backwards, Box::new(move |i| Some(n - 1 - i))));
     let mut spelt: Vec<usize> = (0..n).collect();
     spelt.sort_by(|a, b| id(*a).cmp(id(*b)));
     if spelt.iter().enumerate().any(|(i, j)| i != *j) {
         let mut rank = vec![0; n];
         spelt.iter().enumerate().for_each(|(i, j)| rank[*j] = i);
-        let text = "the pictures in the order of their numbers fit the poses in the order of their spelling";
-        orders.push((text.to_owned(), Box::new(move |i| spelt.get(i).copied())));
-        let text = "the pictures in the order of their spelling fit the poses in the order of their numbers";
-        orders.push((text.to_owned(), Box::new(move |i| rank.get(i).copied())));
+        let text = |pictures: &str, others: &str| {
+            format!(
+                "the pictures in the order of their {pictures} fit the {noun}s in the order of their {others}"
+            )
+        };
+        let to_spelling = text("numbers", "spelling");
+        orders.push((to_spelling, Box::new(move |i| spelt.get(i).copied())));
+        let to_numbers = text("spelling", "numbers");
+        orders.push((to_numbers, Box::new(move |i| rank.get(i).copied())));
     }
     orders
 }

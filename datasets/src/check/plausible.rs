@@ -9,6 +9,32 @@ const FOCAL: (f64, f64) = (0.2, 20.0);
 /// quarter; half a pixel of rounding is allowed for.
 const OFF_CENTRE: f64 = 0.245;
 
+/// Largest distance of the principal point from the centre, in the larger side, at which it counts as the middle.
+const MIDDLE: f64 = 0.03;
+
+/// Principal points that all lie in the middle only with x and y exchanged. A crop may have such a point by chance, but not
+/// if the views are cropped apart.
+fn exchanged_centres(views: &[View]) -> Option<String> {
+    let is_exchanged = |view: &View| {
+        let k = &view.intrinsics;
+        let (w, h) = (f64::from(k.width), f64::from(k.height));
+        let from_middle = |x: f64, y: f64| (x - w / 2.0).abs().max((y - h / 2.0).abs()) / w.max(h);
+        from_middle(k.cy, k.cx) <= MIDDLE && from_middle(k.cx, k.cy) > 2.0 * MIDDLE
+    };
+    let k = views
+        .first()
+        .filter(|_| views.iter().all(is_exchanged))?
+        .intrinsics;
+    Some(format!(
+        "the principal point ({}, {}) would lie in the middle of {}x{} with cx and cy exchanged; are they, or is the \
+         calibration that of pictures turned by 90 degrees?",
+        number(k.cx),
+        number(k.cy),
+        k.width,
+        k.height
+    ))
+}
+
 /// Cameras that no photograph has; a sentence with the first for each way in which they are wrong.
 pub(super) fn cameras(views: &[View]) -> Vec<String> {
     let off_centre = |view: &View| {
@@ -51,10 +77,14 @@ pub(super) fn cameras(views: &[View]) -> Vec<String> {
             view.id
         ))
     };
-    [sentence(&off_centre), sentence(&focal)]
-        .into_iter()
-        .flatten()
-        .collect()
+    [
+        sentence(&off_centre),
+        sentence(&focal),
+        exchanged_centres(views),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// A median depth at which no scene lies.

@@ -1,6 +1,8 @@
 //! Views reduced to a size at which readings of them can be compared cheaply, and by which a reading that is off by many
 //! pixels of the photograph is off by few.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 use image::RgbImage;
 use sharp::camera::Intrinsics;
@@ -10,14 +12,28 @@ use crate::View;
 /// The width of views whose depth is carried.
 pub(super) const WIDEST: u32 = 256;
 
+/// What of a view may be turned alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Part {
+    Picture,
+    Depth,
+}
+
+/// How pictures and depth maps are turned by mistake: across, down, and in words.
+pub(super) const FLIPS: [((bool, bool), &str); 3] = [
+    ((false, true), "upside down"),
+    ((true, false), "mirrored left to right"),
+    ((true, true), "turned by 180 degrees"),
+];
+
 /// A view with its pixels, reduced.
 #[derive(Debug, Clone)]
 pub(super) struct SmallView {
     pub(super) camera: Intrinsics,
     /// Means of blocks, 8-bit levels; `None` where a mask excludes a pixel of the block.
-    colours: Vec<Option<[f32; 3]>>,
+    colours: Arc<[Option<[f32; 3]>]>,
     /// As read; 0 for none. Empty where the view has no depth.
-    depth: Vec<f32>,
+    depth: Arc<[f32]>,
 }
 
 impl SmallView {
@@ -92,9 +108,29 @@ impl SmallView {
     pub(super) fn with_depth_of(&self, other: &Self) -> Option<Self> {
         let size = |view: &Self| (view.camera.width, view.camera.height);
         (size(self) == size(other) && other.has_depth()).then(|| Self {
-            depth: other.depth.clone(),
+            depth: Arc::clone(&other.depth),
             ..self.clone()
         })
+    }
+
+    /// With the columns, the rows, or both of its picture or of its depth in reverse order.
+    pub(super) fn flipped(&self, (across, down): (bool, bool), part: Part) -> Self {
+        let (w, h) = (self.camera.width as usize, self.camera.height as usize);
+        let from = |i: usize| {
+            let (x, y) = (i % w, i / w);
+            let x = if across { w - 1 - x } else { x };
+            let y = if down { h - 1 - y } else { y };
+            y * w + x
+        };
+        let mut flipped = self.clone();
+        match part {
+            Part::Picture => flipped.colours = (0..w * h).map(|i| self.colours[from(i)]).collect(),
+            Part::Depth => {
+                let all = 0..self.depth.len();
+                flipped.depth = all.map(|i| self.depth[from(i)]).collect();
+            }
+        }
+        flipped
     }
 
     pub(super) fn grey(self) -> Grey {
@@ -109,12 +145,17 @@ impl SmallView {
     /// Brings the mean and the spread of each channel to another picture's.
     pub(super) fn match_levels(&mut self, other: &Self) {
         let (own, wanted) = (self.levels(), other.levels());
-        for colour in self.colours.iter_mut().flatten() {
-            for (i, level) in colour.iter_mut().enumerate() {
+        let matched = |colour: [f32; 3]| {
+            std::array::from_fn(|i| {
                 let ((mean, spread), (to_mean, to_spread)) = (own[i], wanted[i]);
-                *level = to_mean + (*level - mean) * to_spread / spread.max(1.0);
-            }
-        }
+                to_mean + (colour[i] - mean) * to_spread / spread.max(1.0)
+            })
+        };
+        self.colours = self
+            .colours
+            .iter()
+            .map(|colour| colour.map(matched))
+            .collect();
     }
 
     /// Mean and standard deviation of each channel.
@@ -146,7 +187,7 @@ impl SmallView {
     pub(super) fn samples(&self) -> impl Iterator<Item = Sample> {
         let pixels =
             (0..self.camera.height).flat_map(|y| (0..self.camera.width).map(move |x| (x, y)));
-        let with_depth = pixels.zip(&self.depth).filter(|(_, z)| **z > 0.0);
+        let with_depth = pixels.zip(self.depth.iter()).filter(|(_, z)| **z > 0.0);
         with_depth.filter_map(|((x, y), z)| {
             Some(Sample {
                 x,

@@ -2,11 +2,13 @@
 
 use glam::DVec2;
 
+use super::Effort;
 use super::advice::{DEPTHS_M, number};
 use super::explained::{COLOUR_SCALE, Explained, TILES};
+use super::features::Matches;
 use super::fit::{LEAST_GAIN, is_better, mean_loss};
 use super::search::{is_worth_a_word, least};
-use super::small_view::{Sample, SmallView, WIDEST};
+use super::small_view::{FLIPS, Part, Sample, SmallView, WIDEST};
 use crate::View;
 
 /// Distances of the two cameras of a pair, metres.
@@ -14,8 +16,23 @@ const BASELINES_M: (f64, f64) = (1e-3, 10.0);
 /// Bands of a picture that are evidence of their own, each in [`TILES`].
 const BANDS: u32 = 4;
 
-/// What contradicts itself in a pair of which at least the first view has depth.
-pub(super) fn contradictions((left, right): (&View, &View)) -> Option<String> {
+/// What contradicts itself in a pair whose second view is the right one, and what can be said of one without disparity.
+pub(super) fn contradictions(views: &[View], effort: Effort) -> (Option<String>, Option<String>) {
+    let [left, right] = views else {
+        return (None, None);
+    };
+    if left.content.depth().is_ok_and(|depth| depth.is_some()) {
+        return (by_disparity(left, right), None);
+    }
+    let matches = Matches::new(views, effort);
+    let exchanged = matches.exchanged();
+    let exchanged = exchanged.map(|evidence| format!("{EXCHANGED}: {evidence}"));
+    (exchanged, Some(matches.note()))
+}
+
+const EXCHANGED: &str = "left and right are exchanged; exchange the pictures";
+
+fn by_disparity(left: &View, right: &View) -> Option<String> {
     let baseline_m = right
         .camera_from_world
         .inverse()
@@ -41,8 +58,14 @@ pub(super) fn contradictions((left, right): (&View, &View)) -> Option<String> {
         ));
     }
     let median_m = median_m?;
-    let pair = Pair::new((a, left), (b, right))?;
-    pair.better().or_else(|| {
+    let pair_of = |a: SmallView| Pair::new((a, left), (b.clone(), right));
+    let flipped = FLIPS
+        .iter()
+        .filter_map(|(flip, how)| Some((*how, pair_of(a.flipped(*flip, Part::Depth))?)));
+    let flipped: Vec<(&str, Pair)> = flipped.collect();
+    let full = left.intrinsics.fx / a.camera.fx;
+    let pair = pair_of(a)?;
+    pair.better(&flipped, baseline_m, full).or_else(|| {
         let plausible = (DEPTHS_M.0..=DEPTHS_M.1).contains(&median_m);
         (!plausible).then(|| {
             format!(
@@ -88,11 +111,11 @@ impl Pair {
         })
     }
 
-    /// How disparities, times a factor, lead from one picture to the other.
+    /// How disparities, made of those that were read, lead from one picture to the other.
     fn explained(
         &self,
         (from, to): (&SmallView, &SmallView),
-        factor: f64,
+        disparity: &dyn Fn(f64) -> f64,
         stride: usize,
     ) -> Vec<Explained> {
         let mut bands = vec![Explained::default(); BANDS as usize];
@@ -100,7 +123,10 @@ impl Pair {
         for sample in self.samples.iter().step_by(stride) {
             let band = &mut bands[(sample.y * BANDS / size.height) as usize];
             band.samples += 1;
-            let place = DVec2::new(sample.middle().x - factor * sample.depth, sample.middle().y);
+            let place = DVec2::new(
+                sample.middle().x - disparity(sample.depth),
+                sample.middle().y,
+            );
             let colours = from.colour_at(sample.middle()).zip(to.colour_at(place));
             let Some((here, there)) = colours.filter(|_| size.contains(place)) else {
                 continue;
@@ -121,38 +147,64 @@ impl Pair {
         bands
     }
 
-    /// What explains the pictures significantly better than the pair as it was read.
-    fn better(&self) -> Option<String> {
+    /// What explains the pictures significantly better than the pair as it was read. `flipped` are pairs with turned
+    /// disparities, `full` the photographs' size in that of the reduced ones.
+    fn better(&self, flipped: &[(&str, Self)], baseline_m: f64, full: f64) -> Option<String> {
         let stride = self.samples.len().div_ceil(8000);
         let (left, right) = ((&self.left, &self.right), (&self.right, &self.left));
-        let as_read = self.explained(left, 1.0, stride);
-        let factor = least(40, 2_f64.powf(0.25), &|factor, is_coarse| {
-            let stride = if is_coarse { 4 * stride } else { stride };
-            mean_loss(&self.explained(left, factor, stride))
-        });
+        let (same, negated) = (|d: f64| d, |d: f64| -d);
+        let as_read = self.explained(left, &same, stride);
+        let fit = |disparity: &dyn Fn(f64, f64) -> f64| {
+            let factor = least(40, 2_f64.powf(0.25), &|factor, is_coarse| {
+                let stride = if is_coarse { 4 * stride } else { stride };
+                mean_loss(&self.explained(left, &|d| disparity(factor, d), stride))
+            });
+            (
+                factor,
+                self.explained(left, &|d| disparity(factor, d), stride),
+            )
+        };
+        let (factor, scaled) = fit(&|factor, d| factor * d);
         let times = number(factor);
         let mut readings = vec![
-            (
-                "left and right are exchanged; exchange the pictures".to_owned(),
-                self.explained(right, 1.0, stride),
-            ),
+            (EXCHANGED.to_owned(), self.explained(right, &same, stride)),
             (
                 "left and right are exchanged, and the disparity with them; exchange both"
                     .to_owned(),
-                self.explained(left, -1.0, stride),
+                self.explained(left, &negated, stride),
             ),
             (
                 "the left picture's disparity is the right one's; exchange the disparities"
                     .to_owned(),
-                self.explained(right, -1.0, stride),
+                self.explained(right, &negated, stride),
             ),
         ];
+        readings.extend(flipped.iter().map(|(how, pair)| {
+            let pictures = (&pair.left, &pair.right);
+            (
+                format!("the disparity map is {how}"),
+                pair.explained(pictures, &same, stride),
+            )
+        }));
+        // Read as disparities, depths are their reciprocals.
+        let (camera, middle) = (
+            &self.left.camera,
+            self.samples[self.samples.len() / 2].depth,
+        );
+        let offset = self.right.camera.cx - camera.cx;
+        let (product, reciprocal) = fit(&|factor, d| factor * middle * middle / d - offset);
+        let unit_m = camera.fx * baseline_m / (product * middle * middle * full);
+        let how = format!(
+            "the disparity map holds depth, {} m a unit; store the disparities",
+            number(unit_m)
+        );
+        readings.push((how, reciprocal));
         if is_worth_a_word(factor) {
             let how = format!(
                 "disparities times {times} fit: they are of another size than the pictures, or in another unit; \
                  scale them (in rig.txt: disparity_unit)"
             );
-            readings.push((how, self.explained(left, factor, stride)));
+            readings.push((how, scaled));
         }
         readings.retain(|(_, explained)| is_better(&as_read, explained, LEAST_GAIN));
         let best = readings

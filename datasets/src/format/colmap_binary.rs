@@ -8,36 +8,70 @@ use super::FormatError;
 use super::colmap_records::{ColmapCamera, ColmapImage, ColmapPoint, pose, size};
 use crate::lens::COLMAP_MODELS;
 
-/// `cameras.bin`.
+/// Most parameters that an unknown camera model is tried with; COLMAP's own have 16 at most.
+const MOST_PARAMS: usize = 32;
+
+/// `cameras.bin`. Its records do not say how long they are: those of one unknown model are read, as a model named by its
+/// number, if only one number of parameters makes the records end where the file does.
 ///
 /// # Errors
-/// Truncated, or more records than the bytes can hold, or an unknown camera model.
+/// Truncated, or more records than the bytes can hold, or a camera model of unknown length.
 pub fn cameras(bytes: &[u8]) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
+    let mut unknown = None;
+    let known = cameras_with(bytes, &mut |model| {
+        unknown = Some(model);
+        None
+    });
+    let Some(unknown) = unknown else {
+        return known;
+    };
+    let mut fitting = (0..=MOST_PARAMS).filter_map(|params| {
+        cameras_with(bytes, &mut |model| (model == unknown).then_some(params)).ok()
+    });
+    match (fitting.next(), fitting.next()) {
+        (Some(cameras), None) => Ok(cameras),
+        _ => known,
+    }
+}
+
+/// With the number of parameters of unknown models, where it is known; the records have to fill the file then.
+fn cameras_with(
+    bytes: &[u8],
+    params_of: &mut dyn FnMut(i32) -> Option<usize>,
+) -> Result<BTreeMap<u32, ColmapCamera>, FormatError> {
     let mut reader = RecordReader { rest: bytes };
     let count = reader.count(24)?;
     let mut cameras = BTreeMap::new();
+    let mut is_guessed = false;
     for _ in 0..count {
         let id = reader.u32()?;
         let model_id = reader.u32()? as i32;
         let (width, height) = (reader.u64()?, reader.u64()?);
-        // The file does not say how many parameters follow: an unknown model ends the reading.
-        let (model, params) = usize::try_from(model_id)
-            .ok()
-            .and_then(|i| COLMAP_MODELS.get(i))
-            .ok_or_else(|| {
-                invalid!(
-                    "camera {id} is of unknown model {model_id} (`colmap image_undistorter` makes pinhole pictures)"
-                )
-            })?;
-        let model = (*model).to_owned();
+        let known = usize::try_from(model_id).ok();
+        let known = known.and_then(|i| COLMAP_MODELS.get(i));
+        let (model, params) = match known {
+            Some((model, params)) => ((*model).to_owned(), *params),
+            None => {
+                is_guessed = true;
+                let params = params_of(model_id).ok_or_else(|| {
+                    invalid!(
+                        "camera {id} is of unknown model {model_id} (`colmap image_undistorter` makes pinhole pictures)"
+                    )
+                })?;
+                (model_id.to_string(), params)
+            }
+        };
         let camera = ColmapCamera {
             model,
             size: size(width, height)?,
-            params: (0..*params)
+            params: (0..params)
                 .map(|_| reader.f64())
                 .collect::<Result<_, _>>()?,
         };
         cameras.insert(id, camera);
+    }
+    if is_guessed && (!reader.rest.is_empty() || cameras.len() < count) {
+        return Err("the records do not end where the file does".into());
     }
     Ok(cameras)
 }
@@ -217,19 +251,65 @@ mod tests {
             b.extend([0; 96]);
             b
         };
-        assert!(
-            cameras(&camera(18))
-                .unwrap_err()
-                .to_string()
-                .contains("model 18")
-        );
         assert_eq!(cameras(&camera(7)).unwrap()[&1].model, "FOV");
-        assert!(
-            cameras(&camera(-1))
-                .unwrap_err()
-                .to_string()
-                .contains("model -1")
-        );
         assert_eq!(cameras(&camera(10)).unwrap()[&1].params.len(), 12);
+        for unknown in [18, -1] {
+            let bytes = camera(unknown);
+            let read = &cameras(&bytes).unwrap()[&1];
+            assert_eq!(
+                (read.model.as_str(), read.params.len()),
+                (&*unknown.to_string(), 12)
+            );
+            assert!(read.lens().is_err());
+            // No whole number of parameters fills the file.
+            let error = cameras(&bytes[..bytes.len() - 4]).unwrap_err();
+            assert!(
+                error
+                    .to_string()
+                    .contains(&format!("unknown model {unknown}")),
+                "{error}"
+            );
+        }
+    }
+
+    fn file(cameras: &[(u32, i32, &[f64])]) -> Vec<u8> {
+        let mut b = (cameras.len() as u64).to_le_bytes().to_vec();
+        for (id, model, params) in cameras {
+            b.extend(id.to_le_bytes());
+            b.extend(model.to_le_bytes());
+            b.extend(640_u64.to_le_bytes());
+            b.extend(480_u64.to_le_bytes());
+            params
+                .iter()
+                .for_each(|value| b.extend(value.to_le_bytes()));
+        }
+        b
+    }
+
+    const PINHOLE: &[f64] = &[500.0, 500.0, 320.0, 240.0];
+
+    #[test]
+    fn one_unknown_model_costs_its_own_cameras() {
+        let odd: &[f64] = &[510.0, 511.0, 321.0, 241.0, 0.1, 0.2, 0.3];
+        let read = cameras(&file(&[
+            (1, 1, PINHOLE),
+            (2, 99, odd),
+            (3, 99, odd),
+            (4, 1, PINHOLE),
+        ]));
+        let read = read.unwrap();
+        assert_eq!(
+            (read[&2].params.as_slice(), read[&3].params.as_slice()),
+            (odd, odd)
+        );
+        assert!(read[&1].lens().is_ok() && read[&4].lens().is_ok());
+        let error = read[&2].lens().unwrap_err().to_string();
+        assert!(error.contains("'99' is not read"), "{error}");
+    }
+
+    #[test]
+    fn two_unknown_models_are_of_unknown_length() {
+        let error = cameras(&file(&[(1, 98, PINHOLE), (2, 99, PINHOLE)])).unwrap_err();
+        assert!(error.to_string().contains("unknown model 98"), "{error}");
     }
 }

@@ -19,7 +19,7 @@ use crate::left_out::FoundScenes;
 use crate::mask::{Keep, MaskFile};
 use crate::required_files::{PhotographPath, RequiredFile};
 use crate::scan_depth::{ScanCache, ScanFile};
-use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id};
+use crate::scene_builder::{Pinhole, PosedFrame, SceneBuilder, frame_id, no_pose};
 use crate::{DatasetError, DatasetSpec, Scene};
 use photographs::DslrPhotographs;
 
@@ -231,7 +231,7 @@ impl ScanNetPpReader<'_> {
                 continue;
             }
             let image = scene.finder.picture(&photos.images, file_name)?;
-            let pose = frame.world_from_camera.as_ref().ok();
+            let pose = frame.world_from_camera.as_ref().map_err(no_pose);
             let Some((image, pose)) = scene.usable(file_name, image, pose) else {
                 continue;
             };

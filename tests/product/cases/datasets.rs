@@ -225,6 +225,51 @@ fn pictures_that_were_renumbered_are_noticed() {
 }
 
 #[test]
+fn depth_maps_of_other_pictures_are_named() {
+    let case = untried("X25-depth-metres-npy");
+    let shift =
+        "cd ns/depth && for i in 7 6 5 4 3 2 1; do cp view_0$((i - 1)).npy view_0$i.npy; done";
+    case.run(shift).ends_with(0);
+    let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
+    ends(
+        &said,
+        4,
+        "pictures and depth maps are not assigned rightly: every picture fits the depth map after its own: 79.2 %",
+    );
+}
+
+#[test]
+fn poses_that_mirror_space_are_said_to() {
+    let case = untried("X25-depth-metres-npy");
+    let path = case.path("ns/transforms.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    for frame in json["frames"].as_array_mut().unwrap() {
+        for value in frame["transform_matrix"][0].as_array_mut().unwrap() {
+            *value = (-value.as_f64().unwrap()).into();
+        }
+    }
+    std::fs::write(&path, json.to_string()).unwrap();
+    let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
+    ends(&said, 4, "8 frame(s) left out, the pose mirrors space");
+}
+
+#[test]
+fn an_exchanged_principal_point_is_named() {
+    let case = untried("X25-depth-metres-npy");
+    case.run(
+        "sed -i 's/\"cx\": [0-9.]*/\"cx\": 24/; s/\"cy\": [0-9.]*/\"cy\": 32/' ns/transforms.json",
+    )
+    .ends_with(0);
+    let said = case.run("sharp-bench datasets check nerfstudio=ns,depth-unit=1");
+    ends(
+        &said,
+        4,
+        "the principal point (24, 32) would lie in the middle of 64x48 with cx and cy exchanged",
+    );
+}
+
+#[test]
 fn stereo_pairs_that_contradict_themselves_are_named() {
     for (name, cause) in [
         ("X62-mb-disp-not-scaled", "disparities times 0.25 fit"),

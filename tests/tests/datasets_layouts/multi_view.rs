@@ -143,6 +143,50 @@ fn colmap_text_and_binary() {
     }
 }
 
+/// A camera of a model that this program does not know, first in the file, costs the picture that was taken with it.
+#[test]
+fn colmap_binary_with_a_camera_of_an_unknown_model() {
+    let scene = scene();
+    let folder = folder();
+    for view in scene.views() {
+        write::picture(folder.path(), &format!("images/{}.png", view.id), view);
+    }
+    let model = folder.path().join("sparse/0");
+    let images = names(scene.views(), "", "png");
+    write::colmap_binary(&model, &write::lens_of(&scene.views()[0]), &images);
+    let cameras = std::fs::read(model.join("cameras.bin")).unwrap();
+    let mut changed = 2_u64.to_le_bytes().to_vec();
+    changed.extend(7_u32.to_le_bytes());
+    changed.extend(99_i32.to_le_bytes());
+    changed.extend([96_u64, 72].iter().flat_map(|side| side.to_le_bytes()));
+    changed.extend([0.5_f64; 7].iter().flat_map(|value| value.to_le_bytes()));
+    changed.extend(&cameras[8..]);
+    write::bytes(&model, "cameras.bin", &changed);
+    // The camera of the first image, after its count, its own number and seven values.
+    let mut images = std::fs::read(model.join("images.bin")).unwrap();
+    images[68..72].copy_from_slice(&7_u32.to_le_bytes());
+    write::bytes(&model, "images.bin", &images);
+    let found = read("colmap", folder.path());
+    compare(&found.views, &scene.views()[1..], Depth::Absent);
+    let note = format!(
+        "camera model '99' is not read (`colmap image_undistorter` makes pinhole pictures): {}.png",
+        scene.views()[0].id
+    );
+    assert!(
+        found.notes.iter().any(|found| found.contains(&note)),
+        "{:?}",
+        found.notes
+    );
+    // One byte more, and no length of the record fits.
+    changed.push(0);
+    write::bytes(&model, "cameras.bin", &changed);
+    let refused = crate::refusal("colmap", folder.path());
+    assert!(
+        refused.contains("camera 7 is of unknown model 99"),
+        "{refused}"
+    );
+}
+
 #[test]
 fn colmap_points_are_sparse_depth() {
     let scene = scene();

@@ -38,7 +38,8 @@ enum DatasetsCommand {
     /// Look at a dataset: what is there, what is broken and why, whether poses agree with depth
     ///
     /// Reads cameras of every scene, decodes pictures and depth of some views of each, and carries depth between
-    /// neighbouring views by their poses. Nothing is written. Exit code 0 when it is sound, 4 when something is broken,
+    /// neighbouring views by their poses. The scale of poses without depth, and two exchanged pictures that are not among
+    /// those looked at, cannot be told from proper data. Nothing is written. Exit code 0 when it is sound, 4 when something is broken,
     /// 1 when it cannot be opened.
     Check {
         /// The dataset, [NAME:]FORMAT=PATH[,key=value…]; several are checked one by one
