@@ -43,6 +43,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let found: Vec<_> = found.collect();
     let mut turned: BTreeMap<(u8, bool, bool), usize> = BTreeMap::new();
     let mut profiles: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut ignored: BTreeMap<String, usize> = BTreeMap::new();
     for picture in &found {
         if picture.header.orientation != 1 {
             let key = (
@@ -51,6 +52,9 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
                 picture.fits_both,
             );
             *turned.entry(key).or_default() += 1;
+        }
+        if let Some(text) = picture.header.profile.ignored() {
+            *ignored.entry(text).or_default() += 1;
         }
         if let Some(name) = picture.header.profile.name() {
             *profiles.entry(name).or_default() += 1;
@@ -78,6 +82,13 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
                 ColorRule::AsStored => "taken for sRGB (color=convert: converted)",
             }
         ));
+    }
+    for (text, count) in ignored {
+        if rules.color == ColorRule::Convert {
+            scene.notes.push(format!(
+                "pictures: of {count} of {of}: {text} (color=as-stored asks for that)"
+            ));
+        }
     }
     let other = match spec.setting("masks") {
         "keep-white" | "apply" => "keep-black",

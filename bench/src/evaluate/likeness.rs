@@ -201,7 +201,20 @@ impl Likeness {
         Errors::of(self.total).error
     }
 
-    /// True where the picture explains less than a tenth of the photograph, whatever its brightness and contrast.
+    /// Of a photograph, levels.
+    pub(super) fn mean_color(photograph: &RgbImage) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for pixel in photograph.pixels() {
+            for (sum, level) in sums.iter_mut().zip(pixel.0) {
+                *sum += f64::from(level);
+            }
+        }
+        let pixels = photograph.pixels().len().max(1) as f64;
+        sums.map(|sum| sum / pixels)
+    }
+
+    /// True where the picture is no closer to the photograph than its mean colour, and explains less than a tenth of it
+    /// whatever its brightness and contrast.
     pub(super) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
@@ -210,7 +223,8 @@ impl Likeness {
         } = Errors::of(self.total);
         // Of a photograph of one colour nothing can be explained; 8 levels off is close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        error > 0.5 * variance + noise && residual > 0.9 * variance
+        // The mean colour in whole levels is a little farther away than the mean.
+        error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
     /// True where it explains most of the photograph.

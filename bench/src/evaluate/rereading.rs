@@ -222,18 +222,26 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         add(&|other| other.stored.channels = Some(channels));
     }
     // Values come back from their encoding with some rounding.
-    let is_unit = |v: &f32| (-1e-4..=1.0001).contains(v);
-    if current.stored.opacity == Some(StoredOpacity::Logit) && stored.opacities.iter().all(is_unit)
-    {
+    let reach = |values: &[f32], most: f32| {
+        values
+            .iter()
+            .all(|v| (-1e-4..=1.0001).contains(&(v / most)))
+    };
+    let is_logit = current.stored.opacity == Some(StoredOpacity::Logit);
+    if is_logit && reach(&stored.opacities, 1.0) {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
     let scales = stored.scales.as_flattened();
     if current.stored.scales == Some(StoredScales::Log) && scales.iter().all(|s| *s >= -1e-4) {
         add(&|other| other.stored.scales = Some(StoredScales::Linear));
     }
-    let colors = stored.colors.as_flattened();
-    if current.stored.colors == Some(StoredColors::Dc) && colors.iter().all(is_unit) {
-        add(&|other| other.stored.colors = Some(StoredColors::Rgb01));
+    if current.stored.colors == Some(StoredColors::Dc) {
+        add(&|other| other.stored.colors = Some(StoredColors::Logit));
+        for (form, most) in [(StoredColors::Rgb01, 1.0), (StoredColors::Rgb255, 255.0)] {
+            if reach(stored.colors.as_flattened(), most) {
+                add(&|other| other.stored.colors = Some(form));
+            }
+        }
     }
     all
 }

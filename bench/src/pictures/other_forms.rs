@@ -4,7 +4,10 @@
 //! Each form is that of a public package at its defaults. They are computed plainly: only `metrics --find` asks for them.
 
 use image::{Rgb, Rgb32FImage};
-use sharp_metrics::{Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, resize};
+use sharp_metrics::{
+    Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, SsimVariant, resize, ssim,
+    ssim_contrast,
+};
 
 /// One such computation and its value.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +40,7 @@ pub fn other_forms(
     };
     let planes = [prediction, target].map(Planes::of);
     let both = |change: &dyn Fn(&Planes) -> Planes| [change(&planes[0]), change(&planes[1])];
-    let [psnr, ssim, lpips, dists] = Family::ALL;
+    let [psnr, of_ssim, lpips, dists] = Family::ALL;
 
     let luma = both(&|picture| picture.weighted([0.299, 0.587, 0.114], 0.0));
     add(
@@ -68,7 +71,7 @@ pub fn other_forms(
     ] {
         add(
             name,
-            ssim,
+            of_ssim,
             score(scorer, key, &halved[0], &halved[1], None),
             "Constants for values in -1..1 on pictures in 0..1: what scikit-image took for floats before 0.21 unless told \
              otherwise.",
@@ -80,28 +83,28 @@ pub fn other_forms(
         let small = both(&|picture| picture.pooled(factor));
         add(
             "piq.ssim",
-            ssim,
-            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            of_ssim,
+            similarity(&small),
             "Both pictures first reduced to means of f x f pixels, f = shorter side / 256 rounded; piq's default.",
         );
         let small = luma.clone().map(|picture| picture.pooled(factor));
         add(
             "ssim.m",
-            ssim,
-            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            of_ssim,
+            similarity(&small),
             "The same on luma: the authors' MATLAB code.",
         );
     }
     let scales = multi_scale(planes.clone());
     add(
         "MS-SSIM",
-        ssim,
+        of_ssim,
         scales.map(|[valid, _]| valid),
         "Five scales, windows inside the picture: the paper's, and torchmetrics before 1.4.2.",
     );
     add(
         "MS-SSIM of torchmetrics",
-        ssim,
+        of_ssim,
         scales.map(|[_, reflected]| reflected),
         "Five scales, the coarsest with reflected borders: torchmetrics since 1.4.2.",
     );
@@ -262,110 +265,28 @@ impl Planes {
             values: self.values.iter().map(pool).collect(),
         }
     }
-
-    /// The picture mirrored by `radius` pixels on each side, the edge pixel not repeated.
-    fn reflected(&self, radius: usize) -> Self {
-        let (width, height) = (self.width + 2 * radius, self.height + 2 * radius);
-        let from = |at: usize, n: usize| {
-            let inside = at.abs_diff(radius);
-            inside.min(2 * (n - 1) - inside.min(2 * (n - 1)))
-        };
-        let plane = |plane: &Vec<f64>| {
-            let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-            rows.map(|(x, y)| plane[from(y, self.height) * self.width + from(x, self.width)])
-                .collect()
-        };
-        Self {
-            width,
-            height,
-            values: self.values.iter().map(plane).collect(),
-        }
-    }
-}
-
-/// Windows of SSIM: 11 taps, σ 1.5.
-const RADIUS: usize = 5;
-
-/// Local similarities of all channels, and their part without luminance.
-struct SsimMaps {
-    ssim: Vec<f64>,
-    contrast: Vec<f64>,
 }
 
 /// SSIM over the windows inside the pictures; `None` where there is none.
-fn similarity(a: &Planes, b: &Planes) -> Option<SsimMaps> {
-    const C1: f64 = 0.01 * 0.01;
-    const C2: f64 = 0.03 * 0.03;
-    let size = (a.width, a.height);
-    if a.width.min(a.height) <= 2 * RADIUS {
-        return None;
-    }
-    let mut found = SsimMaps {
-        ssim: Vec::new(),
-        contrast: Vec::new(),
-    };
-    for (a, b) in a.values.iter().zip(&b.values) {
-        let product =
-            |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
-        let moments = [
-            a.clone(),
-            b.clone(),
-            product(a, a),
-            product(b, b),
-            product(a, b),
-        ];
-        let [ma, mb, aa, bb, ab] = moments.map(|plane| filtered(&plane, size));
-        for i in 0..ma.len() {
-            let (va, vb) = (aa[i] - ma[i] * ma[i], bb[i] - mb[i] * mb[i]);
-            let contrast = (2.0 * (ab[i] - ma[i] * mb[i]) + C2) / (va.max(0.0) + vb.max(0.0) + C2);
-            let luminance = (2.0 * ma[i] * mb[i] + C1) / (ma[i] * ma[i] + mb[i] * mb[i] + C1);
-            found.contrast.push(contrast);
-            found.ssim.push(luminance * contrast);
-        }
-    }
-    Some(found)
-}
-
-/// A plane under the Gaussian, where that lies inside.
-fn filtered(plane: &[f64], (width, height): (usize, usize)) -> Vec<f64> {
-    let weights: Vec<f64> = (0..=2 * RADIUS)
-        .map(|i| (-((i as f64 - RADIUS as f64) / 1.5).powi(2) / 2.0).exp())
-        .collect();
-    let sum: f64 = weights.iter().sum();
-    let (columns, rows) = (width - 2 * RADIUS, height - 2 * RADIUS);
-    let under = |plane: &[f64], at: usize, stride: usize| {
-        let taps = weights.iter().enumerate();
-        taps.map(|(i, weight)| weight * plane[at + i * stride])
-            .sum::<f64>()
-            / sum
-    };
-    let across: Vec<f64> = (0..height)
-        .flat_map(|y| (0..columns).map(move |x| y * width + x))
-        .map(|at| under(plane, at, 1))
-        .collect();
-    (0..rows * columns)
-        .map(|at| under(&across, at, columns))
-        .collect()
+fn similarity([a, b]: &[Planes; 2]) -> Option<f64> {
+    ssim(SsimVariant::Gauss11Valid, &a.picture(), &b.picture(), None).ok()
 }
 
 /// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with that reflected.
-fn multi_scale([mut a, mut b]: [Planes; 2]) -> Option<[f64; 2]> {
+fn multi_scale(mut planes: [Planes; 2]) -> Option<[f64; 2]> {
     const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
+    // What is below zero has no power.
+    let power = |value: f64, weight: f64| value.max(0.0).powf(weight);
     let mut product = 1.0;
-    for (scale, weight) in WEIGHTS.into_iter().enumerate() {
-        let here = similarity(&a, &b)?;
-        // What is below zero has no power.
-        let power = |values: &[f64]| mean(values).max(0.0).powf(weight);
-        if scale + 1 == WEIGHTS.len() {
-            let reflected = similarity(&a.reflected(RADIUS), &b.reflected(RADIUS))?;
-            return Some([power(&here.ssim), power(&reflected.ssim)].map(|last| product * last));
-        }
-        product *= power(&here.contrast);
-        (a, b) = (a.pooled(2), b.pooled(2));
+    for weight in &WEIGHTS[..4] {
+        let [a, b] = planes.each_ref().map(Planes::picture);
+        product *= power(ssim_contrast(&a, &b).ok()?, *weight);
+        planes = planes.map(|picture| picture.pooled(2));
     }
-    None
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+    let [a, b] = planes.each_ref().map(Planes::picture);
+    let last = |border| Some(product * power(ssim(border, &a, &b, None).ok()?, WEIGHTS[4]));
+    Some([
+        last(SsimVariant::Gauss11Valid)?,
+        last(SsimVariant::Gauss11Reflect)?,
+    ])
 }

@@ -27,13 +27,38 @@ pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow}
 
 /// The mean of the SSIM map; with a mask the mean over the windows whose centre is inside it, or where the form says so
 /// over those that lie inside as a whole. The pictures (and the mask) are of one size.
-pub(crate) fn ssim(
+///
+/// # Errors
+/// When the pictures are smaller than a window, or no window counts.
+pub fn ssim(
     variant: SsimVariant,
     prediction: &Picture,
     target: &Picture,
     mask: Option<&Mask>,
 ) -> Result<f64, Unavailable> {
-    let form = SsimSpec::of(variant);
+    mean(&SsimSpec::of(variant), prediction, target, mask)
+}
+
+/// The mean of SSIM without its luminance, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the pictures:
+/// a factor of multi-scale SSIM.
+///
+/// # Errors
+/// When the pictures are smaller than a window.
+pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
+    let form = SsimSpec {
+        // C₁ leaves nothing of the means beside it: the luminance is 1.
+        k1: 1e50,
+        ..SsimSpec::of(SsimVariant::Gauss11Valid)
+    };
+    mean(&form, prediction, target, None)
+}
+
+fn mean(
+    form: &SsimSpec,
+    prediction: &Picture,
+    target: &Picture,
+    mask: Option<&Mask>,
+) -> Result<f64, Unavailable> {
     let channels = form.channels();
     let origin = form.origin();
     let eroded;
@@ -44,7 +69,7 @@ pub(crate) fn ssim(
         }
         mask => mask,
     };
-    let rows = map_rows(&form, prediction, target, |y, row| {
+    let rows = map_rows(form, prediction, target, |y, row| {
         let Some(mask) = mask else {
             return (sum_in_lanes(row), row.len());
         };

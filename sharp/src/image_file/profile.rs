@@ -19,6 +19,8 @@ pub enum Profile {
         name: String,
         to_srgb: MatrixProfile,
     },
+    /// PNG chunks that contradict sRGB, but which programs ignore.
+    Ignored { chunks: String },
     /// A profile that cannot be converted here, with the reason.
     Other { name: String, reason: &'static str },
 }
@@ -39,8 +41,19 @@ impl Profile {
     /// The name of a profile that is not sRGB.
     pub fn name(&self) -> Option<&str> {
         match self {
-            Self::Srgb => None,
+            Self::Srgb | Self::Ignored { .. } => None,
             Self::Matrix { name, .. } | Self::Other { name, .. } => Some(name),
+        }
+    }
+
+    /// What is not sRGB and is ignored, in a sentence about the file.
+    pub fn ignored(&self) -> Option<String> {
+        match self {
+            Self::Ignored { chunks } => Some(format!(
+                "its PNG chunks say that it is not sRGB ({chunks}), which is ignored, as by most programs: its values are \
+                 taken for sRGB"
+            )),
+            _ => None,
         }
     }
 
