@@ -201,16 +201,9 @@ impl Likeness {
         Errors::of(self.total).error
     }
 
-    /// Of a photograph, levels.
-    pub(super) fn mean_color(photograph: &RgbImage) -> [f64; 3] {
-        let mut sums = [0.0; 3];
-        for pixel in photograph.pixels() {
-            for (sum, level) in sums.iter_mut().zip(pixel.0) {
-                *sum += f64::from(level);
-            }
-        }
-        let pixels = photograph.pixels().len().max(1) as f64;
-        sums.map(|sum| sum / pixels)
+    /// The part's mean colour, levels.
+    pub(super) fn mean_color(&self) -> [f64; 3] {
+        self.total.map(|sums| sums.p / sums.n)
     }
 
     /// True where the picture is no closer to the photograph than its mean colour, and explains less than a tenth of it

@@ -150,9 +150,7 @@ impl Trial<'_> {
         }
         Ok((best.0 != *reading).then_some(best))
     }
-}
 
-impl Trial<'_> {
     /// How the Gaussians explain other views, placed by the poses.
     fn fit_elsewhere(
         &self,

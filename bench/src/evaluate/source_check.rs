@@ -18,7 +18,6 @@ use super::likeness::{Likeness, window};
 use super::record::Record;
 use super::render::{placed, surface_depth};
 use super::rereading::{Seen, Trial};
-use crate::io::counts::counted;
 use crate::methods::file_reading::{FileReading, FileSpace};
 use crate::methods::{GaussianPrediction, Privilege, UNUSABLE};
 use crate::pairs::PosedCamera;
@@ -84,7 +83,8 @@ pub(super) fn see_source(
         extras.insert(SOURCE_DEPTH.to_owned(), depth);
     }
     let picture = renderer.picture(&output);
-    let mean = Likeness::mean_color(photograph);
+    let whole = Region::whole(photograph.dimensions());
+    let mean = Likeness::of(photograph, whole, photograph).mean_color();
     let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
     let over_mean = output.srgb8(Background::Color(mean), Quantization::Round);
     let likeness = psnr(
@@ -383,47 +383,30 @@ pub(super) fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    let among = |by_scene: bool| {
-        let mut groups: BTreeMap<(&str, &str), BTreeMap<&str, f64>> = BTreeMap::new();
+    // Views of one scene are much alike.
+    let found = [true, false].into_iter().find_map(|by_scene| {
+        let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
         for record in records.clone() {
             if let Some(psnr) = record.extras.get(SOURCE_PSNR) {
-                let scene = if by_scene { record.scene.as_str() } else { "" };
+                let scene = by_scene.then_some(&record.scene);
                 let group = groups.entry((&record.dataset, scene)).or_default();
                 group.insert(source_of(&record.pair_id), *psnr);
             }
         }
-        let most = if by_scene {
-            f64::INFINITY
-        } else {
-            UNLIKE_ANY_SCENE
+        let most = match by_scene {
+            true => f64::INFINITY,
+            false => UNLIKE_ANY_SCENE,
         };
-        let mut found = groups.values().filter_map(|group| outliers_of(group, most));
-        let first = found.next()?;
-        Some(match found.count() {
-            0 => first,
-            more => format!(
-                "{first}; so do sources of {}",
-                counted(
-                    more,
-                    if by_scene {
-                        "other scene"
-                    } else {
-                        "other dataset"
-                    }
-                )
-            ),
-        })
+        let apart = groups.values().filter_map(|group| apart(group, most));
+        apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
+    });
+    let [mut worse, mut others] = found?;
+    let count = worse.len() + others.len();
+    let range = |part: &mut Vec<(&str, f64)>| {
+        part.sort_by(|a, b| a.1.total_cmp(&b.1));
+        format!("{:.1} to {:.1}", part[0].1, part[part.len() - 1].1)
     };
-    among(true).or_else(|| among(false))
-}
-
-/// Those of a group whose values are at most `most`, in a sentence.
-fn outliers_of(group: &BTreeMap<&str, f64>, most: f64) -> Option<String> {
-    let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
-    sources.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let (worse, others) = sources.split_at(worse_than_the_others(&sources)?);
-    let between = |part: &[(&str, f64)]| Some((part.first()?.1, part.last()?.1));
-    let ((a, b), (c, d)) = (between(worse)?, between(others)?);
+    let (of_worse, of_others) = (range(&mut worse), range(&mut others));
     let mut names: Vec<&str> = worse.iter().map(|(name, _)| *name).collect();
     names.sort_unstable();
     let more = match names.len().saturating_sub(MOST_NAMED) {
@@ -431,26 +414,28 @@ fn outliers_of(group: &BTreeMap<&str, f64>, most: f64) -> Option<String> {
         more => format!(" and {more} more"),
     };
     names.truncate(MOST_NAMED);
-    (b <= most).then(|| {
-        format!(
-            "{} of {} sources show the photograph they were predicted from at {a:.1} to {b:.1} dB, the others at {c:.1} to \
-             {d:.1}: {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
-            worse.len(),
-            sources.len(),
-            names.join(", ")
-        )
-    })
+    Some(format!(
+        "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
+         {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
+        worse.len(),
+        names.join(", ")
+    ))
 }
 
-/// How many of the first values lie apart from the others, of values in order; at most half of them can.
-fn worse_than_the_others(sources: &[(&str, f64)]) -> Option<usize> {
+/// The values of a group that lie apart below the others and are at most `most`, half of them at most, and the others.
+fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
+    let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
+    sources.sort_by(|a, b| a.1.total_cmp(&b.1));
     let n = sources.len();
     let psnr = |at: usize| sources[at].1;
     let gap = |at: usize| psnr(at) - psnr(at - 1);
     let at = (1..=n / 2).max_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
     let below_middle = psnr(at + (n - at) / 2) - psnr(at);
     let is_apart = gap(at) >= LEAST_GAP.max(GAP_SIGNIFICANCE * below_middle);
-    (n >= FEWEST_SOURCES && is_apart).then_some(at)
+    (n >= FEWEST_SOURCES && is_apart && psnr(at - 1) <= most).then(|| {
+        let others = sources.split_off(at);
+        [sources, others]
+    })
 }
 
 /// What speaks against the Gaussians of a method's records: the first doubt of each kind, and [`outlying_sources`].
@@ -678,7 +663,9 @@ mod tests {
         let text = said(blurred);
         assert!(!text.contains(nothing), "{text}");
         // A plain wall, in the photograph's own colour too, and Gaussians that are not seen.
-        let own = Likeness::mean_color(&photograph()).map(|v| linear_from_srgb(v as f32 / 255.0));
+        let (seen, whole) = (photograph(), Region::whole((40, 32)));
+        let own = Likeness::of(&seen, whole, &seen).mean_color();
+        let own = own.map(|v| linear_from_srgb(v as f32 / 255.0));
         let mut plain = round.clone();
         plain.colors.fill(own);
         assert!(said(plain).contains(nothing));
@@ -745,7 +732,11 @@ mod tests {
             .into_iter()
             .chain(other.iter().map(|(n, p)| (n.as_str(), *p)));
         let said = shown(&both.collect::<Vec<_>>()).unwrap();
-        assert!(said.ends_with("; so do sources of 1 other scene"), "{said}");
+        assert!(
+            said.starts_with("8 of 16") && said.contains(": d/s/view_03, "),
+            "{said}"
+        );
+        assert!(said.contains("d/t/view_07; "), "{said}");
     }
 
     /// Measured: the small network and `depth-splat` on the procedural scene, the network on held-out scenes, and what other

@@ -215,18 +215,6 @@ fn read_exr(
 ) -> Result<Rgb32FImage, ReadError> {
     let (LinearPicture { mut rgb, alpha }, is_ours) = read_rgba(path)?;
     let percent = |count: usize| 100.0 * count as f64 / alpha.len() as f64;
-    let pixels_with =
-        |is: fn(f32) -> bool| rgb.pixels().filter(|p| p.0.into_iter().any(is)).count();
-    let not_finite = pixels_with(|v| !v.is_finite());
-    if not_finite > 0 {
-        return Err(malformed(
-            path,
-            format!(
-                "{not_finite} of its pixels ({:.2} %) hold infinities or values that are no numbers",
-                percent(not_finite)
-            ),
-        ));
-    }
     let transfer = match (is_ours, reading.exr) {
         (true, _) => ExrTransfer::Linear,
         (false, Some(transfer)) => transfer,
@@ -250,7 +238,8 @@ fn read_exr(
         AlphaRule::White => 1.0,
         _ => 0.0,
     };
-    let brighter = pixels_with(|v| v > BEYOND_WHITE);
+    let is_brighter = |pixel: &&Rgb<f32>| pixel.0.iter().any(|v| *v > BEYOND_WHITE);
+    let brighter = rgb.pixels().filter(is_brighter).count();
     if transfer == ExrTransfer::Linear && brighter > 0 && !is_ours {
         notes.push(format!(
             "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear): tone-map it as the pictures were that \
@@ -261,7 +250,8 @@ fn read_exr(
     for (pixel, alpha) in rgb.pixels_mut().zip(alpha.iter()) {
         for value in &mut pixel.0 {
             *value += white * (1.0 - alpha.clamp(0.0, 1.0));
-            if transfer == ExrTransfer::Linear {
+            // Infinities are refused like whatever is no number.
+            if transfer == ExrTransfer::Linear && value.is_finite() {
                 *value = srgb_from_linear(value.clamp(0.0, 1.0));
             }
         }

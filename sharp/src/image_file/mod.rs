@@ -15,6 +15,7 @@ mod png_chunks;
 mod profile;
 mod rules;
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read, Seek};
 
 use exif::{In, Tag, Value};
@@ -270,8 +271,8 @@ fn open<'a>(
     format: ImageFormat,
 ) -> Result<(Box<dyn ImageDecoder + 'a>, Header), ImageFileError> {
     let chunks = match format {
-        ImageFormat::Png => png_chunks::colors(&mut file)?,
-        _ => png_chunks::ColorChunks::default(),
+        ImageFormat::Png => png_chunks::before_pixels(&mut file)?,
+        _ => BTreeMap::new(),
     };
     let mut reader = ImageReader::with_format(file, format);
     // The size was checked against the file's, which is tighter than any fixed limit.
@@ -300,11 +301,11 @@ fn open<'a>(
         size: decoder.dimensions(),
         color: decoder.color_type(),
         orientation: orientation.to_exif(),
-        profile: match (chunks.cicp, icc) {
-            (Some(cicp), _) => Profile::of_cicp(cicp),
+        profile: match (chunks.get(b"cICP").and_then(|cicp| cicp.first_chunk()), icc) {
+            (Some(cicp), _) => Profile::of_cicp(*cicp),
             (None, Some(icc)) => Profile::of_icc(&icc),
             (None, None) if is_adobe_rgb => Profile::adobe_rgb(),
-            (None, None) => match chunks.against_srgb() {
+            (None, None) => match png_chunks::against_srgb(&chunks) {
                 Some(chunks) => Profile::Ignored { chunks },
                 None => Profile::Srgb,
             },

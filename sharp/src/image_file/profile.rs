@@ -272,33 +272,15 @@ impl MatrixProfile {
 
 /// The 8-bit level nearest to linear light once it is encoded: what `encoded` and rounding give, without a power a pixel.
 fn level_of(linear: f64) -> u8 {
-    const BINS: usize = 4096;
-    /// Of each bin of linear light, the level of its lower end; and where each level ends.
-    static TABLE: LazyLock<(Vec<u8>, Vec<f64>)> = LazyLock::new(|| {
-        let ends = (0..255).map(|level| {
-            let edge = (f64::from(level) + 0.5) / 255.0;
-            match edge <= 0.040_45 {
-                true => edge / 12.92,
-                false => ((edge + 0.055) / 1.055).powf(2.4),
-            }
-        });
-        let ends: Vec<f64> = ends.collect();
-        let lower = (0..=BINS).map(|bin| {
-            let linear = bin as f64 / BINS as f64;
-            ends.partition_point(|end| *end <= linear) as u8
-        });
-        (lower.collect(), ends)
+    /// Where each level ends.
+    static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {
+        std::array::from_fn(|level| match (level as f64 + 0.5) / 255.0 {
+            edge if edge <= 0.040_45 => edge / 12.92,
+            edge => ((edge + 0.055) / 1.055).powf(2.4),
+        })
     });
     let linear = linear.clamp(0.0, 1.0);
-    let (lower, ends) = &*TABLE;
-    let mut level = lower[(linear * BINS as f64) as usize];
-    while ends
-        .get(usize::from(level))
-        .is_some_and(|end| *end <= linear)
-    {
-        level += 1;
-    }
-    level
+    ENDS.partition_point(|end| *end <= linear) as u8
 }
 
 #[cfg(test)]

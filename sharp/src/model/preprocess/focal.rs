@@ -23,15 +23,15 @@ const TOLERANCE: f64 = 0.1;
 /// By what share a picture's sides may differ from those that its file states.
 const SIDE_TOLERANCE: f64 = 0.02;
 
-/// Sides of the photographs that cameras take.
-const SHAPES: [(f64, f64); 7] = [
-    (3.0, 2.0),
-    (4.0, 3.0),
-    (16.0, 9.0),
-    (1.0, 1.0),
-    (5.0, 4.0),
-    (7.0, 6.0),
-    (65.0, 24.0),
+/// Long over short side of the photographs that cameras take: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
+const SHAPES: [f64; 7] = [
+    1.0,
+    7.0 / 6.0,
+    1.25,
+    4.0 / 3.0,
+    1.5,
+    16.0 / 9.0,
+    65.0 / 24.0,
 ];
 
 /// Pixels of `focal_mm` on 35 mm film, by the diagonal, for an image of `width × height`.
@@ -118,10 +118,7 @@ fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
 /// A picture of a shape that no camera takes, whose file does not say the photograph's own.
 fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
     let (long, short) = (width.max(height), width.min(height));
-    let fits = |(a, b): (f64, f64)| {
-        let side = short * a / b;
-        (long - side).abs() <= (0.01 * side).max(1.0)
-    };
+    let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);
     (!SHAPES.into_iter().any(fits)).then(|| {
         format!(
             "the picture is {width:.0}x{height:.0}, a shape that cameras do not take, and the file does not say the size of the \
