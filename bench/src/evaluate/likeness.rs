@@ -183,12 +183,6 @@ impl Likeness {
         10.0 * (other.error() / self.error()).log10()
     }
 
-    /// Of a black picture.
-    pub(super) fn of_nothing(photograph: &RgbImage, region: Region) -> Self {
-        let black = RgbImage::new(region.width, region.height);
-        Self::of(photograph, region, &black)
-    }
-
     /// PSNR, dB, 100 at most.
     pub(super) fn psnr(&self) -> f64 {
         let error: f64 = self.total.iter().map(|sums| sums.error()).sum();

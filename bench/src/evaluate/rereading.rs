@@ -62,7 +62,7 @@ impl Trial<'_> {
         // Of Gaussians at one depth the first covers the others: in a file's order that moves the whole picture, in none it
         // does not.
         seen.members.sort_by_key(|&k| mix(k as u64));
-        let seen = subset(gaussians, &seen.members);
+        let seen = gaussians.subset(&seen.members);
         let intrinsics = self.intrinsics();
         let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;
         let picture = self.renderer.picture(&output);
@@ -107,10 +107,7 @@ impl Trial<'_> {
                 )?;
             }
             let map = before.placement.camera_from_file(self.source);
-            let mut stored = subset(
-                &decoded,
-                &Seen::of(&decoded, map, &self.intrinsics()).members,
-            );
+            let mut stored = decoded.subset(&Seen::of(&decoded, map, &self.intrinsics()).members);
             before.stored.encode(&mut stored);
             for candidate in numbers(before, &stored) {
                 let mut decoded = stored.clone();
@@ -162,7 +159,8 @@ impl Trial<'_> {
         for other in elsewhere {
             let other_from_own = self.source.to(other.source).to_affine();
             let placed = other_from_own * placement.camera_from_file(self.source);
-            let nothing = || Likeness::of_nothing(other.photograph, other.region);
+            let black = RgbImage::new(other.region.width, other.region.height);
+            let nothing = || Likeness::of(other.photograph, other.region, &black);
             let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
             joined = joined.joined(&fit);
         }
@@ -220,13 +218,9 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         add(&|other| other.stored.channels = Some(channels));
     }
     // Values come back from their encoding with some rounding.
-    let reach = |values: &[f32], most: f32| {
-        values
-            .iter()
-            .all(|v| (-1e-4..=1.0001).contains(&(v / most)))
-    };
-    let is_logit = current.stored.opacity == Some(StoredOpacity::Logit);
-    if is_logit && reach(&stored.opacities, 1.0) {
+    let unit = -1e-4..=1.0001;
+    let fits = |all: &[f32], most: f32| all.iter().all(|v| unit.contains(&(v / most)));
+    if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
     let scales = stored.scales.as_flattened();
@@ -236,7 +230,7 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
     if current.stored.colors == Some(StoredColors::Dc) {
         add(&|other| other.stored.colors = Some(StoredColors::Logit));
         for (form, most) in [(StoredColors::Rgb01, 1.0), (StoredColors::Rgb255, 255.0)] {
-            if reach(stored.colors.as_flattened(), most) {
+            if fits(stored.colors.as_flattened(), most) {
                 add(&|other| other.stored.colors = Some(form));
             }
         }
@@ -282,16 +276,5 @@ impl Seen {
             members,
             layers: area / (width * height),
         }
-    }
-}
-
-fn subset(gaussians: &Gaussians, members: &[usize]) -> Gaussians {
-    let of = |values: &[[f32; 3]]| members.iter().map(|&k| values[k]).collect();
-    Gaussians {
-        means: of(&gaussians.means),
-        quaternions: members.iter().map(|&k| gaussians.quaternions[k]).collect(),
-        scales: of(&gaussians.scales),
-        opacities: members.iter().map(|&k| gaussians.opacities[k]).collect(),
-        colors: of(&gaussians.colors),
     }
 }

@@ -134,21 +134,14 @@ pub(super) fn absurd_coverage(
     if prediction.reading.is_none() || seen.layers < ABSURD_LAYERS || share < ABSURD_SHARE {
         return None;
     }
-    let mut scales: Vec<f32> = seen
-        .members
-        .iter()
-        .map(|&k| {
-            prediction.gaussians.scales[k]
-                .into_iter()
-                .fold(0.0, f32::max)
-        })
-        .collect();
-    scales.sort_unstable_by(f32::total_cmp);
+    let scales = &prediction.gaussians.scales;
+    let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
+    let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
         "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long to render: \
          scales that are no logarithms (`scales=linear`), or another unit (`scale=`)? ({})",
         seen.layers,
-        scales.get(scales.len() / 2).copied().unwrap_or_default(),
+        middle.unwrap_or_default(),
         source.id
     );
     Some(("coverage".to_owned(), text))
@@ -384,7 +377,8 @@ pub(super) fn outlying_sources<'a>(
         return None;
     }
     // Views of one scene are much alike.
-    let found = [true, false].into_iter().find_map(|by_scene| {
+    let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
+    let found = scopes.into_iter().find_map(|(by_scene, most)| {
         let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
         for record in records.clone() {
             if let Some(psnr) = record.extras.get(SOURCE_PSNR) {
@@ -393,10 +387,6 @@ pub(super) fn outlying_sources<'a>(
                 group.insert(source_of(&record.pair_id), *psnr);
             }
         }
-        let most = match by_scene {
-            true => f64::INFINITY,
-            false => UNLIKE_ANY_SCENE,
-        };
         let apart = groups.values().filter_map(|group| apart(group, most));
         apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
     });
@@ -642,23 +632,12 @@ mod tests {
     #[test]
     fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
         let round = mapped(&wall(), DAffine3::IDENTITY);
-        let only = |keep: fn(usize) -> bool| {
-            let mut few = Gaussians::default();
-            for k in (0..round.len()).filter(|k| keep(*k)) {
-                few.means.push(round.means[k]);
-                few.quaternions.push(round.quaternions[k]);
-                few.scales.push(round.scales[k]);
-                few.opacities.push(round.opacities[k]);
-                few.colors.push(round.colors[k]);
-            }
-            few
-        };
         let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
         let nothing = "hardly anything of it";
         // One in forty, the rest stays black.
-        let few = only(|k| k % 41 == 0);
+        let few = round.filtered(|k| k % 41 == 0);
         assert!(!said(few.clone()).contains(nothing), "{}", said(few));
-        let mut blurred = only(|k| k % 5 == 0);
+        let mut blurred = round.filtered(|k| k % 5 == 0);
         blurred.scales.fill([0.25; 3]);
         let text = said(blurred);
         assert!(!text.contains(nothing), "{text}");

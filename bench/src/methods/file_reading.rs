@@ -17,14 +17,6 @@ pub enum FileSpace {
     Normalized,
 }
 
-impl FileSpace {
-    const NAMES: [(Self, &'static str); 3] = [
-        (Self::Camera, "camera"),
-        (Self::World, "world"),
-        (Self::Normalized, "normalized"),
-    ];
-}
-
 /// Directions of a file's x, y and z axes, each one of `r` or `l`, `u` or `d`, `f` or `b` (right, left, up, down, forward,
 /// backward). OpenCV's are `rdf`, OpenGL's `rub`. In the world they are relative to the dataset's axes, taken as `rdf`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,11 +97,14 @@ pub struct FileReading {
 impl Placement {
     /// In the order of [`FileReading::PLACEMENT_KEYS`].
     fn values(&self) -> [String; 4] {
-        let spaces = FileSpace::NAMES.into_iter();
-        let space = spaces.filter_map(|(of, name)| (of == self.space).then_some(name));
+        let space = match self.space {
+            FileSpace::Camera => "camera",
+            FileSpace::World => "world",
+            FileSpace::Normalized => "normalized",
+        };
         let [x, y] = self.shift;
         [
-            space.collect(),
+            space.to_owned(),
             self.axes.name(),
             self.scale.to_string(),
             format!("{x}:{y}"),
@@ -157,12 +152,12 @@ impl FileReading {
         let placement = &mut self.placement;
         match key {
             "space" => {
-                let space = FileSpace::NAMES
-                    .into_iter()
-                    .find(|(_, name)| *name == value);
-                placement.space = space
-                    .ok_or_else(|| needed("camera, world or normalized"))?
-                    .0;
+                placement.space = match value {
+                    "camera" => FileSpace::Camera,
+                    "world" => FileSpace::World,
+                    "normalized" => FileSpace::Normalized,
+                    _ => return Err(needed("camera, world or normalized")),
+                }
             }
             "axes" => {
                 let axes = Axes::parse(value);

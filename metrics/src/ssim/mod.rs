@@ -36,29 +36,7 @@ pub fn ssim(
     target: &Picture,
     mask: Option<&Mask>,
 ) -> Result<f64, Unavailable> {
-    mean(&SsimSpec::of(variant), prediction, target, mask)
-}
-
-/// The mean of SSIM without its luminance, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the pictures:
-/// a factor of multi-scale SSIM.
-///
-/// # Errors
-/// When the pictures are smaller than a window.
-pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
-    let form = SsimSpec {
-        // C₁ leaves nothing of the means beside it: the luminance is 1.
-        k1: 1e50,
-        ..SsimSpec::of(SsimVariant::Gauss11Valid)
-    };
-    mean(&form, prediction, target, None)
-}
-
-fn mean(
-    form: &SsimSpec,
-    prediction: &Picture,
-    target: &Picture,
-    mask: Option<&Mask>,
-) -> Result<f64, Unavailable> {
+    let form = SsimSpec::of(variant);
     let channels = form.channels();
     let origin = form.origin();
     let eroded;
@@ -69,7 +47,7 @@ fn mean(
         }
         mask => mask,
     };
-    let rows = map_rows(form, prediction, target, |y, row| {
+    let rows = map_rows(&form, prediction, target, |y, row| {
         let Some(mask) = mask else {
             return (sum_in_lanes(row), row.len());
         };
@@ -89,6 +67,23 @@ fn mean(
         return Err(Unavailable::EmptyMask);
     }
     Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
+}
+
+/// The mean of SSIM without its luminance, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the pictures:
+/// a factor of multi-scale SSIM.
+///
+/// # Errors
+/// When the pictures are smaller than a window.
+pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
+    let form = SsimSpec {
+        // C₁ leaves nothing of the means beside it: the luminance is 1.
+        k1: 1e50,
+        ..SsimSpec::of(SsimVariant::Gauss11Valid)
+    };
+    let means = map_rows(&form, prediction, target, |_, row| {
+        sum_in_lanes(row) / row.len() as f64
+    })?;
+    Ok(means.iter().sum::<f64>() / means.len() as f64)
 }
 
 /// The SSIM map, mean over channels.

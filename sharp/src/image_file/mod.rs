@@ -135,7 +135,7 @@ impl Picture {
             });
         }
         if let (Some(ignored), ColorRule::Convert) = (self.header.profile.ignored(), rules.color) {
-            notes.push(format!("{ignored} (color=as-stored asks for that)"));
+            notes.push(format!("it has {ignored}"));
         }
         if let Some(name) = self.header.profile.name() {
             notes.push(match rules.color {

@@ -46,12 +46,12 @@ impl Profile {
         }
     }
 
-    /// What is not sRGB and is ignored, in a sentence about the file.
+    /// What says that the colours are not sRGB and is ignored; goes on after "it has".
     pub fn ignored(&self) -> Option<String> {
         match self {
             Self::Ignored { chunks } => Some(format!(
-                "its PNG chunks say that it is not sRGB ({chunks}), which is ignored, as by most programs: its values are \
-                 taken for sRGB"
+                "PNG chunks ({chunks}) that contradict sRGB, ignored as by most programs: its values are taken for sRGB \
+                 (color=as-stored asks for that)"
             )),
             _ => None,
         }
@@ -103,20 +103,17 @@ impl Profile {
                 return Self::Other { name, reason };
             }
         };
-        let srgb = ColorProfile::new_srgb();
-        match &srgb.red_trc {
-            Some(curve) => Self::of_parts(name.to_owned(), [curve; 3], srgb_from(&profile)),
-            None => Self::Srgb,
-        }
+        Self::of_standard(name, &profile, &ColorProfile::new_srgb())
     }
 
     pub(super) fn adobe_rgb() -> Self {
         let profile = ColorProfile::new_adobe_rgb();
-        match &profile.red_trc {
-            Some(curve) => {
-                let name = "Adobe RGB (by EXIF)".to_owned();
-                Self::of_parts(name, [curve; 3], srgb_from(&profile))
-            }
+        Self::of_standard("Adobe RGB (by EXIF)", &profile, &profile)
+    }
+
+    fn of_standard(name: &str, primaries: &ColorProfile, curves: &ColorProfile) -> Self {
+        match &curves.red_trc {
+            Some(curve) => Self::of_parts(name.to_owned(), [curve; 3], srgb_from(primaries)),
             None => Self::Srgb,
         }
     }
@@ -175,18 +172,18 @@ fn value(curve: &ToneReprCurve, x: f64) -> Option<f64> {
         },
         ToneReprCurve::Parametric(p) => {
             let p: Vec<f64> = p.iter().map(|p| f64::from(*p)).collect();
-            let power = |a: f64, b: f64| (a * x + b).max(0.0).powf(p[0]);
-            match *p.as_slice() {
-                [g] => x.powf(g),
-                [_, a, b] if x < -b / a => 0.0,
-                [_, a, b] => power(a, b),
-                [_, a, b, c] if x < -b / a => c,
-                [_, a, b, c] => power(a, b) + c,
-                [_, _, _, c, d] if x < d => c * x,
-                [_, a, b, _, _] => power(a, b),
-                [_, _, _, c, d, _, f] if x < d => c * x + f,
-                [_, a, b, _, _, e, _] => power(a, b) + e,
+            // The full form: (a x + b)^g + e, and c x + f below d.
+            let [g, a, b, c, d, e, f] = match *p.as_slice() {
+                [g] => [g, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [g, a, b] => [g, a, b, 0.0, -b / a, 0.0, 0.0],
+                [g, a, b, c] => [g, a, b, 0.0, -b / a, c, c],
+                [g, a, b, c, d] => [g, a, b, c, d, 0.0, 0.0],
+                [g, a, b, c, d, e, f] => [g, a, b, c, d, e, f],
                 _ => return None,
+            };
+            match x < d {
+                true => c * x + f,
+                false => (a * x + b).max(0.0).powf(g) + e,
             }
         }
     };

@@ -228,10 +228,7 @@ impl StoredForm {
     }
 
     fn convert(&self, gaussians: &mut Gaussians, to_stored: bool) {
-        let byte = |value: f32| match to_stored {
-            true => value * 255.0,
-            false => value / 255.0,
-        };
+        let byte = |v: f32| if to_stored { v * 255.0 } else { v / 255.0 };
         let sigmoid = if to_stored { logit } else { logistic };
         for opacity in &mut gaussians.opacities {
             *opacity = match self.opacity {
