@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(bright.notes.len(), 1);
         let start = "25.00 % of its pixels are brighter than 1 and are clipped there (exr=linear)";
         assert!(bright.notes[0].starts_with(start), "{:?}", bright.notes);
-        assert_eq!(bright.picture.value(7, 0, 0), 1.0);
+        assert!((0.9999..=1.0).contains(&bright.picture.value(7, 0, 0)));
         for odd in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
             let error = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 0.3, odd]).unwrap_err();
             let error = error.to_string();

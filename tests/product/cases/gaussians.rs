@@ -138,11 +138,11 @@ fn harmonics_are_refused_with_the_option_that_drops_them() {
         "{}",
         convert.err
     );
-    // The constant term of this file is no colour by itself, and the photograph says so.
+    // Where the constant terms alone are drawn, over the mean colour, they are closer to the photograph than that colour.
     let method = "gaussians:dir=g,color_space=srgb,harmonics=drop";
     let said = run_method(&case, method, "again");
     ends(&said, 0);
-    assert!(said.err.contains("hardly anything of it"), "{}", said.err);
+    assert!(!said.err.contains("hardly anything of it"), "{}", said.err);
     let dropped = psnr(&case, "again");
     case.run("sharp-bench gaussians convert g/synthetic/seed0/view_00.ply out.ply --color-space srgb --read harmonics=drop")
         .ends_with(0);
@@ -435,11 +435,13 @@ fn wrong_files_among_right_ones_are_named_by_run_and_merge() {
             ]
         })
         .collect();
+    std::fs::write(case.path("grey.ply"), ascii_ply(&grey)).unwrap();
     for view in ["view_01", "view_05"] {
-        let file = case.path(&format!("g/synthetic/seed0/{view}.ply"));
-        let header = "ply\ncomment color_space linear\n";
-        let text = ascii_ply(&grey).replacen("ply\n", header, 1);
-        std::fs::write(file, text).unwrap();
+        case.run(&format!(
+            "rm g/synthetic/seed0/{view}.ply && sharp-bench gaussians convert grey.ply g/synthetic/seed0/{view}.ply \
+             --color-space linear"
+        ))
+        .ends_with(0);
     }
     let text = "2 of 8 sources show the photograph they were predicted from at ";
     let said = vec![run("wrong")];
