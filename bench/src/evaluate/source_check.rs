@@ -44,8 +44,7 @@ const FEWEST_SOURCES: usize = 4;
 const LEAST_GAP: f64 = 6.0;
 /// How many times that gap exceeds the way from the worst to the middle of the others: normal values seldom leave such a gap.
 const GAP_SIGNIFICANCE: f64 = 2.0;
-/// dB that wrong sources stay below where the others may be of other scenes, which differ by nature: the mean colour of a
-/// photograph of usual contrast (45 levels) shows it as well.
+/// dB that wrong sources stay below where scenes differ, too: what the mean colour gives at a contrast of 45 levels.
 const UNLIKE_ANY_SCENE: f64 = 15.0;
 /// Outlying sources that are named.
 const MOST_NAMED: usize = 8;
@@ -376,7 +375,6 @@ pub(super) fn outlying_sources<'a>(
     if ["sharp", "depth-splat"].contains(&kind) {
         return None;
     }
-    // Views of one scene are much alike.
     let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
     let found = scopes.into_iter().find_map(|(by_scene, most)| {
         let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
