@@ -42,7 +42,7 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
     let found = looked_at.filter_map(|i| scene.views[i].content.found().ok().flatten());
     let found: Vec<_> = found.collect();
     let mut turned: BTreeMap<(u8, bool, bool), usize> = BTreeMap::new();
-    let mut profiles: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut profiles: BTreeMap<String, usize> = BTreeMap::new();
     for picture in &found {
         if picture.header.orientation != 1 {
             let key = (
@@ -52,8 +52,19 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             );
             *turned.entry(key).or_default() += 1;
         }
-        if let Some(name) = picture.header.profile.name() {
-            *profiles.entry(name).or_default() += 1;
+        let profile = &picture.header.profile;
+        let ignored = profile
+            .ignored()
+            .filter(|_| rules.color == ColorRule::Convert);
+        let converted = profile.name().map(|name| {
+            let taken = match rules.color {
+                ColorRule::Convert => "converted to sRGB (color=as-stored: taken for sRGB)",
+                ColorRule::AsStored => "taken for sRGB (color=convert: converted)",
+            };
+            format!("the colour profile '{name}', {taken}")
+        });
+        if let Some(text) = converted.or(ignored) {
+            *profiles.entry(text).or_default() += 1;
         }
     }
     let of = found.len();
@@ -70,14 +81,10 @@ pub(crate) fn add(scene: &mut Scene, spec: &DatasetSpec) {
             )),
         }
     }
-    for (name, count) in profiles {
-        scene.notes.push(format!(
-            "pictures: {count} of {of} have the colour profile '{name}', {}",
-            match rules.color {
-                ColorRule::Convert => "converted to sRGB (color=as-stored: taken for sRGB)",
-                ColorRule::AsStored => "taken for sRGB (color=convert: converted)",
-            }
-        ));
+    for (text, count) in profiles {
+        scene
+            .notes
+            .push(format!("pictures: {count} of {of} have {text}"));
     }
     let other = match spec.setting("masks") {
         "keep-white" | "apply" => "keep-black",

@@ -48,6 +48,8 @@ pub use resize::{ResizeKernel, resize};
 pub use scorer::{AllTerms, Examined, Maps, Scorer, Scores, Terms};
 pub use selection::{Selected, Selection, SelectionError};
 pub use sharp_kernels::{Algorithm, InstructionSet, Simd};
-pub use ssim::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow};
+pub use ssim::{
+    SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow, ssim, ssim_contrast,
+};
 pub use unavailable::{ScoreError, Unavailable};
 pub use weights::{Backbone, Weights, WeightsError, WeightsSource, WeightsUsed};

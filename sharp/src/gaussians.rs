@@ -104,12 +104,17 @@ impl Gaussians {
     /// Keeps the Gaussians for which `keep(k)` holds, in order.
     pub fn filtered(&self, mut keep: impl FnMut(usize) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.len()).filter(|&k| keep(k)).collect();
+        self.subset(&kept)
+    }
+
+    /// Those at some places, in the order of these.
+    pub fn subset(&self, places: &[usize]) -> Self {
         Self {
-            means: kept.iter().map(|&k| self.means[k]).collect(),
-            quaternions: kept.iter().map(|&k| self.quaternions[k]).collect(),
-            scales: kept.iter().map(|&k| self.scales[k]).collect(),
-            opacities: kept.iter().map(|&k| self.opacities[k]).collect(),
-            colors: kept.iter().map(|&k| self.colors[k]).collect(),
+            means: places.iter().map(|&k| self.means[k]).collect(),
+            quaternions: places.iter().map(|&k| self.quaternions[k]).collect(),
+            scales: places.iter().map(|&k| self.scales[k]).collect(),
+            opacities: places.iter().map(|&k| self.opacities[k]).collect(),
+            colors: places.iter().map(|&k| self.colors[k]).collect(),
         }
     }
 }

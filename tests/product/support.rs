@@ -60,6 +60,24 @@ impl Said {
     }
 }
 
+/// A PLY of Gaussians as 3D Gaussian Splatting stores them: a row has the mean, the constant coefficients, the opacity's logit,
+/// the scales' logarithms and the quaternion.
+pub(crate) fn ascii_ply(rows: &[[f32; 14]]) -> String {
+    use std::fmt::Write as _;
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", rows.len());
+    let names =
+        "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    for name in names.split(' ') {
+        let _ = writeln!(text, "property float {name}");
+    }
+    text += "end_header\n";
+    for row in rows {
+        let row: Vec<String> = row.iter().map(f32::to_string).collect();
+        let _ = writeln!(text, "{}", row.join(" "));
+    }
+    text
+}
+
 /// Runs `sharp-bench` in a folder, where nothing of the user's is seen: no cache of overlaps, no weights.
 pub(crate) fn sharp_bench(folder: &Path, args: &[&str]) -> Said {
     sharp_bench_with(folder, &[], args)

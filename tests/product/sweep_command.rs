@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::{read, sharp_bench};
+use crate::support::{ascii_ply, read, sharp_bench};
 use crate::tiny::{recorded_input, tiny};
 
 /// Runs of a controlled sweep: two scenes, three steps of 5 cm each.
@@ -207,6 +207,90 @@ fn what_is_wrong_with_a_sheet_is_said() {
     assert_eq!(warnings.len(), 11, "{}", said.err);
     assert!(warnings[0].contains("S/seed0/") && warnings[0].contains("not kept"));
     assert_eq!(warnings[10], "warning: and 2 more");
+}
+
+/// Three upright strips, 2, 3 and 4 m away, the one in the middle half transparent: the panel has their inverse depth, not the
+/// dataset's, and alpha does not count.
+#[test]
+fn the_depth_beside_a_failure_is_that_of_the_rendering() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut rows = Vec::new();
+    for i in 0..160 {
+        for j in 0..120 {
+            let (u, v) = (f64::from(i - 80) * 0.01, f64::from(j - 60) * 0.01);
+            let (z, opacity): (f64, f64) = match u {
+                u if u < -0.2 => (2.0, 5.0),
+                u if u < 0.2 => (3.0, -3.0),
+                _ => (4.0, 5.0),
+            };
+            let scale = (0.01 * z).ln();
+            let row = [
+                u * z,
+                v * z,
+                z,
+                0.0,
+                0.0,
+                0.0,
+                opacity,
+                scale,
+                scale,
+                scale,
+                1.0,
+                0.0,
+                0.0,
+                0.0,
+            ];
+            rows.push(row.map(|v| v as f32));
+        }
+    }
+    std::fs::create_dir_all(dir.path().join("g/S/seed0")).unwrap();
+    for view in 0..8 {
+        let file = dir.path().join(format!("g/S/seed0/view_0{view}.ply"));
+        std::fs::write(file, ascii_ply(&rows)).unwrap();
+    }
+    let dataset = "S:synthetic=sweep=translation,size=48x36,views=4,scenes=1";
+    let run = [
+        "run",
+        "--dataset",
+        dataset,
+        "--method",
+        "gaussians:dir=g,color_space=srgb",
+        "--metrics",
+        "psnr",
+        "--limit",
+        "1",
+        "--out",
+        "run",
+    ];
+    sharp_bench(dir.path(), &[&run[..], &["--keep", "float"]].concat()).ends_with(0);
+    let figure = [
+        "figure",
+        "failure",
+        "run",
+        "--method",
+        "gaussians",
+        "--out",
+        "f",
+    ];
+    sharp_bench(dir.path(), &figure).ends_with(0);
+    let sheet = image::open(dir.path().join("f/failure.png"))
+        .unwrap()
+        .into_rgb8();
+    let (width, height) = sheet.dimensions();
+    // Inferno's values of matplotlib at 1, at (1/3 − 1/4) / (1/2 − 1/4) and at 0; the panel is the last third.
+    let strips = [[252, 255, 164], [120, 28, 109], [0, 0, 4]];
+    for (strip, expected) in strips.into_iter().enumerate() {
+        let x = width * 2 / 3 + width / 3 * [10, 50, 90][strip] / 100;
+        let is_it = |y: &u32| {
+            let found = sheet.get_pixel(x, *y).0;
+            found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 8)
+        };
+        let rows = (0..height).filter(is_it).count();
+        assert!(
+            rows > height as usize / 2,
+            "strip {strip}: {rows} of {height}"
+        );
+    }
 }
 
 #[test]

@@ -32,6 +32,9 @@ pub(super) struct MergeArgs {
 
 pub(super) fn execute(args: &MergeArgs) -> anyhow::Result<Outcome> {
     let results = merge(&args.folders, args.out.as_deref())?;
+    for text in results.warnings() {
+        output::remark(format!("warning: {text}"));
+    }
     let target = args.out.as_ref().or(args.folders.first());
     let target = target.map_or_else(String::new, |path| path.display().to_string());
     if args.json {

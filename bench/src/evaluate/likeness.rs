@@ -183,12 +183,6 @@ impl Likeness {
         10.0 * (other.error() / self.error()).log10()
     }
 
-    /// Of a black picture.
-    pub(super) fn of_nothing(photograph: &RgbImage, region: Region) -> Self {
-        let black = RgbImage::new(region.width, region.height);
-        Self::of(photograph, region, &black)
-    }
-
     /// PSNR, dB, 100 at most.
     pub(super) fn psnr(&self) -> f64 {
         let error: f64 = self.total.iter().map(|sums| sums.error()).sum();
@@ -201,7 +195,13 @@ impl Likeness {
         Errors::of(self.total).error
     }
 
-    /// True where the picture explains less than a tenth of the photograph, whatever its brightness and contrast.
+    /// The part's mean colour, levels.
+    pub(super) fn mean_color(&self) -> [f64; 3] {
+        self.total.map(|sums| sums.p / sums.n)
+    }
+
+    /// True where the picture is no closer to the photograph than its mean colour, and explains less than a tenth of it
+    /// whatever its brightness and contrast.
     pub(super) fn is_unrelated(&self) -> bool {
         let Errors {
             error,
@@ -210,7 +210,8 @@ impl Likeness {
         } = Errors::of(self.total);
         // Of a photograph of one colour nothing can be explained; 8 levels off is close.
         let noise = 64.0 * 3.0 * self.total[0].n;
-        error > 0.5 * variance + noise && residual > 0.9 * variance
+        // The mean colour in whole levels is a little farther away than the mean.
+        error >= (0.99 * variance).max(noise) && residual > 0.9 * variance
     }
 
     /// True where it explains most of the photograph.

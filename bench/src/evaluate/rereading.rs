@@ -62,7 +62,7 @@ impl Trial<'_> {
         // Of Gaussians at one depth the first covers the others: in a file's order that moves the whole picture, in none it
         // does not.
         seen.members.sort_by_key(|&k| mix(k as u64));
-        let seen = subset(gaussians, &seen.members);
+        let seen = gaussians.subset(&seen.members);
         let intrinsics = self.intrinsics();
         let output = self.renderer.render(&seen, camera_from_file, intrinsics)?;
         let picture = self.renderer.picture(&output);
@@ -107,10 +107,7 @@ impl Trial<'_> {
                 )?;
             }
             let map = before.placement.camera_from_file(self.source);
-            let mut stored = subset(
-                &decoded,
-                &Seen::of(&decoded, map, &self.intrinsics()).members,
-            );
+            let mut stored = decoded.subset(&Seen::of(&decoded, map, &self.intrinsics()).members);
             before.stored.encode(&mut stored);
             for candidate in numbers(before, &stored) {
                 let mut decoded = stored.clone();
@@ -150,9 +147,7 @@ impl Trial<'_> {
         }
         Ok((best.0 != *reading).then_some(best))
     }
-}
 
-impl Trial<'_> {
     /// How the Gaussians explain other views, placed by the poses.
     fn fit_elsewhere(
         &self,
@@ -164,7 +159,8 @@ impl Trial<'_> {
         for other in elsewhere {
             let other_from_own = self.source.to(other.source).to_affine();
             let placed = other_from_own * placement.camera_from_file(self.source);
-            let nothing = || Likeness::of_nothing(other.photograph, other.region);
+            let black = RgbImage::new(other.region.width, other.region.height);
+            let nothing = || Likeness::of(other.photograph, other.region, &black);
             let fit = other.fit(gaussians, placed)?.unwrap_or_else(nothing);
             joined = joined.joined(&fit);
         }
@@ -222,18 +218,22 @@ fn numbers(current: &FileReading, stored: &Gaussians) -> Vec<FileReading> {
         add(&|other| other.stored.channels = Some(channels));
     }
     // Values come back from their encoding with some rounding.
-    let is_unit = |v: &f32| (-1e-4..=1.0001).contains(v);
-    if current.stored.opacity == Some(StoredOpacity::Logit) && stored.opacities.iter().all(is_unit)
-    {
+    let unit = -1e-4..=1.0001;
+    let fits = |all: &[f32], most: f32| all.iter().all(|v| unit.contains(&(v / most)));
+    if current.stored.opacity == Some(StoredOpacity::Logit) && fits(&stored.opacities, 1.0) {
         add(&|other| other.stored.opacity = Some(StoredOpacity::Linear));
     }
     let scales = stored.scales.as_flattened();
     if current.stored.scales == Some(StoredScales::Log) && scales.iter().all(|s| *s >= -1e-4) {
         add(&|other| other.stored.scales = Some(StoredScales::Linear));
     }
-    let colors = stored.colors.as_flattened();
-    if current.stored.colors == Some(StoredColors::Dc) && colors.iter().all(is_unit) {
-        add(&|other| other.stored.colors = Some(StoredColors::Rgb01));
+    if current.stored.colors == Some(StoredColors::Dc) {
+        add(&|other| other.stored.colors = Some(StoredColors::Logit));
+        for (form, most) in [(StoredColors::Rgb01, 1.0), (StoredColors::Rgb255, 255.0)] {
+            if fits(stored.colors.as_flattened(), most) {
+                add(&|other| other.stored.colors = Some(form));
+            }
+        }
     }
     all
 }
@@ -276,16 +276,5 @@ impl Seen {
             members,
             layers: area / (width * height),
         }
-    }
-}
-
-fn subset(gaussians: &Gaussians, members: &[usize]) -> Gaussians {
-    let of = |values: &[[f32; 3]]| members.iter().map(|&k| values[k]).collect();
-    Gaussians {
-        means: of(&gaussians.means),
-        quaternions: members.iter().map(|&k| gaussians.quaternions[k]).collect(),
-        scales: of(&gaussians.scales),
-        opacities: members.iter().map(|&k| gaussians.opacities[k]).collect(),
-        colors: of(&gaussians.colors),
     }
 }

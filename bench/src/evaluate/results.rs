@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use super::bundle::Bundle;
 use super::error::EvaluateError;
 use super::folder::RunFolder;
-use super::manifest::{Manifest, PairsRecord};
+use super::manifest::{Manifest, MethodRecord, PairsRecord};
 use super::plan::RunPlan;
 use super::record::{Record, Score, Status, file_difference, finite_or_text};
-use super::source_check::doubts_of;
+use super::source_check::{doubts_of, outlying_sources};
 use super::unit::{ScoredPicture, Slot, Timing, Unit};
 use crate::io::atomic_files::{FileError, write_atomic};
 use crate::io::hash::file_sha256;
@@ -265,6 +265,16 @@ impl Results {
         })
     }
 
+    /// What all results of a method show only together, a sentence each that names it: see [`outlying_sources`].
+    pub fn warnings(&self) -> Vec<String> {
+        let of = |method: &MethodRecord| {
+            let own = self.records.iter().filter(|r| r.method == method.label);
+            let text = outlying_sources(own, &method.identity.kind)?;
+            Some(format!("method '{}': {text}", method.label))
+        };
+        self.manifest.methods.iter().filter_map(of).collect()
+    }
+
     /// How many units failed.
     pub fn failures(&self) -> usize {
         let failed = self.records.iter().filter(|r| r.status != Status::Ok);
@@ -338,7 +348,7 @@ pub(super) fn write_tables(folder: &RunFolder) -> Result<Results, EvaluateError>
     write_atomic(&folder.timings_path(), &timings)?;
     for method in &mut results.manifest.methods {
         let own = results.records.iter().filter(|r| r.method == method.label);
-        method.warnings = doubts_of(own, method.privilege);
+        method.warnings = doubts_of(own, &method.identity.kind, method.privilege);
     }
     if results.manifest != current.manifest {
         folder.write_manifest(&results.manifest)?;

@@ -80,6 +80,12 @@ impl Evaluation {
             // Without tables: it has not ended.
             _ => Results::read(out)?,
         };
+        if counts.left == 0 {
+            results
+                .warnings()
+                .iter()
+                .for_each(|text| observer.warn(text));
+        }
         Ok(Finished {
             folder: folder.unlocked(),
             counts,

@@ -9,7 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use image::imageops::crop_imm;
 use image::{Luma, RgbImage};
-use sharp::render::RenderError;
+use sharp::color::{Quantization, linear_from_srgb};
+use sharp::render::{Background, RenderError};
 use sharp_datasets::{DepthMap, Scene};
 use sharp_metrics::{Picture, psnr};
 
@@ -24,6 +25,7 @@ use crate::pairs::depth::median_depth_m;
 use crate::pairs::pair_list::ResolvedPair;
 use crate::pairs::valid_depth::{is_valid_depth, median_of};
 use crate::rendering::SharedRenderer;
+use crate::scoring::Region;
 
 /// The extra that holds the PSNR of the source's photograph and its rendering, dB; 100 at most, so that it is a number.
 pub const SOURCE_PSNR: &str = "source_psnr";
@@ -36,6 +38,17 @@ const UNLIKELY_SCALE: f64 = 10.0;
 const LEAST_FACTOR: f64 = 1.5;
 /// How many times the spread of depth ratios a factor has to exceed: a prediction's own errors spread them.
 const FACTOR_SIGNIFICANCE: f64 = 10.0;
+/// Sources of a scene or dataset that can be told apart by how well they are shown: of fewer, most are read otherwise anyway.
+const FEWEST_SOURCES: usize = 4;
+/// dB between wrong sources and the others: half of a photograph explained against an unrelated picture of its variance.
+const LEAST_GAP: f64 = 6.0;
+/// How many times that gap exceeds the way from the worst to the middle of the others: normal values seldom leave such a gap.
+const GAP_SIGNIFICANCE: f64 = 2.0;
+/// dB that wrong sources stay below where scenes differ, too: what the mean colour gives at a contrast of 45 levels.
+const UNLIKE_ANY_SCENE: f64 = 15.0;
+/// Outlying sources that are named.
+const MOST_NAMED: usize = 8;
+
 /// Boxes of Gaussians over a pixel beyond which rendering takes minutes: scenes of photographs have tens or hundreds.
 const ABSURD_LAYERS: f64 = 5000.0;
 /// The share of the picture that they cover one by one, then: millions of small ones over a small picture are proper.
@@ -47,6 +60,8 @@ pub(super) struct SeenSource {
     pub(super) extras: BTreeMap<String, f64>,
     picture: RgbImage,
     depth: DepthMap,
+    /// The picture where the photograph's mean colour lies behind the Gaussians: what is closer to it shows some of it.
+    over_mean: RgbImage,
 }
 
 /// Renders a prediction into its own source.
@@ -67,6 +82,10 @@ pub(super) fn see_source(
         extras.insert(SOURCE_DEPTH.to_owned(), depth);
     }
     let picture = renderer.picture(&output);
+    let whole = Region::whole(photograph.dimensions());
+    let mean = Likeness::of(photograph, whole, photograph).mean_color();
+    let mean = mean.map(|level| linear_from_srgb(level as f32 / 255.0));
+    let over_mean = output.srgb8(Background::Color(mean), Quantization::Round);
     let likeness = psnr(
         &Picture::Rgb8(picture.clone()),
         &Picture::Rgb8(photograph.clone()),
@@ -78,6 +97,7 @@ pub(super) fn see_source(
         extras,
         picture,
         depth,
+        over_mean,
     })
 }
 
@@ -113,21 +133,14 @@ pub(super) fn absurd_coverage(
     if prediction.reading.is_none() || seen.layers < ABSURD_LAYERS || share < ABSURD_SHARE {
         return None;
     }
-    let mut scales: Vec<f32> = seen
-        .members
-        .iter()
-        .map(|&k| {
-            prediction.gaussians.scales[k]
-                .into_iter()
-                .fold(0.0, f32::max)
-        })
-        .collect();
-    scales.sort_unstable_by(f32::total_cmp);
+    let scales = &prediction.gaussians.scales;
+    let widest = |&k: &usize| f64::from(scales[k].into_iter().fold(0.0, f32::max));
+    let middle = median_of(seen.members.iter().map(widest).collect());
     let text = format!(
         "{:.0} of its Gaussians cover a pixel on average (half of them are wider than {:.3}), which takes very long to render: \
          scales that are no logarithms (`scales=linear`), or another unit (`scale=`)? ({})",
         seen.layers,
-        scales.get(scales.len() / 2).copied().unwrap_or_default(),
+        middle.unwrap_or_default(),
         source.id
     );
     Some(("coverage".to_owned(), text))
@@ -199,7 +212,9 @@ pub(super) fn doubts_about(
     let is_other = |error: f64| other.as_ref().is_some_and(|(_, fit)| fit.error() < error);
     match (&better, &other) {
         (Some((other, fit)), _) if !is_other(fit.error()) => {
-            let settings = changes(reading, other);
+            let settings = other.changes_from(reading).into_iter();
+            let settings: Vec<String> = settings.map(|(k, v)| format!("`{k}={v}`")).collect();
+            let settings = settings.join(" and ");
             doubt(
                 "reading",
                 format!("{shown}; with {settings}: {:.2} dB", fit.psnr()),
@@ -215,7 +230,7 @@ pub(super) fn doubts_about(
                 ),
             );
         }
-        _ if as_read.is_unrelated() => {
+        _ if shows_nothing(photograph, &seen.over_mean) => {
             let text = format!(
                 "{shown}, hardly anything of it, and no reading that was tried shows it better"
             );
@@ -240,29 +255,11 @@ pub(super) fn doubts_about(
     Ok(doubts)
 }
 
-/// The settings in which a reading differs, as they are given.
-fn changes(from: &FileReading, to: &FileReading) -> String {
-    let before = from.settings();
-    let changed = to
-        .settings()
-        .into_iter()
-        .filter(|item| !before.contains(item));
-    let mut all: Vec<(&str, String)> = changed.collect();
-    // What is a default again.
-    let gone = before
-        .iter()
-        .filter(|(key, _)| to.settings().iter().all(|(other, _)| other != key));
-    all.extend(gone.map(|(key, _)| {
-        let value = match *key {
-            "space" => "camera",
-            "axes" => "opencv",
-            "scale" => "1",
-            _ => "0:0",
-        };
-        (*key, value.to_owned())
-    }));
-    let texts = all.iter().map(|(key, value)| format!("`{key}={value}`"));
-    texts.collect::<Vec<_>>().join(" and ")
+/// True where a picture of Gaussians over the photograph's mean colour is no closer to it than that colour alone: blurred ones,
+/// and few of them, are closer as long as they are right.
+fn shows_nothing(photograph: &RgbImage, over_mean: &RgbImage) -> bool {
+    let whole = Region::whole(photograph.dimensions());
+    Likeness::of(photograph, whole, over_mean).is_unrelated()
 }
 
 /// The neighbours of a view in its scene and the view as far from the scene's other end, with photographs of its size.
@@ -367,18 +364,82 @@ pub fn doubts(record: &Record, privilege: Privilege) -> BTreeMap<&str, String> {
     doubts
 }
 
-/// The first doubt of each kind among the records of a method.
+/// Sources of a method that are shown much worse than the others of their scene, or of their dataset where these also show
+/// less than a plain colour would, as one sentence. Other readings are tried on three sources of a dataset alone, so wrong
+/// files among the others show here.
+pub(super) fn outlying_sources<'a>(
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
+) -> Option<String> {
+    // These make their Gaussians of the photograph itself.
+    if ["sharp", "depth-splat"].contains(&kind) {
+        return None;
+    }
+    let scopes = [(true, f64::INFINITY), (false, UNLIKE_ANY_SCENE)];
+    let found = scopes.into_iter().find_map(|(by_scene, most)| {
+        let mut groups: BTreeMap<_, BTreeMap<&str, f64>> = BTreeMap::new();
+        for record in records.clone() {
+            if let Some(psnr) = record.extras.get(SOURCE_PSNR) {
+                let scene = by_scene.then_some(&record.scene);
+                let group = groups.entry((&record.dataset, scene)).or_default();
+                group.insert(source_of(&record.pair_id), *psnr);
+            }
+        }
+        let apart = groups.values().filter_map(|group| apart(group, most));
+        apart.reduce(|all, more| [0, 1].map(|part| [&all[part][..], &more[part]].concat()))
+    });
+    let [mut worse, mut others] = found?;
+    let count = worse.len() + others.len();
+    let range = |part: &mut Vec<(&str, f64)>| {
+        part.sort_by(|a, b| a.1.total_cmp(&b.1));
+        format!("{:.1} to {:.1}", part[0].1, part[part.len() - 1].1)
+    };
+    let (of_worse, of_others) = (range(&mut worse), range(&mut others));
+    let mut names: Vec<&str> = worse.iter().map(|(name, _)| *name).collect();
+    names.sort_unstable();
+    let more = match names.len().saturating_sub(MOST_NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    names.truncate(MOST_NAMED);
+    Some(format!(
+        "{} of {count} sources show the photograph they were predicted from at {of_worse} dB, the others at {of_others}: \
+         {}{more}; other Gaussians than theirs? (`gaussians info FILE` says what a file holds)",
+        worse.len(),
+        names.join(", ")
+    ))
+}
+
+/// The values of a group that lie apart below the others and are at most `most`, half of them at most, and the others.
+fn apart<'a>(group: &BTreeMap<&'a str, f64>, most: f64) -> Option<[Vec<(&'a str, f64)>; 2]> {
+    let mut sources: Vec<(&str, f64)> = group.iter().map(|(name, v)| (*name, *v)).collect();
+    sources.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let n = sources.len();
+    let psnr = |at: usize| sources[at].1;
+    let gap = |at: usize| psnr(at) - psnr(at - 1);
+    let at = (1..=n / 2).max_by(|a, b| gap(*a).total_cmp(&gap(*b)))?;
+    let below_middle = psnr(at + (n - at) / 2) - psnr(at);
+    let is_apart = gap(at) >= LEAST_GAP.max(GAP_SIGNIFICANCE * below_middle);
+    (n >= FEWEST_SOURCES && is_apart && psnr(at - 1) <= most).then(|| {
+        let others = sources.split_off(at);
+        [sources, others]
+    })
+}
+
+/// What speaks against the Gaussians of a method's records: the first doubt of each kind, and [`outlying_sources`].
 pub fn doubts_of<'a>(
-    records: impl Iterator<Item = &'a Record>,
+    records: impl Iterator<Item = &'a Record> + Clone,
+    kind: &str,
     privilege: Privilege,
 ) -> Vec<String> {
+    let outliers = outlying_sources(records.clone(), kind);
     let mut first: BTreeMap<&str, String> = BTreeMap::new();
     for record in records {
         for (about, text) in doubts(record, privilege) {
             first.entry(about).or_insert(text);
         }
     }
-    first.into_values().collect()
+    first.into_values().chain(outliers).collect()
 }
 
 #[cfg(test)]
@@ -449,17 +510,26 @@ mod tests {
         }
     }
 
+    /// The wall as the source's camera sees it.
+    fn photograph() -> RgbImage {
+        let (round, renderer) = (mapped(&wall(), DAffine3::IDENTITY), SharedRenderer::cpu());
+        let truth = renderer.render(&round, DAffine3::IDENTITY, source().intrinsics);
+        renderer.picture(&truth.unwrap())
+    }
+
     fn doubt_about(gaussians: Gaussians) -> Option<String> {
+        doubt_about_read(gaussians, FileReading::of_arrays())
+    }
+
+    fn doubt_about_read(gaussians: Gaussians, reading: FileReading) -> Option<String> {
         let (source, renderer) = (source(), SharedRenderer::cpu());
-        let round = mapped(&wall(), DAffine3::IDENTITY);
-        let truth = renderer.render(&round, DAffine3::IDENTITY, source.intrinsics);
-        let photograph = renderer.picture(&truth.unwrap());
+        let photograph = photograph();
         let prediction = GaussianPrediction {
             gaussians,
             space: GaussianSpace::CAMERA,
             first_layer: None,
             extras: BTreeMap::new(),
-            reading: Some(FileReading::of_arrays()),
+            reading: Some(reading),
             warnings: BTreeMap::new(),
         };
         let seen = see_source(&prediction, &source, &photograph, &renderer).unwrap();
@@ -479,12 +549,11 @@ mod tests {
             depth: Some(&depth),
             scene: &scene,
         };
-        let reading = FileReading::of_arrays();
         let mut record = super::super::record::tests::record();
         record.median_depth_m = Some(2.0);
         record.warnings = doubts_about(&prediction, &reading, &seen, &checked, &renderer).unwrap();
         record.extras = seen.extras;
-        let found = doubts_of([&record].into_iter(), Privilege::None);
+        let found = doubts_of([&record].into_iter(), "gaussians", Privilege::None);
         (!found.is_empty()).then(|| found.join("; "))
     }
 
@@ -536,6 +605,151 @@ mod tests {
             let said = doubt_about(gaussians).unwrap_or_default();
             assert!(said.contains(words), "{words}: {said}");
         }
+    }
+
+    /// Colours stored in another form than coefficients, as a PLY that is read without a setting has them.
+    #[test]
+    fn colours_of_another_form_are_named() {
+        let mut reading = FileReading::of_arrays();
+        reading.stored.colors = Some(sharp::ply::StoredColors::Dc);
+        let read_as_dc = |store: fn(f32) -> f32| {
+            let mut stored = recolored(&mapped(&wall(), DAffine3::IDENTITY), store);
+            reading.stored.decode(&mut stored);
+            doubt_about_read(stored, reading).unwrap_or_default()
+        };
+        for (store, words) in [
+            ((|c| c * 255.0) as fn(f32) -> f32, "with `colors=rgb255`: "),
+            (|c| c, "with `colors=rgb01`: "),
+        ] {
+            let said = read_as_dc(store);
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        assert_eq!(read_as_dc(|c| (c - 0.5) / 0.282_094_79), "");
+    }
+
+    #[test]
+    fn few_or_blurred_gaussians_show_something_and_plain_ones_do_not() {
+        let round = mapped(&wall(), DAffine3::IDENTITY);
+        let said = |gaussians: Gaussians| doubt_about(gaussians).unwrap_or_default();
+        let nothing = "hardly anything of it";
+        // One in forty, the rest stays black.
+        let few = round.filtered(|k| k % 41 == 0);
+        assert!(!said(few.clone()).contains(nothing), "{}", said(few));
+        let mut blurred = round.filtered(|k| k % 5 == 0);
+        blurred.scales.fill([0.25; 3]);
+        let text = said(blurred);
+        assert!(!text.contains(nothing), "{text}");
+        // A plain wall, in the photograph's own colour too, and Gaussians that are not seen.
+        let (seen, whole) = (photograph(), Region::whole((40, 32)));
+        let own = Likeness::of(&seen, whole, &seen).mean_color();
+        let own = own.map(|v| linear_from_srgb(v as f32 / 255.0));
+        let mut plain = round.clone();
+        plain.colors.fill(own);
+        assert!(said(plain).contains(nothing));
+        assert!(said(recolored(&round, |_| 0.2)).contains(nothing));
+        let mut aside = round.clone();
+        aside.means.iter_mut().for_each(|mean| mean[1] += 50.0);
+        assert!(said(aside).contains(nothing));
+    }
+
+    /// A record a source; names are `SCENE/VIEW`.
+    fn shown(sources: &[(&str, f64)]) -> Option<String> {
+        let records: Vec<Record> = sources
+            .iter()
+            .map(|(name, psnr)| {
+                let mut record = super::super::record::tests::record();
+                record.dataset = "d".to_owned();
+                record.scene = name.split('/').next().unwrap_or_default().to_owned();
+                record.pair_id = format!("d/{name}__t");
+                record.extras = BTreeMap::from([(SOURCE_PSNR.to_owned(), *psnr)]);
+                record
+            })
+            .collect();
+        let found = outlying_sources(records.iter(), "gaussians");
+        // Not where the program itself made them of the photograph, and in no order.
+        assert_eq!(outlying_sources(records.iter(), "depth-splat"), None);
+        assert_eq!(outlying_sources(records.iter().rev(), "gaussians"), found);
+        found
+    }
+
+    #[test]
+    fn sources_far_below_the_others_are_named() {
+        let half = [
+            ("s/view_00", 24.2),
+            ("s/view_01", 31.0),
+            ("s/view_02", 27.5),
+            ("s/view_03", 9.13),
+            ("s/view_04", 11.98),
+            ("s/view_05", 26.0),
+            ("s/view_06", 10.0),
+            ("s/view_07", 11.0),
+        ];
+        let said = shown(&half).unwrap();
+        let start = "4 of 8 sources show the photograph they were predicted from at 9.1 to 12.0 dB, the others at 24.2 to 31.0: \
+                     d/s/view_03, d/s/view_04, d/s/view_06, d/s/view_07; ";
+        assert!(said.starts_with(start), "{said}");
+        assert!(said.contains("`gaussians info FILE`"), "{said}");
+        // A neighbour's file.
+        let one = [33.9, 33.1, 20.4, 34.0, 33.5];
+        let names = ["s/a", "s/b", "s/c", "s/d", "s/e"];
+        let one: Vec<(&str, f64)> = names.into_iter().zip(one).collect();
+        let said = shown(&one).unwrap();
+        assert!(
+            said.starts_with("1 of 5") && said.contains(": d/s/c; "),
+            "{said}"
+        );
+        // One source a scene: only what shows less than a plain colour.
+        let mut scenes = [("a/v", 22.0), ("b/v", 24.0), ("c/v", 9.0), ("e/v", 27.0)];
+        assert!(shown(&scenes).unwrap().contains(": d/c/v; "));
+        scenes[2].1 = 15.5;
+        assert_eq!(shown(&scenes), None);
+        // In several scenes at once.
+        let other = half.map(|(name, psnr)| (name.replace("s/", "t/"), psnr));
+        let both = half
+            .into_iter()
+            .chain(other.iter().map(|(n, p)| (n.as_str(), *p)));
+        let said = shown(&both.collect::<Vec<_>>()).unwrap();
+        assert!(
+            said.starts_with("8 of 16") && said.contains(": d/s/view_03, "),
+            "{said}"
+        );
+        assert!(said.contains("d/t/view_07; "), "{said}");
+    }
+
+    /// Measured: the small network and `depth-splat` on the procedural scene, the network on held-out scenes, and what other
+    /// right Gaussians may look like.
+    #[test]
+    fn sources_that_differ_by_nature_are_not() {
+        let of = |values: &[f64]| {
+            let names: Vec<String> = (0..values.len()).map(|i| format!("s/{i}")).collect();
+            let named = names.iter().map(String::as_str).zip(values.iter().copied());
+            shown(&named.collect::<Vec<_>>())
+        };
+        for values in [
+            &[
+                27.03, 27.06, 27.09, 27.23, 27.3, 27.42, 27.5, 27.54, 27.7, 27.85,
+            ][..],
+            &[
+                10.13, 10.14, 10.58, 11.04, 11.24, 11.6, 12.4, 13.3, 13.5, 15.02,
+            ],
+            &[
+                21.93, 22.49, 23.0, 24.1, 24.8, 25.9, 27.0, 28.1, 29.3, 31.21,
+            ],
+            // One flat view that is easy, and a gradual decline.
+            &[24.0, 24.5, 25.0, 25.5, 40.0],
+            &[8.0, 12.0, 16.0, 20.0, 24.0, 28.0],
+            // Too few to tell.
+            &[9.0, 25.0, 26.0],
+            // Most of them lie below: what is right there?
+            &[9.0, 9.5, 10.0, 25.0],
+        ] {
+            assert_eq!(of(values), None, "{values:?}");
+        }
+        // A scene of leaves beside one of walls.
+        let names = ["a/0", "a/1", "a/2", "a/3", "b/0", "b/1", "b/2", "b/3"];
+        let values = [31.0, 31.5, 32.0, 32.2, 22.0, 22.1, 22.6, 23.0];
+        let two: Vec<(&str, f64)> = names.into_iter().zip(values).collect();
+        assert_eq!(shown(&two), None);
     }
 
     #[test]

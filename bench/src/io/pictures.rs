@@ -93,7 +93,7 @@ pub fn read_as(path: &Path, reading: &PictureReading) -> Result<ReadPicture, Rea
     }
     let mut notes = Vec::new();
     let picture = match extension(path).as_deref() {
-        Some("exr") => Picture::RgbF32(read_exr(path, reading)?),
+        Some("exr") => Picture::RgbF32(read_exr(path, reading, &mut notes)?),
         Some("npy") => {
             let array = npy::parse(&files::read(path)?)
                 .map_err(|error| malformed(path, error.to_string()))?;
@@ -205,8 +205,16 @@ fn exr_dimensions(path: &Path) -> Result<(u32, u32), ReadError> {
     first.ok_or_else(|| malformed(path, "it has no layer"))
 }
 
-fn read_exr(path: &Path, reading: &PictureReading) -> Result<Rgb32FImage, ReadError> {
+/// Light from which on clipping to white changes a pixel of 8 bit: half a level above 1.
+const BEYOND_WHITE: f32 = 1.0045;
+
+fn read_exr(
+    path: &Path,
+    reading: &PictureReading,
+    notes: &mut Vec<String>,
+) -> Result<Rgb32FImage, ReadError> {
     let (LinearPicture { mut rgb, alpha }, is_ours) = read_rgba(path)?;
+    let percent = |count: usize| 100.0 * count as f64 / alpha.len() as f64;
     let transfer = match (is_ours, reading.exr) {
         (true, _) => ExrTransfer::Linear,
         (false, Some(transfer)) => transfer,
@@ -222,19 +230,28 @@ fn read_exr(path: &Path, reading: &PictureReading) -> Result<Rgb32FImage, ReadEr
     let varying = alpha.iter().filter(|alpha| **alpha < 1.0).count();
     let white = match reading.rules.alpha {
         AlphaRule::Refuse if varying > 0 && !is_ours => {
-            let percent = 100.0 * varying as f64 / alpha.len() as f64;
-            return Err(malformed(
-                path,
-                ImageFileError::Alpha { percent }.to_string(),
-            ));
+            let error = ImageFileError::Alpha {
+                percent: percent(varying),
+            };
+            return Err(malformed(path, error.to_string()));
         }
         AlphaRule::White => 1.0,
         _ => 0.0,
     };
+    let is_brighter = |pixel: &&Rgb<f32>| pixel.0.iter().any(|v| *v > BEYOND_WHITE);
+    let brighter = rgb.pixels().filter(is_brighter).count();
+    if transfer == ExrTransfer::Linear && brighter > 0 && !is_ours {
+        notes.push(format!(
+            "{:.2} % of its pixels are brighter than 1 and are clipped there (exr=linear): tone-map it as the pictures were that \
+             it is compared with",
+            percent(brighter)
+        ));
+    }
     for (pixel, alpha) in rgb.pixels_mut().zip(alpha.iter()) {
         for value in &mut pixel.0 {
             *value += white * (1.0 - alpha.clamp(0.0, 1.0));
-            if transfer == ExrTransfer::Linear {
+            // Infinities are refused like whatever is no number.
+            if transfer == ExrTransfer::Linear && value.is_finite() {
                 *value = srgb_from_linear(value.clamp(0.0, 1.0));
             }
         }

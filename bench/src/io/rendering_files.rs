@@ -166,6 +166,46 @@ mod tests {
         }
     }
 
+    /// An EXR of another program, a row of grey pixels.
+    #[test]
+    fn light_beyond_white_is_named_and_what_is_no_light_refused() {
+        use sharp::image_file::ExrTransfer;
+
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("p.exr");
+        let linear = pictures::PictureReading {
+            exr: Some(ExrTransfer::Linear),
+            ..Default::default()
+        };
+        let read = |values: [f32; 8]| {
+            let picture = ::exr::prelude::SpecificChannels::rgb(|at: ::exr::math::Vec2<usize>| {
+                let value = values[at.x()];
+                (value, value, value)
+            });
+            let image = ::exr::prelude::Image::from_channels((8, 1), picture);
+            ::exr::prelude::WritableImage::write(&image)
+                .to_file(&path)
+                .unwrap();
+            pictures::read_as(&path, &linear)
+        };
+        // To the last bit of half floats, and what rounding to 8 bit hides.
+        let within = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.004, -0.01]).unwrap();
+        assert_eq!(within.notes, Vec::<String>::new());
+        let bright = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 1.1, 30.0]).unwrap();
+        assert_eq!(bright.notes.len(), 1);
+        let start = "25.00 % of its pixels are brighter than 1 and are clipped there (exr=linear)";
+        assert!(bright.notes[0].starts_with(start), "{:?}", bright.notes);
+        assert!((0.9999..=1.0).contains(&bright.picture.value(7, 0, 0)));
+        for odd in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            let error = read([0.0, 0.1, 0.2, 0.5, 0.9, 1.0, 0.3, odd]).unwrap_err();
+            let error = error.to_string();
+            assert!(
+                error.contains("p.exr: 1 of its pixels (12.50 %)"),
+                "{error}"
+            );
+        }
+    }
+
     #[test]
     fn a_rendering_is_the_same_picture_from_exr_and_png() {
         let dir = tempfile::tempdir().unwrap();

@@ -39,7 +39,10 @@ pub(super) struct FitRules {
 }
 
 impl FitRules {
-    /// Reads `resize`, `crop`, `alpha`, `color`, `orientation` and `exr`; errors are the bare reason.
+    pub(super) const OPTIONS: [&'static str; 6] =
+        ["resize", "crop", "alpha", "color", "orientation", "exr"];
+
+    /// Reads [`Self::OPTIONS`]; errors are the bare reason.
     pub(super) fn parse<'a>(option: impl Fn(&str) -> Option<&'a str>) -> Result<Self, String> {
         Ok(Self {
             kernel: parsed("resize", &option)?,

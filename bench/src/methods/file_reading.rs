@@ -58,7 +58,10 @@ impl Axes {
     }
 
     fn name(self) -> String {
-        String::from_utf8_lossy(&self.0).into_owned()
+        match self {
+            Self::OPENCV => "opencv".to_owned(),
+            Self(letters) => String::from_utf8_lossy(&letters).into_owned(),
+        }
     }
 }
 
@@ -92,6 +95,22 @@ pub struct FileReading {
 }
 
 impl Placement {
+    /// In the order of [`FileReading::PLACEMENT_KEYS`].
+    fn values(&self) -> [String; 4] {
+        let space = match self.space {
+            FileSpace::Camera => "camera",
+            FileSpace::World => "world",
+            FileSpace::Normalized => "normalized",
+        };
+        let [x, y] = self.shift;
+        [
+            space.to_owned(),
+            self.axes.name(),
+            self.scale.to_string(),
+            format!("{x}:{y}"),
+        ]
+    }
+
     /// Takes the file's coordinates to those of the source's camera.
     pub fn camera_from_file(&self, source: &PosedCamera) -> DAffine3 {
         let Intrinsics { fx, fy, .. } = source.intrinsics;
@@ -111,7 +130,7 @@ impl Placement {
 }
 
 impl FileReading {
-    const PLACEMENT_KEYS: [&'static str; 4] = ["space", "axes", "scale", "shift"];
+    pub(super) const PLACEMENT_KEYS: [&'static str; 4] = ["space", "axes", "scale", "shift"];
 
     /// That of arrays in memory: decoded values in the source camera's space.
     pub fn of_arrays() -> Self {
@@ -164,31 +183,20 @@ impl FileReading {
 
     /// What is set besides the defaults, by key, as [`Self::set`] takes it.
     pub fn settings(&self) -> Vec<(&'static str, String)> {
+        self.changes_from(&Self::default())
+    }
+
+    /// The settings in which it differs, by key, as [`Self::set`] takes them.
+    pub fn changes_from(&self, other: &Self) -> Vec<(&'static str, String)> {
+        let before = other.stored.settings();
         let stored = self.stored.settings().into_iter();
-        let mut all: Vec<_> = stored.map(|(key, v)| (key, v.to_owned())).collect();
-        let (
-            Placement {
-                space,
-                axes,
-                scale,
-                shift,
-            },
-            plain,
-        ) = (self.placement, Placement::default());
-        let space_name = match space {
-            FileSpace::Camera => "camera",
-            FileSpace::World => "world",
-            FileSpace::Normalized => "normalized",
-        };
-        let placement = [
-            (space != plain.space, space_name.to_owned()),
-            (axes != plain.axes, axes.name()),
-            (scale != plain.scale, scale.to_string()),
-            (shift != plain.shift, format!("{}:{}", shift[0], shift[1])),
-        ];
-        let named = Self::PLACEMENT_KEYS.into_iter().zip(placement);
-        all.extend(named.filter_map(|(key, (is_set, value))| is_set.then_some((key, value))));
-        all
+        let stored = stored.filter(|item| !before.contains(item));
+        let stored = stored.map(|(key, value)| (key, value.to_owned()));
+        let placed = self.placement.values().into_iter();
+        let placed = placed.zip(other.placement.values());
+        let placed = Self::PLACEMENT_KEYS.into_iter().zip(placed);
+        let placed = placed.filter_map(|(key, (own, other))| (own != other).then_some((key, own)));
+        stored.chain(placed).collect()
     }
 }
 

@@ -39,23 +39,6 @@ pub struct GaussianFiles {
 }
 
 impl GaussianFiles {
-    pub const OPTIONS: [&'static str; 14] = [
-        "dir",
-        "depth",
-        "color_space",
-        "opacity",
-        "scales",
-        "quaternions",
-        "colors",
-        "channels",
-        "harmonics",
-        "marks",
-        "space",
-        "axes",
-        "scale",
-        "shift",
-    ];
-
     pub(super) fn from_spec(spec: &MethodSpec) -> Result<Self, SpecError> {
         let mut reading = FileReading::default();
         for key in FileReading::keys() {

@@ -38,17 +38,6 @@ struct Sidecar {
 }
 
 impl Imported {
-    pub const OPTIONS: [&'static str; 8] = [
-        "dir",
-        "scales",
-        "resize",
-        "crop",
-        "alpha",
-        "color",
-        "orientation",
-        "exr",
-    ];
-
     const EXTENSIONS: [&'static str; 9] = [
         "png", "jpg", "jpeg", "exr", "webp", "tif", "tiff", "bmp", "jfif",
     ];

@@ -1,11 +1,15 @@
 //! The kinds of methods, and instances from specs.
 
-use sharp_datasets::error::nearest_of;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use sharp::ply::StoredForm;
+use sharp_datasets::error::nearest_of;
+
 use super::command::Command;
+use super::crop_and_resize::FitRules;
 use super::depth_splat::DepthSplat;
+use super::file_reading::FileReading;
 use super::gaussians::GaussianFiles;
 use super::imported::Imported;
 use super::method::Method;
@@ -18,8 +22,8 @@ use crate::scoring::ScaleChooser;
 #[derive(Debug, Clone, Copy)]
 pub struct MethodKind {
     pub name: &'static str,
-    /// Options besides `label`.
-    pub options: &'static [&'static str],
+    /// Options besides `label`, in groups.
+    pub options: &'static [&'static [&'static str]],
     pub summary: &'static str,
     build: fn(&MethodSpec, Option<&Arc<ScaleChooser>>) -> Built,
 }
@@ -49,21 +53,25 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "depth-splat",
-        options: &["resolution"],
+        options: &[&["resolution"]],
         summary: "the dataset's depth through SHARP's initializer, composer and renderer; holes stay \
                   black (resolution=1536)",
         build: |spec, _| Ok(Box::new(DepthSplat::from_spec(spec)?)),
     },
     MethodKind {
         name: "sharp",
-        options: &Sharp::OPTIONS,
+        options: &[&Sharp::OPTIONS],
         summary: "the SHARP network (checkpoint=FILE, or mini for the small one that comes with the program, config=FILE#NAME, \
                   depth=none|privileged, device=cpu, allow_unused=PREFIX,…)",
         build: |spec, _| Ok(Box::new(Sharp::from_spec(spec)?)),
     },
     MethodKind {
         name: "gaussians",
-        options: &GaussianFiles::OPTIONS,
+        options: &[
+            &["dir", "depth"],
+            &StoredForm::KEYS,
+            &FileReading::PLACEMENT_KEYS,
+        ],
         summary: "Gaussians made elsewhere, DIR/<dataset>/<scene>/<source>.ply|safetensors, rendered by us (dir=DIR, \
                   depth=none|privileged: scaled by the median of true over rendered depth, color_space=linear|srgb for PLYs that \
                   do not say; for files stored otherwise opacity=linear|byte, scales=linear, quaternions=xyzw, \
@@ -73,7 +81,7 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "imported",
-        options: &Imported::OPTIONS,
+        options: &[&["dir", "scales"], &FitRules::OPTIONS],
         summary: "pictures made elsewhere, DIR/<pair_id>.png|jpg|exr (dir=DIR); smaller ones with resize=bilinear|\
                   bilinear-antialias|bicubic|lanczos|area, cropped ones with crop=x:y:w:h|center:W:H|center|sidecar; \
                   scales=0.5+1+2 for DIR/<scale>/<pair_id>.png with --scale-sweep",
@@ -81,7 +89,10 @@ pub const KINDS: [MethodKind; 8] = [
     },
     MethodKind {
         name: "command",
-        options: &Command::OPTIONS,
+        options: &[
+            &["run", "timeout", "version", "files", "depth"],
+            &FitRules::OPTIONS,
+        ],
         summary: "someone's program, one line of JSON a pair (run='python my.py', timeout=600, version=TEXT, resize=, \
                   crop=x:y:w:h|center:W:H, depth=none|privileged: it gets the source's true depth)",
         build: |spec, _| Ok(Box::new(Command::from_spec(spec)?)),
@@ -104,7 +115,7 @@ pub fn build(
                 )));
             }
             let kind = kind_of(spec)?;
-            spec.expect_options(kind.options)?;
+            spec.expect_options(&kind.options.concat())?;
             (kind.build)(spec, chooser)
         })
         .collect()

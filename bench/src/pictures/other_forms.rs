@@ -4,7 +4,10 @@
 //! Each form is that of a public package at its defaults. They are computed plainly: only `metrics --find` asks for them.
 
 use image::{Rgb, Rgb32FImage};
-use sharp_metrics::{Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, resize};
+use sharp_metrics::{
+    Family, LpipsNet, Mask, MetricKey, Picture, ResizeKernel, Scorer, SsimVariant, resize, ssim,
+    ssim_contrast,
+};
 
 /// One such computation and its value.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,20 +38,21 @@ pub fn other_forms(
         });
         found.extend(form);
     };
-    let planes = [prediction, target].map(Planes::of);
-    let both = |change: &dyn Fn(&Planes) -> Planes| [change(&planes[0]), change(&planes[1])];
-    let [psnr, ssim, lpips, dists] = Family::ALL;
+    let both = |change: &dyn Fn(&Picture) -> Picture| [prediction, target].map(change);
+    let psnr_of = |[a, b]: &[Picture; 2]| sharp_metrics::psnr(a, b, None).ok();
+    let [psnr, of_ssim, lpips, dists] = Family::ALL;
 
-    let luma = both(&|picture| picture.weighted([0.299, 0.587, 0.114], 0.0));
+    let luma = both(&|picture| weighted(picture, [0.299, 0.587, 0.114], 0.0));
     add(
         "PSNR of luma",
         psnr,
-        luma_psnr(&luma),
+        psnr_of(&luma),
         "On 0.299 R + 0.587 G + 0.114 B.",
     );
     // MATLAB's rgb2ycbcr: 16..235 of 255.
     let matlab = both(&|picture| {
-        picture.weighted(
+        weighted(
+            picture,
             [65.481 / 255.0, 128.553 / 255.0, 24.966 / 255.0],
             16.0 / 255.0,
         )
@@ -56,52 +60,52 @@ pub fn other_forms(
     add(
         "PSNR of luma in 16..235",
         psnr,
-        luma_psnr(&matlab),
+        psnr_of(&matlab),
         "On the Y of MATLAB's rgb2ycbcr (BT.601, 16..235) against a peak of 255, as in super-resolution.",
     );
 
     // SSIM of pictures of which the constants are too large by 4 is that of half the values.
-    let halved = both(&|picture| picture.scaled(0.5)).map(|picture| picture.picture());
+    let halved = both(&|picture| mapped(picture, |rgb, _| rgb.map(|v| 0.5 * v)));
     for (key, name) in [
         ("ssim[uniform7,sample]", "SSIM with data_range=2, 7x7 box"),
         ("ssim[gauss11,valid]", "SSIM with data_range=2, Gaussian"),
     ] {
         add(
             name,
-            ssim,
+            of_ssim,
             score(scorer, key, &halved[0], &halved[1], None),
             "Constants for values in -1..1 on pictures in 0..1: what scikit-image took for floats before 0.21 unless told \
              otherwise.",
         );
     }
     let (width, height) = target.dimensions();
-    let factor = ((f64::from(width.min(height)) / 256.0).round_ties_even() as usize).max(1);
+    let factor = ((f64::from(width.min(height)) / 256.0).round_ties_even() as u32).max(1);
     if factor > 1 {
-        let small = both(&|picture| picture.pooled(factor));
+        let small = both(&|picture| pooled(picture, factor));
         add(
             "piq.ssim",
-            ssim,
-            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            of_ssim,
+            similarity(&small),
             "Both pictures first reduced to means of f x f pixels, f = shorter side / 256 rounded; piq's default.",
         );
-        let small = luma.clone().map(|picture| picture.pooled(factor));
+        let small = luma.each_ref().map(|picture| pooled(picture, factor));
         add(
             "ssim.m",
-            ssim,
-            similarity(&small[0], &small[1]).map(|s| mean(&s.ssim)),
+            of_ssim,
+            similarity(&small),
             "The same on luma: the authors' MATLAB code.",
         );
     }
-    let scales = multi_scale(planes.clone());
+    let scales = multi_scale([prediction, target]);
     add(
         "MS-SSIM",
-        ssim,
+        of_ssim,
         scales.map(|[valid, _]| valid),
         "Five scales, windows inside the picture: the paper's, and torchmetrics before 1.4.2.",
     );
     add(
         "MS-SSIM of torchmetrics",
-        ssim,
+        of_ssim,
         scales.map(|[_, reflected]| reflected),
         "Five scales, the coarsest with reflected borders: torchmetrics since 1.4.2.",
     );
@@ -136,7 +140,12 @@ pub fn other_forms(
         );
     }
     if let Some(mask) = mask {
-        let black = both(&|picture| picture.blackened(mask)).map(|picture| picture.picture());
+        let black = both(&|picture| {
+            mapped(
+                picture,
+                |rgb, at| if mask.values()[at] { rgb } else { [0.0; 3] },
+            )
+        });
         for (key, name) in [
             ("psnr", "PSNR of masked pictures"),
             ("ssim[gauss11,valid]", "SSIM of masked pictures"),
@@ -170,202 +179,56 @@ fn score(
     scores.into_iter().next()?.1.ok()
 }
 
-/// PSNR of single-channel pictures, dB; `None` if they are equal.
-fn luma_psnr([a, b]: &[Planes; 2]) -> Option<f64> {
-    let squares = a.values.iter().flatten().zip(b.values.iter().flatten());
-    let squares = squares.map(|(a, b)| (a - b) * (a - b));
-    let mse = squares.sum::<f64>() / (a.width * a.height) as f64;
-    (mse > 0.0).then(|| -10.0 * mse.log10())
+/// A picture with each pixel's colour, whose place in the picture is given too, turned into another.
+fn mapped(picture: &Picture, change: impl Fn([f64; 3], usize) -> [f64; 3]) -> Picture {
+    let (width, height) = picture.dimensions();
+    Rgb32FImage::from_fn(width, height, |x, y| {
+        let rgb = [0, 1, 2].map(|channel| picture.value(x, y, channel));
+        Rgb(change(rgb, (y * width + x) as usize).map(|v| v as f32))
+    })
+    .into()
 }
 
-/// Channels one after the other, f64.
-#[derive(Debug, Clone)]
-struct Planes {
-    width: usize,
-    height: usize,
-    values: Vec<Vec<f64>>,
+/// Gray: the channels weighted, plus an offset.
+fn weighted(picture: &Picture, [r, g, b]: [f64; 3], offset: f64) -> Picture {
+    mapped(picture, |rgb, _| {
+        [r * rgb[0] + g * rgb[1] + b * rgb[2] + offset; 3]
+    })
 }
 
-impl Planes {
-    fn of(picture: &Picture) -> Self {
-        let (width, height) = picture.dimensions();
-        let plane = |channel| {
-            let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-            rows.map(|(x, y)| picture.value(x, y, channel)).collect()
+/// Means of `by` × `by` pixels; what is left at the right and at the bottom does not count.
+fn pooled(picture: &Picture, by: u32) -> Picture {
+    let (width, height) = picture.dimensions();
+    Rgb32FImage::from_fn(width / by, height / by, |x, y| {
+        let inside = (0..by).flat_map(|j| (0..by).map(move |i| (x * by + i, y * by + j)));
+        let sum = |channel| -> f64 {
+            let values = inside.clone().map(|(x, y)| picture.value(x, y, channel));
+            values.sum()
         };
-        Self {
-            width: width as usize,
-            height: height as usize,
-            values: [0, 1, 2].map(plane).into(),
-        }
-    }
-
-    fn picture(&self) -> Picture {
-        let plane = |channel: usize, at: usize| self.values[channel.min(self.values.len() - 1)][at];
-        Rgb32FImage::from_fn(self.width as u32, self.height as u32, |x, y| {
-            let at = y as usize * self.width + x as usize;
-            Rgb([0, 1, 2].map(|channel| plane(channel, at) as f32))
-        })
-        .into()
-    }
-
-    fn with(&self, values: Vec<Vec<f64>>) -> Self {
-        Self { values, ..*self }
-    }
-
-    fn scaled(&self, by: f64) -> Self {
-        let planes = self.values.iter();
-        self.with(
-            planes
-                .map(|plane| plane.iter().map(|v| v * by).collect())
-                .collect(),
-        )
-    }
-
-    /// One plane: the channels weighted, plus an offset.
-    fn weighted(&self, weights: [f64; 3], offset: f64) -> Self {
-        let value = |at: usize| {
-            let channels = self.values.iter().zip(weights);
-            channels
-                .map(|(plane, weight)| weight * plane[at])
-                .sum::<f64>()
-                + offset
-        };
-        self.with(vec![(0..self.width * self.height).map(value).collect()])
-    }
-
-    fn blackened(&self, mask: &Mask) -> Self {
-        let black = |plane: &Vec<f64>| {
-            let values = plane.iter().zip(mask.values());
-            values
-                .map(|(v, inside)| if *inside { *v } else { 0.0 })
-                .collect()
-        };
-        self.with(self.values.iter().map(black).collect())
-    }
-
-    /// Means of `by` × `by` pixels; what is left at the right and at the bottom does not count.
-    fn pooled(&self, by: usize) -> Self {
-        let (width, height) = (self.width / by, self.height / by);
-        let pool = |plane: &Vec<f64>| {
-            let mut out = vec![0.0; width * height];
-            for y in 0..height * by {
-                for x in 0..width * by {
-                    out[y / by * width + x / by] += plane[y * self.width + x];
-                }
-            }
-            out.iter().map(|sum| sum / (by * by) as f64).collect()
-        };
-        Self {
-            width,
-            height,
-            values: self.values.iter().map(pool).collect(),
-        }
-    }
-
-    /// The picture mirrored by `radius` pixels on each side, the edge pixel not repeated.
-    fn reflected(&self, radius: usize) -> Self {
-        let (width, height) = (self.width + 2 * radius, self.height + 2 * radius);
-        let from = |at: usize, n: usize| {
-            let inside = at.abs_diff(radius);
-            inside.min(2 * (n - 1) - inside.min(2 * (n - 1)))
-        };
-        let plane = |plane: &Vec<f64>| {
-            let rows = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-            rows.map(|(x, y)| plane[from(y, self.height) * self.width + from(x, self.width)])
-                .collect()
-        };
-        Self {
-            width,
-            height,
-            values: self.values.iter().map(plane).collect(),
-        }
-    }
-}
-
-/// Windows of SSIM: 11 taps, σ 1.5.
-const RADIUS: usize = 5;
-
-/// Local similarities of all channels, and their part without luminance.
-struct SsimMaps {
-    ssim: Vec<f64>,
-    contrast: Vec<f64>,
+        Rgb([0, 1, 2].map(|channel| (sum(channel) / f64::from(by * by)) as f32))
+    })
+    .into()
 }
 
 /// SSIM over the windows inside the pictures; `None` where there is none.
-fn similarity(a: &Planes, b: &Planes) -> Option<SsimMaps> {
-    const C1: f64 = 0.01 * 0.01;
-    const C2: f64 = 0.03 * 0.03;
-    let size = (a.width, a.height);
-    if a.width.min(a.height) <= 2 * RADIUS {
-        return None;
-    }
-    let mut found = SsimMaps {
-        ssim: Vec::new(),
-        contrast: Vec::new(),
-    };
-    for (a, b) in a.values.iter().zip(&b.values) {
-        let product =
-            |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).collect::<Vec<_>>();
-        let moments = [
-            a.clone(),
-            b.clone(),
-            product(a, a),
-            product(b, b),
-            product(a, b),
-        ];
-        let [ma, mb, aa, bb, ab] = moments.map(|plane| filtered(&plane, size));
-        for i in 0..ma.len() {
-            let (va, vb) = (aa[i] - ma[i] * ma[i], bb[i] - mb[i] * mb[i]);
-            let contrast = (2.0 * (ab[i] - ma[i] * mb[i]) + C2) / (va.max(0.0) + vb.max(0.0) + C2);
-            let luminance = (2.0 * ma[i] * mb[i] + C1) / (ma[i] * ma[i] + mb[i] * mb[i] + C1);
-            found.contrast.push(contrast);
-            found.ssim.push(luminance * contrast);
-        }
-    }
-    Some(found)
-}
-
-/// A plane under the Gaussian, where that lies inside.
-fn filtered(plane: &[f64], (width, height): (usize, usize)) -> Vec<f64> {
-    let weights: Vec<f64> = (0..=2 * RADIUS)
-        .map(|i| (-((i as f64 - RADIUS as f64) / 1.5).powi(2) / 2.0).exp())
-        .collect();
-    let sum: f64 = weights.iter().sum();
-    let (columns, rows) = (width - 2 * RADIUS, height - 2 * RADIUS);
-    let under = |plane: &[f64], at: usize, stride: usize| {
-        let taps = weights.iter().enumerate();
-        taps.map(|(i, weight)| weight * plane[at + i * stride])
-            .sum::<f64>()
-            / sum
-    };
-    let across: Vec<f64> = (0..height)
-        .flat_map(|y| (0..columns).map(move |x| y * width + x))
-        .map(|at| under(plane, at, 1))
-        .collect();
-    (0..rows * columns)
-        .map(|at| under(&across, at, columns))
-        .collect()
+fn similarity([a, b]: &[Picture; 2]) -> Option<f64> {
+    ssim(SsimVariant::Gauss11Valid, a, b, None).ok()
 }
 
 /// Multi-scale SSIM (Wang et al. 2003) with windows inside the coarsest picture, and with that reflected.
-fn multi_scale([mut a, mut b]: [Planes; 2]) -> Option<[f64; 2]> {
+fn multi_scale(pictures: [&Picture; 2]) -> Option<[f64; 2]> {
     const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
+    // What is below zero has no power.
+    let power = |value: f64, weight: f64| value.max(0.0).powf(weight);
     let mut product = 1.0;
-    for (scale, weight) in WEIGHTS.into_iter().enumerate() {
-        let here = similarity(&a, &b)?;
-        // What is below zero has no power.
-        let power = |values: &[f64]| mean(values).max(0.0).powf(weight);
-        if scale + 1 == WEIGHTS.len() {
-            let reflected = similarity(&a.reflected(RADIUS), &b.reflected(RADIUS))?;
-            return Some([power(&here.ssim), power(&reflected.ssim)].map(|last| product * last));
-        }
-        product *= power(&here.contrast);
-        (a, b) = (a.pooled(2), b.pooled(2));
+    let [mut a, mut b] = pictures.map(Picture::clone);
+    for weight in &WEIGHTS[..4] {
+        product *= power(ssim_contrast(&a, &b).ok()?, *weight);
+        (a, b) = (pooled(&a, 2), pooled(&b, 2));
     }
-    None
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+    let last = |border| Some(product * power(ssim(border, &a, &b, None).ok()?, WEIGHTS[4]));
+    Some([
+        last(SsimVariant::Gauss11Valid)?,
+        last(SsimVariant::Gauss11Reflect)?,
+    ])
 }

@@ -211,7 +211,7 @@ fn method(record: &MethodRecord, records: &[Record]) -> ReportMethod {
         resize_kernel: kernel
             .and_then(|text| text.split(' ').next())
             .map(str::to_owned),
-        doubt: Some(doubts_of(of_method, record.privilege).join("; "))
+        doubt: Some(doubts_of(of_method, &identity.kind, record.privilege).join("; "))
             .filter(|text| !text.is_empty()),
         note: match (note, record.notes.join("; ")) {
             (None, notes) => (!notes.is_empty()).then_some(notes),

@@ -38,7 +38,7 @@ pub(super) fn map_rows<T: Send>(
         1.0
     };
     let constants = Constants {
-        c1: (0.01 * range) * (0.01 * range),
+        c1: (form.k1 * range) * (form.k1 * range),
         c2: (0.03 * range) * (0.03 * range),
         covariance: form.covariance(),
         bounded: form.form.covariance == SsimCovariance::Bounded,

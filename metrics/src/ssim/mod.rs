@@ -27,7 +27,10 @@ pub use variant::{SsimBorder, SsimCovariance, SsimForm, SsimVariant, SsimWindow}
 
 /// The mean of the SSIM map; with a mask the mean over the windows whose centre is inside it, or where the form says so
 /// over those that lie inside as a whole. The pictures (and the mask) are of one size.
-pub(crate) fn ssim(
+///
+/// # Errors
+/// When the pictures are smaller than a window, or no window counts.
+pub fn ssim(
     variant: SsimVariant,
     prediction: &Picture,
     target: &Picture,
@@ -64,6 +67,23 @@ pub(crate) fn ssim(
         return Err(Unavailable::EmptyMask);
     }
     Ok(rows.iter().map(|(sum, _)| sum).sum::<f64>() / count as f64)
+}
+
+/// The mean of SSIM without its luminance, (2 σₐᵦ + C₂) / (σₐ² + σᵦ² + C₂), over the Gaussian windows inside the pictures:
+/// a factor of multi-scale SSIM.
+///
+/// # Errors
+/// When the pictures are smaller than a window.
+pub fn ssim_contrast(prediction: &Picture, target: &Picture) -> Result<f64, Unavailable> {
+    let form = SsimSpec {
+        // C₁ leaves nothing of the means beside it: the luminance is 1.
+        k1: 1e50,
+        ..SsimSpec::of(SsimVariant::Gauss11Valid)
+    };
+    let means = map_rows(&form, prediction, target, |_, row| {
+        sum_in_lanes(row) / row.len() as f64
+    })?;
+    Ok(means.iter().sum::<f64>() / means.len() as f64)
 }
 
 /// The SSIM map, mean over channels.

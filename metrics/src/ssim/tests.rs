@@ -87,6 +87,31 @@ fn rows_follow_the_definition_at_every_border() {
 }
 
 #[test]
+fn the_contrast_is_what_is_left_of_the_definition_without_means() {
+    let (a, b) = (texture(23, 19, 3), texture(23, 19, 500));
+    let form = SsimSpec::of(SsimVariant::Gauss11Valid);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (y, x, c) in (5..14).flat_map(|y| (5..18).flat_map(move |x| [0, 1, 2].map(|c| (y, x, c)))) {
+        let mean = |picture: &Picture| -> f64 {
+            let taps = (-5..=5_i64).flat_map(|j| (-5..=5_i64).map(move |i| (i, j)));
+            let weighted = taps.map(|(i, j)| {
+                let weight = |d: i64| form.half[(5 - d.abs()) as usize];
+                weight(i) * weight(j) * picture.value((x + i) as u32, (y + j) as u32, c)
+            });
+            weighted.sum()
+        };
+        let (p, q) = (mean(&a), mean(&b));
+        let luminance = (2.0 * p * q + 1e-4) / (p * p + q * q + 1e-4);
+        sum += brute_force(&form, &a, &b, x, y, c) / luminance;
+        count += 1.0;
+    }
+    let found = ssim_contrast(&a, &b).unwrap();
+    assert!((found - sum / count).abs() < 1e-12, "{found}");
+    let whole = ssim(SsimVariant::Gauss11Valid, &a, &b, None).unwrap();
+    assert!((found - whole).abs() > 1e-3);
+}
+
+#[test]
 fn taps_are_the_published_ones() {
     let form = SsimSpec::of(SsimVariant::Gauss11Valid);
     let published = [

@@ -155,6 +155,8 @@ pub(super) struct SsimSpec {
     pub(super) radius: usize,
     /// Weight of the pixels at distance `radius`, …, 1, 0 from the centre along one axis.
     pub(super) half: Vec<f64>,
+    /// C₁ = (k₁ L)².
+    pub(super) k1: f64,
 }
 
 impl SsimSpec {
@@ -174,6 +176,7 @@ impl SsimSpec {
             radius: half.len() - 1,
             half,
             form,
+            k1: 0.01,
         }
     }
 

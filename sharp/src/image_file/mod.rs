@@ -15,6 +15,7 @@ mod png_chunks;
 mod profile;
 mod rules;
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read, Seek};
 
 use exif::{In, Tag, Value};
@@ -133,6 +134,9 @@ impl Picture {
                 ),
             });
         }
+        if let (Some(ignored), ColorRule::Convert) = (self.header.profile.ignored(), rules.color) {
+            notes.push(format!("it has {ignored}"));
+        }
         if let Some(name) = self.header.profile.name() {
             notes.push(match rules.color {
                 ColorRule::Convert => format!(
@@ -175,7 +179,7 @@ pub fn read(
     }
     if rules.color == ColorRule::Convert {
         image = match &header.profile {
-            Profile::Srgb => image,
+            Profile::Srgb | Profile::Ignored { .. } => image,
             Profile::Matrix { to_srgb, .. } => to_srgb.convert(image),
             Profile::Other { name, reason } => {
                 return Err(ImageFileError::Profile {
@@ -266,9 +270,9 @@ fn open<'a>(
     mut file: impl BufRead + Seek + 'a,
     format: ImageFormat,
 ) -> Result<(Box<dyn ImageDecoder + 'a>, Header), ImageFileError> {
-    let cicp = match format {
-        ImageFormat::Png => png_chunks::cicp(&mut file)?,
-        _ => None,
+    let chunks = match format {
+        ImageFormat::Png => png_chunks::before_pixels(&mut file)?,
+        _ => BTreeMap::new(),
     };
     let mut reader = ImageReader::with_format(file, format);
     // The size was checked against the file's, which is tighter than any fixed limit.
@@ -297,11 +301,14 @@ fn open<'a>(
         size: decoder.dimensions(),
         color: decoder.color_type(),
         orientation: orientation.to_exif(),
-        profile: match (cicp, icc) {
-            (Some(cicp), _) => Profile::of_cicp(cicp),
+        profile: match (chunks.get(b"cICP").and_then(|cicp| cicp.first_chunk()), icc) {
+            (Some(cicp), _) => Profile::of_cicp(*cicp),
             (None, Some(icc)) => Profile::of_icc(&icc),
             (None, None) if is_adobe_rgb => Profile::adobe_rgb(),
-            (None, None) => Profile::Srgb,
+            (None, None) => match png_chunks::against_srgb(&chunks) {
+                Some(chunks) => Profile::Ignored { chunks },
+                None => Profile::Srgb,
+            },
         },
     };
     Ok((Box::new(decoder), header))

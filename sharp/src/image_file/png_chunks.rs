@@ -1,5 +1,6 @@
 //! The chunks of a PNG file, walked to see that it is whole before anything is decoded.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, ErrorKind, Read, Seek, SeekFrom};
 
 use flate2::Crc;
@@ -39,14 +40,41 @@ pub(super) fn check_complete(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// The four bytes of the cICP chunk: primaries, transfer, matrix, range. It comes before the pixels; the file is left at
-/// its start.
+/// The gAMA and cHRM chunks, where they alone speak of colours and say that these are not sRGB.
+pub(super) fn against_srgb(chunks: &BTreeMap<[u8; 4], Vec<u8>>) -> Option<String> {
+    const SRGB: [u32; 8] = [
+        31_270, 32_900, 64_000, 33_000, 30_000, 60_000, 15_000, 6_000,
+    ];
+    if [b"cICP", b"iCCP", b"sRGB"]
+        .iter()
+        .any(|name| chunks.contains_key(*name))
+    {
+        return None;
+    }
+    let values = |name| -> Vec<u32> {
+        let (words, _) = chunks.get(name).map_or(&[][..], Vec::as_slice).as_chunks();
+        words.iter().map(|word| u32::from_be_bytes(*word)).collect()
+    };
+    // Within 5 %, as libpng has it; 0 is no gamma.
+    let gamma = values(b"gAMA").first().copied();
+    let gamma = gamma.filter(|gamma| !matches!(gamma, 0 | 43_182..=47_728));
+    let gamma = gamma.map(|gamma| format!("gAMA {}", f64::from(gamma) / 1e5));
+    let primaries = values(b"cHRM");
+    let is_other = primaries.iter().zip(SRGB).any(|(a, b)| a.abs_diff(b) > 500);
+    let primaries = (primaries.len() == 8 && is_other).then(|| "cHRM".to_owned());
+    let both: Vec<String> = gamma.into_iter().chain(primaries).collect();
+    (!both.is_empty()).then(|| both.join(" and "))
+}
+
+/// The chunks before the pixels by name, of each at most 32 bytes; the file is left at its start.
 ///
 /// # Errors
-/// The reader's; a file that ends early has none.
-pub(super) fn cicp(file: &mut (impl BufRead + Seek)) -> std::io::Result<Option<[u8; 4]>> {
+/// The reader's; of a file that ends early those before.
+pub(super) fn before_pixels(
+    file: &mut (impl BufRead + Seek),
+) -> std::io::Result<BTreeMap<[u8; 4], Vec<u8>>> {
     file.seek(SeekFrom::Start(8))?;
-    let mut found = None;
+    let mut found = BTreeMap::new();
     let mut start = [0; 8];
     loop {
         match file.read_exact(&mut start) {
@@ -54,16 +82,16 @@ pub(super) fn cicp(file: &mut (impl BufRead + Seek)) -> std::io::Result<Option<[
             read => read?,
         }
         let [l0, l1, l2, l3, name @ ..] = start;
-        match &name {
-            b"IDAT" | b"IEND" => break,
-            b"cICP" => {
-                let mut bytes = Vec::with_capacity(4);
-                file.by_ref().take(4).read_to_end(&mut bytes)?;
-                found = bytes.first_chunk().copied();
-                break;
-            }
-            _ => file.seek_relative(i64::from(u32::from_be_bytes([l0, l1, l2, l3])) + 4)?,
+        if matches!(&name, b"IDAT" | b"IEND") {
+            break;
         }
+        let length = u32::from_be_bytes([l0, l1, l2, l3]);
+        let mut bytes = Vec::new();
+        file.by_ref()
+            .take(length.min(32).into())
+            .read_to_end(&mut bytes)?;
+        file.seek_relative(i64::from(length) - bytes.len() as i64 + 4)?;
+        found.insert(name, bytes);
     }
     file.rewind()?;
     Ok(found)

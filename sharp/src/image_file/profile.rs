@@ -19,6 +19,8 @@ pub enum Profile {
         name: String,
         to_srgb: MatrixProfile,
     },
+    /// PNG chunks that contradict sRGB, but which programs ignore.
+    Ignored { chunks: String },
     /// A profile that cannot be converted here, with the reason.
     Other { name: String, reason: &'static str },
 }
@@ -39,8 +41,19 @@ impl Profile {
     /// The name of a profile that is not sRGB.
     pub fn name(&self) -> Option<&str> {
         match self {
-            Self::Srgb => None,
+            Self::Srgb | Self::Ignored { .. } => None,
             Self::Matrix { name, .. } | Self::Other { name, .. } => Some(name),
+        }
+    }
+
+    /// What says that the colours are not sRGB and is ignored; goes on after "it has".
+    pub fn ignored(&self) -> Option<String> {
+        match self {
+            Self::Ignored { chunks } => Some(format!(
+                "PNG chunks ({chunks}) that contradict sRGB, ignored as by most programs: its values are taken for sRGB \
+                 (color=as-stored asks for that)"
+            )),
+            _ => None,
         }
     }
 
@@ -90,20 +103,17 @@ impl Profile {
                 return Self::Other { name, reason };
             }
         };
-        let srgb = ColorProfile::new_srgb();
-        match &srgb.red_trc {
-            Some(curve) => Self::of_parts(name.to_owned(), [curve; 3], srgb_from(&profile)),
-            None => Self::Srgb,
-        }
+        Self::of_standard(name, &profile, &ColorProfile::new_srgb())
     }
 
     pub(super) fn adobe_rgb() -> Self {
         let profile = ColorProfile::new_adobe_rgb();
-        match &profile.red_trc {
-            Some(curve) => {
-                let name = "Adobe RGB (by EXIF)".to_owned();
-                Self::of_parts(name, [curve; 3], srgb_from(&profile))
-            }
+        Self::of_standard("Adobe RGB (by EXIF)", &profile, &profile)
+    }
+
+    fn of_standard(name: &str, primaries: &ColorProfile, curves: &ColorProfile) -> Self {
+        match &curves.red_trc {
+            Some(curve) => Self::of_parts(name.to_owned(), [curve; 3], srgb_from(primaries)),
             None => Self::Srgb,
         }
     }
@@ -162,18 +172,18 @@ fn value(curve: &ToneReprCurve, x: f64) -> Option<f64> {
         },
         ToneReprCurve::Parametric(p) => {
             let p: Vec<f64> = p.iter().map(|p| f64::from(*p)).collect();
-            let power = |a: f64, b: f64| (a * x + b).max(0.0).powf(p[0]);
-            match *p.as_slice() {
-                [g] => x.powf(g),
-                [_, a, b] if x < -b / a => 0.0,
-                [_, a, b] => power(a, b),
-                [_, a, b, c] if x < -b / a => c,
-                [_, a, b, c] => power(a, b) + c,
-                [_, _, _, c, d] if x < d => c * x,
-                [_, a, b, _, _] => power(a, b),
-                [_, _, _, c, d, _, f] if x < d => c * x + f,
-                [_, a, b, _, _, e, _] => power(a, b) + e,
+            // The full form: (a x + b)^g + e, and c x + f below d.
+            let [g, a, b, c, d, e, f] = match *p.as_slice() {
+                [g] => [g, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [g, a, b] => [g, a, b, 0.0, -b / a, 0.0, 0.0],
+                [g, a, b, c] => [g, a, b, 0.0, -b / a, c, c],
+                [g, a, b, c, d] => [g, a, b, c, d, 0.0, 0.0],
+                [g, a, b, c, d, e, f] => [g, a, b, c, d, e, f],
                 _ => return None,
+            };
+            match x < d {
+                true => c * x + f,
+                false => (a * x + b).max(0.0).powf(g) + e,
             }
         }
     };
@@ -259,33 +269,15 @@ impl MatrixProfile {
 
 /// The 8-bit level nearest to linear light once it is encoded: what `encoded` and rounding give, without a power a pixel.
 fn level_of(linear: f64) -> u8 {
-    const BINS: usize = 4096;
-    /// Of each bin of linear light, the level of its lower end; and where each level ends.
-    static TABLE: LazyLock<(Vec<u8>, Vec<f64>)> = LazyLock::new(|| {
-        let ends = (0..255).map(|level| {
-            let edge = (f64::from(level) + 0.5) / 255.0;
-            match edge <= 0.040_45 {
-                true => edge / 12.92,
-                false => ((edge + 0.055) / 1.055).powf(2.4),
-            }
-        });
-        let ends: Vec<f64> = ends.collect();
-        let lower = (0..=BINS).map(|bin| {
-            let linear = bin as f64 / BINS as f64;
-            ends.partition_point(|end| *end <= linear) as u8
-        });
-        (lower.collect(), ends)
+    /// Where each level ends.
+    static ENDS: LazyLock<[f64; 255]> = LazyLock::new(|| {
+        std::array::from_fn(|level| match (level as f64 + 0.5) / 255.0 {
+            edge if edge <= 0.040_45 => edge / 12.92,
+            edge => ((edge + 0.055) / 1.055).powf(2.4),
+        })
     });
     let linear = linear.clamp(0.0, 1.0);
-    let (lower, ends) = &*TABLE;
-    let mut level = lower[(linear * BINS as f64) as usize];
-    while ends
-        .get(usize::from(level))
-        .is_some_and(|end| *end <= linear)
-    {
-        level += 1;
-    }
-    level
+    ENDS.partition_point(|end| *end <= linear) as u8
 }
 
 #[cfg(test)]

@@ -205,6 +205,70 @@ fn a_palette_of_a_broken_length_is_refused_before_it_is_decoded() {
     assert!(error.contains("4 bytes"), "{error}");
 }
 
+/// A PNG with chunks before its pixels.
+fn with_chunks(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+    let plain = png(RgbImage::from_pixel(2, 2, image::Rgb([100; 3])).into());
+    // After the signature and the header.
+    let (head, rest) = plain.split_at(33);
+    let mut bytes = head.to_vec();
+    for (name, content) in chunks {
+        bytes.extend((content.len() as u32).to_be_bytes());
+        let checked = [&name[..], content].concat();
+        bytes.extend(&checked);
+        bytes.extend(crc32(&checked).to_be_bytes());
+    }
+    bytes.extend(rest);
+    bytes
+}
+
+#[test]
+fn chunks_that_contradict_srgb_are_named_where_they_alone_speak() {
+    let words =
+        |values: &[u32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_be_bytes()).collect() };
+    let gamma = |value: u32| words(&[value]);
+    let srgb = [31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000];
+    let rounded = srgb.map(|v: u32| v.next_multiple_of(100));
+    let p3 = [31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000];
+    let (right, linear) = (gamma(45455), gamma(100_000));
+    let (rounded, wide) = (words(&rounded), words(&p3));
+    let said = |chunks: &[(&[u8; 4], &[u8])], rules: &PictureRules| {
+        let found = read(&with_chunks(chunks), rules, None).unwrap();
+        // Whatever is said, the values stay.
+        assert_eq!(found.image.to_rgb8()[(0, 0)].0, [100; 3]);
+        found.notes(rules).join("; ")
+    };
+    let rules = PictureRules::default();
+    for chunks in [
+        &[(b"gAMA", &right[..])][..],
+        &[(b"gAMA", &gamma(45000))],
+        &[(b"gAMA", &right), (b"cHRM", &rounded)],
+        &[(b"gAMA", &linear), (b"sRGB", &[0])],
+        &[(b"cHRM", &wide), (b"cICP", &[1, 13, 0, 1])],
+        &[(b"gAMA", &gamma(0))],
+        // Shorter than its values.
+        &[(b"gAMA", &[1, 2]), (b"cHRM", &wide[..31])],
+    ] {
+        assert_eq!(said(chunks, &rules), "", "{chunks:?}");
+    }
+    for (chunks, part) in [
+        (&[(b"gAMA", &linear[..])][..], "(gAMA 1)"),
+        (&[(b"gAMA", &gamma(55556)[..])], "(gAMA 0.55556)"),
+        (&[(b"cHRM", &wide)], "(cHRM)"),
+        (&[(b"cHRM", &wide), (b"gAMA", &linear)], "(gAMA 1 and cHRM)"),
+    ] {
+        let text = said(chunks, &rules);
+        assert!(
+            text.contains(part) && text.contains("ignored"),
+            "{part}: {text}"
+        );
+        let as_stored = PictureRules {
+            color: ColorRule::AsStored,
+            ..rules
+        };
+        assert_eq!(said(chunks, &as_stored), "");
+    }
+}
+
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |mut crc, byte| {
         crc ^= u32::from(*byte);

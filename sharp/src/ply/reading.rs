@@ -219,87 +219,66 @@ impl StoredForm {
 
     /// Turns stored numbers into what they stand for. Settings that are `None` leave them as they are.
     pub fn decode(&self, gaussians: &mut Gaussians) {
-        for opacity in &mut gaussians.opacities {
-            *opacity = match self.opacity {
-                Some(StoredOpacity::Logit) => logistic(*opacity),
-                Some(StoredOpacity::Byte) => *opacity / 255.0,
-                Some(StoredOpacity::Linear) | None => *opacity,
-            };
-        }
-        if self.scales == Some(StoredScales::Log) {
-            for scale in gaussians.scales.as_flattened_mut() {
-                *scale = f64::from(*scale).exp() as f32;
-            }
-        }
-        for quaternion in &mut gaussians.quaternions {
-            let [a, b, c, d] = *quaternion;
-            *quaternion = match self.quaternions {
-                Some(StoredQuaternions::Wxyz) | None => [a, b, c, d],
-                Some(StoredQuaternions::Xyzw) => [d, a, b, c],
-                Some(StoredQuaternions::WxyzInverse) => [a, -b, -c, -d],
-                Some(StoredQuaternions::XyzwInverse) => [d, -a, -b, -c],
-            };
-        }
-        for color in &mut gaussians.colors {
-            if self.channels == Some(StoredChannels::Bgr) {
-                color.reverse();
-            }
-            *color = color.map(|stored| {
-                let value = match self.colors {
-                    Some(StoredColors::Dc) => stored * SH_CONSTANT + 0.5,
-                    Some(StoredColors::Rgb255) => stored / 255.0,
-                    Some(StoredColors::Logit) => logistic(stored),
-                    Some(StoredColors::Rgb01) | None => stored,
-                };
-                match self.color_space {
-                    Some(ColorSpace::Srgb) => linear_from_srgb(value),
-                    Some(ColorSpace::Linear) | None => value,
-                }
-            });
-        }
+        self.convert(gaussians, false);
     }
-}
 
-impl StoredForm {
     /// What [`Self::decode`] made the Gaussians of, but for rounding.
     pub fn encode(&self, gaussians: &mut Gaussians) {
+        self.convert(gaussians, true);
+    }
+
+    fn convert(&self, gaussians: &mut Gaussians, to_stored: bool) {
+        let byte = |v: f32| if to_stored { v * 255.0 } else { v / 255.0 };
+        let sigmoid = if to_stored { logit } else { logistic };
         for opacity in &mut gaussians.opacities {
             *opacity = match self.opacity {
-                Some(StoredOpacity::Logit) => logit(*opacity),
-                Some(StoredOpacity::Byte) => *opacity * 255.0,
+                Some(StoredOpacity::Logit) => sigmoid(*opacity),
+                Some(StoredOpacity::Byte) => byte(*opacity),
                 Some(StoredOpacity::Linear) | None => *opacity,
             };
         }
         if self.scales == Some(StoredScales::Log) {
             for scale in gaussians.scales.as_flattened_mut() {
-                *scale = scale.ln();
+                *scale = match to_stored {
+                    true => scale.ln(),
+                    false => f64::from(*scale).exp() as f32,
+                };
             }
         }
+        use StoredQuaternions::{WxyzInverse, Xyzw, XyzwInverse};
+        let is_xyzw = matches!(self.quaternions, Some(Xyzw | XyzwInverse));
+        let is_inverse = matches!(self.quaternions, Some(WxyzInverse | XyzwInverse));
         for quaternion in &mut gaussians.quaternions {
-            let [w, x, y, z] = *quaternion;
-            *quaternion = match self.quaternions {
-                Some(StoredQuaternions::Wxyz) | None => [w, x, y, z],
-                Some(StoredQuaternions::Xyzw) => [x, y, z, w],
-                Some(StoredQuaternions::WxyzInverse) => [w, -x, -y, -z],
-                Some(StoredQuaternions::XyzwInverse) => [-x, -y, -z, w],
-            };
+            if is_xyzw && !to_stored {
+                quaternion.rotate_right(1);
+            }
+            if is_inverse {
+                quaternion[1..].iter_mut().for_each(|v| *v = -*v);
+            }
+            if is_xyzw && to_stored {
+                quaternion.rotate_left(1);
+            }
         }
+        let form = |value: f32| match self.colors {
+            Some(StoredColors::Dc) if to_stored => (value - 0.5) / SH_CONSTANT,
+            Some(StoredColors::Dc) => value * SH_CONSTANT + 0.5,
+            Some(StoredColors::Rgb255) => byte(value),
+            Some(StoredColors::Logit) => sigmoid(value),
+            Some(StoredColors::Rgb01) | None => value,
+        };
+        let space = |value: f32| match self.color_space {
+            Some(ColorSpace::Srgb) if to_stored => srgb_from_linear(value),
+            Some(ColorSpace::Srgb) => linear_from_srgb(value),
+            Some(ColorSpace::Linear) | None => value,
+        };
         for color in &mut gaussians.colors {
-            *color = color.map(|linear| {
-                let value = match self.color_space {
-                    Some(ColorSpace::Srgb) => srgb_from_linear(linear),
-                    Some(ColorSpace::Linear) | None => linear,
-                };
-                match self.colors {
-                    Some(StoredColors::Dc) => (value - 0.5) / SH_CONSTANT,
-                    Some(StoredColors::Rgb255) => value * 255.0,
-                    Some(StoredColors::Logit) => logit(value),
-                    Some(StoredColors::Rgb01) | None => value,
-                }
-            });
             if self.channels == Some(StoredChannels::Bgr) {
                 color.reverse();
             }
+            *color = color.map(|value| match to_stored {
+                true => form(space(value)),
+                false => space(form(value)),
+            });
         }
     }
 }

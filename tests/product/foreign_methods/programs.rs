@@ -89,6 +89,44 @@ fn a_program_is_asked_pair_by_pair_and_each_failure_is_its_own() {
     );
 }
 
+/// Each answer has names of its own, no more than one answer may have, and so do all of them together.
+#[cfg(unix)]
+#[test]
+fn the_columns_of_a_program_are_bounded_over_all_of_its_answers() {
+    let dir = tempfile::tempdir().unwrap();
+    let program = r#"
+n=10
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed "s/.*\"$1\":\"\([^\"]*\)\",\"$2\".*/\1/"; }
+  cp "$(field source_picture write_to)" "$(field write_to pair)"
+  n=$((n + 1)); extras="\"shared\":$n"
+  for i in 0 1 2 3 4 5 6 7 8 9; do extras="$extras,\"a${n}_$i\":$i"; done
+  echo "{\"pair_id\":\"$(field pair_id source_picture)\",\"extras\":{$extras}}"
+done
+"#;
+    std::fs::write(dir.path().join("many.sh"), program).unwrap();
+    let method = ["--method", "command:run='sh many.sh'", "--limit", "6"];
+    run(dir.path(), "r", &method).ends_with(0);
+    let rows = &scores(dir.path(), "r")["command"];
+    assert_eq!(rows.len(), 6);
+    let names: Vec<&String> = rows[0].keys().filter(|k| k.starts_with('a')).collect();
+    // The first by name, of three answers and a part of the fourth; each beside its own pair.
+    assert_eq!(names.len(), 32, "{names:?}");
+    assert!(!rows[0].contains_key("shared") && names.contains(&&"a14_1".to_owned()));
+    for (n, row) in (11..).zip(rows) {
+        let own = row
+            .iter()
+            .filter(|(k, v)| k.starts_with('a') && !v.is_empty());
+        let own: Vec<&String> = own.map(|(k, _)| k).collect();
+        let count = [10, 10, 10, 2, 0, 0][n - 11];
+        assert_eq!(own.len(), count, "{n}");
+        assert!(
+            own.iter().all(|k| k.starts_with(&format!("a{n}_"))),
+            "{own:?}"
+        );
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_program_may_serve_one_pair_only() {

@@ -77,20 +77,6 @@ struct State {
 const STARTS: usize = 3;
 
 impl Command {
-    pub const OPTIONS: [&'static str; 11] = [
-        "run",
-        "timeout",
-        "version",
-        "files",
-        "depth",
-        "resize",
-        "crop",
-        "alpha",
-        "color",
-        "orientation",
-        "exr",
-    ];
-
     /// Seconds that a pair may take, the start of the program included, unless `timeout=` says otherwise.
     const TIMEOUT_SECS: u64 = 600;
 

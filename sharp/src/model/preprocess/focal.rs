@@ -23,6 +23,17 @@ const TOLERANCE: f64 = 0.1;
 /// By what share a picture's sides may differ from those that its file states.
 const SIDE_TOLERANCE: f64 = 0.02;
 
+/// Long over short side of the photographs that cameras take: 1:1, 7:6, 5:4, 4:3, 3:2, 16:9, 65:24.
+const SHAPES: [f64; 7] = [
+    1.0,
+    7.0 / 6.0,
+    1.25,
+    4.0 / 3.0,
+    1.5,
+    16.0 / 9.0,
+    65.0 / 24.0,
+];
+
 /// Pixels of `focal_mm` on 35 mm film, by the diagonal, for an image of `width × height`.
 pub fn focal_px_from_35mm(focal_mm: f64, width: usize, height: usize) -> f64 {
     px_from_35mm(focal_mm, (width as f64, height as f64))
@@ -63,7 +74,11 @@ impl Focal {
             )],
             (Some(exif), _) => {
                 let stated = stated_size(exif, size);
-                let doubts = [crop(stated, size, mm, px), sensor(exif, stated, size, px)];
+                let crop = match stated {
+                    Some(stated) => crop(stated, size, mm, px),
+                    None => shape(size, px),
+                };
+                let doubts = [crop, sensor(exif, stated.unwrap_or(size), size, px)];
                 doubts.into_iter().flatten().collect()
             }
         };
@@ -86,18 +101,30 @@ fn source(exif: &Exif) -> FocalSource {
     }
 }
 
-/// The size of the photograph as taken, in the picture's orientation; a side that is not stated follows the picture's.
-fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> (f64, f64) {
+/// The size of the photograph as taken, in the picture's orientation; a height that is not stated follows the picture's.
+fn stated_size(exif: &Exif, (width, height): (f64, f64)) -> Option<(f64, f64)> {
     let side = |tag| number(exif, tag).filter(|v| *v >= 1.0);
     let (x, y) = match (side(Tag::PixelXDimension), side(Tag::PixelYDimension)) {
         (Some(x), Some(y)) => (x, y),
         (Some(x), None) => (x, x * width.min(height) / width.max(height)),
-        _ => return (width, height),
+        _ => return None,
     };
-    match (x >= y) == (width >= height) {
+    Some(match (x >= y) == (width >= height) {
         true => (x, y),
         false => (y, x),
-    }
+    })
+}
+
+/// A picture of a shape that no camera takes, whose file does not say the photograph's own.
+fn shape((width, height): (f64, f64), px: f64) -> Option<String> {
+    let (long, short) = (width.max(height), width.min(height));
+    let fits = |shape: f64| (long - short * shape).abs() <= (0.01 * long).max(1.0);
+    (!SHAPES.into_iter().any(fits)).then(|| {
+        format!(
+            "the picture is {width:.0}x{height:.0}, a shape that cameras do not take, and the file does not say the size of the \
+             photograph: if it was cropped, its focal length is longer than {px:.2} px; --focal-px says how long"
+        )
+    })
 }
 
 /// A picture that is smaller than its file says was resized, which changes nothing here, or cropped.

@@ -28,6 +28,10 @@ type Entry = (u16, u16, u32);
 /// A PNG of [`grid`] with Exif: orientation in the main directory, `entries` in the Exif one,
 /// rationals stored as numerator over 10.
 fn with_exif(orientation: u16, entries: &[Entry]) -> Vec<u8> {
+    with_exif_of(&grid(), orientation, entries)
+}
+
+fn with_exif_of(picture: &RgbImage, orientation: u16, entries: &[Entry]) -> Vec<u8> {
     let mut tiff = b"II*\0\x08\0\0\0\x02\0".to_vec();
     let entry = |tiff: &mut Vec<u8>, (tag, kind, value): Entry| {
         tiff.extend(tag.to_le_bytes());
@@ -58,7 +62,12 @@ fn with_exif(orientation: u16, entries: &[Entry]) -> Vec<u8> {
     let mut encoder = image::codecs::png::PngEncoder::new(&mut out);
     encoder.set_exif_metadata(tiff).unwrap();
     encoder
-        .write_image(grid().as_raw(), 4, 3, ExtendedColorType::Rgb8)
+        .write_image(
+            picture.as_raw(),
+            picture.width(),
+            picture.height(),
+            ExtendedColorType::Rgb8,
+        )
         .unwrap();
     out
 }
@@ -101,6 +110,43 @@ fn focal_length_rules() {
     assert_eq!(focal(&[(FOCAL, 5, 100)]), (10.0, FocalSource::Lens(10.0)));
     assert_eq!(focal(&[(FOCAL, 5, 0)]), (30.0, FocalSource::Default));
     assert_eq!(focal(&[]), (30.0, FocalSource::Default));
+}
+
+#[test]
+fn shapes_that_no_camera_takes_are_taken_for_crops_where_the_file_says_no_size() {
+    let said = |(width, height): (u32, u32), entries: &[Entry]| {
+        let photo = read(&with_exif_of(&RgbImage::new(width, height), 1, entries)).unwrap();
+        photo.warnings.join("; ")
+    };
+    let focal = (FOCAL_35MM, 3, 26);
+    for size in [
+        (60, 40),
+        (40, 60),
+        (64, 48),
+        (96, 54),
+        (50, 50),
+        (50, 40),
+        (70, 60),
+        (65, 24),
+        // Rounded to whole pixels.
+        (50, 33),
+        (101, 76),
+    ] {
+        assert_eq!(said(size, &[focal]), "", "{size:?}");
+    }
+    for size in [(64, 32), (32, 64), (60, 43)] {
+        let text = said(size, &[focal]);
+        let parts = ["a shape that cameras do not take", "px; --focal-px"];
+        assert!(
+            parts.iter().all(|part| text.contains(part)),
+            "{size:?}: {text}"
+        );
+        assert!(text.contains(&format!("{}x{}", size.0, size.1)), "{text}");
+    }
+    // A file that says its size is judged by that, and one without a focal length warns of another thing.
+    let stated = [focal, (0xa002, 4, 64), (0xa003, 4, 32)];
+    assert_eq!(said((64, 32), &stated), "");
+    assert!(!said((64, 32), &[]).contains("shape"));
 }
 
 #[test]
