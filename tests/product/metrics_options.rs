@@ -387,7 +387,7 @@ fn keys_are_explained_and_described_for_papers_without_any_picture() {
         "version 0.1",
         "AlexNet",
         &sha256[..12],
-        "$[-1,1]$",
+        "scaled to -1..1",
         "% @inproceedings{zhang2018",
     ] {
         assert!(said.out.contains(part), "{part}: {}", said.out);

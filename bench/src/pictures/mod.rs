@@ -4,10 +4,8 @@
 //! * [`maps`]: where in a picture a metric finds a difference.
 //! * [`keyed_scores`]: scores for JSON and CSV.
 //! * [`other_forms`]: what other people's code computes under the names of our metrics.
-//! * [`methods_text`]: which metrics these are, as a paper should say it.
 
 pub mod keyed_scores;
 pub mod maps;
 pub mod matching;
-pub mod methods_text;
 pub mod other_forms;

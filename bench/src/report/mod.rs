@@ -13,7 +13,8 @@
 //!   colour; [`view_maps`]: mask, depth and coverage; [`gallery`]: the pairs that the page shows, of which `choice`
 //!   picks some where it cannot show all.
 //! * [`sweep`]: scores against how far the camera moved, as a study; [`figures`]: the other figures of a paper.
-//! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper.
+//! * [`speed`]: run time and compute; [`mod@methods_text`]: how the numbers came about, for a paper;
+//!   [`metrics_text`]: which metrics they are.
 //! * [`html`]: the page; `page_data`: what its script shows; [`markdown`]: the same as text; [`mod@write`]: all of it into a folder.
 
 pub mod assemble;
@@ -28,6 +29,7 @@ pub mod html;
 pub mod input;
 pub mod markdown;
 pub mod methods_text;
+pub mod metrics_text;
 mod page_data;
 pub mod paper;
 pub mod pictures;

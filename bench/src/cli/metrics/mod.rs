@@ -30,7 +30,7 @@ use crate::io::observer::Observer;
 use crate::io::pictures::PictureReading;
 use crate::pictures::keyed_scores::KeyedScores;
 use crate::pictures::matching::MatchBy;
-use crate::pictures::methods_text::MethodsText;
+use crate::report::metrics_text::MethodsText;
 
 /// Score a prediction against a target: two pictures, or two folders
 ///
